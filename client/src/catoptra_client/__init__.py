@@ -1,0 +1,1 @@
+"""What a robot's author installs: drive, receive frames, find landmarks, localise. No OpenGL."""

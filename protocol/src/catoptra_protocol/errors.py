@@ -1,0 +1,70 @@
+"""The errors of Catoptra, one tree for all three distributions.
+
+CatoptraError
+├── ConfigError              a configuration file is wrong: file, line, key, value, expectation
+├── DomainError              a formula was asked outside its domain; carries the mask
+├── ProtocolError
+│   ├── LocalProtocolError   our side tried to send what the protocol forbids
+│   └── RemoteProtocolError  the other side sent what the protocol forbids
+├── ConnectionLostError      the other side went away
+└── RendererUnavailableError a renderer cannot run on this machine; says what to install
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+class CatoptraError(Exception):
+    """Base of every error that Catoptra raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """The place in a file that an error speaks of. Lines count from 1; 0 = the whole file."""
+
+    file: str
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}" if self.line else self.file
+
+
+class ConfigError(CatoptraError):
+    """Say which file, line, key and value is wrong, and what was expected instead."""
+
+    def __init__(self, where: Where, *, key: str, value: str, expected: str) -> None:
+        super().__init__(f"{where}: {key}={value!r}: expected {expected}")
+        self.where = where
+        self.key = key
+        self.value = value
+        self.expected = expected
+
+
+class DomainError(CatoptraError):
+    """Say that a formula was asked outside its domain; `valid` tells which elements were inside."""
+
+    def __init__(self, message: str, valid: Any = None) -> None:  # a bool array; no numpy here
+        super().__init__(message)
+        self.valid = valid
+
+
+class ProtocolError(CatoptraError):
+    """Base of the two protocol errors."""
+
+
+class LocalProtocolError(ProtocolError):
+    """Our side tried to send what the protocol forbids: a bug in the caller."""
+
+
+class RemoteProtocolError(ProtocolError):
+    """The other side sent what the protocol forbids."""
+
+
+class ConnectionLostError(CatoptraError):
+    """The other side closed the connection or did not answer in time."""
+
+
+class RendererUnavailableError(CatoptraError):
+    """A renderer cannot run on this machine; the message names what is missing and the remedy."""

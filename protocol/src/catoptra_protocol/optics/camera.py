@@ -1,0 +1,158 @@
+"""The omnidirectional camera: from a direction at the effective viewpoint to a pixel, and back.
+
+What it describes is the picture that a real capture camera delivers: it looks up into the mirror,
+so the image is mirrored (a landmark on the robot's left appears on the right when forward is up).
+Domain: incidence angles up to the rim, pixels on the mirror's disc. Both functions return a mask
+beside their value.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors.law import CentralMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class OmniCamera:
+    """A central mirror, the image it fills, and where its axis and its 90-degree circle lie there.
+
+    centre_px: (u, v) of the optical axis; pixel centres are at +0.5.
+    horizon_radius_px: h of Eq. 2, the radius of the 90-degree circle.
+    rim_rad: incidence angle at the mirror's rim; pixels beyond it see no mirror.
+    up_azimuth_rad: azimuth in the mirror frame (x towards y) that points up in the image.
+    """
+
+    mirror: CentralMirror
+    width_px: int
+    height_px: int
+    centre_px: tuple[float, float]
+    horizon_radius_px: float
+    rim_rad: float
+    up_azimuth_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
+        if not (math.isfinite(self.horizon_radius_px) and self.horizon_radius_px > 0.0):
+            raise DomainError(
+                f"the 90-degree circle needs a radius > 0: {self.horizon_radius_px!r}"
+            )
+        if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
+            limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
+            raise DomainError(
+                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond what this mirror can "
+                f"reflect: it must be above 0 and below {limit:.3f} deg"
+            )
+
+    @property
+    def rim_t(self) -> float:
+        """Return tan(rim / 2)."""
+        return math.tan(0.5 * self.rim_rad)
+
+    @property
+    def rim_radius_px(self) -> float:
+        """Return the image radius of the rim."""
+        return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
+
+
+def camera_with_rim_inscribed(
+    mirror: CentralMirror,
+    *,
+    width_px: int,
+    height_px: int,
+    rim_rad: float,
+    up_azimuth_rad: float = 0.0,
+) -> OmniCamera:
+    """Return the camera whose rim circle touches the nearer image borders."""
+    rim_ratio = mirror.radius_ratio_from_t(np.array(math.tan(0.5 * rim_rad)))
+    return OmniCamera(
+        mirror=mirror,
+        width_px=width_px,
+        height_px=height_px,
+        centre_px=(0.5 * width_px, 0.5 * height_px),
+        horizon_radius_px=0.5 * min(width_px, height_px) / float(rim_ratio),
+        rim_rad=rim_rad,
+        up_azimuth_rad=up_azimuth_rad,
+    )
+
+
+def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
+    """Return t = tan(theta / 2) of (..., 3) directions, and where it is finite.
+
+    Two forms, one for each hemisphere, so that neither cancels. Invalid: a zero vector and the
+    antipode.
+    """
+    norm = np.linalg.norm(direction, axis=-1)
+    rho = np.hypot(direction[..., 0], direction[..., 1])
+    z = direction[..., 2]
+    lower = z >= 0.0
+    numerator = np.where(lower, rho, norm - z)
+    denominator = np.where(lower, norm + z, rho)
+    valid = denominator > 0.0
+    return numerator / np.where(valid, denominator, 1.0), valid
+
+
+def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
+    """Return (..., 2) pixels of (..., 3) directions in the mirror frame, and which the mirror sees.
+
+    Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
+    pixel is the image centre, never a NaN.
+    """
+    direction = np.asarray(direction, dtype=np.float64)
+    t, finite = half_angle_tangent(direction)
+    valid = finite & (t <= camera.rim_t)
+    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
+        np.where(valid, t, 0.0)
+    )
+    rho = np.hypot(direction[..., 0], direction[..., 1])
+    scale = radius_px / np.where(rho > 0.0, rho, 1.0)
+    ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    x = scale * direction[..., 0]
+    y = scale * direction[..., 1]
+    u = camera.centre_px[0] + sa * x - ca * y
+    v = camera.centre_px[1] - ca * x - sa * y
+    return np.stack((u, v), axis=-1), valid
+
+
+def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Bools]:
+    """Return unit (..., 3) directions in the mirror frame of (..., 2) pixels, and which see it.
+
+    Where invalid the direction is +z, never a NaN.
+    """
+    pixel = np.asarray(pixel, dtype=np.float64)
+    du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
+    dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
+    ratio = np.hypot(du, dv)
+    t = camera.mirror.t_from_radius_ratio(ratio)
+    valid = t <= camera.rim_t
+    t = np.where(valid, t, 0.0)
+    one_plus = 1.0 + np.square(t)
+    # sin(theta) / ratio tends to a finite limit on the axis, where du = dv = 0 makes any value
+    # right.
+    scale = 2.0 * t / one_plus / np.where(ratio > 0.0, ratio, 1.0)
+    ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    x = scale * (sa * du - ca * dv)
+    y = scale * (-ca * du - sa * dv)
+    z = (1.0 - t) * (1.0 + t) / one_plus
+    return np.stack((x, y, z), axis=-1), valid
+
+
+def pixel_centres(camera: OmniCamera, samples: int = 1) -> Floats:
+    """Return (height, width, samples^2, 2) positions of a regular sample grid in each pixel."""
+    offsets = (np.arange(samples) + 0.5) / samples
+    u = np.arange(camera.width_px)[:, None] + offsets
+    v = np.arange(camera.height_px)[:, None] + offsets
+    grid_v, grid_u = np.broadcast_arrays(v[:, None, :, None], u[None, :, None, :])
+    grid = np.stack((grid_u, grid_v), axis=-1)
+    return grid.reshape(camera.height_px, camera.width_px, samples * samples, 2)
+
+
+def opencv_from_pixel(pixel: Floats) -> Floats:
+    """Return pixels in OpenCV's convention, whose pixel centres are integers."""
+    return pixel - 0.5

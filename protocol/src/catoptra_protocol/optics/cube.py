@@ -1,0 +1,76 @@
+"""The cube around the effective viewpoint: which virtual camera sees a direction, and where.
+
+Faces are named as USARSim's CameraTextureClients: N, E, S, W turned by 0, 90, 180, 270 degrees of
+yaw, C pitched straight down, and U (up), which the paper leaves out and which is needed only by
+rims beyond `FIVE_FACE_LIMIT_RAD`. Face coordinates (s, t) are in [-1, 1], s right and t down in the
+virtual camera.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.frames import rotation_from_rpy
+from catoptra_protocol.optics.numerics import Floats
+
+# Directions up to this incidence angle are covered by five faces whatever their azimuth: the corner
+# of a side face's upper edge, pi - atan(sqrt 2).
+FIVE_FACE_LIMIT_RAD = math.pi - math.atan(math.sqrt(2.0))
+
+
+class Face(IntEnum):
+    """A face of the cube; the value is its index in every table of faces."""
+
+    N = 0
+    E = 1
+    S = 2
+    W = 3
+    C = 4
+    U = 5
+
+
+def mirror_from_face(face: Face) -> Floats:
+    """Return the (3, 3) rotation from a virtual camera (x forward, z down) to the mirror."""
+    if face == Face.C:
+        return _rounded(rotation_from_rpy(0.0, -0.5 * math.pi, 0.0))
+    if face == Face.U:
+        return _rounded(rotation_from_rpy(0.0, 0.5 * math.pi, 0.0))
+    return _rounded(rotation_from_rpy(0.0, 0.0, 0.5 * math.pi * face))
+
+
+def _rounded(rotation: Floats) -> Floats:
+    """Return the rotation with its entries made exactly -1, 0, 1: quarter turns have no others."""
+    return np.round(rotation) + 0.0
+
+
+FACE_AXES: Floats = np.stack([mirror_from_face(face) for face in Face])
+FACE_AXES.setflags(write=False)
+
+
+def face_from_direction(direction: Floats) -> npt.NDArray[np.intp]:
+    """Return the (...) face index of (..., 3) directions in the mirror frame: total and unique.
+
+    A tie on an edge or a corner goes to the face that comes first in `Face`.
+    """
+    face: npt.NDArray[np.intp] = np.argmax(direction @ FACE_AXES[:, :, 0].T, axis=-1)
+    return face
+
+
+def face_coordinates(direction: Floats, face: npt.NDArray[np.intp]) -> Floats:
+    """Return (..., 2) coordinates (s, t) of (..., 3) directions in the planes of given (...) faces.
+
+    Domain: directions in front of the face. Those of the face itself lie in [-1, 1].
+    """
+    local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+    coordinates: Floats = local[..., 1:] / local[..., :1]
+    return coordinates
+
+
+def faces_seen(rim_rad: float) -> tuple[Face, ...]:
+    """Return the faces that a mirror with this rim looks into."""
+    five = (Face.N, Face.E, Face.S, Face.W, Face.C)
+    return five if rim_rad <= FIVE_FACE_LIMIT_RAD else (*five, Face.U)

@@ -1,0 +1,95 @@
+"""Frames and the rotations between them.
+
+| frame    | origin              | axes                                            |
+|----------|---------------------|-------------------------------------------------|
+| world    | of the world file   | SAE: x, y level, z down; yaw clockwise from above |
+| robot    | the robot's chassis | x forward, y right, z down                      |
+| mirror   | effective viewpoint | +z towards the pinhole; x, y as the robot's     |
+| image    | top left corner     | u right, v down, pixel centres at +0.5          |
+
+Transforms are called target_from_source. Rotations are listed roll, pitch, yaw (about x, y, z;
+applied in that order about fixed axes), as on USARSim's wire.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+
+
+def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Floats:
+    """Return the (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll): parent from child."""
+    (cr, cp, cy) = np.cos((roll_rad, pitch_rad, yaw_rad))
+    (sr, sp, sy) = np.sin((roll_rad, pitch_rad, yaw_rad))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_from_rotation(rotation: Floats) -> tuple[float, float, float]:
+    """Return (roll, pitch, yaw) in radians of a (3, 3) rotation.
+
+    atan2 of the cosine of pitch keeps full precision near +-90 degrees. Exactly there roll and yaw
+    turn about the same axis; roll is then 0 and yaw carries both.
+    """
+    cos_pitch = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = float(np.arctan2(-rotation[2, 0], cos_pitch))
+    # 8 eps: below it the two entries are rounding residue of a pitch of exactly 90 degrees.
+    if cos_pitch < 8 * np.finfo(np.float64).eps:
+        return 0.0, pitch, float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
+    roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    return roll, pitch, yaw
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """A rigid transform parent_from_child: `rotation` (3, 3) and `translation` (3,) in metres."""
+
+    rotation: Floats
+    translation: Floats
+
+    @classmethod
+    def from_rpy(cls, position_m: npt.ArrayLike, rpy_rad: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """Return the pose at a position (3,) with roll, pitch, yaw (3,)."""
+        roll, pitch, yaw = np.asarray(rpy_rad, dtype=np.float64)
+        rotation = rotation_from_rpy(float(roll), float(pitch), float(yaw))
+        return cls(rotation, np.array(position_m, dtype=np.float64))
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """Return the pose that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    def __post_init__(self) -> None:
+        self.rotation.setflags(write=False)
+        self.translation.setflags(write=False)
+
+    def __matmul__(self, child_from_grandchild: Pose) -> Pose:
+        """Return parent_from_grandchild."""
+        rotation = self.rotation @ child_from_grandchild.rotation
+        return Pose(rotation, self.points(child_from_grandchild.translation))
+
+    def inverse(self) -> Pose:
+        """Return child_from_parent."""
+        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+    def points(self, points_in_child: Floats) -> Floats:
+        """Return (..., 3) points in the parent's frame."""
+        return points_in_child @ self.rotation.T + self.translation
+
+    def directions(self, directions_in_child: Floats) -> Floats:
+        """Return (..., 3) directions in the parent's frame."""
+        return directions_in_child @ self.rotation.T
+
+    def rpy(self) -> tuple[float, float, float]:
+        """Return (roll, pitch, yaw) in radians."""
+        return rpy_from_rotation(self.rotation)

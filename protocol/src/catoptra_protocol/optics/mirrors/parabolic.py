@@ -1,0 +1,54 @@
+"""The parabolic mirror in front of an orthographic camera: where the paper's Eq. 2 is exact.
+
+Surface: z = (p^2 - r^2) / (2 p) with p the mirror radius at the horizon; image: r_i = h tan(theta /
+2). Source: Nayar, CVPR 1997; Schmits & Visser 2009, Eq. 2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ParabolicMirror:
+    """A paraboloid whose radius at the 90-degree circle is `horizon_radius_m` (> 0, metres)."""
+
+    horizon_radius_m: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.horizon_radius_m) and self.horizon_radius_m > 0.0):
+            raise DomainError(
+                f"a parabolic mirror needs a radius > 0, not {self.horizon_radius_m!r}"
+            )
+
+    @property
+    def t_limit(self) -> float:
+        """Return inf: every direction but the antipode is seen."""
+        return math.inf
+
+    @property
+    def pinhole_m(self) -> float:
+        """Return inf: the camera is orthographic."""
+        return math.inf
+
+    def radius_ratio_from_t(self, t: Floats) -> Floats:
+        """Return r_i / h = t. Domain: t >= 0."""
+        return t
+
+    def t_from_radius_ratio(self, ratio: Floats) -> Floats:
+        """Return t = r_i / h. Domain: ratio >= 0."""
+        return ratio
+
+    def radius_ratio_slope(self, t: Floats) -> Floats:
+        """Return d(r_i / h) / d(theta) = (1 + t^2) / 2."""
+        return 0.5 * (1.0 + np.square(t))
+
+    def surface(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return (r, z) in metres of the mirror point. Domain: t >= 0."""
+        return self.horizon_radius_m * t, 0.5 * self.horizon_radius_m * (1.0 - t) * (1.0 + t)

@@ -1,0 +1,21 @@
+"""Unreal's units and ours. The only place, beside config and wire, that knows of UU and degrees.
+
+Source: UnitsConverter.uc of USARSim: 250 UU per metre, 65536 UU per turn.
+"""
+
+from __future__ import annotations
+
+import math
+
+UU_PER_METRE = 250.0
+UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
+
+
+def metres_from_uu(length_uu: float) -> float:
+    """Return a length in metres from Unreal units."""
+    return length_uu / UU_PER_METRE
+
+
+def radians_from_uu(angle_uu: float) -> float:
+    """Return an angle in radians from Unreal rotation units."""
+    return angle_uu / UU_PER_RADIAN
