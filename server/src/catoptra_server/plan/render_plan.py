@@ -1,0 +1,97 @@
+"""The plan of a frame: which renderer draws the mirror how, with how many samples, and why.
+
+Today a plan comes from explicit numbers. A stated error or a time budget will make one too: such a
+planner returns a RenderPlan and its reason like `plan_from_wish` here, and nothing that draws will
+notice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.cube import Face, faces_seen
+from catoptra_server.scene.mirror_mesh import PolygonSplit
+
+
+class RendererKind(Enum):
+    """The two renderers."""
+
+    TRACE = "trace"
+    RASTER = "raster"
+
+
+@dataclass(frozen=True, slots=True)
+class PerPixel:
+    """The mirror's exact law in every sample."""
+
+
+Surface = PerPixel | PolygonSplit
+
+
+@dataclass(frozen=True, slots=True)
+class RenderPlan:
+    """How one camera is drawn.
+
+    samples: the image has samples^2 per pixel. face_size_px, face_samples, faces: of the virtual
+    cameras, raster only. reason: why this plan, in words, for the log.
+    """
+
+    renderer: RendererKind
+    surface: Surface
+    samples: int
+    face_size_px: int
+    face_samples: int
+    faces: tuple[Face, ...]
+    reason: str
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.samples <= 16:
+            raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
+
+    def __str__(self) -> str:
+        match self.surface:
+            case PerPixel():
+                surface = "per pixel"
+            case PolygonSplit(sectors, rings, interpolation):
+                surface = f"{sectors} x {rings} polygons ({interpolation.value})"
+        faces = ""
+        if self.renderer is RendererKind.RASTER:
+            names = "".join(face.name for face in self.faces)
+            faces = f", faces {names} of {self.face_size_px} px"
+        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{faces}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class RenderWish:
+    """What the configuration asks of the picture; 0 leaves a number to the plan."""
+
+    surface: Surface = PerPixel()
+    samples: int = 0
+    face_size_px: int = 0
+    face_samples: int = 0
+
+
+# Samples along a pixel's side where nothing is asked: 2 x 2 removes most of the jaggies and still
+# leaves a 640 px frame within a tenth of a second on two cores.
+DEFAULT_SAMPLES = 2
+DEFAULT_FACE_SAMPLES = 4
+
+
+def plan_from_wish(
+    wish: RenderWish, camera: OmniCamera, *, kind: RendererKind, why: str
+) -> RenderPlan:
+    """Return the plan from explicit numbers; `why` says how the renderer was chosen."""
+    width = max(camera.width_px, camera.height_px)
+    return RenderPlan(
+        renderer=kind,
+        surface=wish.surface,
+        samples=wish.samples or DEFAULT_SAMPLES,
+        # 1.01 image widths give one texel a pixel everywhere at any rim, rounded up to 32.
+        face_size_px=wish.face_size_px or 32 * -(-int(1.01 * width) // 32),
+        face_samples=wish.face_samples or DEFAULT_FACE_SAMPLES,
+        faces=faces_seen(camera.rim_rad),
+        reason=why,
+    )

@@ -1,0 +1,1 @@
+"""Two renderers behind one interface: `trace` (Embree), `raster` (OpenGL); they execute plans."""

@@ -1,0 +1,67 @@
+"""What a renderer is: prepared once for a camera and a plan, then drawn for every exposure.
+
+To add one, implement these two protocols in a folder of its own and add a line to `choice.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.plan.render_plan import RenderPlan
+
+Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """What changes from frame to frame: where the effective viewpoint is."""
+
+    world_from_mirror: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedImage:
+    """A finished picture: (h, w, 3) uint8 RGB, read-only, and the milliseconds of each stage."""
+
+    rgb: Image
+    stage_ms: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FaceCamera:
+    """One virtual camera on its own: a square picture of 90 degrees; `face` indexes `Face`."""
+
+    face: int
+    size_px: int
+
+
+class View(Protocol):
+    """A camera that is ready to be drawn. Everything that does not change was computed before."""
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        """Return the picture of an exposure."""
+
+    def close(self) -> None:
+        """Free what the view holds."""
+
+
+class Renderer(Protocol):
+    """A scene on a device, able to prepare views of it."""
+
+    def describe(self) -> str:
+        """Return what draws, for logs: library, device, threads."""
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
+        """Return a view of the scene by an omnidirectional camera."""
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> View:
+        """Return a view of the scene by one of the cube's virtual cameras."""
+
+    def close(self) -> None:
+        """Free the device."""

@@ -1,0 +1,78 @@
+"""The one lighting and texture model, in float64. Twin: glsl/include/shading.glsl.
+
+A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
+times irradiance, with 1 = a white facet at full scale. Hemisphere and directional light depend on
+the normal alone and so are computed once a triangle; point lights depend on the place and are
+computed per sample. Textures repeat and are interpolated bilinearly in linear light. Encoding to
+sRGB comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.scene.description import DirectionalLight, HemisphereLight, Light, PointLight
+from catoptra_server.scene.meshes import SceneMesh
+
+
+def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
+    total = np.zeros_like(normals)
+    for light in lights:
+        match light:
+            case HemisphereLight(up, down):
+                # z points down: a facet that looks up has normal z = -1.
+                upward = 0.5 * (1.0 - normals[:, 2:])
+                total += upward * np.asarray(up) + (1.0 - upward) * np.asarray(down)
+            case DirectionalLight(direction, irradiance):
+                cosine = np.maximum(-(normals @ np.asarray(direction)), 0.0)
+                total += cosine[:, None] * np.asarray(irradiance)
+            case PointLight():
+                pass
+    return total
+
+
+def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by point lights at (n, 3) places of (n, 3) normals.
+
+    At the light itself, where the inverse square has no value, the irradiance is that of a
+    millimetre.
+    """
+    total = np.zeros_like(normals)
+    for light in point_lights(lights):
+        towards = np.asarray(light.position_m) - points
+        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-6)
+        cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
+        total += (cosine / squared)[:, None] * np.asarray(light.intensity)
+    return total
+
+
+def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
+    """Return the point lights among the lights."""
+    return tuple(light for light in lights if isinstance(light, PointLight))
+
+
+def facet_radiance(scene: SceneMesh, lights: Iterable[Light]) -> Floats:
+    """Return (n, 3) linear radiance of each triangle without texture and point lights."""
+    irradiance = facet_irradiance(lights, scene.normals)
+    return scene.albedo * np.where(scene.unlit[:, None], 1.0, irradiance)
+
+
+def texture_value(linear_texture: Floats, uv: Floats) -> Floats:
+    """Return (n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
+
+    (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
+    """
+    height, width = linear_texture.shape[:2]
+    x = uv[:, 0] * width - 0.5
+    y = uv[:, 1] * height - 0.5
+    x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+    xa, xb, ya, yb = x0 % width, (x0 + 1) % width, y0 % height, (y0 + 1) % height
+    upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
+    lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]
+    value: Floats = (1.0 - fy) * upper + fy * lower
+    return value

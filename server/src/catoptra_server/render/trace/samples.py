@@ -1,0 +1,72 @@
+"""Which rays a camera sends out: one direction a sample, in the mirror frame, float32 for Embree.
+
+Computed once a view in float64 from the camera law, or from the polygon mirror that stands in for
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.plan.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.render.trace.polygon_rays import polygon_directions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RaySamples:
+    """The rays of a picture, only of pixels that have at least one.
+
+    pixels: (p,) flat index of each such pixel. directions: (p * per_pixel, 3) float32 unit vectors,
+    pixel by pixel. on_mirror: (p * per_pixel,) False where a sample of such a pixel sees no mirror.
+    """
+
+    width_px: int
+    height_px: int
+    per_pixel: int
+    pixels: npt.NDArray[np.intp]
+    directions: npt.NDArray[np.float32]
+    on_mirror: Bools
+
+
+def omni_samples(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
+    """Return the rays of an omnidirectional camera, by the law or by the plan's polygon mirror."""
+    grid = pixel_centres(camera, plan.samples)
+    if isinstance(plan.surface, PerPixel):
+        directions, valid = direction_from_pixel(camera, grid)
+    else:
+        directions, valid = polygon_directions(camera, plan.surface, grid)
+    return _packed(directions, valid)
+
+
+def face_samples(camera: FaceCamera, samples: int) -> RaySamples:
+    """Return the rays of one virtual camera of the cube."""
+    steps = (np.arange(camera.size_px * samples) + 0.5) / (camera.size_px * samples)
+    shape = (camera.size_px, samples, camera.size_px, samples)
+    t, s = np.meshgrid(2.0 * steps - 1.0, 2.0 * steps - 1.0, indexing="ij")
+    local = np.stack((np.ones_like(s), s, t), axis=-1)
+    directions = (local / np.linalg.norm(local, axis=-1, keepdims=True)) @ FACE_AXES[camera.face].T
+    by_pixel = directions.reshape(*shape, 3).swapaxes(1, 2)
+    by_pixel = by_pixel.reshape(camera.size_px, camera.size_px, samples * samples, 3)
+    return _packed(by_pixel, np.ones(by_pixel.shape[:-1], dtype=bool))
+
+
+def _packed(directions: Floats, valid: Bools) -> RaySamples:
+    """Return samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
+    height, width, per_pixel = valid.shape
+    pixels = np.flatnonzero(valid.any(axis=-1))
+    kept = directions.reshape(height * width, per_pixel, 3)[pixels]
+    return RaySamples(
+        width_px=width,
+        height_px=height,
+        per_pixel=per_pixel,
+        pixels=pixels,
+        directions=np.ascontiguousarray(kept.reshape(-1, 3), dtype=np.float32),
+        on_mirror=valid.reshape(height * width, per_pixel)[pixels].reshape(-1),
+    )

@@ -1,0 +1,19 @@
+"""sRGB and linear light. Source: IEC 61966-2-1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+
+
+def linear_from_srgb(encoded: Floats) -> Floats:
+    """Return linear light of encoded values, both in [0, 1]."""
+    encoded = np.asarray(encoded, dtype=np.float64)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(linear: Floats) -> Floats:
+    """Return encoded values of linear light; light outside [0, 1] is clipped, as a sensor does."""
+    linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -1,0 +1,132 @@
+"""The polygon mirror of the paper's Section 2.2: S sectors x R rings on the surface of Eq. 1.
+
+Rings are equal in image radius, sectors in azimuth, sector borders on the cube's edges (azimuth 45
+degrees and so on when S is a multiple of 8). Ring 0 is made of triangles; every other polygon is a
+quadrilateral split in two, so the mesh has S (2R - 1) triangles for N = S R polygons.
+
+Each corner carries the direction that is looked up in the cube. Between corners it is interpolated
+linearly over the flat facet: that is where a coarse mirror goes wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.cube import FACE_AXES, face_from_direction
+from catoptra_protocol.optics.numerics import Floats
+
+
+class Interpolation(Enum):
+    """What is interpolated over a facet.
+
+    UV: texture coordinates in the plane of one cube face a polygon, as the paper's UV-mapped mesh.
+    POSITION: the facet's position seen from the viewpoint, looked up in the cube per pixel.
+    """
+
+    UV = "uv"
+    POSITION = "position"
+
+
+@dataclass(frozen=True, slots=True)
+class PolygonSplit:
+    """How the mirror is cut: N = sectors * rings polygons."""
+
+    sectors: int
+    rings: int
+    interpolation: Interpolation = Interpolation.UV
+
+    def __post_init__(self) -> None:
+        if self.sectors < 3 or self.rings < 1:
+            raise DomainError(
+                f"a mirror of {self.sectors} sectors x {self.rings} rings is no surface: "
+                "it needs at least 3 x 1"
+            )
+
+    @property
+    def polygons(self) -> int:
+        """Return N."""
+        return self.sectors * self.rings
+
+
+def split_for(polygons: int, interpolation: Interpolation = Interpolation.UV) -> PolygonSplit:
+    """Return the split of a polygon count: the square one for 4^n, as in the paper's 16 to 4096.
+
+    Any other count is factored as near to sectors = 4 rings as it allows.
+    """
+    root = math.isqrt(polygons)
+    if root * root == polygons and root >= 4:
+        return PolygonSplit(root, root, interpolation)
+    rings = [r for r in range(1, polygons // 3 + 1) if polygons % r == 0]
+    best = min(rings, key=lambda r: abs(math.log(polygons / (4.0 * r * r))), default=0)
+    return PolygonSplit(polygons // best if best else polygons, best, interpolation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MirrorMesh:
+    """A polygon mirror: corners (n, 3, 3) in metres, looked-up directions (n, 3, 3), mirror frame.
+
+    Directions are not unit: their length is part of the interpolation.
+    """
+
+    corners: Floats
+    directions: Floats
+
+
+def mirror_mesh(camera: OmniCamera, split: PolygonSplit) -> MirrorMesh:
+    """Return the triangles of the mirror that fills the camera's rim."""
+    points = _ring_points(camera, split)
+    corners, polygon = _triangles(points)
+    directions = corners if split.interpolation is Interpolation.POSITION else None
+    if directions is None:
+        directions = _on_face_planes(corners, _polygon_faces(points)[polygon])
+    corners.setflags(write=False)
+    directions.setflags(write=False)
+    return MirrorMesh(corners, directions)
+
+
+def _ring_points(camera: OmniCamera, split: PolygonSplit) -> Floats:
+    """Return the (rings + 1, sectors, 3) vertices; ring 0 is the vertex of the mirror, S times."""
+    ratio = np.linspace(0.0, 1.0, split.rings + 1) * camera.rim_radius_px / camera.horizon_radius_px
+    r, z = camera.mirror.surface(camera.mirror.t_from_radius_ratio(ratio))
+    # A border at 45 degrees, so that with 8, 16, ... sectors no polygon crosses the side faces'
+    # edges.
+    azimuth = 0.25 * math.pi + 2.0 * math.pi * np.arange(split.sectors) / split.sectors
+    x, y = np.outer(r, np.cos(azimuth)), np.outer(r, np.sin(azimuth))
+    return np.stack((x, y, np.broadcast_to(z[:, None], x.shape)), axis=-1)
+
+
+def _triangles(points: Floats) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
+    """Return (n, 3, 3) corners and the (n,) polygon (ring * S + sector) of each triangle."""
+    rings, sectors = points.shape[0] - 1, points.shape[1]
+    a, b = points[:-1], np.roll(points[:-1], -1, axis=1)
+    d, c = points[1:], np.roll(points[1:], -1, axis=1)
+    outer = np.stack((a, c, d), axis=2).reshape(-1, 3, 3)
+    inner = np.stack((a, b, c), axis=2)[1:].reshape(-1, 3, 3)
+    polygon = np.arange(rings * sectors)
+    return np.concatenate((outer, inner)), np.concatenate((polygon, polygon[sectors:]))
+
+
+def _polygon_faces(points: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Return the (R * S) cube face of each polygon: the one that its middle looks into."""
+    middle = points[:-1] + np.roll(points[:-1], -1, axis=1)
+    middle = middle + points[1:] + np.roll(points[1:], -1, axis=1)
+    return face_from_direction(middle).reshape(-1)
+
+
+def _on_face_planes(corners: Floats, face: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Floats:
+    """Return the corners pushed onto the planes of their polygons' faces: (1, s, t) of the face.
+
+    Linear interpolation there is the linear interpolation of texture coordinates. A corner that the
+    face does not see in front of it (only on meshes of a few polygons) keeps a distance of a tenth,
+    so that its coordinates are large but finite.
+    """
+    forward = np.einsum("nci,ni->nc", corners, FACE_AXES[face][:, :, 0])
+    norm = np.linalg.norm(corners, axis=-1)
+    on_planes: Floats = corners / np.maximum(forward, 0.1 * norm)[..., None]
+    return on_planes

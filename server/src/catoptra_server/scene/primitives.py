@@ -1,0 +1,147 @@
+"""Triangles of the primitive shapes, in the shape's own frame (SAE: z down).
+
+Each function returns a `Patch`: (n, 3, 3) float64 corners in metres, counter-clockwise seen from
+the side that is lit, so that cross(b - a, c - a) is the outward normal, and (n, 3, 2) texture
+coordinates.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.scene.description import Box, Cylinder, Rectangle, Ring, SphereBand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """Triangles with texture coordinates: corners (n, 3, 3) in metres, uv (n, 3, 2)."""
+
+    corners: Floats
+    uv: Floats
+
+    def at(self, offset_m: tuple[float, float, float]) -> Patch:
+        """Return the patch moved by an offset."""
+        return Patch(self.corners + np.asarray(offset_m), self.uv)
+
+
+def joined(patches: list[Patch]) -> Patch:
+    """Return all patches as one."""
+    corners = np.concatenate([patch.corners for patch in patches])
+    return Patch(corners, np.concatenate([patch.uv for patch in patches]))
+
+
+def quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
+    """Return two triangles of the corners a, b, c, d (counter-clockwise), textured 0..1."""
+    corners = np.array([[a, b, c], [a, c, d]], dtype=np.float64)
+    uv = np.array([[[0, 1], [1, 1], [1, 0]], [[0, 1], [1, 0], [0, 0]]], dtype=np.float64)
+    return Patch(corners, uv)
+
+
+def grid(points: Floats, uv: Floats) -> Patch:
+    """Return the triangles of a (rows + 1, columns + 1, 3) grid of points with (..., 2) uv.
+
+    Counter-clockwise when columns run right and rows run up, seen from the lit side. Triangles
+    without area, as at a pole, are left out.
+    """
+
+    def corners(values: Floats) -> Floats:
+        a, b = values[:-1, :-1], values[:-1, 1:]
+        d, c = values[1:, :-1], values[1:, 1:]
+        both = np.stack((np.stack((a, b, c), axis=2), np.stack((a, c, d), axis=2)), axis=2)
+        return both.reshape(-1, 3, values.shape[-1])
+
+    triangles = corners(points)
+    edges = triangles[:, 1:] - triangles[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    solid = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
+    return Patch(triangles[solid], corners(uv)[solid])
+
+
+def box(shape: Box) -> Patch:
+    """Return the six sides of a box."""
+    x, y, z = (0.5 * length for length in shape.size_m)
+    # Columns right, rows up as each side is seen from outside: (origin corner, right, up).
+    sides = [
+        ((x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
+        ((-x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
+        ((x, y, z), (-2 * x, 0, 0), (0, 0, -2 * z)),
+        ((-x, -y, z), (2 * x, 0, 0), (0, 0, -2 * z)),
+        ((-x, -y, -z), (0, 2 * y, 0), (2 * x, 0, 0)),
+        ((x, -y, z), (0, 2 * y, 0), (-2 * x, 0, 0)),
+    ]
+    return joined([_side(origin, right, up) for origin, right, up in sides])
+
+
+def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...]) -> Patch:
+    o, r, u = (np.asarray(vector, dtype=np.float64) for vector in (origin, right, up))
+    patch = quad(o, o + r, o + r + u, o + u)
+    # SAE is right-handed with z down: seen from outside, "right" x "up" points inwards for these
+    # sides, so each triangle is listed the other way round.
+    return _outward(patch, outward=np.cross(u, r))
+
+
+def _outward(patch: Patch, *, outward: Floats) -> Patch:
+    """Return the patch wound so that its normals point along `outward` (3,) or (n, 3)."""
+    corners = patch.corners
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
+    order = np.where(inward[:, None], [0, 2, 1], [0, 1, 2])
+    rows = np.arange(len(corners))[:, None]
+    return Patch(corners[rows, order], patch.uv[rows, order])
+
+
+def cylinder(shape: Cylinder) -> Patch:
+    """Return an upright cylinder with its two caps."""
+    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
+    half = 0.5 * shape.height_m
+    wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
+    u = angle / (2.0 * math.pi)
+    uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
+    side = grid(wall, uv)
+    centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
+    bottom, top = _disc(wall[0], outward=(0, 0, 1)), _disc(wall[1], outward=(0, 0, -1))
+    return joined([_outward(side, outward=centres), bottom, top])
+
+
+def _disc(rim: Floats, *, outward: tuple[float, float, float]) -> Patch:
+    middle = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
+    patch = grid(np.stack((rim, middle)), np.zeros((2, len(rim), 2)))
+    return _outward(patch, outward=np.asarray(outward, dtype=np.float64))
+
+
+def rectangle(shape: Rectangle) -> Patch:
+    """Return a level rectangle that faces up; u runs along +y, v along -x, `repeat` times."""
+    x, y = (0.5 * length for length in shape.size_m)
+    points = np.array([[[-x, -y, 0], [-x, y, 0]], [[x, -y, 0], [x, y, 0]]], dtype=np.float64)
+    (ru, rv) = shape.repeat
+    uv = np.array([[[0, rv], [ru, rv]], [[0, 0], [ru, 0]]], dtype=np.float64)
+    return _outward(grid(points, uv), outward=np.array([0.0, 0.0, -1.0]))
+
+
+def ring(shape: Ring) -> Patch:
+    """Return a level annulus that faces up."""
+    angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
+    points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
+    return _outward(grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0]))
+
+
+def sphere_band(shape: SphereBand) -> Patch:
+    """Return the band of a sphere between two angles from +z, lit from inside."""
+    azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
+    angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
+    points = shape.radius_m * np.stack(
+        (
+            np.sin(angle) * np.cos(azimuth),
+            np.sin(angle) * np.sin(azimuth),
+            np.broadcast_to(np.cos(angle), (shape.rings + 1, shape.sectors + 1)),
+        ),
+        axis=-1,
+    )
+    patch = grid(points, np.zeros((*points.shape[:2], 2)))
+    return _outward(patch, outward=-patch.corners.mean(axis=1))
