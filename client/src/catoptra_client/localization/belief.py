@@ -1,0 +1,79 @@
+"""What the filter believes: a Gaussian over the pose (x, y, phi). Immutable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Floats, wrap_angle
+
+# Rounding of products leaves eigenvalues of a few eps times the largest; 1e-12 is some 4500 eps,
+# far above that and far below any variance a robot's sensors can tell from zero.
+_NEGATIVE_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """A mean pose (3,) in the world frame (m, m, rad) and its covariance (3, 3).
+
+    phi is wrapped and the covariance symmetrised here. Raises DomainError for numbers that are not
+    finite and for a covariance that is not positive semidefinite. All zeros is allowed: it says
+    that the pose is known exactly, as the paper's a-priori covariance does.
+    """
+
+    mean: Floats
+    covariance: Floats
+
+    def __post_init__(self) -> None:
+        mean = np.array(self.mean, dtype=np.float64)
+        covariance = np.array(self.covariance, dtype=np.float64)
+        if mean.shape != (3,) or covariance.shape != (3, 3):
+            raise DomainError(f"a belief is (3,) and (3, 3), not {mean.shape}, {covariance.shape}")
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
+        mean[2] = wrap_angle(float(mean[2]))
+        covariance = 0.5 * covariance + 0.5 * covariance.T
+        if not is_positive_semidefinite(covariance):
+            raise DomainError(f"a covariance has no negative variance: {covariance.tolist()}")
+        _keep(self, "mean", mean)
+        _keep(self, "covariance", covariance)
+
+
+def is_positive_semidefinite(covariance: Floats) -> bool:
+    """Return whether no eigenvalue of a symmetric finite (n, n) matrix is negative past rounding.
+
+    Asked of the correlations, so that metres do not hide radians.
+    """
+    _, correlation, possible = _correlation(covariance)
+    return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE_TOLERANCE)
+
+
+def square_root(covariance: Floats) -> Floats:
+    """Return B (n, n) with B B^T = covariance. Domain: positive semidefinite, rank may be low.
+
+    By the eigenvectors of the correlations: a Cholesky factor needs full rank, which P = 0 has not.
+    """
+    sigma, correlation, _ = _correlation(covariance)
+    values, vectors = np.linalg.eigh(correlation)
+    root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _correlation(covariance: Floats) -> tuple[Floats, Floats, bool]:
+    """Return sigmas (n,), correlations (n, n), and whether the variances allow a covariance.
+
+    They do not if one is negative, or zero beside a covariance that is not.
+    """
+    variances = np.diagonal(covariance)
+    sigma = np.sqrt(np.maximum(variances, 0.0))
+    scale = np.where(sigma > 0.0, sigma, 1.0)
+    correlation = covariance / scale / scale[:, None]
+    possible = bool((variances >= 0.0).all() and (correlation[sigma == 0.0] == 0.0).all())
+    return sigma, correlation, possible
+
+
+def _keep(belief: Belief, name: str, array: Floats) -> None:
+    array.setflags(write=False)
+    object.__setattr__(belief, name, array)

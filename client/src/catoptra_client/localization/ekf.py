@@ -1,0 +1,145 @@
+"""The extended Kalman filter over the pose: functions on immutable beliefs.
+
+Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2. Departures: the
+covariance is carried as a product B B^T of square roots, in the update the Joseph form, so that it
+is positive semidefinite by construction with exact sensors too; the gain comes from a Cholesky
+solve, never an inverse; and what cannot be used is refused with a reason instead of spoiling the
+belief.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from catoptra_client.localization.belief import Belief, is_positive_semidefinite, square_root
+from catoptra_client.localization.gate import Gate
+from catoptra_client.localization.landmark_map import LandmarkPosition
+from catoptra_client.localization.measurement import Measurement, expect, is_finite, residual
+from catoptra_client.localization.motion import (
+    Control,
+    MotionNoise,
+    control_covariance,
+    jacobian_by_control,
+    jacobian_by_pose,
+    moved,
+)
+from catoptra_protocol.optics.numerics import Floats
+
+# A robot that believes itself nearer to a landmark than a beacon's radius (0.05 m) would stand in
+# it: the bearing says nothing there, and its linearisation less.
+NEAREST_LANDMARK_M = 0.05
+
+
+class Reason(StrEnum):
+    """Why a measurement was taken or refused, in words for a log."""
+
+    ACCEPTED = "inside the validation gate"
+    OUTSIDE_GATE = "outside the validation gate"
+    NOT_FINITE = "the measurement has a number that is not finite"
+    NOISE_NOT_A_COVARIANCE = "the measurement's covariance is not positive semidefinite"
+    AT_LANDMARK = "the landmark stands at the believed position: no bearing is defined"
+    SINGULAR = "belief and measurement are both certain: the innovation covariance is singular"
+    TOO_LARGE = "the numbers are too large for float64"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Update:
+    """What became of one measurement.
+
+    belief: the new one, or the old one itself if the measurement was refused. innovation (n,),
+    innovation_covariance (n, n) and distance_squared are defined where `was_compared`; else zeros.
+    """
+
+    belief: Belief
+    reason: Reason
+    innovation: Floats
+    innovation_covariance: Floats
+    distance_squared: float
+
+    @property
+    def accepted(self) -> bool:
+        """Return whether the measurement entered the belief."""
+        return self.reason is Reason.ACCEPTED
+
+    @property
+    def was_compared(self) -> bool:
+        """Return whether the measurement was sound enough to be put before the gate."""
+        return self.reason in (Reason.ACCEPTED, Reason.OUTSIDE_GATE)
+
+
+def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
+    """Return the belief after one control: P = G P G^T + V M V^T."""
+    G = jacobian_by_pose(belief.mean, control)
+    V = jacobian_by_control(belief.mean, control)
+    M = control_covariance(control, noise)
+    B = np.hstack((G @ square_root(belief.covariance), V @ np.sqrt(M)))  # M is diagonal
+    return Belief(moved(belief.mean, control), B @ B.T)
+
+
+def update(
+    belief: Belief, measurement: Measurement, *, landmark: LandmarkPosition, gate: Gate
+) -> Update:
+    """Return the belief after one measurement of a landmark, or the reason why it was refused."""
+    if not is_finite(measurement):
+        return _refused(belief, Reason.NOT_FINITE)
+    expected, defined = expect(belief.mean, landmark)
+    if not defined or expected.range_m < NEAREST_LANDMARK_M:
+        return _refused(belief, Reason.AT_LANDMARK)
+    innovation, H, R = residual(measurement, expected)
+    if not is_positive_semidefinite(R):
+        return _refused(belief, Reason.NOISE_NOT_A_COVARIANCE)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _gated(belief, innovation, H, R, gate)
+
+
+def _gated(belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: Gate) -> Update:
+    """Return the update with sound numbers: put them before the gate, then take them in."""
+    S = H @ belief.covariance @ H.T + R
+    if not np.isfinite(S).all():
+        return _refused(belief, Reason.TOO_LARGE)
+    L, regular = _cholesky(S)
+    if not regular:
+        return _refused(belief, Reason.SINGULAR)
+    distance_squared = float(np.square(np.linalg.solve(L, innovation)).sum())
+    if distance_squared > gate.threshold(innovation.size):
+        return Update(belief, Reason.OUTSIDE_GATE, innovation, S, distance_squared)
+    corrected, finite = _corrected(belief, innovation, H, R, L)
+    reason = Reason.ACCEPTED if finite else Reason.TOO_LARGE
+    return Update(corrected, reason, innovation, S, distance_squared)
+
+
+def _cholesky(S: Floats) -> tuple[Floats, bool]:
+    """Return the lower factor of a symmetric (n, n) matrix, and whether it is regular.
+
+    A squared pivot below 16 eps of its variance is what rounding leaves of a zero.
+    """
+    try:
+        L = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(S), False
+    floor = 16.0 * np.finfo(np.float64).eps * np.diagonal(S)
+    return L, bool((np.square(np.diagonal(L)) > floor).all())
+
+
+def _corrected(
+    belief: Belief, innovation: Floats, H: Floats, R: Floats, L: Floats
+) -> tuple[Belief, bool]:
+    """Return the belief moved by its gain, and whether it is finite (else it is the old one).
+
+    L: Cholesky factor of the innovation covariance. B B^T is Joseph's form
+    (I - K H) P (I - K H)^T + K R K^T.
+    """
+    K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
+    root = square_root(belief.covariance)
+    B = np.hstack((root - K @ (H @ root), K @ square_root(R)))
+    mean, covariance = belief.mean + K @ innovation, B @ B.T
+    if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        return belief, False
+    return Belief(mean, covariance), True
+
+
+def _refused(belief: Belief, reason: Reason) -> Update:
+    return Update(belief, reason, np.zeros(0), np.zeros((0, 0)), 0.0)

@@ -1,0 +1,43 @@
+"""The validation gate: how far an innovation may lie from the prediction and still be believed.
+
+The squared Mahalanobis distance of a true measurement is chi-square distributed with as many
+degrees of freedom as it has numbers. Source: Kristensen & Jensfelt 2003, the gate that the paper
+refers to; Bar-Shalom, Li & Kirubarajan 2001.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+
+from catoptra_protocol.errors import DomainError
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A gate that wrongly rejects this share of true measurements. 0 lets everything pass.
+
+    0.01 gives -2 ln(0.01) = 9.21034 for range and bearing, 6.63490 for a bearing alone.
+    """
+
+    false_rejection: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.false_rejection < 1.0:
+            raise DomainError(f"a share of rejections lies in [0, 1): {self.false_rejection!r}")
+
+    def threshold(self, size: int) -> float:
+        """Return the largest accepted squared distance of an innovation of size 1 or 2."""
+        if size not in (1, 2):
+            raise DomainError(f"the gate knows innovations of 1 or 2 numbers, not {size}")
+        if self.false_rejection == 0.0:
+            return math.inf
+        if size == 2:
+            return -2.0 * math.log(self.false_rejection)
+        # Of both tails one half: the quantile near 1 would lose what the small tail keeps.
+        return NormalDist().inv_cdf(0.5 * self.false_rejection) ** 2
+
+
+PAPER_GATE = Gate(0.01)
+OPEN_GATE = Gate(0.0)

@@ -1,0 +1,83 @@
+"""Watch the filter from outside: does it still listen to its landmarks?
+
+With a zero a-priori covariance the gate may reject everything for as long as it takes the
+covariance to grow (the paper's first 22 steps): a property of the filter, and nothing inside it
+bounds that time. So the rejection streak and the windowed NIS are reported, and there is a recovery
+that a caller may apply; none happens by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from catoptra_client.localization.belief import Belief
+from catoptra_client.localization.ekf import Reason, Update
+
+
+@dataclass(frozen=True, slots=True)
+class FilterHealth:
+    """What the last steps tell of the filter.
+
+    rejection_streak: steps in a row in which landmarks were compared and none accepted; steps
+    without landmarks neither lengthen nor end it. window: (squared distance, size) of the latest
+    compared measurements. counts: how often each reason was given since the start.
+    """
+
+    window_size: int = 20
+    rejection_streak: int = 0
+    window: tuple[tuple[float, int], ...] = ()
+    counts: dict[Reason, int] = field(default_factory=dict)
+
+    @property
+    def windowed_nis(self) -> float:
+        """Return the window's squared distances per degree of freedom; 1 is healthy, 0 = empty."""
+        freedom = sum(size for _, size in self.window)
+        return sum(distance for distance, _ in self.window) / freedom if freedom else 0.0
+
+    @property
+    def acceptance(self) -> float:
+        """Return the share of all compared measurements that were accepted; 1 before the first."""
+        accepted = self.counts.get(Reason.ACCEPTED, 0)
+        compared = accepted + self.counts.get(Reason.OUTSIDE_GATE, 0)
+        return accepted / compared if compared else 1.0
+
+
+def observe(health: FilterHealth, updates: Sequence[Update]) -> FilterHealth:
+    """Return the health after all updates of one step."""
+    compared = [update for update in updates if update.was_compared]
+    seen = tuple((update.distance_squared, update.innovation.size) for update in compared)
+    streak = health.rejection_streak
+    if compared:
+        streak = 0 if any(update.accepted for update in compared) else streak + 1
+    counts = dict(health.counts)
+    for update in updates:
+        counts[update.reason] = counts.get(update.reason, 0) + 1
+    window = (health.window + seen)[-health.window_size :]
+    return replace(health, rejection_streak=streak, window=window, counts=counts)
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """When to doubt, and how much: after so many rejecting steps add these variances to P."""
+
+    after_steps: int = 5
+    position_sigma_m: float = 0.3
+    heading_sigma_rad: float = math.radians(10.0)
+
+
+def recovered(
+    belief: Belief, health: FilterHealth, *, recovery: Recovery
+) -> tuple[Belief, FilterHealth]:
+    """Return belief and health, the belief widened if the rejection streak says it is lost.
+
+    The streak starts anew, so that one widening gets its chance before the next.
+    """
+    if health.rejection_streak < recovery.after_steps:
+        return belief, health
+    position, heading = recovery.position_sigma_m**2, recovery.heading_sigma_rad**2
+    doubt = np.diag([position, position, heading])
+    return Belief(belief.mean, belief.covariance + doubt), replace(health, rejection_streak=0)

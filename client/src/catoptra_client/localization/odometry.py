@@ -1,0 +1,33 @@
+"""From odometry poses to the filter's control. Odometry poses live in a frame of their own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from catoptra_client.localization.motion import Control, chord_over_arc
+from catoptra_protocol.optics.numerics import wrap_angle
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryPose:
+    """What USARSim's odometry sensor reports: x, y from the start pose and yaw."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+def control_from_odometry(previous: OdometryPose, current: OdometryPose) -> Control:
+    """Return the control u = (v, delta phi) that leads from one odometry pose to the next.
+
+    The chord is projected on the middle heading phi + a and divided by S = sin(a) / a: of an arc
+    that is its length, negative when driven backwards. A projection has no jump in sign where a
+    turn on the spot leaves a millimetre of noise; what slipped sideways is no part of (v, delta
+    phi) and is dropped. |a| <= pi / 2, so S >= 2 / pi.
+    """
+    turn = wrap_angle(current.yaw_rad - previous.yaw_rad)
+    heading = previous.yaw_rad + 0.5 * turn
+    dx, dy = current.x_m - previous.x_m, current.y_m - previous.y_m
+    chord = dx * math.cos(heading) + dy * math.sin(heading)
+    return Control(chord / chord_over_arc(0.5 * turn), turn)
