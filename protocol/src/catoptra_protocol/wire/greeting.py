@@ -1,0 +1,89 @@
+"""NFO: the first line on a connection, and the answer to GETSTARTPOSES."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.numbers import Vector, vector
+
+
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """The first line on every connection. The time limit is in minutes; 0 = none."""
+
+    WORD: ClassVar[str] = "NFO"
+
+    game_type: str
+    level: str
+    time_limit: int = 0
+
+    @classmethod
+    def from_message(cls, message: Message) -> Greeting:
+        """Return the greeting of a parsed line."""
+        return cls(
+            game_type=fields.text(message, "Gametype"),
+            level=fields.text(message, "Level"),
+            time_limit=fields.integer(message, "TimeLimit", default=0),
+        )
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        limit = str(self.time_limit)
+        return ("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit)
+
+
+@dataclass(frozen=True, slots=True)
+class StartPose:
+    """A named pose of the world file, in the world frame; roll, pitch, yaw."""
+
+    name: str
+    location_m: Vector
+    rotation_rad: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class StartPoses:
+    """The answer to GETSTARTPOSES: one block of `name x,y,z r,p,y`, absent if there is none."""
+
+    WORD: ClassVar[str] = "NFO"
+
+    poses: tuple[StartPose, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> StartPoses:
+        """Return the poses of a parsed line, whose second block starts with the first name."""
+        blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
+        words = " ".join(" ".join(pair) for pair in blocks[:1]).split()
+        if len(words) != 3 * fields.integer(message, "StartPoses"):
+            raise RemoteProtocolError(
+                f"NFO {{StartPoses {fields.text(message, 'StartPoses')}}}: expected three words "
+                f"(name x,y,z r,p,y) a pose, not {len(words)} in all"
+            )
+        triples = zip(words[::3], words[1::3], words[2::3], strict=True)
+        return cls(tuple(_start_pose(message, *triple) for triple in triples))
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        words = [word for pose in self.poses for word in _words(pose)]
+        block = ((words[0], " ".join(words[1:])),) if words else ()
+        return (("StartPoses", str(len(self.poses))), *block)
+
+
+def greeting_from_message(message: Message) -> Greeting | StartPoses:
+    """Return what an NFO line says."""
+    is_poses = message.get("StartPoses") is not None
+    return StartPoses.from_message(message) if is_poses else Greeting.from_message(message)
+
+
+def _words(pose: StartPose) -> tuple[str, str, str]:
+    if not pose.name or " " in pose.name:
+        raise LocalProtocolError(f"NFO: start pose {pose.name!r}: the name must be one word")
+    return pose.name, vector(pose.location_m), vector(pose.rotation_rad)
+
+
+def _start_pose(message: Message, name: str, location: str, rotation: str) -> StartPose:
+    return StartPose(name, *fields.vectors(message, Location=location, Orientation=rotation))
