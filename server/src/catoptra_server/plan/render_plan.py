@@ -13,7 +13,10 @@ from enum import Enum
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face, faces_seen
+from catoptra_server.robot.render_wish import PerPixel, RenderWish, Surface
 from catoptra_server.scene.mirror_mesh import PolygonSplit
+
+__all__ = ["PerPixel", "RenderPlan", "RenderWish", "RendererKind", "Surface", "plan_from_wish"]
 
 
 class RendererKind(Enum):
@@ -21,14 +24,6 @@ class RendererKind(Enum):
 
     TRACE = "trace"
     RASTER = "raster"
-
-
-@dataclass(frozen=True, slots=True)
-class PerPixel:
-    """The mirror's exact law in every sample."""
-
-
-Surface = PerPixel | PolygonSplit
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +57,6 @@ class RenderPlan:
             names = "".join(face.name for face in self.faces)
             faces = f", faces {names} of {self.face_size_px} px"
         return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{faces}: {self.reason}"
-
-
-@dataclass(frozen=True, slots=True)
-class RenderWish:
-    """What the configuration asks of the picture; 0 leaves a number to the plan."""
-
-    surface: Surface = PerPixel()
-    samples: int = 0
-    face_size_px: int = 0
-    face_samples: int = 0
 
 
 # Samples along a pixel's side where nothing is asked: 2 x 2 removes most of the jaggies and still

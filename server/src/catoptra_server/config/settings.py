@@ -1,0 +1,260 @@
+"""Typed values of ini sections. Every complaint names file, line, key, value and what was expected.
+
+A `Settings` is one section (all sections of that name together, later lines over earlier ones) or
+one struct literal. It remembers which keys were asked for, so that the others can be reported,
+once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from catoptra_protocol.errors import ConfigError, Where
+from catoptra_server.config.unreal_ini import (
+    Entry,
+    Section,
+    plain_text,
+    read_sections,
+    struct_members,
+)
+
+Vector = tuple[float, float, float]
+
+
+class Settings:
+    """The entries of one section or struct, by lower-case key, in order."""
+
+    def __init__(self, name: str, where: Where, entries: Iterable[Entry]) -> None:
+        self.name = name
+        self.where = where
+        self._entries: dict[str, list[Entry]] = {}
+        self._asked: set[str] = set()
+        for entry in entries:
+            self._add(entry)
+
+    def _add(self, entry: Entry) -> None:
+        """Apply one line: bare repetition and . append, + appends if new, - removes, ! clears."""
+        values = self._entries.setdefault(entry.key.lower(), [])
+        match entry.operator:
+            case "!":
+                values.clear()
+            case "-":
+                values[:] = [v for v in values if v.value != entry.value]
+            case "+" if any(v.value == entry.value for v in values):
+                pass
+            case _:
+                values.append(entry)
+
+    def overlay(self, other: Settings) -> None:
+        """Let a derived section win: its keys replace ours, its + . - ! lines change them."""
+        for entries in other._entries.values():
+            if entries and not entries[0].operator:
+                self._entries.pop(entries[0].key.lower(), None)
+            for entry in entries:
+                self._add(entry)
+
+    def has(self, key: str) -> bool:
+        """Return whether the key has a value."""
+        return bool(self._entries.get(key.lower()))
+
+    def unknown(self) -> list[Entry]:
+        """Return the entries whose key nobody asked for."""
+        return [
+            entry
+            for key, entries in self._entries.items()
+            if key not in self._asked
+            for entry in entries
+        ]
+
+    def _last(self, key: str, expected: str) -> Entry:
+        entries = self._all(key)
+        if not entries:
+            raise ConfigError(
+                self.where,
+                key=f"{self.name}.{key}",
+                value="",
+                expected=f"{expected}; it is missing",
+            )
+        return entries[-1]
+
+    def _all(self, key: str) -> list[Entry]:
+        self._asked.add(key.lower())
+        return self._entries.get(key.lower(), [])
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return a text, without quotes or class'...'."""
+        if default is not None and not self._all(key):
+            return default
+        return plain_text(self._last(key, "a text").value)
+
+    def number(
+        self,
+        key: str,
+        default: float | None = None,
+        *,
+        at_least: float = -math.inf,
+        at_most: float = math.inf,
+    ) -> float:
+        """Return a finite number within bounds, both included."""
+        if default is not None and not self._all(key):
+            return default
+        expected = _expected("a number", at_least, at_most)
+        entry = self._last(key, expected)
+        value = _number(entry.value)
+        if value is None or not at_least <= value <= at_most:
+            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+        return value
+
+    def integer(
+        self, key: str, default: int | None = None, *, at_least: int = 0, at_most: int = 2**31
+    ) -> int:
+        """Return a whole number within bounds, both included."""
+        if default is not None and not self._all(key):
+            return default
+        expected = _expected("a whole number", at_least, at_most)
+        entry = self._last(key, expected)
+        value = _number(entry.value)
+        if value is None or value != int(value) or not at_least <= value <= at_most:
+            raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+        return int(value)
+
+    def boolean(self, key: str, default: bool) -> bool:
+        """Return a truth value: true, false, 1 or 0 in any case."""
+        if not self._all(key):
+            return default
+        entry = self._last(key, "true or false")
+        words = {"true": True, "1": True, "false": False, "0": False}
+        if entry.value.lower() not in words:
+            raise ConfigError(
+                entry.where, key=entry.key, value=entry.value, expected="true or false"
+            )
+        return words[entry.value.lower()]
+
+    def choice(self, key: str, allowed: Sequence[str], default: str | None = None) -> str:
+        """Return one of the allowed words, spelled as in `allowed`, whatever its case."""
+        if default is not None and not self._all(key):
+            return default
+        expected = "one of " + ", ".join(allowed)
+        entry = self._last(key, expected)
+        for word in allowed:
+            if plain_text(entry.value).lower() == word.lower():
+                return word
+        raise ConfigError(entry.where, key=entry.key, value=entry.value, expected=expected)
+
+    def vector(
+        self,
+        key: str,
+        default: Vector | None = None,
+        *,
+        members: str = "XYZ",
+        at_least: float = -math.inf,
+    ) -> Vector:
+        """Return three numbers of a struct such as (X=1,Y=2,Z=3); a missing member is 0."""
+        if default is not None and not self._all(key):
+            return default
+        struct = self.struct(key)
+        a, b, c = (struct.number(m, 0.0, at_least=at_least) for m in members)
+        return a, b, c
+
+    def struct(self, key: str) -> Settings:
+        """Return the struct literal of a key."""
+        self._last(key, "a struct such as (X=0,Y=0,Z=0)")
+        return self.structs(key)[-1]
+
+    def structs(self, key: str) -> list[Settings]:
+        """Return all struct literals of a repeated key, in order; none is an empty list."""
+        return [_struct(entry) for entry in self._all(key)]
+
+    def complain(self, key: str, *, expected: str) -> ConfigError:
+        """Return the error for a value that is well formed but makes no sense here."""
+        entries = self._all(key)
+        where = entries[-1].where if entries else self.where
+        value = entries[-1].value if entries else ""
+        return ConfigError(where, key=f"{self.name}.{key}", value=value, expected=expected)
+
+
+class IniFile:
+    """All sections of a file and of the files that it is based on, merged by name."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._sections: dict[str, Settings] = {}
+        self._load(path, seen=())
+
+    def _load(self, path: Path, seen: tuple[Path, ...]) -> None:
+        """Load what the file is based on ([Configuration] BasedOn=, as in UDK), then the file."""
+        sections = _merged(read_sections(path))
+        configuration = sections.get("configuration")
+        if configuration is not None and configuration.has("BasedOn"):
+            base = path.parent / configuration.text("BasedOn").replace("\\", "/")
+            if base.resolve() in seen or base.resolve() == path.resolve():
+                raise configuration.complain("BasedOn", expected="a file that is not based on this")
+            self._load(base, (*seen, path.resolve()))
+        for key, settings in sections.items():
+            if key in self._sections:
+                self._sections[key].overlay(settings)
+            else:
+                self._sections[key] = settings
+
+    def section(self, name: str) -> Settings:
+        """Return a section; one that the file does not have is empty."""
+        return self._sections.get(name.lower()) or Settings(name, Where(str(self.path)), ())
+
+    def has(self, name: str) -> bool:
+        """Return whether the file has the section."""
+        return name.lower() in self._sections
+
+    def names(self) -> list[str]:
+        """Return the names of all sections, in order."""
+        return [settings.name for settings in self._sections.values()]
+
+    def unknown(self) -> list[Entry]:
+        """Return the entries of sections that were used, whose keys nobody asked for."""
+        return [
+            entry
+            for settings in self._sections.values()
+            if settings._asked
+            for entry in settings.unknown()
+        ]
+
+
+def _merged(sections: tuple[Section, ...]) -> dict[str, Settings]:
+    merged: dict[str, Settings] = {}
+    for section in sections:
+        known = merged.get(section.name.lower())
+        if known is None:
+            merged[section.name.lower()] = Settings(section.name, section.where, section.entries)
+        else:
+            for entry in section.entries:
+                known._add(entry)
+    return merged
+
+
+def _struct(entry: Entry) -> Settings:
+    members = struct_members(entry.value)
+    if members is None:
+        raise ConfigError(
+            entry.where, key=entry.key, value=entry.value, expected="a struct such as (X=0,Y=0,Z=0)"
+        )
+    inner = (Entry(name, text, "", entry.where) for name, text in members)
+    return Settings(entry.key, entry.where, inner)
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text.rstrip("fF")) if text[:1] not in "nNiI" else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _expected(kind: str, at_least: float, at_most: float) -> str:
+    if math.isinf(at_least) and math.isinf(at_most):
+        return kind
+    if math.isinf(at_most) or at_most == 2**31:
+        return f"{kind} of at least {at_least:g}"
+    if math.isinf(at_least):
+        return f"{kind} of at most {at_most:g}"
+    return f"{kind} from {at_least:g} to {at_most:g}"

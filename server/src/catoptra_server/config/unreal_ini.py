@@ -1,0 +1,139 @@
+"""The grammar of Unreal's ini files, as real USARBot.ini and UDK files use it. No meaning.
+
+`[Package.Class]` sections that may occur twice, `key=value`, the prefixes + . - ! of keys, `;`
+comments (whole line or trailing), quoted strings, class'Package.Name' references and nested struct
+literals (A=1,B=(X=0)). Tolerated, because real files have it: spaces around =, a stray ; after a
+value, text after a struct's closing bracket, missing blank lines, any line end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from catoptra_protocol.errors import ConfigError, Where
+
+_OPERATORS = "+.-!"
+# A file larger than this is no ini file; the largest real one (UT2004's) has 60 kB.
+_LARGEST_FILE_BYTES = 4 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One `key=value`. operator: the key's prefix, one of + . - ! or empty."""
+
+    key: str
+    value: str
+    operator: str
+    where: Where
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One `[name]` with its entries, in the order of the file."""
+
+    name: str
+    where: Where
+    entries: tuple[Entry, ...]
+
+
+def read_sections(path: Path) -> tuple[Section, ...]:
+    """Return the sections of a file. Raises ConfigError with file and line."""
+    try:
+        size = path.stat().st_size
+        text = path.read_text(encoding="utf-8-sig") if size <= _LARGEST_FILE_BYTES else None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            Where(str(path)), key="file", value=str(path), expected=f"a readable ini file ({error})"
+        ) from error
+    if text is None:
+        raise ConfigError(Where(str(path)), key="file", value=str(size), expected="at most 4 MiB")
+    return parse_sections(text, file=str(path))
+
+
+def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
+    """Return the sections of ini text; `file` is named in errors."""
+    sections: list[Section] = []
+    entries: list[Entry] = []
+    for number, raw in enumerate(text.splitlines(), 1):
+        where, line = Where(file, number), without_comment(raw).strip()
+        if not line:
+            continue
+        if line.startswith("["):
+            entries = []
+            sections.append(_section(line, where, entries))
+        elif not sections:
+            raise ConfigError(where, key="line", value=line, expected="a [Package.Class] first")
+        else:
+            entries.append(_entry(line, where))
+            sections[-1] = Section(sections[-1].name, sections[-1].where, tuple(entries))
+    return tuple(sections)
+
+
+def without_comment(line: str) -> str:
+    """Return the line up to its comment; a ; inside quotes is text."""
+    quoted = False
+    for i, character in enumerate(line):
+        if character == '"':
+            quoted = not quoted
+        elif character == ";" and not quoted:
+            return line[:i]
+    return line
+
+
+def _section(line: str, where: Where, entries: list[Entry]) -> Section:
+    name = line[1:-1].strip()
+    if not line.endswith("]") or not name:
+        raise ConfigError(where, key="section", value=line, expected="[Package.Class]")
+    return Section(name, where, tuple(entries))
+
+
+def _entry(line: str, where: Where) -> Entry:
+    key, equals, value = line.partition("=")
+    key = key.strip()
+    operator = key[:1] if key[:1] in _OPERATORS else ""
+    key = key[len(operator) :].strip()
+    if not equals or not key:
+        raise ConfigError(where, key="line", value=line, expected="key=value")
+    return Entry(key, value.strip(), operator, where)
+
+
+def struct_members(value: str) -> list[tuple[str, str]] | None:
+    """Return the (name, text) members of a struct literal, or None if the text is none.
+
+    What follows the closing bracket is ignored: a real file has `'was y=-1.2` there.
+    """
+    if not value.startswith("("):
+        return None
+    members: list[tuple[str, str]] = []
+    depth, quoted, start = 0, False, 1
+    for i, character in enumerate(value):
+        if character == '"':
+            quoted = not quoted
+        elif quoted:
+            continue
+        elif character == "(":
+            depth += 1
+        elif (character == ")" and depth == 1) or (character == "," and depth == 1):
+            piece = value[start:i].strip()
+            if piece:
+                name, equals, text = piece.partition("=")
+                if not equals or not name.strip():
+                    return None
+                members.append((name.strip(), text.strip()))
+            start = i + 1
+            if character == ")":
+                return members
+        elif character == ")":
+            depth -= 1
+    return None
+
+
+def plain_text(value: str) -> str:
+    """Return a value without its quotes, or the name inside class'...'."""
+    if len(value) >= 2 and value[0] == value[-1] == '"':
+        return value[1:-1]
+    prefix, quote, rest = value.partition("'")
+    if quote and rest.endswith("'") and prefix.strip().isidentifier():
+        return rest[:-1]
+    return value
