@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.grammar import Message, Pairs, words
 from catoptra_protocol.wire.numbers import Vector, fixed, vector
 
 
@@ -111,11 +111,12 @@ def geometry_from_message(message: Message) -> Geometry | VehicleGeometry | None
     if message.get("Location") is not None:
         return Geometry(type_, (GeometryItem.from_message(message),))
     blocks = [_item_message(value) for name, value in message.pairs if name.lower() == "name"]
-    items = tuple(GeometryItem.from_message(block) for block in blocks if len(block.pairs) > 1)
+    placed = [block for block in blocks if block.get("Location") is not None]
+    items = tuple(GeometryItem.from_message(block) for block in placed)
     return Geometry(type_, items, name=None if items else message.get("Name"))
 
 
 def _item_message(value: str) -> Message:
     """Return the fields of a block `{Name N Location x,y,z ...}`, given without its `Name`."""
-    name, *rest = value.split()
+    name, *rest = words(value)
     return Message("GEO", (("Name", name), *zip(rest[::2], rest[1::2], strict=False)))

@@ -71,6 +71,11 @@ def format_line(word: str, pairs: Iterable[tuple[str, str]] = ()) -> bytes:
         raise LocalProtocolError(f"{word}: {text!r} is not Latin-1 text") from error
 
 
+def words(value: str) -> list[str]:
+    """Return the words of a value that holds several, separated by spaces."""
+    return [word for word in value.split(" ") if word]
+
+
 class LineReader:
     """Cut a byte stream into lines, however it is chunked, keeping at most one line.
 

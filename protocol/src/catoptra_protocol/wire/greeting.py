@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.grammar import Message, Pairs, words
 from catoptra_protocol.wire.numbers import Vector, vector
 
 
@@ -57,19 +57,19 @@ class StartPoses:
     def from_message(cls, message: Message) -> StartPoses:
         """Return the poses of a parsed line, whose second block starts with the first name."""
         blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
-        words = " ".join(" ".join(pair) for pair in blocks[:1]).split()
-        if len(words) != 3 * fields.integer(message, "StartPoses"):
+        found = words(" ".join(" ".join(pair) for pair in blocks[:1]))
+        if len(found) != 3 * fields.integer(message, "StartPoses"):
             raise RemoteProtocolError(
                 f"NFO {{StartPoses {fields.text(message, 'StartPoses')}}}: expected three words "
-                f"(name x,y,z r,p,y) a pose, not {len(words)} in all"
+                f"(name x,y,z r,p,y) a pose, not {len(found)} in all"
             )
-        triples = zip(words[::3], words[1::3], words[2::3], strict=True)
+        triples = zip(found[::3], found[1::3], found[2::3], strict=True)
         return cls(tuple(_start_pose(message, *triple) for triple in triples))
 
     def blocks(self) -> Pairs:
         """Return the blocks to send."""
-        words = [word for pose in self.poses for word in _words(pose)]
-        block = ((words[0], " ".join(words[1:])),) if words else ()
+        said = [word for pose in self.poses for word in _words(pose)]
+        block = ((said[0], " ".join(said[1:])),) if said else ()
         return (("StartPoses", str(len(self.poses))), *block)
 
 

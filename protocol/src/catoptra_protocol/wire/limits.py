@@ -22,3 +22,6 @@ MAX_IMAGE_PAYLOAD_BYTES = 64 * 1024 * 1024
 
 # Sides of a picture are 16-bit numbers, in the RAW header as in JPEG.
 MAX_IMAGE_SIDE_PX = 0xFFFF
+
+# What a client decodes, since a small JPEG can announce a huge picture: 96 MiB of RGB.
+MAX_IMAGE_PIXELS = 32 * 1024 * 1024

@@ -1,0 +1,120 @@
+"""Whole conversations in memory, both roles."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.wire.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
+from catoptra_protocol.wire.connection import ControlClient, ControlServer
+from catoptra_protocol.wire.reports import Greeting, OdometryReading, Result, VehicleStatus
+from catoptra_protocol.wire.states import ControlState
+
+GREETING = Greeting("BotDeathMatch", "field")
+
+
+def greeted() -> ControlServer:
+    server = ControlServer()
+    server.send(GREETING)
+    return server
+
+
+def test_conversation_when_held_in_memory_delivers_both_ways() -> None:
+    server, client = ControlServer(), ControlClient()
+    assert client.receive(server.send(GREETING)) == [GREETING]
+    assert server.receive(client.send(GetStartPoses())) == [GetStartPoses()]
+    assert server.receive(client.send(Init("P2AT"))) == [Init("P2AT")]
+    assert server.receive(client.send(Step(0.2))) == [Step(0.2)]
+    reports = [VehicleStatus(0.2, 1199), OdometryReading("O", 0.0, 0.0, 0.0)]
+    data = b"".join(server.send(report) for report in (*reports, Result(0.2, "Step", "Clock")))
+    assert client.receive(data) == [*reports, Result(0.2, "Step", "Clock")]
+
+
+def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -> None:
+    server = ControlServer()
+    with pytest.raises(LocalProtocolError, match="greet"):
+        server.receive(b"INIT\n")
+    with pytest.raises(LocalProtocolError, match="greeting comes first"):
+        server.send(VehicleStatus(0.0, 1200))
+    assert server.state is ControlState.ACCEPTED
+
+
+def test_server_when_it_has_greeted_refuses_to_greet_again() -> None:
+    with pytest.raises(LocalProtocolError, match="once"):
+        greeted().send(GREETING)
+
+
+def test_greeting_when_it_cannot_be_sent_is_not_counted_as_sent() -> None:
+    server = ControlServer()
+    with pytest.raises(LocalProtocolError, match="cannot be sent"):
+        server.send(Greeting("A", "B}"))
+    assert server.send(GREETING).startswith(b"NFO")
+
+
+def test_server_when_there_is_no_robot_drops_what_needs_one() -> None:
+    data = b"DRIVE {Left 1}\nGETCONF {Type Robot}\nGETGEO {Type Robot}\nSTEP {Time 1}\n"
+    assert greeted().receive(data) == [Step(1.0)]
+
+
+def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
+    data = (
+        b"INIT {ClassName A}\r\nGETGEO {Type Robot}\r\nGETCONF {Type Robot}\r\nDRIVE {Left 1}\r\n"
+    )
+    expected = [Init("A"), GetGeo("Robot"), GetConf("Robot"), Drive(left=1.0)]
+    assert greeted().receive(data) == expected
+
+
+def test_server_when_a_second_init_comes_drops_it() -> None:
+    server = greeted()
+    assert server.receive(b"INIT {ClassName A}\nINIT {ClassName B}\n") == [Init("A")]
+    assert server.receive(b"INIT {ClassName C}\n") == []
+
+
+def test_server_when_init_was_refused_takes_another() -> None:
+    server = greeted()
+    server.receive(b"INIT {ClassName Unknown}\n")
+    server.refuse_init()
+    assert server.receive(b"DRIVE {Left 1}\nINIT {ClassName A}\n") == [Init("A")]
+
+
+def test_refuse_init_when_there_was_none_is_our_fault() -> None:
+    with pytest.raises(LocalProtocolError, match="no INIT"):
+        greeted().refuse_init()
+
+
+def test_server_when_sent_stray_text_ignores_it() -> None:
+    assert greeted().receive(b"\r\n\0\0 hello {x}\nPING\n{}\n\xff\xfe\nGETSTARTPOSES\n") == [
+        GetStartPoses()
+    ]
+
+
+def test_client_when_a_known_report_is_malformed_raises() -> None:
+    with pytest.raises(RemoteProtocolError, match="Battery"):
+        ControlClient().receive(b"STA {Type GroundVehicle} {Time 1}\r\n")
+
+
+PIECES = st.sampled_from(
+    [
+        b"INIT {ClassName A} {Location 1 2 3}",
+        b"DRIVE {Left 1.0}{Right -1}",
+        b"GETCONF {Type Camera}",
+        b"STEP {Time .1}",
+        b"\r",
+        b"\n",
+        b"\r\n",
+        b"{",
+        b"}",
+        b"\xff",
+    ]
+)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.lists(PIECES | st.binary(max_size=8)), st.integers(1, 9))
+def test_server_when_bytes_are_cut_anywhere_hears_the_same(pieces: list[bytes], size: int) -> None:
+    data = b"".join(pieces)
+    server = greeted()
+    cut = [c for i in range(0, len(data), size) for c in server.receive(data[i : i + size])]
+    assert cut == greeted().receive(data)

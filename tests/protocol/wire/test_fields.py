@@ -1,0 +1,47 @@
+"""Strict reading: what is missing or wrong is named."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.grammar import Message
+
+STATUS = Message("STA", (("Time", "1.5"), ("Battery", "1200"), ("Pose", "1,2,-3"), ("On", "True")))
+
+
+def test_fields_when_sound_are_read() -> None:
+    assert fields.text(STATUS, "time") == "1.5"
+    assert fields.number(STATUS, "Time") == 1.5
+    assert fields.integer(STATUS, "Battery") == 1200
+    assert fields.vector(STATUS, "Pose") == (1.0, 2.0, -3.0)
+    assert fields.boolean(STATUS, "On") is True
+
+
+def test_fields_when_missing_take_the_default_they_have() -> None:
+    assert fields.integer(STATUS, "View", default=-1) == -1
+    assert fields.boolean(STATUS, "Off") is False
+
+
+def test_vectors_when_given_without_names_are_read_in_order() -> None:
+    assert fields.vectors(STATUS, A="1,2,3", B="4,5,6") == ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+
+
+@pytest.mark.parametrize("read", [fields.text, fields.number, fields.integer, fields.vector])
+def test_fields_when_missing_are_named(read: object) -> None:
+    assert callable(read)
+    with pytest.raises(RemoteProtocolError, match=r"STA without \{View\}"):
+        read(STATUS, "View")
+
+
+@pytest.mark.parametrize("value", ["", "x", "nan", "inf", "1 2", "1e999"])
+def test_number_when_it_is_none_is_shown(value: str) -> None:
+    with pytest.raises(RemoteProtocolError, match="expected a finite number"):
+        fields.number(Message("STA", (("Time", value),)), "Time")
+
+
+def test_error_when_the_line_is_long_quotes_its_start() -> None:
+    with pytest.raises(RemoteProtocolError) as caught:
+        fields.number(Message("STA", (("Time", "x" * 60_000),)), "Time")
+    assert len(str(caught.value)) < 500
