@@ -1,0 +1,207 @@
+"""Frames from the image server, over TCP: ask, receive, decode.
+
+Blocking, for one thread; a thin shell around the sans-I/O `ImageFrameReader`. A server in legacy
+mode (UPIS -l, UDK LegacyMode=true) sends one frame unasked after accept: take it with `receive`
+before the first `frame` or `frames`, or every frame will be the answer to the request before.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import ConnectionLostError, RemoteProtocolError
+from catoptra_protocol.wire.image import (
+    ImageFrameReader,
+    ImageType,
+    WireFrame,
+    image_request,
+    raw_size,
+)
+from catoptra_protocol.wire.jpeg import jpeg_size
+
+_LOG = logging.getLogger(__name__)
+_READ_BYTES = 1024 * 1024
+_RAW_HEADER_BYTES = 4
+_JPEG_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+
+Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One picture: (h, w, 3) uint8 RGB, read-only; empty if the server had nothing to show.
+
+    sequence: counts the frames of this connection from 0. received_s: by the stream's clock, when
+    its last byte had come.
+    """
+
+    rgb: Pixels
+    sequence: int
+    received_s: float
+    image_type: ImageType
+
+
+class ImageStream:
+    """One connection to the image server, from `connect` to `close`; also a context manager.
+
+    Waiting calls raise ConnectionLostError if the server goes away or stays silent for `timeout_s`,
+    and RemoteProtocolError for a frame that cannot be.
+    """
+
+    def __init__(
+        self,
+        connection: socket.socket,
+        *,
+        timeout_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Take over a connected socket. `clock` gives `Frame.received_s`."""
+        self._socket = connection
+        self._peer = _address(connection)
+        self._clock = clock
+        self._reader = ImageFrameReader()
+        self._received: deque[WireFrame] = deque()
+        self._received_s = 0.0
+        self._sequence = 0
+        self._owed = 0
+        connection.settimeout(timeout_s)
+
+    @classmethod
+    def connect(cls, host: str = "127.0.0.1", port: int = 5003, timeout_s: float = 5.0) -> Self:
+        """Return a stream on which nothing has been asked for yet."""
+        return cls(_connected(host, port, timeout_s), timeout_s=timeout_s)
+
+    def close(self) -> None:
+        """End the connection."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def request(self) -> None:
+        """Ask for one frame; each request is answered by one, in order."""
+        try:
+            self._socket.sendall(image_request())
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        self._owed += 1
+
+    def receive(self) -> Frame:
+        """Return the next frame that the server sends."""
+        while not self._received:
+            self._received.extend(self._read())
+        wire_frame = self._received.popleft()
+        _LOG.debug("from %s: %s", self._peer, wire_frame)
+        rgb = rgb_from_wire(wire_frame)
+        frame = Frame(rgb, self._sequence, self._received_s, wire_frame.image_type)
+        self._sequence += 1
+        self._owed = max(self._owed - 1, 0)
+        return frame
+
+    def frame(self) -> Frame:
+        """Ask for a frame and return it; frames still owed from before are passed over."""
+        self.request()
+        while self._owed > 1:
+            self.receive()
+        return self.receive()
+
+    def frames(self) -> Iterator[Frame]:
+        """Iterate over frames for ever, one request ahead, so that server and client both work.
+
+        A frame is therefore as old as the use that is made of the one before it.
+        """
+        if not self._owed:
+            self.request()
+        while True:
+            self.request()
+            yield self.receive()
+
+    def _read(self) -> list[WireFrame]:
+        try:
+            data = self._socket.recv(_READ_BYTES)
+        except TimeoutError as error:
+            raise ConnectionLostError(
+                f"{self._peer} is connected but sent no frame: is this the image port, was a frame "
+                "asked for, and does the server have a robot with a camera?"
+            ) from error
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        if not data:
+            raise self._lost("it closed the connection")
+        self._received_s = self._clock()
+        return self._reader.receive(data)
+
+    def _lost(self, reason: str) -> ConnectionLostError:
+        return ConnectionLostError(
+            f"lost the image server at {self._peer}: {reason}. Its log tells why; connect again"
+        )
+
+
+def rgb_from_wire(frame: WireFrame) -> Pixels:
+    """Return the (h, w, 3) uint8 RGB picture of a frame, read-only; (0, 0, 3) if it is empty.
+
+    Raises RemoteProtocolError if the payload is no picture, or a larger one than we accept.
+    """
+    if not frame.payload:
+        rgb: Pixels = np.zeros((0, 0, 3), np.uint8)
+    elif frame.image_type is ImageType.RAW:
+        rgb = _rgb_from_raw(frame.payload)
+    else:
+        rgb = _rgb_from_jpeg(frame.payload)
+    rgb.setflags(write=False)
+    return rgb
+
+
+def _rgb_from_raw(payload: bytes) -> Pixels:
+    width, height, pitch = raw_size(payload)
+    rows = np.frombuffer(payload, np.uint8, offset=_RAW_HEADER_BYTES).reshape(height, pitch)
+    bgr = rows[:, : 3 * width].reshape(height, width, 3)
+    return np.ascontiguousarray(bgr[..., ::-1])
+
+
+def _rgb_from_jpeg(payload: bytes) -> Pixels:
+    jpeg_size(payload)  # refuses a picture too large to decode before memory is taken for it
+    try:
+        rgb = cv2.imdecode(np.frombuffer(payload, np.uint8), _JPEG_FLAGS)
+    except cv2.error as error:
+        raise RemoteProtocolError(f"JPEG frame that cannot be decoded: {error}") from error
+    if rgb is None:
+        raise RemoteProtocolError(f"JPEG frame of {len(payload)} bytes that cannot be decoded")
+    return np.asarray(rgb, np.uint8)
+
+
+def _connected(host: str, port: int, timeout_s: float) -> socket.socket:
+    try:
+        connection = socket.create_connection((host, port), timeout=timeout_s)
+    except OSError as error:
+        raise ConnectionLostError(
+            f"no image server at {host}:{port} ({error}): start catoptra-server, and check "
+            "--host and --image-port"
+        ) from error
+    # A request has two bytes: it must not wait for the acknowledgement of the last one.
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection
+
+
+def _address(connection: socket.socket) -> str:
+    host, port = connection.getpeername()[:2]
+    return f"{host}:{port}"
