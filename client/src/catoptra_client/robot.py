@@ -235,6 +235,17 @@ class Robot:
 
     def _read(self, deadline_s: float, what: str) -> list[Report]:
         """Return what the next bytes say, having noted it as the newest of its kind."""
+        # Without bytes: what the last ones held behind a malformed report, if there was one.
+        reports = self._protocol.receive(b"") or self._protocol.receive(
+            self._bytes(deadline_s, what)
+        )
+        for report in reports:
+            _LOG.debug("from %s: %s", self._peer, report)
+            self._latest[type(report)] = report
+        return reports
+
+    def _bytes(self, deadline_s: float, what: str) -> bytes:
+        """Return some bytes of the server; an error tells what was waited for."""
         try:
             data = self._bytes_before(deadline_s)
         except TimeoutError as error:
@@ -243,11 +254,7 @@ class Robot:
             raise self._lost(str(error)) from error
         if not data:
             raise self._lost("it closed the connection")
-        reports = self._protocol.receive(data)
-        for report in reports:
-            _LOG.debug("from %s: %s", self._peer, report)
-            self._latest[type(report)] = report
-        return reports
+        return data
 
     def _bytes_before(self, deadline_s: float) -> bytes:
         left_s = deadline_s - self._clock()

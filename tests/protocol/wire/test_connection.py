@@ -90,9 +90,14 @@ def test_server_when_sent_stray_text_ignores_it() -> None:
     ]
 
 
-def test_client_when_a_known_report_is_malformed_raises() -> None:
+def test_client_when_a_report_is_malformed_raises_after_those_before_it_and_goes_on() -> None:
+    client, odometry = ControlClient(), OdometryReading("O", 1.0, 2.0, 3.0)
+    sound = b"SEN {Type Odometry} {Name O} {Pose 1,2,3}\r\n"
+    malformed = b"STA {Type GroundVehicle} {Time 1}\r\n"
+    assert client.receive(sound + malformed + sound) == [odometry]
     with pytest.raises(RemoteProtocolError, match="Battery"):
-        ControlClient().receive(b"STA {Type GroundVehicle} {Time 1}\r\n")
+        client.receive(b"")
+    assert client.receive(b"") == [odometry]
 
 
 PIECES = st.sampled_from(

@@ -1,11 +1,13 @@
 """Both ends of a control connection, without a socket: bytes in, events out; message in, bytes out.
 
-Neither keeps more than one unfinished line, whatever the peer sends.
+Neither keeps more than one unfinished line and what the last bytes said, whatever the peer sends.
 """
 
 from __future__ import annotations
 
-from catoptra_protocol.errors import LocalProtocolError
+from collections import deque
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire.commands import Command, command_from_message, line_from_command
 from catoptra_protocol.wire.grammar import LineReader, parse_message
 from catoptra_protocol.wire.reports import (
@@ -65,6 +67,7 @@ class ControlClient:
 
     def __init__(self) -> None:
         self._reader = LineReader()
+        self._lines: deque[str] = deque()
 
     def send(self, command: Command) -> bytes:
         """Return the bytes of a command. Raises LocalProtocolError for text that would break it."""
@@ -73,7 +76,20 @@ class ControlClient:
     def receive(self, data: bytes) -> list[Report]:
         """Return the reports that we know, in order; others are skipped.
 
-        Raises RemoteProtocolError for a malformed one; the connection is not to be used after it.
+        Raises RemoteProtocolError for a malformed one, but first returns those before it: the next
+        call, even with no bytes, raises, and the one after it goes on behind the malformed line.
         """
-        reports = (report_from_message(parse_message(x)) for x in self._reader.receive(data))
-        return [report for report in reports if report is not None]
+        self._lines.extend(self._reader.receive(data))
+        reports: list[Report] = []
+        while self._lines:
+            try:
+                report = report_from_message(parse_message(self._lines[0]))
+            except RemoteProtocolError:
+                if reports:
+                    break
+                self._lines.popleft()
+                raise
+            self._lines.popleft()
+            if report is not None:
+                reports.append(report)
+        return reports
