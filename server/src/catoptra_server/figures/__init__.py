@@ -1,0 +1,1 @@
+"""Pictures of the camera itself, without a socket: faces, cube, rings, mirrors, comparisons."""

@@ -1,0 +1,67 @@
+"""A robot that is alive: where it is, how its wheels spin, and what stops it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import DriveBase
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.skid_steer import Rolled, WheelSpin, moved, rolled, slipped
+from catoptra_server.scene.obstacles import Obstacles, rectangle_touches
+
+# Halvings of a tick's motion up to the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
+_HALVINGS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A base at a place with spinning wheels. `tick` counts its moves and keys its random slip."""
+
+    base: DriveBase
+    pose: PlanarPose
+    spin: WheelSpin
+    tick: int = 0
+
+
+def driven(
+    body: Body, duration_s: float, *, obstacles: Obstacles, stream: RandomStream
+) -> tuple[Body, Rolled]:
+    """Return the body after a short time, and what its wheels rolled.
+
+    At an obstacle the base stops as close as it gets; its wheels roll on, as encoders would tell.
+    """
+    way = rolled(body.base, body.spin, duration_s)
+    real = slipped(body.base, way, stream.at(body.tick)) if way != Rolled(0.0, 0.0) else way
+    pose = _until_contact(body, real, obstacles)
+    return Body(body.base, pose, body.spin, body.tick + 1), way
+
+
+def _until_contact(body: Body, way: Rolled, obstacles: Obstacles) -> PlanarPose:
+    """Return where the base ends: the whole way if it is free, else the free part of it.
+
+    A base that already touches something (spawned there, or pushed by rounding) moves freely, so
+    that it can get away.
+    """
+    turn = way.turn_rad(body.base)
+    goal = moved(body.pose, way.distance_m, turn)
+    if not _touches(body.base, goal, obstacles) or _touches(body.base, body.pose, obstacles):
+        return goal
+    free, blocked = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (free + blocked)
+        if _touches(body.base, moved(body.pose, middle * way.distance_m, middle * turn), obstacles):
+            blocked = middle
+        else:
+            free = middle
+    return moved(body.pose, free * way.distance_m, free * turn)
+
+
+def _touches(base: DriveBase, pose: PlanarPose, obstacles: Obstacles) -> bool:
+    length, width, _ = base.dimensions_m
+    centre = np.array([pose.x_m, pose.y_m])
+    return rectangle_touches(
+        obstacles, centre, pose.yaw_rad, half_size_m=(0.5 * length, 0.5 * width)
+    )

@@ -1,0 +1,60 @@
+"""Wheel odometry: the pose since the robot was spawned, as its encoders would have it."""
+
+from __future__ import annotations
+
+import math
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.reports import Configuration, GeometryItem, OdometryReading
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import DriveBase, OdometryDescription
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.skid_steer import Rolled, moved
+
+
+class OdometrySensor:
+    """Integrate what the wheels rolled, with the deviations that the description states."""
+
+    type = "Odometry"
+
+    def __init__(
+        self, description: OdometryDescription, base: DriveBase, stream: RandomStream
+    ) -> None:
+        self.name = description.name
+        self.interval_s = description.interval_s
+        self._is = description
+        self._base = base
+        self._stream = stream
+        self._pose = PlanarPose(0.0, 0.0, 0.0)
+
+    def follow(self, way: Rolled, tick: int) -> None:
+        """Move the believed pose. Noise has a variance in proportion to the way and to the turn."""
+        if way == Rolled(0.0, 0.0):
+            return
+        of_distance, of_turn, of_heading = self._stream.at(tick).standard_normal(3)
+        distance, turn = way.distance_m, way.turn_rad(self._base)
+        root_distance = math.sqrt(abs(distance))
+        believed_distance = self._is.distance_scale * distance
+        believed_distance += self._is.distance_noise_m * root_distance * float(of_distance)
+        believed_turn = self._is.turn_scale * turn + self._is.drift_rad_per_m * abs(distance)
+        believed_turn += self._is.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
+        believed_turn += self._is.heading_noise_rad * root_distance * float(of_heading)
+        self._pose = moved(self._pose, believed_distance, believed_turn)
+
+    def reading(self, time_s: float, world_from_robot: Pose) -> OdometryReading:
+        """Return the believed pose."""
+        return OdometryReading(self.name, self._pose.x_m, self._pose.y_m, self._pose.yaw_rad)
+
+    def configuration(self) -> Configuration:
+        """Return its period; there is no encoder tick: the way is continuous."""
+        pairs = (
+            ("Name", self.name),
+            ("ScanInterval", fixed(self.interval_s)),
+            ("EncoderResolution", fixed(0.0)),
+        )
+        return Configuration(self.type, pairs)
+
+    def geometry(self) -> GeometryItem:
+        """Return the chassis: that is what it speaks of."""
+        return GeometryItem(self.name, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "HARD")

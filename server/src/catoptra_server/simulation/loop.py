@@ -1,0 +1,183 @@
+"""The simulation: one thread that owns the clock, the robots and the renderer.
+
+Others talk to it by posting requests; it answers by calling `Client` methods and by putting frames.
+A camera that nobody asked is not drawn. Time runs in ticks of fixed length: with the wall clock
+(realtime), or only when a client asks for a step (lockstep), and then the same seed and commands
+give the same bytes.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import time
+from collections.abc import Callable
+from enum import Enum
+
+from catoptra_protocol.wire.commands import Step
+from catoptra_protocol.wire.reports import Report, Result
+from catoptra_server.encode import Frame
+from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.requests import (
+    Asked,
+    Client,
+    FrameWanted,
+    Left,
+    Request,
+    Stop,
+)
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.02
+# A server that falls behind by more than this (a suspended laptop) goes on from now instead of
+# catching up tick by tick.
+_LARGEST_LAG_S = 0.5
+# One STEP advances at most this far: a client cannot occupy the simulation for longer.
+LONGEST_STEP_S = 60.0
+
+
+class Clock(Enum):
+    """How simulation time passes."""
+
+    REALTIME = "realtime"
+    LOCKSTEP = "lockstep"
+
+
+class Simulation:
+    """The loop of the simulation thread; only `post` may be called by others."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        *,
+        clock: Clock,
+        put_frame: Callable[[Frame], None],
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._fleet = fleet
+        self._clock = clock
+        self._put_frame = put_frame
+        self._monotonic = monotonic
+        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._time_s = 0.0
+        self._started_s = 0.0
+        self._frame_wanted = False
+        self._sequence = 0
+        self._last_exposure_s = -math.inf
+
+    def post(self, request: Request) -> None:
+        """Hand over a request; from any thread."""
+        self._requests.put(request)
+
+    def run(self) -> None:
+        """Serve requests and let time pass, until Stop."""
+        self._started_s = self._monotonic()
+        while True:
+            for request in self._next_requests():
+                if isinstance(request, Stop):
+                    return
+                self._serve(request)
+            if self._clock is Clock.REALTIME:
+                self._catch_up()
+            if self._frame_wanted and self._camera_is_due():
+                self._expose()
+
+    # ---- requests
+    # -----------------------------------------------------------------------------------
+
+    def _next_requests(self) -> list[Request]:
+        """Return all requests that wait; block until the next tick if there is none."""
+        try:
+            requests = [self._requests.get(timeout=self._idle_s())]
+        except queue.Empty:
+            return []
+        while not self._requests.empty():
+            requests.append(self._requests.get())
+        return requests
+
+    def _idle_s(self) -> float | None:
+        if self._clock is Clock.LOCKSTEP:
+            return None if not self._frame_wanted else 0.0
+        until_tick = self._started_s + self._time_s + TICK_S - self._monotonic()
+        due_now = self._frame_wanted and self._camera_is_due()
+        return 0.0 if due_now else max(0.0, until_tick)
+
+    def _serve(self, request: Request) -> None:
+        match request:
+            case Asked(client, Step(time_s)):
+                client.deliver(self._step(client, time_s))
+            case Asked(client, command):
+                self._fleet.obey(client, command, self._time_s)
+            case Left(client):
+                self._fleet.remove(client)
+            case FrameWanted():
+                self._frame_wanted = True
+
+    def _step(self, client: Client, time_s: float) -> list[Report]:
+        """Advance a lockstep clock; the answer ends with the client's sensors and RES."""
+        possible = self._clock is Clock.LOCKSTEP and 0.0 <= time_s <= LONGEST_STEP_S
+        if possible:
+            self._advance(time_s)
+        status = "OK" if possible else "Failed"
+        robot = self._fleet.robot_of(client)
+        readings = robot.all_readings(self._time_s) if robot and possible else []
+        return [*readings, Result(self._time_s, "Step", "Clock", status)]
+
+    # ---- time
+    # ---------------------------------------------------------------------------------------
+
+    def _catch_up(self) -> None:
+        """Advance to the wall clock by whole ticks."""
+        behind = self._monotonic() - self._started_s - self._time_s
+        if behind > _LARGEST_LAG_S:
+            log.warning("the simulation is %.1f s behind: it goes on from now", behind)
+            self._started_s += behind - TICK_S
+            behind = TICK_S
+        for _ in range(int(behind / TICK_S)):
+            self._tick(TICK_S)
+
+    def _advance(self, duration_s: float) -> None:
+        """Advance by ticks and a last shorter one."""
+        whole = int(duration_s / TICK_S + 1e-9)
+        for _ in range(whole):
+            self._tick(TICK_S)
+        rest = duration_s - whole * TICK_S
+        if rest > 1e-9:
+            self._tick(rest)
+
+    def _tick(self, duration_s: float) -> None:
+        self._time_s += duration_s
+        self._fleet.move(duration_s, self._time_s)
+        self._fleet.report_due(self._time_s)
+
+    # ---- frames
+    # -------------------------------------------------------------------------------------
+
+    def _camera_is_due(self) -> bool:
+        interval = self._fleet.frame_interval_s
+        return (
+            self._clock is Clock.LOCKSTEP or self._time_s >= self._last_exposure_s + interval - 1e-9
+        )
+
+    def _expose(self) -> None:
+        """Draw the watched camera and put the frame."""
+        self._frame_wanted = False
+        self._last_exposure_s = self._time_s
+        self._sequence += 1
+        begin = self._monotonic()
+        image, name, pose = self._fleet.picture()
+        end = self._monotonic()
+        self._put_frame(
+            Frame(
+                sequence=self._sequence,
+                camera=name,
+                time_s=self._time_s,
+                world_from_robot=pose,
+                rgb=image.rgb,
+                stage_ms=image.stage_ms,
+                drawn_s=end - begin,
+                finished_s=end,
+            )
+        )

@@ -1,0 +1,48 @@
+"""What may be asked of the simulation from any thread, and how it sees a control connection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from catoptra_protocol.wire.commands import Command
+from catoptra_protocol.wire.reports import Report
+
+
+class Client(Protocol):
+    """One control connection as the simulation sees it. Both methods return at once."""
+
+    def deliver(self, reports: Sequence[Report]) -> None:
+        """Send reports, in order and together."""
+
+    def refuse_init(self) -> None:
+        """Take note that INIT named no known class or start: there is no robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A client sent a command."""
+
+    client: Client
+    command: Command
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A client is gone, and with it its robot."""
+
+    client: Client
+
+
+@dataclass(frozen=True, slots=True)
+class FrameWanted:
+    """Somebody waits for a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """End the simulation."""
+
+
+Request = Asked | Left | FrameWanted | Stop
