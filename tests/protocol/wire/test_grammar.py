@@ -81,6 +81,9 @@ PARSED = [
     # A block that is not closed, or closed twice, says nothing more than its sound neighbours.
     ("DRIVE {Left 1.0} {Right 2", Message("DRIVE", (("Left", "1.0"),))),
     ("DRIVE {Left {Right 2}} stray", Message("DRIVE", (("Right", "2"),))),
+    # The word ends at a space, as in GameBots, or at a brace, as in UDK.
+    ("DRIVE }{Left 3}", Message("DRIVE", (("Left", "3"),))),
+    ("DRIVE now {Left 3}", Message("DRIVE", (("Left", "3"),))),
     ("", Message("")),
     ("   ", Message("")),
     ("{A b}", Message("", (("A", "b"),))),

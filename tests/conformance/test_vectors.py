@@ -1,0 +1,127 @@
+"""Play the vectors of `data/` to our own code: whole, byte by byte, cut anywhere, with a tail."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from catoptra_protocol.wire.commands import Command, command_from_message
+from catoptra_protocol.wire.connection import ControlClient, ControlServer
+from catoptra_protocol.wire.grammar import LineReader, parse_message
+from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, frame_header
+from catoptra_protocol.wire.reports import Greeting, line_from_report
+
+DATA = Path(__file__).parent / "data"
+
+Receive = Callable[[bytes], list[Any]]  # any event: what comes out is compared as JSON
+
+
+@dataclass(frozen=True)
+class Vector:
+    """One pair of files."""
+
+    channel: str
+    name: str
+    data: bytes
+    meaning: list[Any]
+    written: bool
+    complete: bool
+
+    def __str__(self) -> str:
+        return f"{self.channel}/{self.name}"
+
+
+def read_vector(path: Path) -> Vector:
+    """Return the vector whose JSON file this is."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert set(document) <= {"why", "meaning", "written", "complete"}
+    return Vector(
+        channel=path.parent.name,
+        name=path.stem,
+        data=path.with_suffix(".bytes").read_bytes(),
+        meaning=document["meaning"],
+        written=document.get("written", False),
+        complete=document.get("complete", True),
+    )
+
+
+VECTORS = [read_vector(path) for path in sorted(DATA.glob("*/*.json"))]
+
+
+def commands() -> Receive:
+    """Return a reader of commands that knows no states."""
+    reader = LineReader()
+
+    def receive(data: bytes) -> list[Command]:
+        found = (command_from_message(parse_message(line)) for line in reader.receive(data))
+        return [command for command in found if command is not None]
+
+    return receive
+
+
+def session() -> Receive:
+    """Return a server's end that has greeted."""
+    server = ControlServer()
+    server.send(Greeting("BotDeathMatch", "field"))
+    return server.receive
+
+
+# How to receive on each channel, and bytes that begin something without ending it.
+CHANNELS: dict[str, tuple[Callable[[], Receive], bytes]] = {
+    "commands": (commands, b"DRIVE {Left 9} {Ri"),
+    "sessions": (session, b"DRIVE {Left 9} {Ri"),
+    "reports": (lambda: ControlClient().receive, b"SEN {Type Odometry} {Na"),
+    "image_requests": (lambda: ImageRequestReader().receive, b"UOKOKOKOK"),
+    "image_frames": (lambda: ImageFrameReader().receive, frame_header(2, 9)),  # type: ignore[arg-type] # the number of the tag
+}
+
+
+def meaning_of(vector: Vector, *chunks: bytes) -> list[Any]:
+    """Return as JSON what the chunks mean on the vector's channel."""
+    receive = CHANNELS[vector.channel][0]()
+    events = [{type(e).__name__: asdict(e)} for chunk in chunks for e in receive(chunk)]
+    return list(json.loads(json.dumps(events, default=bytes.hex)))
+
+
+each = pytest.mark.parametrize("vector", VECTORS, ids=str)
+
+
+def test_data_when_listed_holds_pairs_for_every_channel() -> None:
+    assert {vector.channel for vector in VECTORS} == set(CHANNELS)
+    pairs = {path.with_suffix("") for path in DATA.glob("*/*.json")}
+    assert {path.with_suffix("") for path in DATA.glob("*/*.*")} == pairs
+
+
+@each
+def test_vector_when_played_whole_means_what_its_json_says(vector: Vector) -> None:
+    assert meaning_of(vector, vector.data) == vector.meaning
+
+
+@each
+def test_vector_when_played_byte_by_byte_means_the_same(vector: Vector) -> None:
+    single = [vector.data[i : i + 1] for i in range(len(vector.data))]
+    assert meaning_of(vector, *single) == vector.meaning
+
+
+@each
+def test_vector_when_cut_anywhere_means_the_same(vector: Vector) -> None:
+    cuts = range(0, len(vector.data), max(1, len(vector.data) // 400))
+    for cut in cuts:
+        assert meaning_of(vector, vector.data[:cut], vector.data[cut:]) == vector.meaning
+
+
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.complete], ids=str)
+def test_vector_when_a_tail_follows_means_the_same(vector: Vector) -> None:
+    tail = CHANNELS[vector.channel][1]
+    assert meaning_of(vector, vector.data + tail) == vector.meaning
+
+
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.written], ids=str)
+def test_vector_when_written_by_us_is_the_same_bytes(vector: Vector) -> None:
+    reports = ControlClient().receive(vector.data)
+    assert b"".join(map(line_from_report, reports)) == vector.data
