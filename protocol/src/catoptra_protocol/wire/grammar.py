@@ -46,9 +46,9 @@ class Message:
 def parse_message(line: str) -> Message:
     """Return the message of a line. Total: any text means something, if only an unknown word.
 
-    The word ends at the first space (GameBots) or brace (UDK). A block is `{...}` without braces inside: a block that is never closed says nothing, so that
-    half a number is never obeyed. `{Text}` has an empty name and the value `Text`, as in
-    UnrealScript; `{}` is nothing.
+    The word ends at the first space (GameBots) or brace (UDK). A block is `{...}` without braces
+    inside: one that is never closed says nothing, so that half a number is never obeyed. `{Text}`
+    has an empty name and the value `Text`, as in UnrealScript; `{}` is nothing.
     """
     word = line.partition("{")[0].strip(" ").partition(" ")[0].upper()
     blocks = (block.strip(" ") for block in _BLOCK.findall(line))
