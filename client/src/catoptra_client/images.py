@@ -127,7 +127,8 @@ class ImageStream:
     def frames(self) -> Iterator[Frame]:
         """Iterate over frames for ever, one request ahead, so that server and client both work.
 
-        A frame is therefore as old as the use that is made of the one before it.
+        A frame is therefore as old as the use that is made of the one before it; with a lockstep
+        server take `frame`, which asks after the step.
         """
         if not self._owed:
             self.request()

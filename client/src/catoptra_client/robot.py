@@ -159,7 +159,7 @@ class Robot:
         if isinstance(result, Result) and result.status != "OK":
             raise CatoptraError(
                 f"{self._peer} did not step by {time_s:g} s (status {result.status}): "
-                "run the server with --clock lockstep, and step by more than 0 s"
+                "run the server with --clock lockstep, and step by at most a minute"
             )
         return reports
 

@@ -112,21 +112,6 @@ def test_request_reader_when_written_to_by_our_client_finds_a_whole_frame() -> N
     assert ImageRequestReader().receive(image_request()) == [WHOLE]
 
 
-CLAMPED = [
-    (SubFrame(0, 0, 640, 480), SubFrame(0, 0, 640, 480)),
-    (SubFrame(600, 400, 100, 100), SubFrame(600, 400, 40, 80)),
-    (SubFrame(640, 0, 10, 10), SubFrame(640, 0, 0, 10)),
-    (SubFrame(9999, 9999, 10, 10), SubFrame(640, 480, 0, 0)),
-    (SubFrame(5, 5, 0, 7), SubFrame(5, 5, 0, 7)),
-    (SubFrame(*[0xFFFFFFFF] * 4), SubFrame(640, 480, 0, 0)),
-]
-
-
-@pytest.mark.parametrize(("asked", "inside"), CLAMPED)
-def test_sub_frame_when_it_leaves_the_picture_is_clamped(asked: SubFrame, inside: SubFrame) -> None:
-    assert asked.clamped(640, 480) == inside
-
-
 def test_frame_header_when_packed_is_type_and_big_endian_length() -> None:
     assert frame_header(ImageType.GOOD, 0x01020304) == b"\x02\x01\x02\x03\x04"
 

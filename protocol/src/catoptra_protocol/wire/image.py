@@ -59,17 +59,15 @@ class WholeFrame:
 
 @dataclass(frozen=True, slots=True)
 class SubFrame:
-    """A request for a rectangle of the picture, in pixels: `U` and 16 bytes."""
+    """A request for a rectangle of the picture, in pixels: `U` and 16 bytes.
+
+    Nothing says that it lies inside the picture: SPEC.md 7.3.
+    """
 
     x: int
     y: int
     width: int
     height: int
-
-    def clamped(self, width_px: int, height_px: int) -> SubFrame:
-        """Return the part inside a picture of this size; width or height is 0 if there is none."""
-        x, y = min(self.x, width_px), min(self.y, height_px)
-        return SubFrame(x, y, min(self.width, width_px - x), min(self.height, height_px - y))
 
 
 ImageRequest = WholeFrame | SubFrame
@@ -82,7 +80,8 @@ class ImageRequestReader:
 
     `OK` asks for the whole picture; `U` and 16 bytes for a rectangle; `O` and any other byte are
     both swallowed; every other byte is nothing. At most 16 bytes are kept. Each request is owed one
-    frame: see `limits.MAX_PENDING_IMAGE_REQUESTS`.
+    frame; whoever serves them reads no further until they are answered, so that TCP holds back the
+    rest: no request is lost and no queue grows.
     """
 
     def __init__(self) -> None:

@@ -13,10 +13,6 @@ MAX_SERVER_LINE_BYTES = 4095
 # keeps tokens of 1024 bytes.
 MAX_NAME_CHARS = 256
 
-# Requests are answered one by one. Whoever serves them stops reading from a client that has this
-# many unanswered; TCP then holds back the rest, so that none is lost and no memory grows.
-MAX_PENDING_IMAGE_REQUESTS = 256
-
 # What a client accepts: a RAW picture of 4096 x 4096 px, with its header, fits.
 MAX_IMAGE_PAYLOAD_BYTES = 64 * 1024 * 1024
 
