@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -29,6 +30,9 @@ from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
 
 Bytes = npt.NDArray[np.uint8]
+
+# One number or an array of them: the cylinder's rulers serve both.
+N = TypeVar("N", float, Floats)
 
 # cv2.remap addresses source and target with 16-bit signed integers.
 _LARGEST_SIDE_PX = 32767
@@ -67,7 +71,7 @@ class CylinderGeometry:
         """Return the height of a row."""
         return (self.bottom_slope - self.top_slope) / self.rows
 
-    def azimuth_from_column(self, column: Floats) -> Floats:
+    def azimuth_from_column(self, column: N) -> N:
         """Return azimuths of (...) columns, not wrapped: it grows along the picture."""
         return self.seam_azimuth_rad + self.azimuth_per_column_rad * column
 
@@ -77,11 +81,11 @@ class CylinderGeometry:
         # mod of a tiny negative number rounds up to the whole turn, which is column 0 again.
         return np.where(turned < self.columns, turned, 0.0)
 
-    def slope_from_row(self, row: Floats) -> Floats:
+    def slope_from_row(self, row: N) -> N:
         """Return slopes of (...) rows."""
         return self.top_slope + self.slope_per_row * row
 
-    def row_from_slope(self, slope: Floats) -> Floats:
+    def row_from_slope(self, slope: N) -> N:
         """Return (...) rows of slopes; those above or below the picture lie outside its rows."""
         return (slope - self.top_slope) / self.slope_per_row
 

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from catoptra_client.landmarks import Detection
 from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_client.localization.measurement import (
     BearingOnly,
     RangeBearing,
     expect,
     is_finite,
+    measurement_from_detection,
     residual,
 )
 from catoptra_protocol.errors import DomainError
@@ -106,6 +108,14 @@ def test_bearing_alone_keeps_one_row() -> None:
 )
 def test_measurement_with_a_number_not_finite_is_known(measurement) -> None:
     assert not is_finite(measurement)
+
+
+@pytest.mark.parametrize(("has_range", "kind"), [(True, RangeBearing), (False, BearingOnly)])
+def test_detection_becomes_what_it_has(has_range: bool, kind: type) -> None:
+    seen = Detection("l", "beacon", 2.0, 0.5, np.diag([0.04, 0.01]), 20, has_range)
+    measurement = measurement_from_detection(seen)
+    assert isinstance(measurement, kind)
+    assert measurement.bearing_rad == 0.5
 
 
 def test_covariance_of_another_shape_is_refused() -> None:

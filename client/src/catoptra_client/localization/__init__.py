@@ -14,7 +14,12 @@ from catoptra_client.localization.landmark_map import (
     landmark_map,
     position_of,
 )
-from catoptra_client.localization.measurement import BearingOnly, Measurement, RangeBearing
+from catoptra_client.localization.measurement import (
+    BearingOnly,
+    Measurement,
+    RangeBearing,
+    measurement_from_detection,
+)
 from catoptra_client.localization.monitor import FilterHealth, Recovery, observe, recovered
 from catoptra_client.localization.motion import Control, MotionNoise
 from catoptra_client.localization.odometry import OdometryPose, control_from_odometry
@@ -39,6 +44,7 @@ __all__ = [
     "control_from_odometry",
     "landmark_map",
     "mean_interval",
+    "measurement_from_detection",
     "nees",
     "observe",
     "position_of",

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from catoptra_client.landmarks.detection import Detection
 from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
@@ -41,6 +42,13 @@ class BearingOnly:
 
 
 Measurement = RangeBearing | BearingOnly
+
+
+def measurement_from_detection(detection: Detection) -> Measurement:
+    """Return what a detection tells the filter; without a range, its bearing alone."""
+    if detection.has_range:
+        return RangeBearing(detection.range_m, detection.bearing_rad, detection.covariance)
+    return BearingOnly(detection.bearing_rad, float(detection.covariance[1, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,64 @@
+"""Landmarks: colour histograms, the classifiers of Eq. 3, and the detector that builds on them.
+
+Train once: `label_frame`, `train`, `save_classifier`. Then `make_detector` and `detect` each frame.
+Source: Schmits & Visser 2009, section 3.2.
+"""
+
+from catoptra_client.landmarks.blobs import Blob, blobs_from_labels
+from catoptra_client.landmarks.classifier import (
+    COLOUR_CODES,
+    DEFAULT_THETA,
+    NO_COLOUR,
+    ColourClassifier,
+    classifier_from_histograms,
+    label_image,
+    label_pixels,
+)
+from catoptra_client.landmarks.detection import Detection
+from catoptra_client.landmarks.detector import (
+    DEFAULT_CYLINDER,
+    Detector,
+    View,
+    detect,
+    look,
+    make_detector,
+)
+from catoptra_client.landmarks.histogram import Histogram, histogram_from_pixels, merged, spread
+from catoptra_client.landmarks.labelling import IGNORED, Margins, label_frame
+from catoptra_client.landmarks.storage import load_classifier, save_classifier
+from catoptra_client.landmarks.training import TrainingHistograms, counted, no_training, train
+from catoptra_client.landmarks.viewpoint import Viewpoint, world_from_mirror
+
+__all__ = [
+    "COLOUR_CODES",
+    "DEFAULT_CYLINDER",
+    "DEFAULT_THETA",
+    "IGNORED",
+    "NO_COLOUR",
+    "Blob",
+    "ColourClassifier",
+    "Detection",
+    "Detector",
+    "Histogram",
+    "Margins",
+    "TrainingHistograms",
+    "View",
+    "Viewpoint",
+    "blobs_from_labels",
+    "classifier_from_histograms",
+    "counted",
+    "detect",
+    "histogram_from_pixels",
+    "label_frame",
+    "label_image",
+    "label_pixels",
+    "load_classifier",
+    "look",
+    "make_detector",
+    "merged",
+    "no_training",
+    "save_classifier",
+    "spread",
+    "train",
+    "world_from_mirror",
+]

@@ -1,0 +1,99 @@
+"""Beacons: two blobs stacked in a beacon's two colours, whose sizes and heights fit one range.
+
+Range: rows are linear in y = (H - z) / r, so the lower band's centroid, at the height of its
+middle, gives r without bias. The lower band, because it lies farther from the horizon than the
+upper one, and because the lid, in the upper colour, is seen from above and would pull the upper
+centroid up. What is seen is the front of the cylinder: over its width it is nearer than the axis by
+radius * sqrt(1 - s^2), on average radius * pi / 4, which is added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks.detection import Sighting, azimuth_sigma, range_sigma
+from catoptra_client.landmarks.sightings import Candidate, Eye
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.numerics import wrap_angle
+
+# Sigma of a band's centroid, in pixels of the frame. Against exact frames the range errors have an
+# rms of 0.4 (to 2 m) to 0.6 (at 3 m) of this; the rest is left to lights that differ from those of
+# the training. Measured in tests/client/landmarks/test_detector.py.
+CENTROID_SIGMA_PX = 0.2
+# A range whose relative sigma exceeds this is none: the mean of 1 / y is then biased by sigma^2, 4
+# %, and soon has no meaning at all (optics.md 4).
+LARGEST_RELATIVE_SIGMA = 0.2
+# Which part of the front the labels cover is known to about a tenth of the radius.
+FRONT_SIGMA = 0.1
+# What is measured of a size may be smaller or larger than the range says by this ratio, and by as
+# many rows or columns: of mixed pixels one at each border.
+SIZE_RATIO, EDGE_SLACK = 2.0, 2.0
+
+
+def beacon_candidates(eye: Eye, landmark: Landmark, blobs: Sequence[Blob]) -> list[Candidate]:
+    """Return the pairs of blobs that this beacon would look like."""
+    uppers = [blob for blob in blobs if blob.colour == landmark.upper_colour]
+    found = []
+    for lower in blobs:
+        if lower.colour != landmark.lower_colour:
+            continue
+        front_m, below_or_above = _front_range(eye, landmark, lower)
+        if below_or_above and _is_band(eye, landmark, lower, front_m):
+            matches = [b for b in uppers if _is_stacked(eye, landmark, lower, b, front_m)]
+            found += [_candidate(eye, landmark, lower, upper, front_m) for upper in matches]
+    return found
+
+
+def _front_range(eye: Eye, landmark: Landmark, lower: Blob) -> tuple[float, bool]:
+    """Return the range of the lower band's front; invalid at the horizon or on its wrong side."""
+    drop_m = eye.drop_m(landmark, 0.25)
+    slope = eye.cylinder.slope_from_row(lower.row)
+    if slope * drop_m <= 0.0:
+        return 0.0, False
+    return drop_m / slope, True
+
+
+def _is_band(eye: Eye, landmark: Landmark, blob: Blob, front_m: float) -> bool:
+    """Return whether a blob has the size of one band at this range."""
+    half_band_m = 0.5 * (landmark.band_top_m - landmark.band_bottom_m)
+    rows = half_band_m / front_m / eye.cylinder.slope_per_row
+    radius_m = 0.5 * landmark.width_m
+    width_rad = 2.0 * math.asin(radius_m / (front_m + radius_m))
+    columns = width_rad / eye.cylinder.azimuth_per_column_rad
+    return _fits(blob.height, rows) and _fits(blob.width, columns)
+
+
+def _fits(measured: float, expected: float) -> bool:
+    low, high = expected / SIZE_RATIO - EDGE_SLACK, expected * SIZE_RATIO + EDGE_SLACK
+    return low <= measured <= high
+
+
+def _is_stacked(eye: Eye, landmark: Landmark, lower: Blob, upper: Blob, front_m: float) -> bool:
+    """Return whether `upper` stands on `lower` as the upper band does at this range."""
+    if upper.row >= lower.row or not _is_band(eye, landmark, upper, front_m):
+        return False
+    aside = abs(_turn(eye, lower, upper)) / eye.cylinder.azimuth_per_column_rad
+    expected_row = eye.cylinder.row_from_slope(eye.drop_m(landmark, 0.75) / front_m)
+    off = abs(upper.row - expected_row)
+    widest = max(lower.width, upper.width)
+    return aside <= 0.25 * widest + EDGE_SLACK and off <= 0.25 * lower.height + EDGE_SLACK
+
+
+def _turn(eye: Eye, lower: Blob, upper: Blob) -> float:
+    """Return the azimuth from the lower to the upper centroid, across the seam too."""
+    return wrap_angle(eye.azimuth(upper.column) - eye.azimuth(lower.column))
+
+
+def _candidate(eye: Eye, landmark: Landmark, lower: Blob, upper: Blob, front_m: float) -> Candidate:
+    """Return the candidate; no range if it is too unsure or the lower band is cut off."""
+    drop_m, radius_m = eye.drop_m(landmark, 0.25), 0.5 * landmark.width_m
+    place = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
+    along_m = math.hypot(range_sigma(eye.camera, **place), FRONT_SIGMA * radius_m)
+    share = upper.pixels / (upper.pixels + lower.pixels)
+    azimuth = wrap_angle(eye.azimuth(lower.column) + share * _turn(eye, lower, upper))
+    axis_m = front_m + 0.25 * math.pi * radius_m
+    sighting = Sighting(axis_m, azimuth, along_m, azimuth_sigma(eye.camera, **place))
+    sure = along_m <= LARGEST_RELATIVE_SIGMA * axis_m
+    return Candidate(landmark, (lower, upper), sighting, sure and not eye.is_cut(lower))

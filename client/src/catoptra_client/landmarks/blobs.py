@@ -1,0 +1,124 @@
+"""Connected regions of one colour in a labelled cylinder, whole across the azimuth seam."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_client.landmarks.classifier import COLOUR_CODES
+from catoptra_client.landmarks.histogram import Bytes
+
+Ints = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """A region of one colour: pixel count, centroid, and the edges of its box.
+
+    Columns and rows are continuous, pixel centres at +0.5. Across the seam the columns run on
+    beyond the picture's width: right > columns.
+    """
+
+    colour: str
+    pixels: int
+    column: float
+    row: float
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+    @property
+    def width(self) -> float:
+        """Return the box's width in columns."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> float:
+        """Return the box's height in rows."""
+        return self.bottom - self.top
+
+
+def blobs_from_labels(labels: Bytes, *, min_pixels: int) -> tuple[Blob, ...]:
+    """Return the blobs of (rows, columns) colour codes that have at least `min_pixels`."""
+    found = [
+        blob
+        for colour, code in COLOUR_CODES.items()
+        for blob in _blobs_of(colour, cv2.inRange(labels, code, code))
+    ]
+    return tuple(blob for blob in found if blob.pixels >= min_pixels)
+
+
+def _blobs_of(colour: str, mask: Bytes) -> list[Blob]:
+    count, regions, stats, centroids = cv2.connectedComponentsWithStats(
+        mask, connectivity=8, ltype=cv2.CV_32S
+    )
+    blobs: dict[int, Blob] = {}
+    for i in range(1, count):  # 0 is the background
+        left, top, width, height, pixels = stats[i].tolist()
+        column, row = (centroids[i] + 0.5).tolist()
+        blobs[i] = Blob(colour, pixels, column, row, left, left + width, top, top + height)
+    for first, last in _seam_pairs(np.asarray(regions)):
+        _join(blobs, first, last, columns=mask.shape[1])
+    return list({id(blob): blob for blob in blobs.values()}.values())
+
+
+def _seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
+    """Yield pairs of regions in the first and the last column that touch, diagonals included."""
+    first, last = regions[:, 0], regions[:, -1]
+    if not (first.any() and last.any()):
+        return
+    padded = np.pad(last, 1)
+    rows = len(first)
+    pairs = {
+        pair
+        for shift in range(3)
+        for pair in zip(first.tolist(), padded[shift : shift + rows].tolist(), strict=True)
+    }
+    yield from sorted(pair for pair in pairs if all(pair))
+
+
+def _join(blobs: dict[int, Blob], first: int, last: int, *, columns: int) -> None:
+    """Let both names stand for one blob: the last column's, continued by the first column's.
+
+    A region that already runs around the whole turn, or is joined already, stays as it is.
+    """
+    head, tail = blobs[last], blobs[first]
+    if head is tail:
+        return
+    joined = _united(head, tail if tail.right > columns else _shifted(tail, columns))
+    for name, blob in blobs.items():
+        if blob is head or blob is tail:
+            blobs[name] = joined
+
+
+def _shifted(blob: Blob, columns: int) -> Blob:
+    return Blob(
+        blob.colour,
+        blob.pixels,
+        blob.column + columns,
+        blob.row,
+        blob.left + columns,
+        blob.right + columns,
+        blob.top,
+        blob.bottom,
+    )
+
+
+def _united(one: Blob, other: Blob) -> Blob:
+    pixels = one.pixels + other.pixels
+    share = other.pixels / pixels
+    return Blob(
+        one.colour,
+        pixels,
+        one.column + share * (other.column - one.column),
+        one.row + share * (other.row - one.row),
+        min(one.left, other.left),
+        max(one.right, other.right),
+        min(one.top, other.top),
+        max(one.bottom, other.bottom),
+    )

@@ -1,0 +1,85 @@
+"""Histograms: counts that are exact, bins that are where they should be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_client.landmarks.histogram import (
+    Histogram,
+    bin_index,
+    empty_histogram,
+    histogram_from_pixels,
+    merged,
+    spread,
+)
+from catoptra_protocol.errors import DomainError
+
+
+def pixels(*rgb: tuple[int, int, int]) -> np.ndarray:
+    return np.array(rgb, dtype=np.uint8)
+
+
+def test_pixels_fall_into_their_bins() -> None:
+    counts = histogram_from_pixels(pixels((0, 8, 255), (7, 15, 248), (8, 8, 255)), 32).counts
+    assert counts[0, 1, 31] == 2
+    assert counts[1, 1, 31] == 1
+    assert counts.sum() == 3
+
+
+@pytest.mark.parametrize("bins", [2, 4, 8, 16, 32, 64])
+def test_every_byte_has_a_bin(bins: int) -> None:
+    grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    index = bin_index(grey, bins)
+    assert index.min() == 0
+    assert index.max() == bins**3 - 1
+    assert histogram_from_pixels(grey, bins).total == 256
+
+
+def test_no_pixels_count_nothing() -> None:
+    assert histogram_from_pixels(np.zeros((0, 3), np.uint8)).total == 0
+
+
+def test_merging_adds_and_does_not_depend_on_order() -> None:
+    a, b = histogram_from_pixels(pixels((1, 2, 3))), histogram_from_pixels(pixels((200, 2, 3)))
+    np.testing.assert_array_equal(merged(a, b).counts, merged(b, a).counts)
+    assert merged(a, b).total == 2
+
+
+def test_merging_other_bins_is_refused() -> None:
+    with pytest.raises(DomainError, match="32 and 16"):
+        merged(empty_histogram(32), empty_histogram(16))
+
+
+@pytest.mark.parametrize("rgb", [(100, 100, 100), (0, 0, 0), (255, 0, 128)])
+def test_spread_keeps_64_for_a_pixel_and_its_place(rgb) -> None:
+    before = histogram_from_pixels(pixels(rgb))
+    after = spread(before)
+    assert after.total == 64
+    assert after.counts[np.nonzero(before.counts)][0] == after.counts.max()
+
+
+def test_counts_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        empty_histogram().counts[0, 0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [np.zeros((4, 4)), np.zeros((4, 4, 8), int), np.zeros((4, 4, 4)), -np.ones((4, 4, 4), int)],
+)
+def test_what_counts_nothing_is_refused(counts) -> None:
+    with pytest.raises(DomainError):
+        Histogram(counts)
+
+
+@pytest.mark.parametrize("bins", [0, 1, 3, 33, 128])
+def test_bins_that_do_not_divide_a_byte_are_refused(bins: int) -> None:
+    with pytest.raises(DomainError, match="bins per channel"):
+        empty_histogram(bins)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((5, 3)), np.zeros((5, 4), np.uint8)])
+def test_pixels_that_are_not_rgb_bytes_are_refused(bad) -> None:
+    with pytest.raises(DomainError, match="RGB pixels"):
+        histogram_from_pixels(bad)

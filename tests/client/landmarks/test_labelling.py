@@ -1,0 +1,62 @@
+"""Training labels against the synthetic frames, which are cast by other code."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_client.landmarks import (
+    COLOUR_CODES,
+    IGNORED,
+    NO_COLOUR,
+    Margins,
+    Viewpoint,
+    label_frame,
+    world_from_mirror,
+)
+from client.landmarks import synthetic
+
+POSE = (0.9, 0.8, 0.4)
+
+
+def labels_at(pose=POSE, landmarks=synthetic.FIELD, **margins) -> np.ndarray:
+    return label_frame(
+        synthetic.camera(),
+        landmarks,
+        world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose)),
+        margins=Margins(**margins),
+    )
+
+
+def test_labelled_pixels_have_the_hue_of_their_colour() -> None:
+    frame, labels = synthetic.render(synthetic.FIELD, POSE), labels_at()
+    weakest = {"cyan": 0, "magenta": 1, "yellow": 2}
+    for colour, channel in weakest.items():
+        pixels = frame[labels == COLOUR_CODES[colour]].astype(int)
+        assert len(pixels) >= 5
+        # The absent primary lies far below the other two: no border pixel was mixed in.
+        assert (np.delete(pixels, channel, axis=1).min(axis=1) - pixels[:, channel] > 40).all()
+
+
+def test_neg_holds_no_landmark_hue() -> None:
+    frame, labels = synthetic.render(synthetic.FIELD, POSE).astype(int), labels_at()
+    neg = frame[labels == NO_COLOUR]
+    assert (neg[:, 0] - neg[:, 1]).max() < 30  # neither magenta nor yellow
+    assert (neg[:, 2] - neg[:, 0]).max() < 30  # nor cyan
+
+
+def test_margins_only_ignore_more() -> None:
+    close, wide = labels_at(), labels_at(erosion_px=2, clearance_px=6)
+    differs = close != wide
+    assert differs.any()
+    assert (wide[differs] == IGNORED).all()
+
+
+def test_outside_the_mirror_is_ignored() -> None:
+    labels = labels_at()
+    assert labels[0, 0] == IGNORED
+    assert labels[180, 180] == NO_COLOUR
+
+
+def test_without_landmarks_all_of_the_mirror_is_neg() -> None:
+    labels = labels_at(landmarks=())
+    assert set(np.unique(labels)) == {NO_COLOUR, IGNORED}
