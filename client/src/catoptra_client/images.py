@@ -176,7 +176,8 @@ def _rgb_from_raw(payload: bytes) -> Pixels:
     width, height, pitch = raw_size(payload)
     rows = np.frombuffer(payload, np.uint8, offset=_RAW_HEADER_BYTES).reshape(height, pitch)
     bgr = rows[:, : 3 * width].reshape(height, width, 3)
-    return np.ascontiguousarray(bgr[..., ::-1])
+    # cvtColor takes a tenth of the time of a reversed copy, but refuses a picture without pixels.
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8) if bgr.size else bgr.copy()
 
 
 def _rgb_from_jpeg(payload: bytes) -> Pixels:
