@@ -12,7 +12,6 @@ from catoptra_client.landmarks.classifier import (
     ColourClassifier,
     classifier_from_histograms,
     label_image,
-    label_pixels,
 )
 from catoptra_client.landmarks.detection import Detection
 from catoptra_client.landmarks.detector import (
@@ -51,7 +50,6 @@ __all__ = [
     "histogram_from_pixels",
     "label_frame",
     "label_image",
-    "label_pixels",
     "load_classifier",
     "look",
     "make_detector",

@@ -12,6 +12,10 @@ import numpy.typing as npt
 from catoptra_client.landmarks.classifier import COLOUR_CODES
 from catoptra_client.landmarks.histogram import Bytes
 
+# On one thread the default takes three times as long. Measured in
+# tests/cost/questions/detection_time.py.
+_ALGORITHM = cv2.CCL_GRANA
+
 Ints = npt.NDArray[np.int32]
 
 
@@ -54,8 +58,8 @@ def blobs_from_labels(labels: Bytes, *, min_pixels: int) -> tuple[Blob, ...]:
 
 
 def _blobs_of(colour: str, mask: Bytes) -> list[Blob]:
-    count, regions, stats, centroids = cv2.connectedComponentsWithStats(
-        mask, connectivity=8, ltype=cv2.CV_32S
+    count, regions, stats, centroids = cv2.connectedComponentsWithStatsWithAlgorithm(
+        mask, 8, cv2.CV_32S, _ALGORITHM
     )
     blobs: dict[int, Blob] = {}
     for i in range(1, count):  # 0 is the background

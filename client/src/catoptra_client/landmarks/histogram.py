@@ -86,15 +86,10 @@ def bin_index(pixels: Bytes, bins: int) -> npt.NDArray[np.intp]:
     """Return the (...) index into a flattened histogram of (..., 3) RGB uint8 pixels."""
     if pixels.dtype != np.uint8 or pixels.shape[-1:] != (3,):
         raise DomainError(f"RGB pixels are uint8 (..., 3), not {pixels.dtype} {pixels.shape}")
-    shift = bin_shift(bins)
+    shift = 9 - bins.bit_length()  # the low bits of a byte that a bin ignores
     red, green, blue = (pixels[..., channel].astype(np.intp) >> shift for channel in range(3))
     index: npt.NDArray[np.intp] = (red * bins + green) * bins + blue
     return index
-
-
-def bin_shift(bins: int) -> int:
-    """Return how many low bits of a byte a bin ignores."""
-    return 9 - bins.bit_length()
 
 
 def _check_bins(bins: int) -> None:

@@ -1,0 +1,108 @@
+"""What does a frame cost at the client, from pixels to a corrected belief?
+
+Run: .venv/bin/python tests/cost/questions/detection_time.py
+
+Prints the median and the 95th percentile of each stage in milliseconds, for a 360 x 360 frame on
+one thread. Decided by it: the fixed-point map in `unwarp` (0.5 ms; float maps 0.8), a plain look-up
+in `label_image` (0.7 ms; planes split by OpenCV and a 16-bit index 0.55), the algorithm in `blobs`
+(0.7 ms; OpenCV's default 2.1), and 720 x 180 for the cylinder.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+TESTS = Path(__file__).parents[2]
+sys.path.insert(0, str(TESTS))
+
+from catoptra_client.landmarks import (  # noqa: E402
+    Detector,
+    Viewpoint,
+    detect,
+    label_frame,
+    label_image,
+    look,
+    make_detector,
+    train,
+    world_from_mirror,
+)
+from catoptra_client.landmarks.blobs import blobs_from_labels  # noqa: E402
+from catoptra_client.landmarks.detector import MIN_BLOB_PIXELS, identify  # noqa: E402
+from catoptra_client.localization import (  # noqa: E402
+    OPEN_GATE,
+    Belief,
+    Control,
+    MotionNoise,
+    landmark_map,
+    measurement_from_detection,
+    predict,
+    update,
+)
+from catoptra_client.unwarp import unwarp  # noqa: E402
+from client.landmarks import synthetic  # noqa: E402 # after the path above
+
+REPEATS = 200
+TRAINING_POSES = [(-2.0, -1.2, 0.3), (1.9, 1.1, 2.6), (0.4, -1.3, -1.2), (-0.5, 1.2, -2.7)]
+POSE = (0.3, 0.5, 0.4)
+
+
+def trained_detector() -> Detector:
+    """Return a detector for the field, trained on a few synthetic frames."""
+    camera, field = synthetic.camera(), synthetic.FIELD
+    frames = [
+        (
+            synthetic.render(field, pose),
+            label_frame(
+                camera, field, world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose))
+            ),
+        )
+        for pose in TRAINING_POSES
+    ]
+    return make_detector(camera, train(frames), landmarks=field)
+
+
+def report(name: str, stage: Callable[[], object]) -> None:
+    """Print the median and 95th percentile of a stage."""
+    stage()
+    times_ms = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        stage()
+        times_ms.append(1e3 * (time.perf_counter() - start))
+    median, late = np.percentile(times_ms, (50, 95))
+    print(f"{name:<44} {median:7.3f} ms   95 % below {late:7.3f} ms")
+
+
+def main() -> None:
+    """Measure every stage on the same frame."""
+    cv2.setNumThreads(1)
+    detector, frame = trained_detector(), synthetic.render(synthetic.FIELD, POSE)
+    view, known = look(detector, frame), landmark_map(synthetic.FIELD)
+    belief = Belief(np.array(POSE), np.diag([0.01, 0.01, 0.01]))
+    control, noise = Control(0.2, 0.05), MotionNoise(0.01, 0.0, 0.0005, 0.0064)
+
+    def corrected() -> Belief:
+        new = predict(belief, control, noise=noise)
+        for seen in view.detections:
+            measurement = measurement_from_detection(seen)
+            new = update(new, measurement, landmark=known[seen.name], gate=OPEN_GATE).belief
+        return new
+
+    size = "x".join(map(str, view.labels.shape[::-1]))
+    report(f"unwarp to {size}", lambda: unwarp(frame, detector.mapping))
+    report("classify", lambda: label_image(detector.classifier, view.cylinder))
+    report("blobs", lambda: blobs_from_labels(view.labels, min_pixels=MIN_BLOB_PIXELS))
+    report("identify", lambda: identify(detector, view.blobs))
+    report(f"all of detect, {len(view.detections)} landmarks", lambda: detect(detector, frame))
+    report(f"EKF: 1 prediction, {len(view.detections)} updates", corrected)
+    report("detect and EKF together", lambda: (detect(detector, frame), corrected()))
+
+
+if __name__ == "__main__":
+    main()
