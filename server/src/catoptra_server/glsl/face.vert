@@ -1,0 +1,36 @@
+// Provides the clip position of a scene vertex in one cell of the atlas, and its look.
+// Twin: catoptra_server.render.raster.atlas.Cell.clip_from_mirror.
+uniform vec3 viewpoint;              // in the scene's frame: world axes, metres
+uniform mat3 clip_from_scene;        // rows give x, y and w of the clip position
+uniform vec2 depth_from_forward;     // z = first * w + second
+
+in vec3 position;                    // in the scene's frame
+in vec3 radiance;
+flat out vec3 facet_radiance;
+#ifdef TEXTURED
+in vec2 uv;
+out vec2 texture_place;
+#endif
+#ifdef POINT_LIGHTS
+in vec3 normal;
+in vec3 lit_albedo;                  // zero where the material takes no light
+out vec3 place;
+flat out vec3 facet_normal;
+flat out vec3 facet_albedo;
+#endif
+
+void main()
+{
+    vec3 offset = position - viewpoint;
+    vec3 clip = clip_from_scene * offset;
+    gl_Position = vec4(clip.xy, depth_from_forward.x * clip.z + depth_from_forward.y, clip.z);
+    facet_radiance = radiance;
+#ifdef TEXTURED
+    texture_place = uv;
+#endif
+#ifdef POINT_LIGHTS
+    place = offset;
+    facet_normal = normal;
+    facet_albedo = lit_albedo;
+#endif
+}

@@ -1,0 +1,81 @@
+"""The near and the far plane of a frame, from what the scene has around the viewpoint.
+
+A depth buffer of 24 bits resolves d^2 / (near 2^24) at a distance d. A near plane that were always
+close enough for a wall that touches the robot would let lines painted a millimetre above a floor
+flicker from six metres on; so it is as far out as the nearest surface allows. Reversed depth, the
+other remedy, needs a clip range of [0, 1], which OpenGL 3.3 has not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster.chunks import Chunks
+
+# What is nearer than a millimetre is cut away.
+NEAREST_M = 0.001
+# A near plane beyond this buys nothing: at 0.1 m the buffer resolves 0.25 mm at 20 m.
+FARTHEST_NEAR_M = 0.1
+# The far plane lies this much beyond the farthest corner, for the rounding of depth.
+FAR_MARGIN = 1.01
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRange:
+    """Distances along a face's axis between which surfaces are drawn."""
+
+    near_m: float
+    far_m: float
+
+    @property
+    def clip_z_from_w(self) -> tuple[float, float]:
+        """Return (a, b) of z = a w + b: -w on the near plane, +w on the far one."""
+        extent = self.far_m - self.near_m
+        return (self.far_m + self.near_m) / extent, -2.0 * self.far_m * self.near_m / extent
+
+
+class Surroundings:
+    """Answers how near and how far the scene is from a point, in the scene's frame."""
+
+    def __init__(self, chunks: Chunks, corners: Floats) -> None:
+        self._chunks = chunks
+        ordered = corners[chunks.order]
+        self._low = ordered.min(axis=1)
+        self._high = ordered.max(axis=1)
+        cross = np.cross(ordered[:, 1] - ordered[:, 0], ordered[:, 2] - ordered[:, 0])
+        length = np.linalg.norm(cross, axis=-1, keepdims=True)
+        self._normals = cross / np.where(length > 0.0, length, 1.0)
+        self._offsets = np.einsum("ni,ni->n", self._normals, ordered[:, 0])
+
+    def depth_range(self, viewpoint: Floats, *, spread: float) -> DepthRange:
+        """Return the range for faces whose corners are `spread` metres away at one metre ahead."""
+        if not len(self._offsets):
+            return DepthRange(FARTHEST_NEAR_M, 2.0 * FARTHEST_NEAR_M)
+        nearest = self._nearest(viewpoint, FARTHEST_NEAR_M * spread)
+        near = min(max(nearest / spread, NEAREST_M), FARTHEST_NEAR_M)
+        farthest = np.maximum(
+            viewpoint - self._chunks.low.min(axis=0), self._chunks.high.max(axis=0) - viewpoint
+        )
+        return DepthRange(near, max(FAR_MARGIN * math.hypot(*farthest), 2.0 * near))
+
+    def _nearest(self, viewpoint: Floats, enough: float) -> float:
+        """Return a distance within which no surface is, at most `enough` metres.
+
+        Of boxes that reach closer the triangles are asked: none is nearer than its own box or its
+        own plane.
+        """
+        close = np.flatnonzero(self._chunks.distance(viewpoint) < enough)
+        borders = self._chunks.borders
+        bounds = [self._bound(slice(borders[c], borders[c + 1]), viewpoint) for c in close]
+        return min(bounds, default=enough)
+
+    def _bound(self, part: slice, viewpoint: Floats) -> float:
+        low, high = self._low[part], self._high[part]
+        outside = np.maximum(np.maximum(low - viewpoint, viewpoint - high), 0.0)
+        to_box = np.sqrt(np.square(outside).sum(axis=-1))
+        to_plane = np.abs(self._normals[part] @ viewpoint - self._offsets[part])
+        return float(np.maximum(to_box, to_plane).min())

@@ -1,0 +1,101 @@
+"""The first pass: the faces of the cube, drawn at the effective viewpoint into the atlas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster.atlas import Atlas, Cell
+from catoptra_server.render.raster.passes import LINEAR_STORAGE
+from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.renderer import Exposure
+
+
+@dataclass(frozen=True, slots=True)
+class DrawCounts:
+    """What a frame's faces cost: cells with their texels, draw calls, triangles sent."""
+
+    cells: int
+    texels: int
+    calls: int
+    triangles: int
+
+
+class FacePass:
+    """The atlas of one view, and how it is filled."""
+
+    name = "faces"
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        scene: SceneBuffers,
+        atlas: Atlas,
+        samples: int,
+    ) -> None:
+        if samples > context.max_samples:
+            raise DomainError(
+                f"this OpenGL takes at most {context.max_samples} samples a texel, not {samples}"
+            )
+        self._context = context
+        self._scene = scene
+        self.atlas = atlas
+        size = (atlas.width, atlas.height)
+        self.texture = context.texture(size, 4, dtype=LINEAR_STORAGE)
+        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.texture.repeat_x = self.texture.repeat_y = False
+        multi = samples if samples > 1 else 0
+        colour = (
+            context.texture(size, 4, dtype=LINEAR_STORAGE, samples=multi) if multi else self.texture
+        )
+        depth = context.depth_renderbuffer(size, samples=multi)
+        self._target = context.framebuffer([colour], depth)
+        self._resolved = context.framebuffer([self.texture]) if multi else None
+        self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
+        self.counts = DrawCounts(0, 0, 0, 0)
+
+    def draw(self, exposure: Exposure) -> None:
+        """Fill the atlas with what is seen from an exposure's viewpoint."""
+        pose = exposure.world_from_mirror
+        viewpoint = pose.translation - self._scene.origin
+        spread = max(cell.spread for cell in self.atlas.cells)
+        depth = self._scene.surroundings.depth_range(viewpoint, spread=spread)
+        self._scene.place(viewpoint, depth.clip_z_from_w)
+        self._begin()
+        drawn = [
+            self._draw_cell(cell, cell.clip_from_mirror @ pose.rotation.T, viewpoint)
+            for cell in self.atlas.cells
+        ]
+        if self._resolved is not None:
+            self._context.copy_framebuffer(self._resolved, self._target)
+        self.counts = DrawCounts(
+            cells=len(drawn),
+            texels=sum(cell.width * cell.height for cell in self.atlas.cells),
+            calls=sum(calls for calls, _ in drawn),
+            triangles=sum(triangles for _, triangles in drawn),
+        )
+
+    def _begin(self) -> None:
+        """Clear the whole target at once, which drivers do much faster than a part of it."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "<"
+        self._target.viewport = (0, 0, self.atlas.width, self.atlas.height)
+        self._target.clear(*self._scene.background, 1.0, depth=1.0)
+        self._target.use()
+
+    def _draw_cell(self, cell: Cell, clip_from_scene: Floats, viewpoint: Floats) -> tuple[int, int]:
+        """Draw one face; return its draw calls and the triangles sent."""
+        self._context.viewport = cell.viewport
+        x, y, w = clip_from_scene
+        visible = self._scene.chunks.in_front(np.stack((w + x, w - x, w + y, w - y, w)), viewpoint)
+        calls = self._scene.draw(clip_from_scene, visible)
+        return calls, int(np.diff(self._scene.chunks.borders)[visible].sum())
+
+    def close(self) -> None:
+        """Free the atlas."""
+        for resource in (*self._owned, self.texture):
+            resource.release()

@@ -1,0 +1,76 @@
+"""Shader programs out of the files of `glsl/`, compiled when first asked for.
+
+The loader knows two kinds of line beside GLSL: `#include "path"`, a file under `glsl/`, and
+`#include <slot>`, a file that the program's specification names for that slot. What a variant
+switches on is defined under the version line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+_ROOT = files("catoptra_server") / "glsl"
+_INCLUDE = re.compile(r'^#include (?:"(?P<path>[\w./]+)"|<(?P<slot>\w+)>)$', re.MULTILINE)
+
+Definitions = tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramSpec:
+    """A program: its two files without suffix, what it defines, and the files for its slots."""
+
+    vertex: str
+    fragment: str
+    define: Definitions = ()
+    slots: tuple[tuple[str, str], ...] = ()
+
+    def __str__(self) -> str:
+        parts = [self.fragment, *(f"{name}={value}" for name, value in self.define)]
+        return " ".join((*parts, *(path for _, path in self.slots)))
+
+
+class Programs:
+    """The programs of one context. What is not asked for is not built."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._built: dict[ProgramSpec, moderngl.Program] = {}
+
+    @property
+    def built(self) -> tuple[str, ...]:
+        """Return the names of the programs that were built, in order."""
+        return tuple(str(spec) for spec in self._built)
+
+    def get(self, spec: ProgramSpec) -> moderngl.Program:
+        """Return the program of a specification, compiled the first time."""
+        if spec not in self._built:
+            self._built[spec] = self._context.program(
+                vertex_shader=source(f"{spec.vertex}.vert", spec.define, dict(spec.slots)),
+                fragment_shader=source(f"{spec.fragment}.frag", spec.define, dict(spec.slots)),
+            )
+        return self._built[spec]
+
+
+def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
+    """Set a float, vector, matrix or array uniform; matrices column by column, as OpenGL counts."""
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
+    uniform.write(np.asarray(values, dtype=np.float32).tobytes())
+
+
+def source(path: str, define: Definitions = (), slots: Mapping[str, str] | None = None) -> str:
+    """Return the full text of a shader: version, definitions, the file with its includes."""
+    head = ["#version 330 core", *(f"#define {name} {value}" for name, value in define)]
+    return "\n".join((*head, _included(path, slots or {})))
+
+
+def _included(path: str, slots: Mapping[str, str]) -> str:
+    text = (_ROOT / path).read_text(encoding="utf-8")
+    return _INCLUDE.sub(lambda line: _included(line["path"] or slots[line["slot"]], slots), text)

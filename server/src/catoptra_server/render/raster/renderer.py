@@ -1,0 +1,163 @@
+"""The raster renderer: cube faces at the viewpoint, then the mirror, on an OpenGL device.
+
+All of a renderer and of its views belongs to the thread that made the renderer: OpenGL contexts
+are bound to threads. The server makes it in the simulation thread.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from contextlib import ExitStack
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.cube import Face
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.plan.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
+from catoptra_server.render.raster.context import GlDevice, open_device
+from catoptra_server.render.raster.faces import DrawCounts, FacePass
+from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
+from catoptra_server.render.raster.mirror_polygons import PolygonMirror, highest_incidence
+from catoptra_server.render.raster.passes import AveragePass, Output, Pass
+from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.timing import StageClock
+from catoptra_server.render.renderer import Exposure, FaceCamera, RenderedImage
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import SceneMesh
+
+# A single face is drawn whole, as for a mirror that looks everywhere.
+_WHOLE_RAD = math.pi
+
+
+class RasterRenderer:
+    """A scene on an OpenGL device: its own one, or one that was opened before to be looked at.
+
+    Raises OpenGLMissingError where there is no OpenGL 3.3.
+    """
+
+    def __init__(self, scene: SceneMesh, world: World, *, device: GlDevice | None = None) -> None:
+        self._device = device or open_device()
+        self._thread = threading.get_ident()
+        self._triangles = len(scene)
+        with self._device.context as context:
+            self._programs = Programs(context)
+            self._scene = SceneBuffers(context, self._programs, scene, world)
+
+    @property
+    def programs_built(self) -> tuple[str, ...]:
+        """Return the names of the shader programs that were built so far."""
+        return self._programs.built
+
+    def describe(self) -> str:
+        """Return what draws, for logs."""
+        return f"raster: {self._device}, {self._triangles} triangles"
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterView:
+        """Return a view of the scene by an omnidirectional camera."""
+        self._check_thread()
+        limit_rad = highest_incidence(camera, plan.surface)
+        with self._device.context as context, ExitStack() as undo:
+            atlas = self._atlas(plan.faces, plan.face_size_px, limit_rad, GUARD_TEXELS)
+            faces = FacePass(context, self._scene, atlas, plan.face_samples)
+            undo.callback(faces.close)
+            output = Output(context, camera.width_px, camera.height_px)
+            undo.callback(output.close)
+            mirror = self._mirror_passes(camera, plan, faces, output)
+            undo.pop_all()
+        return self._warm(RasterView(self._device, faces, mirror, output, self._thread))
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
+        """Return a view of the scene by one virtual camera of the cube, samples^2 a pixel."""
+        self._check_thread()
+        face = Face(camera.face)
+        with self._device.context as context:
+            atlas = self._atlas((face,), camera.size_px * samples, _WHOLE_RAD, 0)
+            faces = FacePass(context, self._scene, atlas, 1)
+            output = Output(context, camera.size_px, camera.size_px)
+            average = AveragePass(context, self._programs, faces.texture, samples, output.target)
+        return self._warm(RasterView(self._device, faces, (average,), output, self._thread))
+
+    def _atlas(self, faces: tuple[Face, ...], size: int, limit_rad: float, guard: int) -> Atlas:
+        limit = self._device.context.info["GL_MAX_TEXTURE_SIZE"]
+        return pack_atlas(faces, size=size, limit_rad=limit_rad, guard=guard, max_texels=limit)
+
+    def _mirror_passes(
+        self, camera: OmniCamera, plan: RenderPlan, faces: FacePass, output: Output
+    ) -> tuple[Pass, ...]:
+        context, target = self._device.context, output.target
+        if isinstance(plan.surface, PerPixel):
+            pixels = PerPixelMirror(context, self._programs, faces, camera, plan.samples, target)
+            return (pixels,)
+        polygons = PolygonMirror(
+            context, self._programs, faces, camera, plan.surface, plan.samples, target
+        )
+        if polygons.picture is None:
+            return (polygons,)
+        average = AveragePass(context, self._programs, polygons.picture, plan.samples, target)
+        return polygons, average
+
+    def _warm(self, view: RasterView) -> RasterView:
+        """Draw once for nothing: drivers compile a program's machine code at its first draw."""
+        view.draw(Exposure(Pose.from_rpy(self._scene.origin)))
+        return view
+
+    def _check_thread(self) -> None:
+        assert threading.get_ident() == self._thread, (
+            "a renderer belongs to the thread it was made in"
+        )
+
+    def close(self) -> None:
+        """Free the device. Views are closed before."""
+        self._check_thread()
+        with self._device.context:
+            self._scene.close()
+        self._device.close()
+
+
+class RasterView:
+    """A camera's passes and its picture on the device."""
+
+    def __init__(
+        self,
+        device: GlDevice,
+        faces: FacePass,
+        picture: tuple[Pass, ...],
+        output: Output,
+        thread: int,
+    ) -> None:
+        self._device = device
+        self._faces = faces
+        self._passes: tuple[Pass, ...] = (faces, *picture)
+        self._output = output
+        self._thread = thread
+
+    @property
+    def passes(self) -> tuple[str, ...]:
+        """Return the names of the passes that every frame goes through."""
+        return tuple(step.name for step in self._passes)
+
+    @property
+    def face_counts(self) -> DrawCounts:
+        """Return what the faces of the last frame cost."""
+        return self._faces.counts
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        """Return the picture of an exposure."""
+        assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
+        with self._device.context as context:
+            clock = StageClock(context.finish)
+            for step in self._passes:
+                step.draw(exposure)
+                clock.mark(step.name)
+            image = self._output.read()
+            clock.mark("readback")
+        return RenderedImage(image, clock.ms)
+
+    def close(self) -> None:
+        """Free what the view holds on the device."""
+        with self._device.context:
+            for step in reversed(self._passes):
+                step.close()
+            self._output.close()
