@@ -75,7 +75,7 @@ class CylinderGeometry:
         """Return azimuths of (...) columns, not wrapped: it grows along the picture."""
         return self.seam_azimuth_rad + self.azimuth_per_column_rad * column
 
-    def column_from_azimuth(self, azimuth_rad: Floats) -> Floats:
+    def column_from_azimuth(self, azimuth_rad: Floats | float) -> Floats:
         """Return (...) columns in [0, columns) of azimuths, whatever turn they are given in."""
         turned = np.mod(azimuth_rad - self.seam_azimuth_rad, TWO_PI) / self.azimuth_per_column_rad
         # mod of a tiny negative number rounds up to the whole turn, which is column 0 again.
