@@ -1,1 +1,121 @@
-"""The command line of the client."""
+"""The command line of the client: `train` a colour classifier, watch `bearings`.
+
+Only this module and the experiment's own `__main__` print.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from catoptra_client.experiment.recording import ROBOT_CLASS
+from catoptra_client.experiment.server_process import ServerAddress
+from catoptra_client.experiment.training_frames import labelled_frames
+from catoptra_client.images import ImageStream
+from catoptra_client.landmarks import (
+    DEFAULT_THETA,
+    Detection,
+    Viewpoint,
+    detect,
+    load_classifier,
+    make_detector,
+    save_classifier,
+    train,
+)
+from catoptra_client.robot import Robot
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.landmarks import read_landmarks
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return 0, or 1 after saying what went wrong."""
+    parsed = _parser().parse_args(arguments)
+    console = Console()
+    try:
+        parsed.run(parsed, console)
+    except CatoptraError as error:
+        Console(stderr=True).print(f"catoptra-client: {error}", style="red", markup=False)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+    return 0
+
+
+def _train(parsed: argparse.Namespace, console: Console) -> None:
+    """Train from labelled frames: the robot is put at random places of the field."""
+    landmarks = read_landmarks(parsed.landmarks)
+    with Progress(console=console) as progress:
+        task = progress.add_task("labelled frames", total=parsed.frames)
+        frames = labelled_frames(
+            _address(parsed),
+            landmarks=landmarks,
+            count=parsed.frames,
+            seed=parsed.seed,
+            on_frame=lambda: progress.advance(task),
+        )
+        classifier = train(frames, theta=parsed.theta)
+    save_classifier(classifier, parsed.output)
+    console.print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
+
+
+def _bearings(parsed: argparse.Namespace, console: Console) -> None:
+    """Print the landmarks of every frame."""
+    landmarks = read_landmarks(parsed.landmarks)
+    classifier = load_classifier(parsed.classifier)
+    address = _address(parsed)
+    with (
+        Robot.connect(address.host, address.control_port) as robot,
+        ImageStream.connect(address.host, address.image_port) as images,
+    ):
+        robot.spawn(ROBOT_CLASS, start=parsed.start)
+        camera, height_m = robot.camera_and_height()
+        detector = make_detector(
+            camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
+        )
+        for frame in islice(images.frames(), parsed.frames or None):
+            console.print(f"frame {frame.sequence}", style="bold")
+            for detection in detect(detector, frame.rgb):
+                console.print("  " + _line(detection))
+
+
+def _line(detection: Detection) -> str:
+    bearing = f"{math.degrees(detection.bearing_rad):+7.2f} deg"
+    range_ = f"{detection.range_m:6.3f} m" if detection.has_range else "   ?    "
+    return f"{detection.name:22} {bearing}  {range_}"
+
+
+def _address(parsed: argparse.Namespace) -> ServerAddress:
+    return ServerAddress(parsed.host, parsed.control_port, parsed.image_port)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    trainer = commands.add_parser("train", help="train the colour classifier from labelled frames")
+    trainer.set_defaults(run=_train)
+    trainer.add_argument("--output", type=Path, default=Path("out/classifier.npz"))
+    trainer.add_argument("--theta", type=float, default=DEFAULT_THETA, help="of Eq. 3")
+    trainer.add_argument("--seed", type=int, default=1, help="of the places")
+    trainer.add_argument("--frames", type=int, default=30)
+    watcher = commands.add_parser("bearings", help="print the landmarks in the robot's frames")
+    watcher.set_defaults(run=_bearings)
+    watcher.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
+    watcher.add_argument("--start", default="Centre", help="start place of the robot")
+    watcher.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
+    for command in (trainer, watcher):
+        command.add_argument("--landmarks", type=Path, required=True, metavar="CSV")
+        command.add_argument("--host", default="127.0.0.1")
+        command.add_argument("--control-port", type=int, default=3000)
+        command.add_argument("--image-port", type=int, default=5003)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

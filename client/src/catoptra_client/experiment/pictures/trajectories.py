@@ -1,0 +1,62 @@
+"""The paper's Figure 12: true path, odometry alone and the filter's estimate on the field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from catoptra_client.experiment.pictures import style
+from catoptra_client.experiment.recording import Recording, true_positions
+from catoptra_client.experiment.replay import Trace
+from catoptra_protocol.landmarks import Landmark
+
+Panel = tuple[str, Recording, Trace]
+
+
+def draw_trajectories(path: Path, panels: Sequence[Panel], landmarks: Sequence[Landmark]) -> None:
+    """Write a map for each (title, recording, trace); the world's x points up, y to the right."""
+    with style.figure(path, figsize=(5.0 * len(panels), 6.4)) as drawing:
+        axes = drawing.subplots(1, len(panels), squeeze=False)[0]
+        for axis, (title, recording, trace) in zip(axes, panels, strict=True):
+            _field(axis, landmarks)
+            _paths(axis, recording, trace)
+            axis.set_title(title)
+            axis.set_xlabel("y in m (right)")
+        axes[0].set_ylabel("x in m (up)")
+        handles, labels = axes[0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=4)
+
+
+def _paths(axis: Any, recording: Recording, trace: Trace) -> None:
+    truth = true_positions(recording)
+    axis.plot(truth[:, 1], truth[:, 0], color=style.TRUTH, lw=1.6, label="true path")
+    odometry, estimate = trace.odometry, trace.estimate
+    axis.plot(odometry[:, 1], odometry[:, 0], color=style.ODOMETRY, lw=1.3, label="odometry alone")
+    axis.plot(estimate[:, 1], estimate[:, 0], color=style.ESTIMATE, lw=1.3, label="EKF")
+    used = trace.accepted > 0
+    axis.plot(
+        *(estimate[used][:, 1], estimate[used][:, 0], "."),
+        color=style.ACCEPTED,
+        ms=4,
+        label="step with an accepted landmark",
+    )
+    axis.plot(truth[0, 1], truth[0, 0], "o", color=style.TRUTH, ms=7, mfc="white", zorder=5)
+
+
+def _field(axis: Any, landmarks: Sequence[Landmark]) -> None:
+    """Draw the field from above: lines, and every landmark in its upper colour."""
+    axis.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color="#c4c9d0", lw=1)
+    axis.plot([-1.8, 1.8], [0, 0], color="#c4c9d0", lw=1)
+    for landmark in landmarks:
+        lower = style.LANDMARK_COLOURS[landmark.lower_colour]
+        upper = style.LANDMARK_COLOURS[landmark.upper_colour]
+        if landmark.kind == "goal":
+            half = 0.5 * landmark.width_m
+            ends = [landmark.y_m - half, landmark.y_m + half]
+            axis.plot(ends, [landmark.x_m] * 2, color=upper, lw=5, solid_capstyle="butt")
+        else:
+            axis.plot(landmark.y_m, landmark.x_m, "o", ms=11, mfc=lower, mec=upper, mew=3.5)
+    axis.set_aspect("equal")
+    axis.set_xlim(-2.9, 2.9)
+    axis.set_ylim(-3.6, 3.6)

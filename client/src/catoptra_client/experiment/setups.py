@@ -1,0 +1,98 @@
+"""The paper's two set-ups: who drives which way, how landmarks are measured, what is believed.
+
+Both filters have the same parameters, as in the paper. The paper gives no noise level: these were
+chosen so that what it reports appears (odometry above 1 m, the gate's lock-out, the re-lock near
+step 23).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from catoptra_client.experiment.route import Waypoint, clockwise_route, counter_clockwise_route
+from catoptra_client.localization import PAPER_GATE, Gate, MotionNoise
+
+
+class Sighting(Enum):
+    """Where landmark measurements come from."""
+
+    PIXELS = "found by the colour classifier in frames received over TCP"
+    HAND = "taken from ground truth with measurement noise, as by hand from recorded frames"
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """One set-up. heading_error_rad: of the believed start, clockwise.
+
+    hand_sigma_px, hand_sigma_rad: noise of measurements by hand, along the image radius and of the
+    bearing.
+    """
+
+    name: str
+    title: str
+    robot_file: str
+    route: tuple[Waypoint, ...]
+    sighting: Sighting
+    heading_error_rad: float
+    hand_sigma_px: float = 0.0
+    hand_sigma_rad: float = 0.0
+
+
+# Variances per metre driven and radian turned (Thrun, Burgard & Fox 2005): 10 % of the way, 1.3
+# degrees a metre, 8 % of a turn.
+PAPER_MOTION = MotionNoise(0.10**2, 0.0, 0.023**2, 0.08**2)
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """What the filter believes: motion noise, measurement noise, start, gate, recovery.
+
+    range_sigma_m, bearing_sigma_rad: R of Eq. 6. start_sigma_m, start_sigma_rad: of P0; 0 in the
+    paper.
+    """
+
+    name: str
+    title: str
+    start_sigma_m: float = 0.0
+    start_sigma_rad: float = 0.0
+    recovers: bool = False
+    range_sigma_m: float = 0.40
+    bearing_sigma_rad: float = math.radians(2.5)
+    motion: MotionNoise = PAPER_MOTION
+    gate: Gate = PAPER_GATE
+
+
+# Landmarks farther than this are a few pixels wide: not used, in either set-up.
+LONGEST_RANGE_M = 2.5
+
+SIM = Setup(
+    name="sim",
+    title="Simulated setting: counter-clockwise, landmarks by colour classifier",
+    robot_file="p2at_omni_sim.ini",
+    route=counter_clockwise_route(),
+    sighting=Sighting.PIXELS,
+    heading_error_rad=math.radians(1.0),
+)
+REAL = Setup(
+    name="real",
+    title="Real setting: clockwise, landmarks by hand, odometry with a strong deviation",
+    robot_file="p2at_omni_scout.ini",
+    route=clockwise_route(),
+    sighting=Sighting.HAND,
+    heading_error_rad=math.radians(-5.2),
+    hand_sigma_px=1.0,
+    hand_sigma_rad=math.radians(1.0),
+)
+SETUPS = (SIM, REAL)
+
+PAPER_FILTER = FilterSettings("paper", "the paper's filter: P0 = 0, validation gate")
+RECOVERING_FILTER = FilterSettings("recovery", "the same with recovery", recovers=True)
+HONEST_FILTER = FilterSettings(
+    "honest",
+    "the same with an honest P0 of 5 cm and 6 degrees",
+    start_sigma_m=0.05,
+    start_sigma_rad=math.radians(6.0),
+)
+FILTERS = (PAPER_FILTER, RECOVERING_FILTER, HONEST_FILTER)

@@ -1,0 +1,62 @@
+"""Labelled frames for the classifier: a robot at many places, and what its frames must show.
+
+Every place is a connection of its own: spawning is how USARSim puts a robot somewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from catoptra_client.experiment.recording import ROBOT_CLASS
+from catoptra_client.experiment.server_process import ServerAddress
+from catoptra_client.images import ImageStream
+from catoptra_client.landmarks import Viewpoint, label_frame, world_from_mirror
+from catoptra_client.landmarks.histogram import Bytes
+from catoptra_client.robot import Robot
+from catoptra_protocol.landmarks import Landmark
+
+# Places are drawn from this half of the field's size: inside the lines, off the route's own edges.
+_HALF_LENGTH_M = 2.0
+_HALF_WIDTH_M = 1.3
+
+
+def labelled_frames(
+    address: ServerAddress,
+    *,
+    landmarks: tuple[Landmark, ...],
+    count: int,
+    seed: int,
+    on_frame: Callable[[], None],
+) -> Iterator[tuple[Bytes, Bytes]]:
+    """Yield (h, w, 3) frames from random places on the field and their (h, w) labels."""
+    generator = np.random.Generator(np.random.Philox(key=seed))
+    for number in range(count):
+        x = float(generator.uniform(-_HALF_LENGTH_M, _HALF_LENGTH_M))
+        y = float(generator.uniform(-_HALF_WIDTH_M, _HALF_WIDTH_M))
+        yaw = float(generator.uniform(-math.pi, math.pi))
+        yield _labelled_frame(address, landmarks, pose=(x, y, yaw), name=f"Trainer{number}")
+        on_frame()
+
+
+def _labelled_frame(
+    address: ServerAddress,
+    landmarks: tuple[Landmark, ...],
+    *,
+    pose: tuple[float, float, float],
+    name: str,
+) -> tuple[Bytes, Bytes]:
+    x, y, yaw = pose
+    with (
+        Robot.connect(address.host, address.control_port) as robot,
+        ImageStream.connect(address.host, address.image_port) as images,
+    ):
+        robot.spawn(ROBOT_CLASS, name=name, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
+        camera, height_m = robot.camera_and_height()
+        # A server in real time may hold a frame of the robot before: the second one is of ours.
+        images.frame()
+        frame = images.frame().rgb
+        mirror = world_from_mirror(Viewpoint(height_m), np.array(pose))
+        return frame, label_frame(camera, landmarks, world_from_mirror=mirror)
