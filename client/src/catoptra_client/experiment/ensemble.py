@@ -13,8 +13,8 @@ from catoptra_client.experiment.replay import (
     first_acceptance_after_drought,
 )
 
-# The paper counts steps from 1; row 0 of a trace is the start. Steps 85 to 100 are the diagonal.
-_FIRST_CORNER = 23
+# The paper counts steps from 1; row 0 of a trace is the start. The robot reaches the first corner
+# at the end of step 23; steps 85 to 100 are the diagonal.
 _DIAGONAL = slice(85, 101)
 _FIRST_STEPS = slice(1, 6)
 
@@ -30,9 +30,10 @@ class RunFigures:
     ekf_mean_m: float
     ekf_mean_on_diagonal_m: float
     ekf_max_after_step_30_m: float
-    accepted_before_corner: float | None
+    accepted_steps_1_to_8: float | None
     accepted_steps_9_to_22: float | None
-    accepted_after_corner: float | None
+    accepted_steps_23_to_40: float | None
+    accepted_steps_41_to_100: float | None
     relock_step: int | None
     longest_rejection_streak: int
     ekf_worse_in_first_5_steps: bool
@@ -49,9 +50,10 @@ def run_figures(trace: Trace) -> RunFigures:
         ekf_mean_m=float(estimate[1:].mean()),
         ekf_mean_on_diagonal_m=float(estimate[_DIAGONAL].mean()),
         ekf_max_after_step_30_m=float(estimate[31:].max()),
-        accepted_before_corner=acceptance_share(trace, 1, _FIRST_CORNER - 1),
-        accepted_steps_9_to_22=acceptance_share(trace, 9, _FIRST_CORNER - 1),
-        accepted_after_corner=acceptance_share(trace, _FIRST_CORNER, len(estimate) - 1),
+        accepted_steps_1_to_8=acceptance_share(trace, 1, 8),
+        accepted_steps_9_to_22=acceptance_share(trace, 9, 22),
+        accepted_steps_23_to_40=acceptance_share(trace, 23, 40),
+        accepted_steps_41_to_100=acceptance_share(trace, 41, 100),
         relock_step=first_acceptance_after_drought(trace),
         longest_rejection_streak=int(trace.streak.max()),
         ekf_worse_in_first_5_steps=bool(
@@ -62,12 +64,13 @@ def run_figures(trace: Trace) -> RunFigures:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Median, mean, and the 5 % and 95 % quantiles over the seeds."""
+    """Median, mean, and the 5 % and 95 % quantiles over the `count` seeds that have a value."""
 
     median: float
     mean: float
     low: float
     high: float
+    count: int
 
 
 def spread(values: Sequence[float | int | bool | None]) -> Spread | None:
@@ -76,7 +79,7 @@ def spread(values: Sequence[float | int | bool | None]) -> Spread | None:
     if not present:
         return None
     low, median, high = np.quantile(present, [0.05, 0.5, 0.95])
-    return Spread(float(median), float(np.mean(present)), float(low), float(high))
+    return Spread(float(median), float(np.mean(present)), float(low), float(high), len(present))
 
 
 def summary(traces: Sequence[Trace]) -> dict[str, object]:

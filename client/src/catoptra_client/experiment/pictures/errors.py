@@ -12,33 +12,36 @@ from catoptra_client.experiment.ensemble import error_bands
 from catoptra_client.experiment.pictures import style
 from catoptra_client.experiment.replay import Trace
 
-_LIMIT_M = 0.6  # what the paper reports for the filter
+_FILTER_M = 0.6  # what the paper reports for the filter
+_ODOMETRY_M = 1.0  # and what odometry alone rises above
 
 
 def draw_errors(path: Path, panels: Sequence[tuple[str, Trace]]) -> None:
-    """Write one plot for each (title, trace), with what the gate did in every step."""
-    with style.figure(path, figsize=(5.6 * len(panels), 4.2)) as drawing:
-        axes = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-        for axis, (title, trace) in zip(axes, panels, strict=True):
+    """Write one plot for each (title, trace), and below it what the gate did in every step."""
+    with style.figure(path, figsize=(5.6 * len(panels), 5.0)) as drawing:
+        rows = {"height_ratios": (3.2, 1.0)}
+        axes = drawing.subplots(
+            2, len(panels), squeeze=False, sharey="row", sharex="col", gridspec_kw=rows
+        )
+        for (axis, gate_axis), (title, trace) in zip(axes.T, panels, strict=True):
             steps = np.arange(len(trace.estimate_error_m))
             axis.plot(steps, trace.odometry_error_m, color=style.ODOMETRY, label="odometry alone")
             axis.plot(steps, trace.estimate_error_m, color=style.ESTIMATE, label="EKF")
-            _gate_marks(axis, trace)
-            _finish(axis, title)
-        axes[0].set_ylabel("position error in m")
-        _legend(drawing, axes[0])
+            _limits(axis, title)
+            _gate_bars(gate_axis, trace)
+        axes[0, 0].set_ylabel("position error in m")
+        axes[1, 0].set_ylabel("landmarks")
+        _legend(drawing, axes[0, 0], axes[1, 0])
 
 
-def _gate_marks(axis: Any, trace: Trace) -> None:
-    """Mark below the axis which steps saw landmarks, and whether one passed the gate."""
+def _gate_bars(axis: Any, trace: Trace) -> None:
+    """Show for every step how many landmarks passed the gate, and how many did not."""
     steps = np.arange(len(trace.seen))
-    accepted, seen = trace.accepted > 0, trace.seen > 0
-    for mask, colour, label in (
-        (accepted, style.ACCEPTED, "landmark accepted"),
-        (seen & ~accepted, style.REJECTED, "all landmarks rejected"),
-    ):
-        places = np.full(int(mask.sum()), -0.06)
-        axis.plot(steps[mask], places, "|", color=colour, ms=7, mew=2, label=label)
+    rejected = trace.seen - trace.accepted
+    axis.bar(steps, trace.accepted, width=0.9, color=style.ACCEPTED, label="accepted by the gate")
+    axis.bar(steps, -rejected, width=0.9, color=style.REJECTED, label="rejected by the gate")
+    axis.axhline(0.0, color=style.MUTED, lw=0.8)
+    axis.set_xlabel("step")
 
 
 def draw_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[Trace]]]) -> None:
@@ -54,21 +57,23 @@ def draw_ensemble(path: Path, panels: Sequence[tuple[str, Sequence[Trace]]]) -> 
                 steps = np.arange(len(median))
                 axis.fill_between(steps, low, high, color=colour, alpha=0.18, lw=0)
                 axis.plot(steps, median, color=colour, label=f"{name}, median of {len(traces)}")
-            _finish(axis, title)
+            _limits(axis, title)
+            axis.set_xlabel("step")
         axes[0].set_ylabel("position error in m")
         _legend(drawing, axes[0])
 
 
-def _finish(axis: Any, title: str) -> None:
-    axis.axhline(_LIMIT_M, color=style.MUTED, lw=1, ls="--")
-    axis.text(100, _LIMIT_M + 0.02, "0.6 m", color=style.MUTED, ha="right", fontsize=8)
-    axis.axhline(1.0, color=style.MUTED, lw=1, ls=":")
-    axis.text(100, 1.02, "1 m", color=style.MUTED, ha="right", fontsize=8)
+def _limits(axis: Any, title: str) -> None:
+    """Draw the paper's two levels: what the filter keeps, and what odometry exceeds."""
+    for level, words, line in ((_FILTER_M, "0.6 m", "--"), (_ODOMETRY_M, "1 m", ":")):
+        axis.axhline(level, color=style.MUTED, lw=1, ls=line)
+        axis.text(1, level + 0.02, words, color=style.MUTED, fontsize=8)
     axis.set_title(title)
-    axis.set_xlabel("step")
-    axis.set_xlim(0, 100)
+    axis.set_xlim(0, 100.5)
 
 
-def _legend(drawing: Any, axis: Any) -> None:
-    handles, labels = axis.get_legend_handles_labels()
+def _legend(drawing: Any, *axes: Any) -> None:
+    pairs = [axis.get_legend_handles_labels() for axis in axes]
+    handles = [handle for pair in pairs for handle in pair[0]]
+    labels = [label for pair in pairs for label in pair[1]]
     drawing.legend(handles, labels, loc="outside lower center", ncols=4)

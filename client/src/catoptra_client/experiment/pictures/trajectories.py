@@ -16,7 +16,7 @@ Panel = tuple[str, Recording, Trace]
 
 def draw_trajectories(path: Path, panels: Sequence[Panel], landmarks: Sequence[Landmark]) -> None:
     """Write a map for each (title, recording, trace); the world's x points up, y to the right."""
-    with style.figure(path, figsize=(5.0 * len(panels), 6.4)) as drawing:
+    with style.figure(path, figsize=(4.9 * len(panels), 7.0)) as drawing:
         axes = drawing.subplots(1, len(panels), squeeze=False)[0]
         for axis, (title, recording, trace) in zip(axes, panels, strict=True):
             _field(axis, landmarks)
@@ -58,5 +58,5 @@ def _field(axis: Any, landmarks: Sequence[Landmark]) -> None:
         else:
             axis.plot(landmark.y_m, landmark.x_m, "o", ms=11, mfc=lower, mec=upper, mew=3.5)
     axis.set_aspect("equal")
-    axis.set_xlim(-2.9, 2.9)
-    axis.set_ylim(-3.6, 3.6)
+    axis.set_xlim(-2.7, 2.7)
+    axis.set_ylim(-3.3, 3.5)
