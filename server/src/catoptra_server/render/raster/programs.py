@@ -19,6 +19,8 @@ import numpy.typing as npt
 _ROOT = files("catoptra_server") / "glsl"
 _INCLUDE = re.compile(r'^#include (?:"(?P<path>[\w./]+)"|<(?P<slot>\w+)>)$', re.MULTILINE)
 
+VERSION = "#version 330 core"
+
 Definitions = tuple[tuple[str, int], ...]
 
 
@@ -67,7 +69,7 @@ def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> 
 
 def source(path: str, define: Definitions = (), slots: Mapping[str, str] | None = None) -> str:
     """Return the full text of a shader: version, definitions, the file with its includes."""
-    head = ["#version 330 core", *(f"#define {name} {value}" for name, value in define)]
+    head = [VERSION, *(f"#define {name} {value}" for name, value in define)]
     return "\n".join((*head, _included(path, slots or {})))
 
 

@@ -1,0 +1,70 @@
+"""GLSL functions evaluated by the device, one fragment an input: the float32 half of a twin test.
+
+The main function comes from `tests/twins/shaders/`, what it calls from the server's own files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster.programs import VERSION, Definitions, set_uniform, source
+
+_MAINS = Path(__file__).parent.parent / "twins" / "shaders"
+
+
+def evaluate(
+    context: moderngl.Context,
+    main: str,
+    *,
+    include: str | None,
+    inputs: tuple[Floats, ...],
+    uniforms: Mapping[str, npt.ArrayLike] | None = None,
+    define: Definitions = (),
+    slots: Mapping[str, str] | None = None,
+    texture: moderngl.Texture | None = None,
+) -> Floats:
+    """Return (n, 4) outputs of a main function for (n, <= 4) inputs `input_0`, `input_1`, ...
+
+    texture: bound as `albedo_texture`. Everything goes through float32.
+    """
+    functions = source(include, define, slots) if include else VERSION
+    program = context.program(
+        vertex_shader=source("cover.vert"),
+        fragment_shader="\n".join((functions, (_MAINS / main).read_text(encoding="utf-8"))),
+    )
+    count = len(inputs[0])
+    for unit, values in enumerate(inputs):
+        _table(context, values).use(unit)
+        program[f"input_{unit}"] = unit
+    if texture is not None:
+        texture.use(len(inputs))
+        program["albedo_texture"] = len(inputs)
+    for name, value in (uniforms or {}).items():
+        set_uniform(program, name, value)
+    target = context.framebuffer(
+        [context.texture((_COLUMNS, -(-count // _COLUMNS)), 4, dtype="f4")]
+    )
+    target.use()
+    context.enable_only(moderngl.NOTHING)
+    context.vertex_array(program, []).render(vertices=3)
+    read = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
+    return read.reshape(-1, 4)[:count].astype(np.float64)
+
+
+# Inputs stand in rows of this many texels: a single row would end at the largest texture.
+_COLUMNS = 1024
+
+
+def _table(context: moderngl.Context, values: Floats) -> moderngl.Texture:
+    rows = -(-len(values) // _COLUMNS)
+    texels = np.zeros((rows * _COLUMNS, 4), dtype=np.float32)
+    texels[: len(values), : values.shape[1]] = values
+    table = context.texture((_COLUMNS, rows), 4, texels.tobytes(), dtype="f4")
+    table.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return table

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube import Face
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.faces import DrawCounts
+from catoptra_server.render.renderer import Exposure, FaceCamera
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.meshes import build_scene
+from helpers.pictures import away_from_edges
+from helpers.worlds import VIEW, omni_camera, raster_plan, room
+
+
+@pytest.fixture(scope="module")
+def renderer(device: GlDevice) -> RasterRenderer:
+    world = room()
+    return RasterRenderer(build_scene(world), world, device=device)
+
+
+def counts(renderer: RasterRenderer, rim_deg: float, exposure: Exposure = VIEW) -> DrawCounts:
+    camera = omni_camera(width_px=96, rim_deg=rim_deg)
+    view = renderer.prepare(camera, raster_plan(camera))
+    view.draw(exposure)
+    view.close()
+    return view.face_counts
+
+
+def test_sixth_face_is_drawn_only_beyond_its_limit(renderer: RasterRenderer) -> None:
+    assert counts(renderer, 125.2).cells == 5
+    assert counts(renderer, 125.3).cells == 6
+
+
+def test_side_faces_are_not_drawn_for_a_mirror_that_looks_down_only(
+    renderer: RasterRenderer,
+) -> None:
+    assert counts(renderer, 40.0).cells == 1
+
+
+def test_lower_rim_costs_fewer_texels(renderer: RasterRenderer) -> None:
+    texels = [counts(renderer, rim).texels for rim in (30.0, 60.0, 90.0, 120.0, 130.0)]
+    assert texels == sorted(set(texels))
+
+
+def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) -> None:
+    above = renderer.prepare_face(FaceCamera(Face.U, 32), 1)
+    image = above.draw(Exposure(Pose.from_rpy((0.0, 0.0, -5.0))))
+    assert above.face_counts.calls == 0
+    assert (image.rgb == image.rgb[0, 0]).all()
+    above.close()
+
+
+def test_more_samples_than_the_device_has_are_refused(renderer: RasterRenderer) -> None:
+    camera = omni_camera(width_px=32)
+    with pytest.raises(DomainError, match="samples a texel"):
+        renderer.prepare(camera, raster_plan(camera, face_samples=1024))
+
+
+def test_resolved_face_averages_in_linear_light(renderer: RasterRenderer) -> None:
+    camera = omni_camera(width_px=96)
+    plain, smooth = (
+        renderer.prepare(camera, raster_plan(camera, face_samples=samples)) for samples in (1, 4)
+    )
+    one, four = plain.draw(VIEW).rgb, smooth.draw(VIEW).rgb
+    # Steps at edges become ramps; the light as a whole stays, to a thousandth of full scale.
+    assert away_from_edges(four, contrast=64).sum() > away_from_edges(one, contrast=64).sum()
+    light = [linear_from_srgb(image / 255.0).mean() for image in (one, four)]
+    assert light[0] == pytest.approx(light[1], abs=1e-3)
+    plain.close()
+    smooth.close()

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
+from catoptra_server.render.raster.mirror_per_pixel import law_of, polygon_around_rim
+from helpers.worlds import omni_camera
+
+# Off centre, not square, cut by the image: nothing of the mirror may be left out.
+OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 40.0, 2.0, 0.4)
+
+
+@pytest.mark.parametrize("camera", [omni_camera(), OFF_CENTRE], ids=["centred", "off centre"])
+def test_polygon_holds_every_sample_that_sees_the_mirror(camera: OmniCamera) -> None:
+    size = np.array((camera.width_px, camera.height_px))
+    corners = 0.5 * (polygon_around_rim(camera) + 1.0) * size
+    along = np.roll(corners, -1, axis=0) - corners
+    outwards = np.stack((along[:, 1], -along[:, 0]), axis=-1)
+    # A pixel is drawn where its centre is inside, and then for all its samples.
+    _, seen = direction_from_pixel(camera, pixel_centres(camera, 4))
+    centres = pixel_centres(camera)[:, :, 0][seen.any(axis=-1)]
+    beyond = np.einsum("pci,ci->pc", centres[:, None] - corners, outwards)
+    assert (beyond <= 0.0).all()
+
+
+def test_every_central_mirror_has_a_shader() -> None:
+    assert {law_of(_example(kind))[0] for kind in MIRRORS} == {
+        f"include/{kind}.glsl" for kind in MIRRORS
+    }
+
+
+def _example(kind: str) -> CentralMirror:
+    arguments = {"hyperbolic": (11.546, 0.2), "parabolic": (0.03,)}
+    return MIRRORS[kind](*arguments[kind])
+
+
+def test_mirror_without_a_shader_is_refused() -> None:
+    with pytest.raises(DomainError, match="no shader for the law of a object"):
+        law_of(cast(CentralMirror, object()))
+
+
+def test_polygon_follows_the_image_centre() -> None:
+    camera = omni_camera()
+    aside = replace(camera, centre_px=(camera.centre_px[0] + 10.0, camera.centre_px[1]))
+    shift = polygon_around_rim(aside) - polygon_around_rim(camera)
+    assert shift == pytest.approx(np.broadcast_to((2.0 * 10.0 / camera.width_px, 0.0), (16, 2)))

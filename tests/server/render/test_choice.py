@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from catoptra_protocol.errors import DomainError, RendererUnavailableError
+from catoptra_server.plan.render_plan import RendererKind
+from catoptra_server.render import raster
+from catoptra_server.render.choice import Choice, choose_renderer
+from catoptra_server.render.raster import OpenGLMissingError
+from catoptra_server.scene.meshes import build_scene
+from helpers.opengl import device_or_skip
+from helpers.worlds import room
+
+WORLD = room()
+SCENE = build_scene(WORLD)
+
+
+def choose(requested: str) -> Choice:
+    choice = choose_renderer(requested, SCENE, WORLD, threads=1)
+    choice.renderer.close()
+    return choice
+
+
+@pytest.fixture
+def _no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raster.context, "EGL_LIBRARY", "libabsent.so.1")
+
+
+def test_trace_is_given_when_asked_for() -> None:
+    choice = choose("trace")
+    assert choice.kind is RendererKind.TRACE
+    assert choice.reason == "asked for"
+
+
+def test_raster_is_given_when_asked_for() -> None:
+    device_or_skip().close()
+    choice = choose("raster")
+    assert choice.kind is RendererKind.RASTER
+
+
+@pytest.mark.usefixtures("_no_opengl")
+def test_raster_without_opengl_names_library_and_packages() -> None:
+    with pytest.raises(RendererUnavailableError, match=r"libabsent.so.1 .* libgl1-mesa-dri"):
+        choose("raster")
+
+
+@pytest.mark.usefixtures("_no_opengl")
+def test_auto_without_opengl_traces_and_says_why() -> None:
+    choice = choose("auto")
+    assert choice.kind is RendererKind.TRACE
+    assert choice.reason.startswith("no OpenGL: libabsent.so.1 cannot be loaded")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("llvmpipe (LLVM 15)", RendererKind.TRACE), ("NVIDIA H200", RendererKind.RASTER)],
+)
+def test_auto_takes_raster_only_on_a_graphics_processor(
+    name: str, kind: RendererKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = replace(device_or_skip(), renderer=name)
+    monkeypatch.setattr(raster, "open_device", lambda: device)
+    choice = choose("auto")
+    assert choice.kind is kind
+    assert name in choice.reason
+
+
+def test_unknown_renderer_is_refused_with_the_names_that_exist() -> None:
+    with pytest.raises(DomainError, match="auto, trace or raster, not 'vulkan'"):
+        choose("vulkan")
+
+
+def test_trace_does_not_load_opengl() -> None:
+    program = (
+        "import sys; from catoptra_server.render.choice import choose_renderer;"
+        "from catoptra_server.scene.description import World;"
+        "from catoptra_server.scene.meshes import build_scene;"
+        "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
+        "sys.exit('moderngl' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:
+    assert issubclass(OpenGLMissingError, RendererUnavailableError)

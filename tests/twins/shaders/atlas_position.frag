@@ -1,0 +1,10 @@
+// Provides the place in the atlas of input_0.xyz, a direction.
+// Twin: catoptra_protocol.optics.cube.face_coordinates.
+uniform sampler2D input_0;
+out vec4 result;
+
+void main()
+{
+    vec3 direction = texelFetch(input_0, ivec2(gl_FragCoord.xy), 0).xyz;
+    result = vec4(atlas_position(direction), 0.0, 0.0);
+}

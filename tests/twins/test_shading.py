@@ -1,0 +1,66 @@
+"""include/shading.glsl and the texture sampler against the float64 lighting model."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render import shading
+from catoptra_server.render.raster.scene_buffers import upload_texture
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.description import PointLight
+from helpers.shaders import evaluate
+
+LIGHTS = (PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4)), PointLight((-2.0, 1.0, 0.3), (3, 4, 5)))
+
+
+def shader_irradiance(context: moderngl.Context, places: Floats, normals: Floats) -> Floats:
+    out = evaluate(
+        context,
+        "point_irradiance.frag",
+        include="include/shading.glsl",
+        inputs=(places, normals),
+        uniforms={
+            "light_place": [light.position_m for light in LIGHTS],
+            "light_intensity": [light.intensity for light in LIGHTS],
+        },
+        define=(("POINT_LIGHTS", len(LIGHTS)),),
+    )
+    return out[:, :3]
+
+
+def test_point_irradiance_equals_the_model(context: moderngl.Context) -> None:
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-3.0, 3.0, (4000, 3))
+    normals = rng.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    shown = shader_irradiance(context, places, normals)
+    expected = shading.point_irradiance(LIGHTS, places, normals)
+    # Relative: a dozen float32 operations. Absolute: grazing light, where the cosine cancels.
+    np.testing.assert_allclose(shown, expected, rtol=2e-5, atol=2e-6)
+
+
+def test_point_irradiance_at_the_light_is_finite(context: moderngl.Context) -> None:
+    place = np.array([LIGHTS[0].position_m], dtype=np.float64)
+    normal = np.array([[0.0, 0.0, 1.0]])
+    shown = shader_irradiance(context, place, normal)
+    expected = shading.point_irradiance(LIGHTS, place, normal)
+    # Float32 puts the place 3e-8 m beside the light, a millimetre away by definition.
+    np.testing.assert_allclose(shown, expected, rtol=1e-3, atol=50.0)
+
+
+def test_texture_is_filtered_in_linear_light_and_repeats(context: moderngl.Context) -> None:
+    rng = np.random.default_rng(4)
+    image = rng.integers(0, 256, (24, 40, 3), dtype=np.uint8)
+    uv = rng.uniform(-2.0, 2.0, (4000, 2)).astype(np.float32).astype(np.float64)
+    shown = evaluate(
+        context,
+        "texture_value.frag",
+        include=None,
+        inputs=(uv,),
+        texture=upload_texture(context, image),
+    )
+    expected = shading.texture_value(linear_from_srgb(image / 255.0), uv)
+    # OpenGL promises 8 bits for the place between two texels: 1/256 of their difference.
+    assert np.abs(shown[:, :3] - expected).max() < 1.5 / 256.0
