@@ -11,7 +11,7 @@ from catoptra_server.plan.render_plan import RendererKind
 from catoptra_server.render import raster
 from catoptra_server.render.choice import Choice, choose_renderer
 from catoptra_server.render.raster import OpenGLMissingError
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.meshes import SceneMesh, build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import room
 
@@ -19,8 +19,8 @@ WORLD = room()
 SCENE = build_scene(WORLD)
 
 
-def choose(requested: str) -> Choice:
-    choice = choose_renderer(requested, SCENE, WORLD, threads=1)
+def choose(requested: str, *, samples: int = 1) -> Choice:
+    choice = choose_renderer(requested, SCENE, WORLD, threads=1, samples=samples)
     choice.renderer.close()
     return choice
 
@@ -55,16 +55,30 @@ def test_auto_without_opengl_traces_and_says_why() -> None:
     assert choice.reason.startswith("no OpenGL: libabsent.so.1 cannot be loaded")
 
 
+LLVMPIPE, GPU = "llvmpipe (LLVM 15)", "NVIDIA H200"
+
+
 @pytest.mark.parametrize(
-    ("name", "kind"),
-    [("llvmpipe (LLVM 15)", RendererKind.TRACE), ("NVIDIA H200", RendererKind.RASTER)],
+    ("name", "samples", "triangles", "kind"),
+    [
+        (GPU, 1, 100, RendererKind.RASTER),
+        (GPU, 1, 10**6, RendererKind.RASTER),
+        (LLVMPIPE, 1, 100, RendererKind.TRACE),
+        (LLVMPIPE, 2, 100, RendererKind.RASTER),
+        (LLVMPIPE, 2, 10**6, RendererKind.TRACE),
+    ],
 )
-def test_auto_takes_raster_only_on_a_graphics_processor(
-    name: str, kind: RendererKind, monkeypatch: pytest.MonkeyPatch
+def test_auto_weighs_device_samples_and_triangles(
+    name: str,
+    samples: int,
+    triangles: int,
+    kind: RendererKind,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     device = replace(device_or_skip(), renderer=name)
     monkeypatch.setattr(raster, "open_device", lambda: device)
-    choice = choose("auto")
+    monkeypatch.setattr(SceneMesh, "__len__", lambda self: triangles)
+    choice = choose("auto", samples=samples)
     assert choice.kind is kind
     assert name in choice.reason
 
@@ -78,7 +92,7 @@ def test_trace_does_not_load_opengl() -> None:
     program = (
         "import sys; from catoptra_server.render.choice import choose_renderer;"
         "from catoptra_server.scene.description import World;"
-        "from catoptra_server.scene.meshes import build_scene;"
+        "from catoptra_server.scene.meshes import SceneMesh, build_scene;"
         "world = World('empty', ()); choose_renderer('trace', build_scene(world), world);"
         "sys.exit('moderngl' in sys.modules)"
     )

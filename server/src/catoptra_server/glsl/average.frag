@@ -1,5 +1,5 @@
 // Provides the mean, in linear light, of the SAMPLES x SAMPLES texels of each pixel, sRGB.
-// Twin: catoptra_server.render.trace.renderer.encoded, of the mean radiance.
+// Twin: catoptra_server.scene.colour.srgb_from_linear, of the mean.
 #include "include/colour.glsl"
 uniform sampler2D linear_picture;
 out vec4 colour;

@@ -1,5 +1,5 @@
 // Provides the linear radiance of a facet: constant, lit by point lights, textured.
-// Twin: catoptra_server.render.trace.embree_scene.EmbreeScene.hit_radiance.
+// Twin: catoptra_server.render.shading.facet_radiance, then the other functions of that file.
 #ifdef POINT_LIGHTS
 #include "include/shading.glsl"
 in vec3 place;

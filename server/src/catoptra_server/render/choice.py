@@ -1,10 +1,8 @@
 """Which renderer draws, and why: the one place that knows both.
 
-`auto` takes raster where a graphics processor answers and trace where OpenGL is missing or emulated
-in software: on two CPU cores, at one sample a pixel, trace is about as fast on a small field and
-twice as fast on 60 000 triangles, and exact (tests/cost/questions/which_renderer.py). A renderer's
-library is imported only when it is chosen or looked at: a machine without OpenGL never loads
-moderngl's.
+`auto` takes raster where a graphics processor answers and trace where there is no OpenGL. Where
+OpenGL is emulated in software it depends: the cost of trace grows with the samples a pixel, that of
+raster with the triangles. A renderer's library is imported only when it is chosen or looked at.
 """
 
 from __future__ import annotations
@@ -17,6 +15,12 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
+# On two CPU cores, 640 x 640 px, at equal RMSE (tests/cost/questions/which_renderer.py): at one
+# sample a pixel trace takes 15-21 ms, raster 23-28 ms; at 2 x 2 trace takes 48-75 ms, raster
+# 31-39 ms up to 60 000 triangles. A million cost raster 175 ms, and trace no more than few do.
+SOFTWARE_RASTER_SAMPLES = 2
+SOFTWARE_RASTER_TRIANGLES = 100_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
@@ -27,15 +31,18 @@ class Choice:
     reason: str
 
 
-def choose_renderer(requested: str, scene: SceneMesh, world: World, *, threads: int = 0) -> Choice:
-    """Return the renderer for `auto`, `trace` or `raster`. `threads` is trace's, 0 = all.
+def choose_renderer(
+    requested: str, scene: SceneMesh, world: World, *, threads: int = 0, samples: int = 1
+) -> Choice:
+    """Return the renderer for `auto`, `trace` or `raster`.
 
-    Raster belongs to the calling thread. Raises RendererUnavailableError where raster is asked for
-    and cannot run: it names what is missing and the packages to install.
+    threads: trace's, 0 = all. samples: how many the picture will have along a pixel's side; `auto`
+    weighs them. Raster belongs to the calling thread. Raises RendererUnavailableError where raster
+    is asked for and cannot run: it names what is missing and the packages to install.
     """
     match requested:
         case "auto":
-            return _automatic(scene, world, threads)
+            return _automatic(scene, world, threads, samples)
         case "trace":
             return _trace(scene, world, threads, "asked for")
         case "raster":
@@ -55,17 +62,19 @@ def _raster(scene: SceneMesh, world: World) -> Choice:
     return Choice(RasterRenderer(scene, world), RendererKind.RASTER, "asked for")
 
 
-def _automatic(scene: SceneMesh, world: World, threads: int) -> Choice:
+def _automatic(scene: SceneMesh, world: World, threads: int, samples: int) -> Choice:
     from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
 
     try:
         device = open_device()
     except OpenGLMissingError as error:
         return _trace(scene, world, threads, f"no OpenGL: {error.what}")
-    if device.is_software:
-        found = device.renderer
-        device.close()
-        reason = f"only software OpenGL ({found}): trace is as fast here, and exact"
-        return _trace(scene, world, threads, reason)
     reason = f"OpenGL on a graphics processor ({device.renderer})"
+    if device.is_software:
+        shape = f"{samples} x {samples} samples of {len(scene)} triangles"
+        reason = f"only software OpenGL ({device.renderer}), for {shape} "
+        if samples < SOFTWARE_RASTER_SAMPLES or len(scene) > SOFTWARE_RASTER_TRIANGLES:
+            device.close()
+            return _trace(scene, world, threads, f"{reason}slower than trace")
+        reason = f"{reason}faster than trace"
     return Choice(RasterRenderer(scene, world, device=device), RendererKind.RASTER, reason)

@@ -12,8 +12,8 @@ from catoptra_server.render.raster.programs import Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
-# survives until it is averaged, and on llvmpipe the faces are drawn a third faster than into an
-# sRGB target (tests/cost/questions/raster_storage.py).
+# survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB
+# target of 8 bits (tests/cost/questions/raster_faces.py), which would lose both.
 LINEAR_STORAGE = "f2"
 
 

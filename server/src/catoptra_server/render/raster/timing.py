@@ -12,7 +12,7 @@ class StageClock:
     `finish` waits until the device has done what it was told: without it OpenGL only queues, and
     the whole frame would be charged to the stage that reads it back. Waiting costs what the stages
     could have overlapped: nothing that can be measured on llvmpipe, which works off one target
-    after the other (tests/cost/questions/raster_stages.py).
+    after the other (tests/cost/questions/raster_faces.py).
     """
 
     def __init__(self, finish: Callable[[], None]) -> None:
