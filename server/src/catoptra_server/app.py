@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from catoptra_protocol.wire.reports import Greeting
+from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.config.settings import IniFile
 from catoptra_server.config.world_file import read_world
 from catoptra_server.mailbox import Mailbox
 from catoptra_server.plan.render_plan import plan_from_wish

@@ -1,2 +1,5 @@
-"""From ini text to frozen descriptions: `unreal_ini` the grammar, `settings` typed values with good
-errors, `robot_file` and `world_file` the meaning. Unreal's units end here."""
+"""From ini text to frozen descriptions. Unreal's units end here.
+
+`unreal_ini` is the grammar, `settings` typed values with good errors, `ini_file` a whole file;
+`robot_file`, with `omni_camera`, and `world_file` are the meaning.
+"""

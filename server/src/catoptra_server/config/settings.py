@@ -8,19 +8,19 @@ once.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, Where
-from catoptra_server.config.unreal_ini import (
-    Entry,
-    Section,
-    plain_text,
-    read_sections,
-    struct_members,
-)
+from catoptra_protocol.wire.limits import MAX_NAME_CHARS
+from catoptra_server.config.unreal_ini import Entry, plain_text, struct_members
 
 Vector = tuple[float, float, float]
+
+# What a name on the wire is made of: Latin-1 that can be seen, neither space nor brace.
+_WORD = re.compile(rf"[!-z|~\xa1-\xff]{{1,{MAX_NAME_CHARS}}}")
+WORD_EXPECTED = "one word without spaces and braces: it is sent to clients"
 
 
 class Settings:
@@ -29,13 +29,16 @@ class Settings:
     def __init__(self, name: str, where: Where, entries: Iterable[Entry]) -> None:
         self.name = name
         self.where = where
+        self._lines: list[Entry] = []
         self._entries: dict[str, list[Entry]] = {}
+        self._structs: dict[str, list[Settings]] = {}
         self._asked: set[str] = set()
         for entry in entries:
-            self._add(entry)
+            self.add(entry)
 
-    def _add(self, entry: Entry) -> None:
-        """Apply one line: bare repetition and . append, + appends if new, - removes, ! clears."""
+    def add(self, entry: Entry) -> None:
+        """Apply a line: bare repetition and . append, + appends if new, - removes, ! clears."""
+        self._lines.append(entry)
         values = self._entries.setdefault(entry.key.lower(), [])
         match entry.operator:
             case "!":
@@ -49,24 +52,33 @@ class Settings:
 
     def overlay(self, other: Settings) -> None:
         """Let a derived section win: its keys replace ours, its + . - ! lines change them."""
-        for entries in other._entries.values():
-            if entries and not entries[0].operator:
-                self._entries.pop(entries[0].key.lower(), None)
-            for entry in entries:
-                self._add(entry)
+        changed: set[str] = set()
+        for entry in other._lines:
+            key = entry.key.lower()
+            if key not in changed and not entry.operator:
+                self._entries.pop(key, None)
+            changed.add(key)
+            self.add(entry)
 
     def has(self, key: str) -> bool:
         """Return whether the key has a value."""
         return bool(self._entries.get(key.lower()))
 
+    @property
+    def is_used(self) -> bool:
+        """Return whether any key was asked for."""
+        return bool(self._asked)
+
     def unknown(self) -> list[Entry]:
-        """Return the entries whose key nobody asked for."""
-        return [
+        """Return the entries whose key nobody asked for, members of structs among them."""
+        own = [
             entry
             for key, entries in self._entries.items()
             if key not in self._asked
             for entry in entries
         ]
+        structs = (struct for structs in self._structs.values() for struct in structs)
+        return [*own, *(entry for struct in structs for entry in struct.unknown())]
 
     def _last(self, key: str, expected: str) -> Entry:
         entries = self._all(key)
@@ -88,6 +100,20 @@ class Settings:
         if default is not None and not self._all(key):
             return default
         return plain_text(self._last(key, "a text").value)
+
+    def word(self, key: str, default: str | None = None) -> str:
+        """Return a name that the wire can carry."""
+        text = self.text(key, default)
+        if not is_word(text):
+            raise self.complain(key, expected=WORD_EXPECTED)
+        return text
+
+    def file(self, key: str, folder: Path) -> Path:
+        """Return the path of a file that exists; a relative one starts in the folder."""
+        path = folder / self.text(key).replace("\\", "/")
+        if not path.is_file():
+            raise self.complain(key, expected=f"a file that exists; there is no {path}")
+        return path
 
     def number(
         self,
@@ -150,12 +176,13 @@ class Settings:
         *,
         members: str = "XYZ",
         at_least: float = -math.inf,
+        at_most: float = math.inf,
     ) -> Vector:
         """Return three numbers of a struct such as (X=1,Y=2,Z=3); a missing member is 0."""
         if default is not None and not self._all(key):
             return default
         struct = self.struct(key)
-        a, b, c = (struct.number(m, 0.0, at_least=at_least) for m in members)
+        a, b, c = (struct.number(m, 0.0, at_least=at_least, at_most=at_most) for m in members)
         return a, b, c
 
     def struct(self, key: str) -> Settings:
@@ -165,7 +192,10 @@ class Settings:
 
     def structs(self, key: str) -> list[Settings]:
         """Return all struct literals of a repeated key, in order; none is an empty list."""
-        return [_struct(entry) for entry in self._all(key)]
+        entries = self._all(key)
+        if key.lower() not in self._structs:
+            self._structs[key.lower()] = [_struct(entry) for entry in entries]
+        return self._structs[key.lower()]
 
     def complain(self, key: str, *, expected: str) -> ConfigError:
         """Return the error for a value that is well formed but makes no sense here."""
@@ -175,61 +205,9 @@ class Settings:
         return ConfigError(where, key=f"{self.name}.{key}", value=value, expected=expected)
 
 
-class IniFile:
-    """All sections of a file and of the files that it is based on, merged by name."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._sections: dict[str, Settings] = {}
-        self._load(path, seen=())
-
-    def _load(self, path: Path, seen: tuple[Path, ...]) -> None:
-        """Load what the file is based on ([Configuration] BasedOn=, as in UDK), then the file."""
-        sections = _merged(read_sections(path))
-        configuration = sections.get("configuration")
-        if configuration is not None and configuration.has("BasedOn"):
-            base = path.parent / configuration.text("BasedOn").replace("\\", "/")
-            if base.resolve() in seen or base.resolve() == path.resolve():
-                raise configuration.complain("BasedOn", expected="a file that is not based on this")
-            self._load(base, (*seen, path.resolve()))
-        for key, settings in sections.items():
-            if key in self._sections:
-                self._sections[key].overlay(settings)
-            else:
-                self._sections[key] = settings
-
-    def section(self, name: str) -> Settings:
-        """Return a section; one that the file does not have is empty."""
-        return self._sections.get(name.lower()) or Settings(name, Where(str(self.path)), ())
-
-    def has(self, name: str) -> bool:
-        """Return whether the file has the section."""
-        return name.lower() in self._sections
-
-    def names(self) -> list[str]:
-        """Return the names of all sections, in order."""
-        return [settings.name for settings in self._sections.values()]
-
-    def unknown(self) -> list[Entry]:
-        """Return the entries of sections that were used, whose keys nobody asked for."""
-        return [
-            entry
-            for settings in self._sections.values()
-            if settings._asked
-            for entry in settings.unknown()
-        ]
-
-
-def _merged(sections: tuple[Section, ...]) -> dict[str, Settings]:
-    merged: dict[str, Settings] = {}
-    for section in sections:
-        known = merged.get(section.name.lower())
-        if known is None:
-            merged[section.name.lower()] = Settings(section.name, section.where, section.entries)
-        else:
-            for entry in section.entries:
-                known._add(entry)
-    return merged
+def is_word(text: str) -> bool:
+    """Return whether the wire can carry a text as a name."""
+    return _WORD.fullmatch(text) is not None
 
 
 def _struct(entry: Entry) -> Settings:

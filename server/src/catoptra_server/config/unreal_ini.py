@@ -8,12 +8,15 @@ value, text after a struct's closing bracket, missing blank lines, any line end.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, Where
 
 _OPERATORS = "+.-!"
+# Not str.splitlines, which also ends a line at form feeds and U+2028: editors do not count those.
+_LINE_END = re.compile(r"\r\n|\r|\n")
 # A file larger than this is no ini file; the largest real one (UT2004's) has 60 kB.
 _LARGEST_FILE_BYTES = 4 * 1024 * 1024
 
@@ -39,23 +42,33 @@ class Section:
 
 def read_sections(path: Path) -> tuple[Section, ...]:
     """Return the sections of a file. Raises ConfigError with file and line."""
+    where = Where(str(path))
     try:
         size = path.stat().st_size
-        text = path.read_text(encoding="utf-8-sig") if size <= _LARGEST_FILE_BYTES else None
-    except (OSError, UnicodeDecodeError) as error:
+        data = path.read_bytes() if size <= _LARGEST_FILE_BYTES else None
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise ConfigError(
-            Where(str(path)), key="file", value=str(path), expected=f"a readable ini file ({error})"
+            where, key="file", value=str(path), expected=f"a readable ini file ({error})"
         ) from error
-    if text is None:
-        raise ConfigError(Where(str(path)), key="file", value=str(size), expected="at most 4 MiB")
-    return parse_sections(text, file=str(path))
+    if data is None:
+        raise ConfigError(where, key="file", value=f"{size} bytes", expected="at most 4 MiB")
+    return parse_sections(_decoded(data, file=str(path)), file=str(path))
+
+
+def _decoded(data: bytes, *, file: str) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        where = Where(file, data.count(b"\n", 0, error.start) + 1)
+        byte = repr(data[error.start : error.end])
+        raise ConfigError(where, key="file", value=byte, expected="UTF-8 text") from error
 
 
 def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
     """Return the sections of ini text; `file` is named in errors."""
     sections: list[Section] = []
     entries: list[Entry] = []
-    for number, raw in enumerate(text.splitlines(), 1):
+    for number, raw in enumerate(_LINE_END.split(text), 1):
         where, line = Where(file, number), without_comment(raw).strip()
         if not line:
             continue

@@ -13,9 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.landmarks import COLOURS, Landmark, read_landmarks
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.config.settings import IniFile, Settings
+from catoptra_protocol.wire.reports import (
+    Greeting,
+    Report,
+    StartPose,
+    StartPoses,
+    line_from_report,
+)
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.settings import Settings, Vector
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.description import (
     Box,
@@ -38,6 +47,8 @@ from catoptra_server.scene.description import (
 
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
+# Sizes and places beyond this (metres) are slips of a pen: a float32 there has steps of 8 mm.
+_LARGEST_M = 1e5
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
@@ -46,12 +57,16 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     section = file.section(_SECTION)
     if not file.has(_SECTION):
         raise section.complain("section", expected=f"a section [{_SECTION}]")
+    name = section.text("Name", path.stem)
+    starts = tuple(_start(start) for start in section.structs("PlayerStarts"))
+    _refuse_unsayable(section, "Name", Greeting("", name))
+    _refuse_unsayable(section, "PlayerStarts", _poses(starts))
     world = World(
-        name=section.text("Name", path.stem),
+        name=name,
         items=tuple(_items(section, path.parent)),
         landmarks=_landmarks(section, path.parent),
         lights=tuple(_light(light) for light in section.structs("Lights")),
-        starts=tuple(_start(start) for start in section.structs("PlayerStarts")),
+        starts=starts,
         background=_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_landmark_albedos(file.section(_LANDMARK_COLOURS)),
     )
@@ -60,9 +75,18 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     return world, file
 
 
+def _refuse_unsayable(section: Settings, key: str, report: Report) -> None:
+    """Refuse what no line of the protocol can carry, before a client asks for it."""
+    try:
+        line_from_report(report)
+    except LocalProtocolError as error:
+        raise section.complain(key, expected=f"what can be sent to clients ({error})") from error
+
+
 def _landmarks(section: Settings, folder: Path) -> tuple[Landmark, ...]:
-    name = section.text("Landmarks", "")
-    return read_landmarks(folder / name) if name else ()
+    return (
+        read_landmarks(section.file("Landmarks", folder)) if section.text("Landmarks", "") else ()
+    )
 
 
 def _landmark_albedos(section: Settings) -> dict[str, Rgb]:
@@ -75,29 +99,27 @@ def _landmark_albedos(section: Settings) -> dict[str, Rgb]:
 
 
 def _box(item: Settings, folder: Path) -> Shape:
-    return Box(item.vector("Size", at_least=1e-6))
+    return Box(item.vector("Size", at_least=1e-6, at_most=_LARGEST_M))
 
 
 def _cylinder(item: Settings, folder: Path) -> Shape:
     return Cylinder(
-        radius_m=item.number("Radius", at_least=1e-6),
-        height_m=item.number("Height", at_least=1e-6),
+        radius_m=_length(item, "Radius"),
+        height_m=_length(item, "Height"),
         sectors=item.integer("Sectors", 48, at_least=3, at_most=4096),
     )
 
 
 def _rectangle(item: Settings, folder: Path) -> Shape:
-    size, repeat = item.struct("Size"), item.vector("Repeat", (1.0, 1.0, 0.0))
-    return Rectangle(
-        size_m=(size.number("X", at_least=1e-6), size.number("Y", at_least=1e-6)), repeat=repeat[:2]
-    )
+    size, repeat = item.struct("Size"), item.vector("Repeat", (1.0, 1.0, 0.0), at_most=_LARGEST_M)
+    return Rectangle(size_m=(_length(size, "X"), _length(size, "Y")), repeat=repeat[:2])
 
 
 def _ring(item: Settings, folder: Path) -> Shape:
-    inner = item.number("InnerRadius", at_least=0.0)
+    inner = item.number("InnerRadius", at_least=0.0, at_most=_LARGEST_M)
     return Ring(
         inner_radius_m=inner,
-        outer_radius_m=item.number("OuterRadius", at_least=inner + 1e-6),
+        outer_radius_m=item.number("OuterRadius", at_least=inner + 1e-6, at_most=2 * _LARGEST_M),
         sectors=item.integer("Sectors", 96, at_least=3, at_most=4096),
     )
 
@@ -105,7 +127,7 @@ def _ring(item: Settings, folder: Path) -> Shape:
 def _sphere_band(item: Settings, folder: Path) -> Shape:
     lower = item.number("From", at_least=0.0, at_most=180.0)
     return SphereBand(
-        radius_m=item.number("Radius", at_least=1e-6),
+        radius_m=_length(item, "Radius"),
         from_rad=math.radians(lower),
         to_rad=math.radians(item.number("To", at_least=lower, at_most=180.0)),
         sectors=item.integer("Sectors", 360, at_least=3, at_most=4096),
@@ -115,10 +137,18 @@ def _sphere_band(item: Settings, folder: Path) -> Shape:
 
 def _mesh(item: Settings, folder: Path) -> Shape:
     return MeshFile(
-        path=folder / item.text("File"),
-        scale=item.number("Scale", 1.0, at_least=1e-9),
+        path=item.file("File", folder),
+        scale=item.number("Scale", 1.0, at_least=1e-9, at_most=1e9),
         up=item.choice("Up", ["y", "z"], "z"),
     )
+
+
+def _length(item: Settings, key: str) -> float:
+    return item.number(key, at_least=1e-6, at_most=_LARGEST_M)
+
+
+def _place(item: Settings, key: str, default: Vector | None = None) -> Vector:
+    return item.vector(key, default, at_least=-_LARGEST_M, at_most=_LARGEST_M)
 
 
 _SHAPES: dict[str, Callable[[Settings, Path], Shape]] = {
@@ -140,7 +170,7 @@ def _items(section: Settings, folder: Path) -> list[Item]:
 
 
 def _item(struct: Settings, shape: Shape, default_name: str, folder: Path) -> Item:
-    position = struct.vector("Position", (0.0, 0.0, 0.0))
+    position = _place(struct, "Position", (0.0, 0.0, 0.0))
     pose = Pose.from_rpy(position, struct.vector("Direction", (0.0, 0.0, 0.0)))
     own_look = (
         isinstance(shape, MeshFile) and not struct.has("Colour") and not struct.has("Texture")
@@ -150,21 +180,19 @@ def _item(struct: Settings, shape: Shape, default_name: str, folder: Path) -> It
 
 
 def _material(struct: Settings, folder: Path) -> Material:
-    texture = struct.text("Texture", "")
+    texture = struct.file("Texture", folder) if struct.text("Texture", "") else None
     white = (255, 255, 255)
     return Material(
         albedo=_colour(struct, "Colour", white if texture else (128, 128, 128)),
-        texture=folder / texture if texture else None,
+        texture=texture,
         unlit=struct.boolean("Unlit", False),
     )
 
 
 def _colour(settings: Settings, key: str, default: tuple[int, int, int]) -> Rgb:
     """Return linear light of a colour in sRGB bytes."""
-    red, green, blue = settings.vector(key, default, members="RGB", at_least=0.0)
-    if max(red, green, blue) > 255:
-        raise settings.complain(key, expected="(R=,G=,B=) from 0 to 255")
-    r, g, b = linear_from_srgb(np.array([red, green, blue]) / 255.0)
+    rgb = settings.vector(key, default, members="RGB", at_least=0.0, at_most=255.0)
+    r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
     return float(r), float(g), float(b)
 
 
@@ -173,7 +201,7 @@ def _colour(settings: Settings, key: str, default: tuple[int, int, int]) -> Rgb:
 
 
 def _light(struct: Settings) -> Light:
-    brightness = struct.number("Brightness", 1.0, at_least=0.0)
+    brightness = struct.number("Brightness", 1.0, at_least=0.0, at_most=1e6)
 
     def shone(key: str, default: tuple[int, int, int]) -> Rgb:
         r, g, b = _colour(struct, key, default)
@@ -192,12 +220,16 @@ def _light(struct: Settings) -> Light:
                 (float(x), float(y), float(z)), shone("Colour", (255, 255, 255))
             )
         case _:
-            return PointLight(struct.vector("Position"), shone("Colour", (255, 255, 255)))
+            return PointLight(_place(struct, "Position"), shone("Colour", (255, 255, 255)))
 
 
 def _start(struct: Settings) -> StartPlace:
     return StartPlace(
-        struct.text("Tag"),
-        struct.vector("Location"),
+        struct.word("Tag"),
+        _place(struct, "Location"),
         struct.vector("Rotation", (0.0, 0.0, 0.0), members="XYZ"),
     )
+
+
+def _poses(starts: tuple[StartPlace, ...]) -> StartPoses:
+    return StartPoses(tuple(StartPose(s.name, s.location_m, s.rotation_rad) for s in starts))

@@ -1,0 +1,49 @@
+"""The repository's own configuration files, and copies of them with one thing changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[2]
+ROBOTS = REPOSITORY / "configs/robots"
+WORLDS = REPOSITORY / "configs/worlds"
+OMNI_ROBOT = ROBOTS / "p2at_omni.ini"
+FIELD = WORLDS / "four_legged_2006.ini"
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """A part of a file that occurs once, and what stands in its place."""
+
+    old: str
+    new: str
+
+    def applied(self, text: str) -> str:
+        """Return the text with the part replaced."""
+        assert text.count(self.old) == 1, f"{self.old!r} occurs {text.count(self.old)} times"
+        return text.replace(self.old, self.new)
+
+
+def edited_copy(original: Path, folder: Path, *edits: Edit) -> Path:
+    """Write a copy of a file with edits into a folder; return its path."""
+    text = original.read_text(encoding="utf-8")
+    for edit in edits:
+        text = edit.applied(text)
+    copy = folder / original.name
+    copy.write_text(text, encoding="utf-8")
+    return copy
+
+
+def line_of(path: Path, part: str) -> int:
+    """Return the number of the first line that holds a part."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return next(number for number, line in enumerate(lines, 1) if part in line)
+
+
+def small_world(folder: Path, *lines: str) -> Path:
+    """Write a world of one box and further lines; return its path."""
+    path = folder / "world.ini"
+    box = "Boxes=(Size=(X=1,Y=1,Z=1),Position=(X=3,Y=0,Z=-0.5))"
+    path.write_text("\n".join(("[Catoptra.World]", box, *lines)) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,121 @@
+"""Robot files: what the shipped one means, and what is said of broken ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.robot.description import GroundTruthDescription, OdometryDescription
+from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, edited_copy, line_of
+
+BARE = """\
+[USARBot.P2AT]
+SteeringType=SkidSteered
+Dimensions=(X=0.5,Y=0.4,Z=0.3)
+WheelRadius=0.13
+WheelSeparation=0.47
+WheelBase=0.29
+RideHeight=0.15
+Mass=14
+MaxSpeed=5.385
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "robot.ini"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.ini")), ids=lambda path: path.name)
+def test_shipped_robot_when_read_is_known_to_the_last_key(path: Path) -> None:
+    robot, file = read_robot(path)
+    assert robot.omni_camera is not None
+    assert file.unknown() == []
+
+
+def test_p2at_when_read_has_the_reference_base() -> None:
+    robot, _ = read_robot(OMNI_ROBOT)
+    drive = robot.drive
+    assert (robot.class_name, robot.model_name) == ("USARBot.OmniP2AT", "OmniP2AT")
+    # usarsim.md 4, UT2004 P2AT.
+    assert (drive.wheel_radius_m, drive.wheel_separation_m) == (0.13, 0.4712)
+    assert (drive.wheel_base_m, drive.dimensions_m) == (0.2884, (0.5238, 0.4968, 0.2913))
+    assert (drive.mass_kg, drive.max_speed_rad_s, drive.max_torque) == (14.0, 5.385, 60.0)
+    assert (robot.status_interval_s, robot.battery_s) == (0.2, 1200.0)
+    assert robot.viewpoint_height_m == pytest.approx(0.6, abs=1e-12)
+
+
+def test_p2at_when_read_has_its_sensors_in_order() -> None:
+    robot, _ = read_robot(OMNI_ROBOT)
+    odometry, truth = robot.sensors
+    assert isinstance(odometry, OdometryDescription)
+    assert (odometry.name, odometry.interval_s, odometry.turn_scale) == ("Odometry", 0.2, 0.97)
+    assert truth == GroundTruthDescription("GroundTruth", 0.2, 2)
+
+
+def test_robot_when_it_has_no_omni_camera_stands_on_its_own(tmp_path: Path) -> None:
+    robot, _ = read_robot(written(tmp_path, BARE))
+    assert (robot.omni_camera, robot.sensors, robot.viewpoint_height_m) == (None, (), 0.0)
+
+
+def test_robot_when_several_sections_are_there_is_the_first_that_steers(tmp_path: Path) -> None:
+    text = "[USARBot.USARBot]\nmsgTimer=1\n" + BARE + BARE.replace("P2AT", "P2DX")
+    assert read_robot(written(tmp_path, text))[0].class_name == "USARBot.P2AT"
+
+
+def test_robot_when_written_over_two_sections_is_one(tmp_path: Path) -> None:
+    text = BARE.replace("Mass=14\n", "[Other]\n[usarbot.p2at]\nMass=14\n")
+    assert read_robot(written(tmp_path, text))[0].drive.mass_kg == 14.0
+
+
+def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_path: Path) -> None:
+    text = BARE.replace("Z=0.3)", "Z=0.3)'was y=-1.2")
+    assert read_robot(written(tmp_path, text))[0].drive.dimensions_m == (0.5, 0.4, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("edit", "key", "expected"),
+    [
+        (Edit("SteeringType=Skid", "SteeringType=Ackermann"), "SteeringType", "SkidSteered"),
+        (Edit("WheelRadius=0.13", "WheelRadius=0"), "WheelRadius", "from 0.001 to 10"),
+        (Edit("WheelSeparation=0.4712", "WheelSeparation=wide"), "WheelSeparation", "a number"),
+        (Edit("(X=0.5238,Y=0.4968,", "(X=0.5238,Y=-1,"), "Y", "of at least 0.001"),
+        (Edit("(X=0.5238,Y=0.4968,Z=0.2913)", "(X=0.5238"), "Dimensions", "a struct such as"),
+        (Edit("TurnSlip=0.03", "TurnSlip=1.5"), "TurnSlip", "from 0 to 0.9"),
+        (Edit("msgTimer=0.2", "msgTimer=0"), "msgTimer", "from 0.01 to 60"),
+        (Edit("Decimals=2", "Decimals=2.5"), "Decimals", "a whole number from 0 to 12"),
+        (Edit("[USARBot.OmniP2AT]", "[USARBot.Omni P2AT]"), "section", "one word"),
+        (Edit("'USARBot.GroundTruth'", "'USARBot.Sonar'"), "Sensors.ItemClass", "GroundTruth"),
+        (Edit('ItemName="GroundTruth"', 'ItemName=""'), "Sensors.ItemName", "one word"),
+        (Edit('ItemName="GroundTruth"', 'ItemName="a{b"'), "Sensors.ItemName", "one word"),
+        (Edit('ItemName="GroundTruth"', 'ItemName="a b"'), "Sensors.ItemName", "one word"),
+        (Edit('ItemName="GroundTruth"', 'ItemName="odometry"'), "Sensors.ItemName", "no other"),
+    ],
+    ids=lambda value: value.new if isinstance(value, Edit) else "",
+)
+def test_robot_when_broken_names_file_line_key_and_expectation(
+    tmp_path: Path, edit: Edit, key: str, expected: str
+) -> None:
+    path = edited_copy(OMNI_ROBOT, tmp_path, edit)
+    with pytest.raises(ConfigError) as caught:
+        read_robot(path)
+    error = caught.value
+    assert (error.where.file, error.where.line) == (str(path), line_of(path, edit.new))
+    assert error.key == key
+    assert expected in error.expected
+
+
+@pytest.mark.parametrize("key", ["Dimensions", "WheelRadius", "MaxSpeed", "Mass", "RideHeight"])
+def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str) -> None:
+    lines = [line for line in BARE.splitlines() if not line.startswith(key)]
+    with pytest.raises(ConfigError, match=rf"robot\.ini:1: USARBot\.P2AT\.{key}=''.*missing"):
+        read_robot(written(tmp_path, "\n".join(lines)))
+
+
+def test_file_when_it_has_no_robot_says_what_one_looks_like(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"robot\.ini: USARBot\.X\.SteeringType=.*SkidSteered"):
+        read_robot(written(tmp_path, "[A.B]\nK=1\n"))

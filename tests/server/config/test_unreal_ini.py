@@ -1,0 +1,175 @@
+"""The grammar of Unreal's ini files, with the oddities that real ones have (usarsim.md 3.1)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.unreal_ini import (
+    parse_sections,
+    plain_text,
+    read_sections,
+    struct_members,
+    without_comment,
+)
+
+
+def entries(*lines: str) -> list[tuple[str, str, str]]:
+    """Return (operator, key, value) of the lines of one section."""
+    (section,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
+    return [(entry.operator, entry.key, entry.value) for entry in section.entries]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("Key=value", ("", "Key", "value")),
+        ("dropCheckFrequency = 5", ("", "dropCheckFrequency", "5")),
+        ("beamAngle=0.349;", ("", "beamAngle", "0.349")),
+        ("K=11.5 ; the paper's", ("", "K", "11.5")),
+        ('Name="a;b" ; c', ("", "Name", '"a;b"')),
+        ("Key=", ("", "Key", "")),
+        ("A=b=c", ("", "A", "b=c")),
+        ("Key[0]=1", ("", "Key[0]", "1")),
+        ("+Paths=x", ("+", "Paths", "x")),
+        (".Paths=x", (".", "Paths", "x")),
+        ("-Paths=x", ("-", "Paths", "x")),
+        ("!Paths=", ("!", "Paths", "")),
+    ],
+)
+def test_entry_when_written_as_in_real_files_is_read(
+    line: str, expected: tuple[str, str, str]
+) -> None:
+    assert entries(line) == [expected]
+
+
+def test_comments_and_blank_lines_are_nothing() -> None:
+    assert entries("", "; a comment", "   ", ";Key=value") == []
+
+
+def test_comment_inside_quotes_is_text() -> None:
+    assert without_comment('A="x;y";z') == 'A="x;y"'
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_when_ended_in_any_way_are_counted_alike(end: str) -> None:
+    (section,) = parse_sections(end.join(("; c", "[A.B]", "", "K=1", "")), file="x.ini")
+    assert (section.where.line, section.entries[0].where.line) == (2, 4)
+
+
+@pytest.mark.parametrize("odd", ["\f", "\v", "\x1c", "\x85", "\u2028"])
+def test_line_when_it_holds_an_odd_separator_goes_on(odd: str) -> None:
+    assert entries(f"A=1 ; a{odd}b") == [("", "A", "1")]
+
+
+def test_section_when_repeated_is_kept_apart() -> None:
+    sections = parse_sections("[A]\nK=1\n[B]\n[A]\nK=2\n", file="x.ini")
+    assert [(s.name, len(s.entries)) for s in sections] == [("A", 1), ("B", 0), ("A", 1)]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "expected"),
+    [
+        ("Key=1\n", 1, "a [Package.Class] first"),
+        ("[A]\n\nnonsense\n", 3, "key=value"),
+        ("[A]\n=1\n", 2, "key=value"),
+        ("[A]\n+=1\n", 2, "key=value"),
+        ("[A\n", 1, "[Package.Class]"),
+        ("[]\n", 1, "[Package.Class]"),
+        ("[A] tail\n", 1, "[Package.Class]"),
+    ],
+)
+def test_text_when_broken_names_file_and_line(text: str, line: int, expected: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_sections(text, file="x.ini")
+    assert (caught.value.where.file, caught.value.where.line) == ("x.ini", line)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "members"),
+    [
+        ("()", []),
+        ("(X=1,Y=2)", [("X", "1"), ("Y", "2")]),
+        ("( X = 1 , Y = 2 )", [("X", "1"), ("Y", "2")]),
+        ("(X=1,)", [("X", "1")]),
+        ("(A=(X=1,Y=(Z=2)),B=3)", [("A", "(X=1,Y=(Z=2))"), ("B", "3")]),
+        ('(N="a,b)c",M=1)', [("N", '"a,b)c"'), ("M", "1")]),
+        ("(C=class'USARBot.P2AT')", [("C", "class'USARBot.P2AT'")]),
+        ("(X=0,Y=-0.2)'was y=-1.2", [("X", "0"), ("Y", "-0.2")]),
+    ],
+)
+def test_struct_when_well_formed_gives_its_members(
+    value: str, members: list[tuple[str, str]]
+) -> None:
+    assert struct_members(value) == members
+
+
+@pytest.mark.parametrize("value", ["", "1", "(X=1", "((X=1)", '(X="1)', "(1,2)", "(=1)"])
+def test_struct_when_unbalanced_or_unnamed_is_none(value: str) -> None:
+    assert struct_members(value) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ('"quoted"', "quoted"),
+        ('""', ""),
+        ("class'USARSensor.SICK'", "USARSensor.SICK"),
+        ("bare", "bare"),
+        ('"', '"'),
+        ("it's", "it's"),
+    ],
+)
+def test_plain_text_when_quoted_or_referenced_is_what_is_inside(value: str, text: str) -> None:
+    assert plain_text(value) == text
+
+
+# ---- files
+
+
+def test_file_when_it_starts_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "x.ini"
+    path.write_bytes(b"\xef\xbb\xbf[A]\r\nK=1\r\n")
+    assert read_sections(path)[0].entries[0].key == "K"
+
+
+def test_file_when_not_utf_8_names_the_line_of_the_byte(tmp_path: Path) -> None:
+    path = tmp_path / "x.ini"
+    path.write_bytes("[A]\nK=1\nN=Zürich\n".encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"x\.ini:3.*UTF-8"):
+        read_sections(path)
+
+
+def test_file_when_of_5_mb_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "x.ini"
+    path.write_bytes(b";" * 5_000_000)
+    with pytest.raises(ConfigError, match="5000000 bytes.*at most 4 MiB"):
+        read_sections(path)
+
+
+@pytest.mark.parametrize("name", ["missing.ini", ".", "a\0b"])
+def test_file_when_it_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="a readable ini file"):
+        read_sections(tmp_path / name)
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(st.text(alphabet=st.sampled_from("[]()=,;\"'+-.! \n\raK1\u00e9"), max_size=60))
+def test_text_when_arbitrary_is_read_or_refused_with_a_line(text: str) -> None:
+    try:
+        sections = parse_sections(text, file="x.ini")
+    except ConfigError as error:
+        assert error.where.line >= 1
+    else:
+        assert all(entry.key for section in sections for entry in section.entries)
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(st.text(alphabet=st.sampled_from("()=,\"'aX1 "), max_size=40))
+def test_struct_when_arbitrary_has_named_members_or_is_none(value: str) -> None:
+    assert all(name for name, _ in struct_members(value) or [])

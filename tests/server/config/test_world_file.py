@@ -1,0 +1,229 @@
+"""World files: the shipped ones, each kind of line, and what is said of broken ones."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.wire.reports import StartPose, StartPoses, line_from_report
+from catoptra_server.config.world_file import read_world
+from catoptra_server.scene.description import (
+    Box,
+    Cylinder,
+    DirectionalLight,
+    HemisphereLight,
+    Material,
+    MeshFile,
+    PointLight,
+    Rectangle,
+    Ring,
+    SphereBand,
+    StartPlace,
+    World,
+)
+from catoptra_server.scene.meshes import build_scene
+from helpers.configs import FIELD, WORLDS, Edit, edited_copy, line_of, small_world
+
+
+def world_of(folder: Path, *lines: str) -> World:
+    return read_world(small_world(folder, *lines))[0]
+
+
+@pytest.mark.parametrize("path", sorted(WORLDS.glob("*.ini")), ids=lambda path: path.name)
+def test_shipped_world_when_read_is_known_to_the_last_key(path: Path) -> None:
+    world, file = read_world(path)
+    assert file.unknown() == []
+    scene = build_scene(world)
+    assert len(scene) > 0
+    assert np.isfinite(scene.corners).all()
+
+
+def test_field_when_read_is_the_four_legged_one_of_2006() -> None:
+    world, _ = read_world(FIELD)
+    assert world.name == "DM-spqrSoccer2006_250"
+    kinds = [landmark.kind for landmark in world.landmarks]
+    assert (kinds.count("goal"), kinds.count("beacon")) == (2, 4)
+    # The 2006 rules: beacons 1.35 m either side of halfway, goals 0.8 m wide on lines 5.4 m apart.
+    assert {abs(m.x_m) for m in world.landmarks if m.kind == "beacon"} == {1.35}
+    assert {(abs(m.x_m), m.width_m) for m in world.landmarks if m.kind == "goal"} == {(2.7, 0.8)}
+
+
+@pytest.mark.parametrize(
+    ("line", "shape"),
+    [
+        ("Boxes=(Size=(X=1,Y=2,Z=3))", Box((1.0, 2.0, 3.0))),
+        ("Cylinders=(Radius=0.1,Height=2,Sectors=12)", Cylinder(0.1, 2.0, 12)),
+        ("Rectangles=(Size=(X=1,Y=2),Repeat=(X=3,Y=4))", Rectangle((1.0, 2.0), (3.0, 4.0))),
+        ("Rings=(InnerRadius=0,OuterRadius=1)", Ring(0.0, 1.0)),
+        (
+            "SphereBands=(Radius=2,From=90,To=180,Sectors=8,Rings=3)",
+            SphereBand(2.0, 0.5 * math.pi, math.pi, 8, 3),
+        ),
+    ],
+)
+def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object) -> None:
+    assert shape in [item.shape for item in world_of(tmp_path, line).items]
+
+
+def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
+    line = (
+        'Cylinders=(Name="Post",Radius=1,Height=1,Position=(X=1,Y=2,Z=-3),'
+        "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true)"
+    )
+    item = world_of(tmp_path, line).items[-1]
+    assert item.name == "Post"
+    assert item.world_from_item.translation.tolist() == [1.0, 2.0, -3.0]
+    assert item.world_from_item.rpy() == pytest.approx((0.0, 0.0, 1.5))
+    assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
+
+
+def test_mesh_when_it_says_nothing_of_its_look_keeps_its_own(tmp_path: Path) -> None:
+    (tmp_path / "m.stl").touch()
+    item = world_of(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
+    assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
+    assert item.material is None
+
+
+def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -> None:
+    world = world_of(
+        tmp_path,
+        "Lights=(Type=Hemisphere,Up=(R=255,G=255,B=255),Down=(R=0,G=0,B=0),Brightness=0.5)",
+        "Lights=(Type=Directional,Direction=(X=0,Y=0,Z=2))",
+        "Lights=(Type=Point,Position=(X=1,Y=2,Z=-3),Colour=(R=255,G=0,B=0),Brightness=4)",
+    )
+    assert world.lights == (
+        HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0)),
+        DirectionalLight((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)),
+        PointLight((1.0, 2.0, -3.0), (4.0, 0.0, 0.0)),
+    )
+
+
+def test_start_when_written_is_a_place(tmp_path: Path) -> None:
+    line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
+    assert world_of(tmp_path, line).starts == (StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),)
+
+
+def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
+    assert world_of(tmp_path).name == "world"
+
+
+# ---- broken worlds
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "expected"),
+    [
+        ("Boxes=(Size=(X=1,Y=0,Z=1))", "Y", "from 1e-06"),
+        ("Boxes=(Size=(X=1e9,Y=1,Z=1))", "X", "to 100000"),
+        ("Boxes=(Position=(X=1))", "Boxes.Size", "a struct"),
+        ("Boxes=1", "Boxes", "a struct"),
+        ("Boxes=(Size=(X=1,Y=1,Z=1)", "Boxes", "a struct"),
+        ("Boxes=(Size=(X=1,Y=1,Z=1),Position=(X=1e300))", "X", "from -100000"),
+        ("Cylinders=(Radius=1,Height=1,Sectors=2)", "Sectors", "from 3 to 4096"),
+        ("Rings=(InnerRadius=2,OuterRadius=1)", "OuterRadius", "from 2"),
+        ("SphereBands=(Radius=1,From=90,To=80)", "To", "from 90 to 180"),
+        ("Rectangles=(Size=(X=1))", "Size.Y", "missing"),
+        ("Boxes=(Size=(X=1,Y=1,Z=1),Colour=(R=256))", "R", "from 0 to 255"),
+        ("Boxes=(Size=(X=1,Y=1,Z=1),Unlit=perhaps)", "Unlit", "true or false"),
+        ('Boxes=(Size=(X=1,Y=1,Z=1),Texture="no.png")', "Boxes.Texture", "a file that exists"),
+        ("Meshes=(Scale=1)", "Meshes.File", "missing"),
+        ("Meshes=(File=no.glb)", "Meshes.File", "a file that exists"),
+        ("Meshes=(File=world.ini,Up=x)", "Up", "one of y, z"),
+        ("Landmarks=no.csv", "Catoptra.World.Landmarks", "a file that exists"),
+        ("Lights=(Type=Laser)", "Type", "one of Hemisphere, Directional, Point"),
+        ("Lights=(Type=Directional,Direction=(X=0))", "Lights.Direction", "not zero"),
+        ("Lights=(Type=Point,Position=(X=1),Brightness=-1)", "Brightness", "from 0"),
+        ('PlayerStarts=(Tag="a b",Location=(X=0))', "PlayerStarts.Tag", "one word"),
+        ('PlayerStarts=(Tag="a}",Location=(X=0))', "PlayerStarts.Tag", "one word"),
+        ("PlayerStarts=(Location=(X=0))", "PlayerStarts.Tag", "missing"),
+        ('PlayerStarts=(Tag="A")', "PlayerStarts.Location", "missing"),
+        ('Name="a {b}"', "Catoptra.World.Name", "what can be sent"),
+        ('Name="€uro"', "Catoptra.World.Name", "what can be sent"),
+        ('Name="' + 5000 * "x" + '"', "Catoptra.World.Name", "at most 4095"),
+        ("Background=(R=-1)", "R", "from 0 to 255"),
+    ],
+)
+def test_world_when_broken_names_file_line_key_and_expectation(
+    tmp_path: Path, line: str, key: str, expected: str
+) -> None:
+    path = small_world(tmp_path, "; the next line is wrong", line)
+    with pytest.raises(ConfigError) as caught:
+        read_world(path)
+    error = caught.value
+    assert (error.where.file, error.where.line) == (str(path), 4)
+    assert error.key == key
+    assert expected in error.expected
+
+
+def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
+    world = world_of(
+        tmp_path, *(f"PlayerStarts=(Tag=P{i:02},Location=(X=-9.5))" for i in range(60))
+    )
+    poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in world.starts]
+    assert len(line_from_report(StartPoses(tuple(poses)))) <= 4095
+
+
+def test_starts_when_too_many_for_a_line_are_refused(tmp_path: Path) -> None:
+    lines = [f"PlayerStarts=(Tag=Start{i},Location=(X=0))" for i in range(90)]
+    with pytest.raises(ConfigError, match=r"PlayerStarts=.*at most 4095"):
+        world_of(tmp_path, *lines)
+
+
+@pytest.mark.parametrize("text", ["", "[Other]\nK=1\n"])
+def test_file_when_it_has_no_world_asks_for_the_section(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "world.ini"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"world\.ini: .*a section \[Catoptra\.World\]"):
+        read_world(path)
+
+
+def test_world_when_there_is_nothing_to_see_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "world.ini"
+    path.write_text("[Catoptra.World]\nName=Void\n")
+    with pytest.raises(ConfigError, match=r"world\.ini:1: .*at least one thing to see"):
+        read_world(path)
+
+
+def test_landmark_when_its_row_is_broken_names_the_csv_and_its_line(tmp_path: Path) -> None:
+    csv = Path(FIELD.parent.parent / "landmarks/four_legged_2006.csv")
+    broken = edited_copy(csv, tmp_path, Edit("yellow_goal,goal,2.7", "yellow_goal,goal,far"))
+    with pytest.raises(ConfigError, match=r"x_m='far': expected a finite number") as caught:
+        world_of(tmp_path, f"Landmarks={broken}")
+    where = caught.value.where
+    assert (where.file, where.line) == (str(broken), line_of(broken, "far"))
+
+
+def test_member_when_misspelt_is_reported_as_unknown(tmp_path: Path) -> None:
+    path = small_world(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1,W=1),Color=(R=255))", "Nmae=x")
+    _, file = read_world(path)
+    assert sorted(entry.key for entry in file.unknown()) == ["Color", "Nmae", "W"]
+
+
+_VALUES = st.one_of(
+    st.floats(width=64).map(repr),
+    st.text(alphabet=st.sampled_from("()=,\"'aX1 \0é{}"), max_size=20),
+    st.sampled_from(["(X=1,Y=1,Z=1)", "(Size=(X=1,Y=1,Z=1))", "(Tag=A,Location=(X=1))"]),
+)
+_KEYS = st.sampled_from(
+    ["Name", "Boxes", "Rings", "Lights", "PlayerStarts", "Background", "Landmarks", "Meshes"]
+)
+
+
+@settings(derandomize=True, max_examples=150, deadline=None)
+@given(st.lists(st.tuples(_KEYS, _VALUES), max_size=4))
+def test_world_when_arbitrary_is_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[tuple[str, str]]
+) -> None:
+    path = small_world(tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines))
+    try:
+        world, _ = read_world(path)
+    except ConfigError as error:
+        assert str(path) in str(error)
+    else:
+        assert np.isfinite(build_scene(world).corners).all()
