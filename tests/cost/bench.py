@@ -1,0 +1,219 @@
+"""How many frames a second, rendered and delivered over TCP, in both worlds and by both renderers?
+
+Run: make bench. Prints medians and writes out/bench/bench.json. Every row draws while the robot
+moves, so that no frame is drawn twice. Machines are noisy: compare rows of one run.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from catoptra_client.images import ImageStream
+from catoptra_client.robot import Robot
+from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.app import Setup, read_setup
+from catoptra_server.plan.render_plan import RenderWish, plan_from_wish
+from catoptra_server.render.choice import Choice, choose_renderer
+from catoptra_server.render.renderer import Exposure
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "configs/robots/p2at_omni.ini"
+WORLDS = {"field": "four_legged_2006.ini", "corridor": "corridor.ini"}
+SIZES = (360, 640)
+SAMPLES = (1, 2)
+WARM_UP_S = 0.8  # software OpenGL is not steady before
+MEASURED_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table. fps_alone: View.draw in a loop; the others: over TCP, RAW."""
+
+    world: str
+    size_px: int
+    samples: int
+    renderer: str
+    fps_alone: float
+    fps_rendered: float
+    fps_delivered: float
+
+    @property
+    def delivered_share(self) -> float:
+        """Return delivered over rendered frames."""
+        return self.fps_delivered / self.fps_rendered if self.fps_rendered else 0.0
+
+
+def main() -> int:
+    """Measure every combination that this machine can draw."""
+    console = Console()
+    rows = []
+    for world, file in WORLDS.items():
+        for size in SIZES:
+            for samples in SAMPLES:
+                for renderer in ("trace", "raster"):
+                    row = _measured(world, ROOT / "configs/worlds" / file, size, samples, renderer)
+                    if row is not None:
+                        rows.append(row)
+                        console.print(_line(row), highlight=False)
+    console.print(_table(rows))
+    _print_detection_time(console)
+    output = ROOT / "out/bench"
+    output.mkdir(parents=True, exist_ok=True)
+    document = {"machine": _machine(), "rows": [asdict(row) for row in rows]}
+    (output / "bench.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def _measured(world: str, path: Path, size: int, samples: int, renderer: str) -> Row | None:
+    """Return a row, or None where the renderer cannot run."""
+    with _robot_file(size, samples) as robot:
+        setup = read_setup(robot, path)
+        try:
+            choice = choose_renderer(renderer, setup.scene, setup.world)
+        except CatoptraError:
+            return None
+        try:
+            alone = _fps_alone(setup, choice)
+        finally:
+            choice.renderer.close()
+        rendered, delivered = _fps_over_tcp(robot, path, renderer)
+    return Row(world, size, samples, renderer, alone, rendered, delivered)
+
+
+@contextmanager
+def _robot_file(size: int, samples: int) -> Iterator[Path]:
+    """Yield a robot file like the shipped one, with another picture size."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.ini"
+        path.write_text(
+            f"[Configuration]\nBasedOn={ROBOT}\n[Catoptra.OmniCaptureCamera]\n"
+            f"ResolutionX={size}\nResolutionY={size}\nSamples={samples}\nFaceSamples={samples**2}\n"
+        )
+        yield path
+
+
+def _fps_alone(setup: Setup, choice: Choice) -> float:
+    """Return frames per second of the median frame time."""
+    omni = setup.robot.omni_camera
+    assert omni is not None, "the bench's robot has a camera"
+    wish: RenderWish = replace(omni.wish)
+    plan = plan_from_wish(wish, omni.camera, kind=choice.kind, why="bench")
+    view = choice.renderer.prepare(omni.camera, plan)
+    times: list[float] = []
+    begin = time.perf_counter()
+    while (now := time.perf_counter()) < begin + WARM_UP_S + MEASURED_S:
+        view.draw(Exposure(_pose(now - begin)))
+        if now > begin + WARM_UP_S:
+            times.append(time.perf_counter() - now)
+    view.close()
+    return 1.0 / statistics.median(times)
+
+
+def _pose(t: float) -> Pose:
+    """Return a viewpoint that wanders about the middle of a world, 0.6 m above the floor."""
+    return Pose.from_rpy((0.5 * math.sin(t), 0.3 * math.cos(t), -0.6), (0.0, 0.0, 0.5 * t))
+
+
+def _fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float]:
+    """Return rendered and delivered frames per second of a server process with one RAW viewer."""
+    command = [
+        sys.executable,
+        "-m",
+        "catoptra_server",
+        "--robot",
+        str(robot),
+        "--world",
+        str(world),
+    ]
+    command += ["--control-port", "0", "--image-port", "0", "--image-type", "RAW"]
+    command += ["--renderer", renderer]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        ports = re.findall(r":(\d+)", process.stdout.readline())
+        delivered, elapsed_s = _watch(int(ports[0]), int(ports[1]))
+        process.terminate()
+        _, log = process.communicate()
+    drawn = re.search(r"drew (\d+) frames", log)
+    assert drawn is not None, log
+    # All frames since the start count on both sides, the warm-up too.
+    return int(drawn[1]) / elapsed_s, delivered / elapsed_s
+
+
+def _watch(control_port: int, image_port: int) -> tuple[int, float]:
+    """Return how many frames came, and in how many seconds, while the robot turns."""
+    with (
+        Robot.connect(port=control_port) as robot,
+        ImageStream.connect(port=image_port) as images,
+    ):
+        robot.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+        robot.drive(0.5, -0.5)
+        count, begin = 0, time.perf_counter()
+        for _ in images.frames():
+            count += 1
+            elapsed_s = time.perf_counter() - begin
+            if elapsed_s > WARM_UP_S + MEASURED_S:
+                return count, elapsed_s
+    raise AssertionError("frames() does not end")
+
+
+def _print_detection_time(console: Console) -> None:
+    """Print what a frame costs at the client."""
+    script = ROOT / "tests/cost/questions/detection_time.py"
+    found = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=True
+    )
+    console.print(found.stdout, highlight=False)
+
+
+def _line(row: Row) -> str:
+    return (
+        f"{row.world:9} {row.size_px} px {row.samples}^2 {row.renderer:6} "
+        f"alone {row.fps_alone:6.1f}  rendered {row.fps_rendered:6.1f}  "
+        f"delivered {row.fps_delivered:6.1f} fps ({row.delivered_share:.1%})"
+    )
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table(title=f"frames per second, {_machine()}")
+    for head in ("world", "picture", "samples", "renderer", "alone", "over TCP", "delivered"):
+        table.add_column(head, justify="left" if head in ("world", "renderer") else "right")
+    for row in rows:
+        table.add_row(
+            row.world,
+            f"{row.size_px} x {row.size_px}",
+            f"{row.samples} x {row.samples}",
+            row.renderer,
+            f"{row.fps_alone:.1f}",
+            f"{row.fps_rendered:.1f}",
+            f"{row.delivered_share:.1%}",
+        )
+    return table
+
+
+def _machine() -> str:
+    return f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Python " + (
+        platform.python_version()
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
