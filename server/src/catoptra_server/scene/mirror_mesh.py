@@ -80,14 +80,25 @@ class MirrorMesh:
 
 def mirror_mesh(camera: OmniCamera, split: PolygonSplit) -> MirrorMesh:
     """Return the triangles of the mirror that fills the camera's rim."""
-    points = _ring_points(camera, split)
-    corners, polygon = _triangles(points)
+    polygons = mirror_polygons(camera, split)
+    corners, polygon = _triangles(polygons, split)
     directions = corners if split.interpolation is Interpolation.POSITION else None
     if directions is None:
-        directions = _on_face_planes(corners, _polygon_faces(points)[polygon])
+        directions = _on_face_planes(corners, _polygon_faces(polygons)[polygon])
     corners.setflags(write=False)
     directions.setflags(write=False)
     return MirrorMesh(corners, directions)
+
+
+def mirror_polygons(camera: OmniCamera, split: PolygonSplit) -> Floats:
+    """Return the (rings * sectors, 4, 3) corners of the polygons, ring by ring from the middle.
+
+    In the first ring, made of triangles, the first two corners coincide.
+    """
+    points = _ring_points(camera, split)
+    a, b = points[:-1], np.roll(points[:-1], -1, axis=1)
+    d, c = points[1:], np.roll(points[1:], -1, axis=1)
+    return np.stack((a, b, c, d), axis=2).reshape(-1, 4, 3)
 
 
 def _ring_points(camera: OmniCamera, split: PolygonSplit) -> Floats:
@@ -101,22 +112,18 @@ def _ring_points(camera: OmniCamera, split: PolygonSplit) -> Floats:
     return np.stack((x, y, np.broadcast_to(z[:, None], x.shape)), axis=-1)
 
 
-def _triangles(points: Floats) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
+def _triangles(
+    polygons: Floats, split: PolygonSplit
+) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
     """Return (n, 3, 3) corners and the (n,) polygon (ring * S + sector) of each triangle."""
-    rings, sectors = points.shape[0] - 1, points.shape[1]
-    a, b = points[:-1], np.roll(points[:-1], -1, axis=1)
-    d, c = points[1:], np.roll(points[1:], -1, axis=1)
-    outer = np.stack((a, c, d), axis=2).reshape(-1, 3, 3)
-    inner = np.stack((a, b, c), axis=2)[1:].reshape(-1, 3, 3)
-    polygon = np.arange(rings * sectors)
-    return np.concatenate((outer, inner)), np.concatenate((polygon, polygon[sectors:]))
+    outer, inner = polygons[:, (0, 2, 3)], polygons[split.sectors :, (0, 1, 2)]
+    polygon = np.arange(split.polygons)
+    return np.concatenate((outer, inner)), np.concatenate((polygon, polygon[split.sectors :]))
 
 
-def _polygon_faces(points: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+def _polygon_faces(polygons: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return the (R * S) cube face of each polygon: the one that its middle looks into."""
-    middle = points[:-1] + np.roll(points[:-1], -1, axis=1)
-    middle = middle + points[1:] + np.roll(points[1:], -1, axis=1)
-    return face_from_direction(middle).reshape(-1)
+    return face_from_direction(polygons.sum(axis=1))
 
 
 def _on_face_planes(corners: Floats, face: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Floats:
