@@ -1,0 +1,119 @@
+"""The command `python -m catoptra_server.figures`: every figure of the table, into a folder.
+
+To add a figure: write `<name>.py` beside the others with `draw(page, subject) -> Caption`, using
+only `style` to draw and only `subject` to render, then add its line to FIGURES.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+# NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded below.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.figures import (
+    cube,
+    eq2,
+    faces,
+    meshes,
+    omni_frame,
+    polygon_detail,
+    polygon_error,
+    polygons,
+    rings,
+)
+from catoptra_server.figures.catalogue import Figure, write_captions, write_figure
+from catoptra_server.figures.subject import Subject, open_subject
+from catoptra_server.robot.pose import PlanarPose
+
+EXIT_CANNOT_DRAW = 2
+
+FIGURES = (
+    Figure("omni_frame.png", "Figure 1", 1160, 1130, omni_frame.draw),
+    Figure("faces.png", "Figure 5", 1520, 780, faces.draw),
+    Figure("cube.png", "Figures 4 and 6", 1520, 1120, cube.draw),
+    Figure("rings.png", "Figure 7", 1520, 800, rings.draw),
+    Figure("eq2.png", "Equation 2", 1520, 640, eq2.draw),
+    Figure("meshes.png", "Figure 3", 1520, 620, meshes.draw),
+    Figure("polygons.png", "Figure 8", 1520, 1600, polygons.draw),
+    Figure("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail.draw),
+    Figure("polygon_error.png", "Section 3.1", 1520, 760, polygon_error.draw),
+)
+
+
+def write_figures(subject: Subject, folder: Path, progress: Progress) -> None:
+    """Write all figures and figures.json into a folder, which is made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    task = progress.add_task("figures", total=len(FIGURES))
+    captions = {}
+    for figure in FIGURES:
+        progress.update(task, description=figure.file)
+        captions[figure] = write_figure(figure, subject, folder)
+        progress.advance(task)
+    progress.update(task, description="figures")
+    write_captions(captions, folder)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the figures; return 0, or 2 with a message if they could not be drawn."""
+    parsed = _parser().parse_args(arguments)
+    console = Console(stderr=True)
+    try:
+        with (
+            open_subject(
+                parsed.robot, parsed.world, parsed.rings_world, pose=_pose(parsed.pose)
+            ) as subject,
+            _progress(console) as progress,
+        ):
+            write_figures(subject, parsed.output, progress)
+    except (CatoptraError, OSError) as error:
+        console.print(f"catoptra figures: {error}", style="red", markup=False, soft_wrap=True)
+        return EXIT_CANNOT_DRAW
+    console.print(f"{len(FIGURES)} figures in {parsed.output}", markup=False, highlight=False)
+    return 0
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description:<20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=console,
+    )
+
+
+def _pose(numbers: Sequence[float] | None) -> PlanarPose | None:
+    if numbers is None:
+        return None
+    x_m, y_m, yaw_deg = numbers
+    return PlanarPose(x_m, y_m, math.radians(yaw_deg))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m catoptra_server.figures",
+        description="Draw the figures of the camera: frame, faces, cube, rings, polygon mirrors.",
+    )
+    add = parser.add_argument
+    add("--robot", type=Path, required=True, metavar="FILE", help="robot ini with a camera")
+    add("--world", type=Path, required=True, metavar="FILE", help="world ini to be pictured")
+    add("--rings-world", type=Path, required=True, metavar="FILE",
+        help="configs/worlds/incidence_rings.ini: a line every 5 degrees of incidence")  # fmt: skip
+    add("--output", type=Path, required=True, metavar="DIR", help="where the PNG files go")
+    add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
+        help="robot: metres, degrees clockwise; default: beside the first start")  # fmt: skip
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

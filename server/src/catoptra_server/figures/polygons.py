@@ -1,0 +1,59 @@
+"""The frame through four polygon mirrors at the paper's 360 x 360 pixels: its Figure 8."""
+
+from __future__ import annotations
+
+from catoptra_server.figures import style
+from catoptra_server.figures.catalogue import Caption
+from catoptra_server.figures.meshes import COUNTS
+from catoptra_server.figures.polygon_measure import PolygonError, polygon_error
+from catoptra_server.figures.subject import PAPER_SIZE_PX, Subject
+from catoptra_server.scene.mirror_mesh import split_for
+
+# Each rendered pixel becomes a block of 2 x 2, so that the picture is exact at any density.
+WIDTH_PX = 2 * PAPER_SIZE_PX
+LEFT_PX, TOP_PX, STEP_X_PX, STEP_Y_PX = 20, 66, 760, 790
+
+
+def draw(page: style.Page, subject: Subject) -> Caption:
+    """Draw the four frames, each under its measured error."""
+    camera = subject.camera_of_size(PAPER_SIZE_PX)
+    errors = [polygon_error(camera, split_for(count)) for count in COUNTS]
+    for index, error in enumerate(errors):
+        left = LEFT_PX + STEP_X_PX * (index % 2)
+        top = TOP_PX + STEP_Y_PX * (index // 2)
+        image = subject.frame(PAPER_SIZE_PX, samples=2, surface=error.split)
+        style.picture(page, image, left, top, WIDTH_PX)
+        _head(page, left, top, error)
+    return _caption(errors)
+
+
+def _head(page: style.Page, left: int, top: int, error: PolygonError) -> None:
+    style.words(
+        page, left, top - 12, f"{error.split.polygons} polygons", va="bottom", fontweight="bold"
+    )
+    numbers = f"{error.rms_px:.3g} px rms, {error.max_px:.3g} px at most"
+    style.words(
+        page, left + WIDTH_PX, top - 12, numbers, ha="right", va="bottom", color=style.QUIET
+    )
+
+
+def _caption(errors: list[PolygonError]) -> Caption:
+    numbers = {}
+    for error in errors:
+        numbers[f"rms_px_{error.split.polygons}"] = round(error.rms_px, 3)
+        numbers[f"max_px_{error.split.polygons}"] = round(error.max_px, 3)
+    coarse, *_, fine = errors
+    return Caption(
+        title="The same view through 16, 64, 256 and 1024 polygons",
+        caption=(
+            f"UV-mapped polygon mirrors in {PAPER_SIZE_PX} × {PAPER_SIZE_PX} pixels, shown pixel "
+            "by pixel. Texture coordinates are interpolated linearly over each polygon, which "
+            f"displaces the picture by {coarse.rms_px:.1f} px (rms) with {coarse.split.polygons} "
+            f"polygons and by {fine.rms_px:.2f} px with {fine.split.polygons}."
+        ),
+        alt=(
+            "Four round mirror images of the same place: with 16 polygons a broken square, with "
+            "64 an octagon with bent lines, with 256 nearly right, with 1024 smooth."
+        ),
+        numbers=numbers,
+    )
