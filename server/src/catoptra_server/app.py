@@ -12,6 +12,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,8 +21,9 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.mailbox import Mailbox
-from catoptra_server.plan.render_plan import plan_from_wish
+from catoptra_server.plan.render_plan import plan_from_wish, wished_samples
 from catoptra_server.render.choice import choose_renderer
+from catoptra_server.render.renderer import View
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh, build_scene
@@ -81,12 +83,15 @@ def _report_unknown(file: IniFile) -> None:
 
 
 async def serve(options: Options, announce: Callable[[Listening], None]) -> None:
-    """Serve until SIGINT or SIGTERM. Raises CatoptraError or OSError if it cannot start."""
-    setup = await asyncio.to_thread(read_setup, options.robot, options.world)
+    """Serve until SIGINT or SIGTERM.
+
+    Raises CatoptraError or OSError if it cannot start, and what ended the simulation if that did.
+    """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
+    setup = await asyncio.to_thread(read_setup, options.robot, options.world)
     simulation_thread = _SimulationThread(setup, options, loop, on_end=stop.set)
     simulation = await simulation_thread.start()
     try:
@@ -106,10 +111,10 @@ async def _listen(
     """Keep both ports open until told to stop."""
     greeting = Greeting("BotDeathMatch", setup.world.name)
     async with (
-        await serve_control(
+        serve_control(
             options.host, options.control_port, greeting=greeting, post=simulation.post
         ) as control,
-        await serve_images(
+        serve_images(
             options.host, options.image_port, mailbox=mailbox, options=options.images
         ) as images,
     ):
@@ -140,6 +145,7 @@ class _SimulationThread:
         self._on_end = on_end
         self._started: asyncio.Future[Simulation] = loop.create_future()
         self._simulation: Simulation | None = None
+        self._error: Exception | None = None
         self.mailbox = Mailbox(
             lambda: self._post_frame_wanted(), ahead=options.clock is Clock.REALTIME
         )
@@ -160,10 +166,12 @@ class _SimulationThread:
         return self._simulation
 
     async def stop(self) -> None:
-        """End the simulation and wait for its thread."""
+        """End the simulation and wait for its thread; raise what ended it, if it was not this."""
         if self._simulation is not None:
             self._simulation.post(Stop())
         await asyncio.to_thread(self._thread.join)
+        if self._error is not None:
+            raise self._error
 
     def _main(self) -> None:
         try:
@@ -175,32 +183,42 @@ class _SimulationThread:
 
     def _failed(self, error: Exception) -> None:
         if self._started.done():
-            log.critical("the simulation ended: %s", error, exc_info=error)
+            log.critical("the simulation ended: %s", error)
+            self._error = error
             self._on_end()
         else:
             self._started.set_exception(error)
 
     def _run(self) -> None:
-        setup, options = self._setup, self._options
-        choice = choose_renderer(
-            options.renderer, setup.scene, setup.world, threads=options.threads
-        )
-        log.info("%s (%s)", choice.renderer.describe(), choice.reason)
-        try:
-            view = None
-            if setup.robot.omni_camera is not None:
-                wish, camera = setup.robot.omni_camera.wish, setup.robot.omni_camera.camera
-                plan = plan_from_wish(wish, camera, kind=choice.kind, why=choice.reason)
-                log.info("plan: %s", plan)
-                view = choice.renderer.prepare(camera, plan)
+        with ExitStack() as cleanup:
+            view = self._view(cleanup)
+            setup, options = self._setup, self._options
             fleet = Fleet(setup.robot, setup.world, setup.scene, view=view, seed=options.seed)
             simulation = Simulation(fleet, clock=options.clock, put_frame=self.mailbox.put)
             self._loop.call_soon_threadsafe(self._started.set_result, simulation)
             simulation.run()
-            if view is not None:
-                view.close()
-        finally:
-            choice.renderer.close()
+
+    def _view(self, cleanup: ExitStack) -> View | None:
+        """Return the view of the robot's camera, freed with its renderer; None without one."""
+        setup, options = self._setup, self._options
+        omni = setup.robot.omni_camera
+        if omni is None:
+            log.info("the robot has no omnidirectional camera: nothing will be drawn")
+            return None
+        choice = choose_renderer(
+            options.renderer,
+            setup.scene,
+            setup.world,
+            threads=options.threads,
+            samples=wished_samples(omni.wish),
+        )
+        cleanup.callback(choice.renderer.close)
+        plan = plan_from_wish(omni.wish, omni.camera, kind=choice.kind, why=choice.reason)
+        log.info("%s", choice.renderer.describe())
+        log.info("plan: %s", plan)
+        view = choice.renderer.prepare(omni.camera, plan)
+        cleanup.callback(view.close)
+        return view
 
 
 __all__ = ["Listening", "Options", "Setup", "read_setup", "serve"]

@@ -22,12 +22,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from catoptra_client.experiment.report import Picture
+from catoptra_client.experiment.results import write_results
 from catoptra_client.experiment.session import (
     Plan,
     SetupResult,
+    Snapshot,
     run_setup,
     train_classifier,
-    write_results,
 )
 from catoptra_client.experiment.setups import SETUPS, SIM
 from catoptra_protocol.errors import CatoptraError
@@ -49,12 +50,13 @@ def _run(plan: Plan, console: Console) -> int:
     timing: dict[str, float] = {}
     with _timed("pictures of the camera", timing):
         camera_pictures, camera_numbers = _camera_pictures(plan)
-    results = _drives(plan, console, timing)
+    results, snapshot = _drives(plan, console, timing)
     with _timed("report", timing):
         report = write_results(
             plan,
             results,
             camera_pictures,
+            snapshot=snapshot,
             camera_numbers=camera_numbers,
             timing_s=timing,
             subtitle=f"Run on {time.strftime('%Y-%m-%d')}, {platform.machine()}, "
@@ -63,7 +65,9 @@ def _run(plan: Plan, console: Console) -> int:
     return _conclude(plan, report, console)
 
 
-def _drives(plan: Plan, console: Console, timing: dict[str, float]) -> list[SetupResult]:
+def _drives(
+    plan: Plan, console: Console, timing: dict[str, float]
+) -> tuple[list[SetupResult], Snapshot | None]:
     """Train and drive under progress bars."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=console) as progress:
@@ -74,15 +78,15 @@ def _drives(plan: Plan, console: Console, timing: dict[str, float]) -> list[Setu
         def advance(name: str) -> None:
             progress.advance(tasks[name])
 
-        classifier = None
+        classifier, snapshot = None, None
         if SIM in plan.setups:
             with _timed("training", timing):
-                classifier = train_classifier(plan, advance)
+                classifier, snapshot = train_classifier(plan, advance)
         results = []
         for setup in plan.setups:
             with _timed(f"{setup.name} drives", timing):
                 results.append(run_setup(plan, setup, classifier, advance))
-        return results
+        return results, snapshot
 
 
 def _camera_pictures(plan: Plan) -> tuple[list[Picture], dict[str, Any]]:

@@ -18,7 +18,7 @@ def draw_classifier_view(path: Path, frame: Bytes, detector: Detector, view: Vie
     """Write the omni frame with bearings, the cylinder, and its labels with the detections."""
     with style.figure(path, figsize=(11.0, 5.2)) as drawing:
         left, right = drawing.subfigures(1, 2, width_ratios=(1.0, 1.55))
-        _omni(left.subplots(), frame, detector, view)
+        draw_bearings(left.subplots(), frame, detector, view)
         above, below = right.subplots(2, 1)
         above.imshow(view.cylinder)
         above.set_title("cylinder unwarped from the frame")
@@ -29,7 +29,8 @@ def draw_classifier_view(path: Path, frame: Bytes, detector: Detector, view: Vie
             _azimuth_ticks(axis, view.cylinder.shape[1], detector)
 
 
-def _omni(axis: Any, frame: Bytes, detector: Detector, view: View) -> None:
+def draw_bearings(axis: Any, frame: Bytes, detector: Detector, view: View) -> None:
+    """Draw a frame and a ray towards each landmark found in it."""
     axis.imshow(frame)
     camera = detector.eye.camera
     for detection in view.detections:

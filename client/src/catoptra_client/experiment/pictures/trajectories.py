@@ -19,8 +19,8 @@ def draw_trajectories(path: Path, panels: Sequence[Panel], landmarks: Sequence[L
     with style.figure(path, figsize=(4.9 * len(panels), 7.0)) as drawing:
         axes = drawing.subplots(1, len(panels), squeeze=False)[0]
         for axis, (title, recording, trace) in zip(axes, panels, strict=True):
-            _field(axis, landmarks)
-            _paths(axis, recording, trace)
+            draw_field(axis, landmarks)
+            draw_paths(axis, recording, trace)
             axis.set_title(title)
             axis.set_xlabel("y in m (right)")
         axes[0].set_ylabel("x in m (up)")
@@ -28,7 +28,8 @@ def draw_trajectories(path: Path, panels: Sequence[Panel], landmarks: Sequence[L
         drawing.legend(handles, labels, loc="outside lower center", ncols=4)
 
 
-def _paths(axis: Any, recording: Recording, trace: Trace) -> None:
+def draw_paths(axis: Any, recording: Recording, trace: Trace) -> None:
+    """Draw true path, odometry and estimate of one drive."""
     truth = true_positions(recording)
     axis.plot(truth[:, 1], truth[:, 0], color=style.TRUTH, lw=1.6, label="true path")
     odometry, estimate = trace.odometry, trace.estimate
@@ -44,7 +45,7 @@ def _paths(axis: Any, recording: Recording, trace: Trace) -> None:
     axis.plot(truth[0, 1], truth[0, 0], "o", color=style.TRUTH, ms=7, mfc="white", zorder=5)
 
 
-def _field(axis: Any, landmarks: Sequence[Landmark]) -> None:
+def draw_field(axis: Any, landmarks: Sequence[Landmark]) -> None:
     """Draw the field from above: lines, and every landmark in its upper colour."""
     axis.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color="#c4c9d0", lw=1)
     axis.plot([-1.8, 1.8], [0, 0], color="#c4c9d0", lw=1)

@@ -15,26 +15,12 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.render_plan import Surface
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
 from catoptra_server.render.raster.faces import FacePass
 from catoptra_server.render.raster.passes import LINEAR_STORAGE
 from catoptra_server.render.raster.programs import Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.scene.mirror_mesh import MirrorMesh, PolygonSplit, mirror_mesh
-
-
-def highest_incidence(camera: OmniCamera, surface: Surface) -> float:
-    """Return the largest incidence angle that is looked up, radians.
-
-    Above the horizon a polygon looks higher than its corners. Corners up to the rim's elevation e
-    and 2 pi / S apart in azimuth span directions up to atan(tan e / cos(pi / S)).
-    """
-    elevation = camera.rim_rad - 0.5 * math.pi
-    if not isinstance(surface, PolygonSplit) or elevation <= 0.0:
-        return camera.rim_rad
-    highest = math.atan(math.tan(elevation) / math.cos(math.pi / surface.sectors))
-    return 0.5 * math.pi + highest
 
 
 def polygon_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:

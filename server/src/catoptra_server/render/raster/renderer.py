@@ -13,12 +13,12 @@ from contextlib import ExitStack
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.plan.render_plan import PerPixel, RenderPlan
+from catoptra_server.plan.render_plan import PerPixel, RenderPlan, highest_incidence
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.faces import DrawCounts, FacePass
 from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
-from catoptra_server.render.raster.mirror_polygons import PolygonMirror, highest_incidence
+from catoptra_server.render.raster.mirror_polygons import PolygonMirror
 from catoptra_server.render.raster.passes import AveragePass, Output, Pass
 from catoptra_server.render.raster.programs import Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
