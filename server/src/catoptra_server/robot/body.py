@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,17 +47,32 @@ def _until_contact(body: Body, way: Rolled, obstacles: Obstacles) -> PlanarPose:
     that it can get away.
     """
     turn = way.turn_rad(body.base)
-    goal = moved(body.pose, way.distance_m, turn)
-    if not _touches(body.base, goal, obstacles) or _touches(body.base, body.pose, obstacles):
-        return goal
+    if _touches(body.base, body.pose, obstacles):
+        return moved(body.pose, way.distance_m, turn)
+    # No step is longer than half the base: it cannot jump over a wall.
+    steps = math.ceil(abs(way.distance_m) / (0.5 * min(body.base.dimensions_m[:2]))) or 1
+    pose = body.pose
+    for _ in range(steps):
+        goal = moved(pose, way.distance_m / steps, turn / steps)
+        if _touches(body.base, goal, obstacles):
+            return _last_free(body.base, pose, (way.distance_m / steps, turn / steps), obstacles)
+        pose = goal
+    return pose
+
+
+def _last_free(
+    base: DriveBase, pose: PlanarPose, step: tuple[float, float], obstacles: Obstacles
+) -> PlanarPose:
+    """Return the last free pose of a step (metres, radians) that ends in an obstacle."""
+    distance_m, turn_rad = step
     free, blocked = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (free + blocked)
-        if _touches(body.base, moved(body.pose, middle * way.distance_m, middle * turn), obstacles):
+        if _touches(base, moved(pose, middle * distance_m, middle * turn_rad), obstacles):
             blocked = middle
         else:
             free = middle
-    return moved(body.pose, free * way.distance_m, free * turn)
+    return moved(pose, free * distance_m, free * turn_rad)
 
 
 def _touches(base: DriveBase, pose: PlanarPose, obstacles: Obstacles) -> bool:

@@ -1,4 +1,4 @@
-"""What a robot's file asks of its camera's picture: the surface to draw, and numbers to draw it with."""
+"""What a robot's file asks of its camera's picture: a surface to draw, and numbers for it."""
 
 from __future__ import annotations
 

@@ -30,7 +30,10 @@ from catoptra_server.simulation.requests import (
 
 log = logging.getLogger(__name__)
 
-TICK_S = 0.02
+# Time is counted in whole nanoseconds: a sum of floats would print 0.2 s as 0.1999.
+_NS_PER_S = 1_000_000_000
+TICK_NS = 20_000_000
+TICK_S = TICK_NS / _NS_PER_S
 # A server that falls behind by more than this (a suspended laptop) goes on from now instead of
 # catching up tick by tick.
 _LARGEST_LAG_S = 0.5
@@ -61,11 +64,16 @@ class Simulation:
         self._put_frame = put_frame
         self._monotonic = monotonic
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        self._time_s = 0.0
+        self._time_ns = 0
         self._started_s = 0.0
         self._frame_wanted = False
         self._sequence = 0
         self._last_exposure_s = -math.inf
+
+    @property
+    def _time_s(self) -> float:
+        """Return the double that is nearest to the time."""
+        return self._time_ns / _NS_PER_S
 
     def post(self, request: Request) -> None:
         """Hand over a request; from any thread."""
@@ -77,6 +85,7 @@ class Simulation:
         while True:
             for request in self._next_requests():
                 if isinstance(request, Stop):
+                    log.info("drew %d frames in %.1f s", self._sequence, self._time_s)
                     return
                 self._serve(request)
             if self._clock is Clock.REALTIME:
@@ -136,20 +145,17 @@ class Simulation:
             self._started_s += behind - TICK_S
             behind = TICK_S
         for _ in range(int(behind / TICK_S)):
-            self._tick(TICK_S)
+            self._tick(TICK_NS)
 
     def _advance(self, duration_s: float) -> None:
         """Advance by ticks and a last shorter one."""
-        whole = int(duration_s / TICK_S + 1e-9)
-        for _ in range(whole):
-            self._tick(TICK_S)
-        rest = duration_s - whole * TICK_S
-        if rest > 1e-9:
-            self._tick(rest)
+        end_ns = self._time_ns + round(duration_s * _NS_PER_S)
+        while self._time_ns < end_ns:
+            self._tick(min(TICK_NS, end_ns - self._time_ns))
 
-    def _tick(self, duration_s: float) -> None:
-        self._time_s += duration_s
-        self._fleet.move(duration_s, self._time_s)
+    def _tick(self, duration_ns: int) -> None:
+        self._time_ns += duration_ns
+        self._fleet.move(duration_ns / _NS_PER_S, self._time_s)
         self._fleet.report_due(self._time_s)
 
     # ---- frames

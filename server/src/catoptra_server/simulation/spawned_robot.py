@@ -23,8 +23,10 @@ from catoptra_server.scene.obstacles import Obstacles
 from catoptra_server.sensors import Part, Sensor, build_sensor
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 
-# Two due times that differ by less than this are the same tick: times are sums of ticks.
+# Two due times that differ by less than this are the same tick: due times are sums of periods.
 _SAME_TIME_S = 1e-6
+# The status among the due times; no sensor has an empty name.
+_STATUS = ""
 
 
 class SpawnedRobot:
@@ -49,7 +51,7 @@ class SpawnedRobot:
             build_sensor(sensor, description.drive, RandomStream.of(seed, name, sensor.name))
             for sensor in description.sensors
         ]
-        self._due_s = dict.fromkeys([*(s.name for s in self._sensors), "STA"], time_s)
+        self._due_s = dict.fromkeys([*(s.name for s in self._sensors), _STATUS], time_s)
         self._battery_ends_s = time_s + description.battery_s
         self._light = False
 
@@ -94,7 +96,7 @@ class SpawnedRobot:
             for sensor in self._sensors
             if self._is_due(sensor.name, sensor.interval_s, time_s)
         ]
-        if self._is_due("STA", self._is.status_interval_s, time_s):
+        if self._is_due(_STATUS, self._is.status_interval_s, time_s):
             reports.append(self._status(time_s))
         return reports
 

@@ -1,0 +1,129 @@
+"""A P2AT without noise, a world of walls, and stand-ins for what surrounds a fleet."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from catoptra_protocol.optics.camera import camera_with_rim_inscribed
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.wire.reports import Report
+from catoptra_server.render.renderer import Exposure, RenderedImage
+from catoptra_server.robot.description import (
+    DriveBase,
+    GroundTruthDescription,
+    OdometryDescription,
+    OmniCameraDescription,
+    RobotDescription,
+)
+from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.scene.description import Box, Item, Material, StartPlace, World
+
+BASE = DriveBase(
+    wheel_radius_m=0.13,
+    wheel_separation_m=0.4712,
+    wheel_base_m=0.2884,
+    dimensions_m=(0.5238, 0.4968, 0.2913),
+    ride_height_m=0.1457,
+    mass_kg=14.0,
+    max_speed_rad_s=5.385,
+    max_torque=60.0,
+    turn_slip=0.0,
+    slip_noise=0.0,
+)
+ODOMETRY = OdometryDescription("Odometry", 0.2)
+TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=9)
+CAMERA = OmniCameraDescription(
+    name="OmniCam",
+    camera=camera_with_rim_inscribed(
+        HyperbolicMirror(11.546, 0.2321), width_px=8, height_px=6, rim_rad=math.radians(120.0)
+    ),
+    robot_from_mirror=Pose.from_rpy((0.0, 0.0, -0.4543)),
+    texture_clients=(),
+    wish=RenderWish(),
+    frame_interval_s=0.0,
+    capture_fov_rad=0.33,
+)
+
+
+def p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
+    """Return a robot with odometry, ground truth and a small camera; `changes` replace fields."""
+    robot = RobotDescription(
+        class_name="USARBot.OmniP2AT",
+        drive=base,
+        sensors=(ODOMETRY, TRUTH),
+        omni_camera=CAMERA,
+        status_interval_s=0.2,
+        battery_s=1200.0,
+    )
+    return dataclasses.replace(robot, **changes)
+
+
+def noisy_p2at() -> RobotDescription:
+    """Return a P2AT whose floor and odometry draw random numbers."""
+    base = dataclasses.replace(BASE, turn_slip=0.03, slip_noise=0.01)
+    odometry = dataclasses.replace(
+        ODOMETRY, distance_noise_m=0.01, turn_noise_rad=0.02, heading_noise_rad=0.01
+    )
+    return p2at(base=base, sensors=(odometry, TRUTH))
+
+
+def walled_world(*walls_x_m: float) -> World:
+    """Return a world with walls, 0.1 m thick, whose near faces stand at these x > 0."""
+    items = tuple(
+        Item(
+            f"wall {index}",
+            Box((0.1, 4.0, 1.0)),
+            Pose.from_rpy((x + 0.05, 0.0, -0.5)),
+            Material((0.5, 0.5, 0.5)),
+        )
+        for index, x in enumerate(walls_x_m or (50.0,))
+    )
+    starts = (
+        StartPlace("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        StartPlace("Aside", (1.0, -2.0, 0.3), (0.1, 0.2, 1.5)),
+    )
+    return World("walls", items, starts=starts)
+
+
+class FakeClient:
+    """A control connection that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.batches: list[tuple[Report, ...]] = []
+        self.refusals = 0
+
+    @property
+    def reports(self) -> list[Report]:
+        """Return all reports, in order."""
+        return [report for batch in self.batches for report in batch]
+
+    def deliver(self, reports: Sequence[Report]) -> None:
+        """Keep reports."""
+        self.batches.append(tuple(reports))
+
+    def refuse_init(self) -> None:
+        """Count a refusal."""
+        self.refusals += 1
+
+
+class FakeView:
+    """A view whose pictures have the number of the exposure in every byte."""
+
+    def __init__(self) -> None:
+        self.exposures: list[Exposure] = []
+        self.closed = False
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        """Return the next picture."""
+        self.exposures.append(exposure)
+        return RenderedImage(np.full((6, 8, 3), len(self.exposures), dtype=np.uint8), {"fake": 1.0})
+
+    def close(self) -> None:
+        """Take note."""
+        self.closed = True

@@ -1,0 +1,251 @@
+"""All robots of a world: spawning, refusing, commands, pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.wire.commands import (
+    Command,
+    Drive,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+)
+from catoptra_protocol.wire.reports import (
+    Configuration,
+    Geometry,
+    GroundTruthReading,
+    OdometryReading,
+    StartPoses,
+    VehicleGeometry,
+    VehicleStatus,
+    line_from_report,
+)
+from catoptra_server.robot.description import RobotDescription
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.simulation.fleet import Fleet
+from helpers.robots import CAMERA, FakeClient, FakeView, p2at, walled_world
+
+INIT = Init("USARBot.OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
+
+
+def fleet_of(
+    description: RobotDescription | None = None, *, view: FakeView | None = None, wall_m: float = 50
+) -> Fleet:
+    world = walled_world(wall_m)
+    return Fleet(description or p2at(), world, build_scene(world), view=view, seed=1)
+
+
+def spawned(fleet: Fleet, init: Init = INIT) -> FakeClient:
+    client = FakeClient()
+    fleet.obey(client, init, 0.0)
+    return client
+
+
+def truth_of(client: FakeClient) -> GroundTruthReading:
+    return [report for report in client.reports if isinstance(report, GroundTruthReading)][-1]
+
+
+def answers(fleet: Fleet, client: FakeClient, command: Command) -> list[object]:
+    before = len(client.reports)
+    fleet.obey(client, command, 0.0)
+    return list(client.reports[before:])
+
+
+# ---- INIT
+
+
+def test_init_when_accepted_is_answered_by_a_whole_cycle_at_once() -> None:
+    client = spawned(fleet_of())
+    assert [type(r) for r in client.batches[0]] == [
+        OdometryReading,
+        GroundTruthReading,
+        VehicleStatus,
+    ]
+
+
+@pytest.mark.parametrize("name", ["USARBot.OmniP2AT", "usarbot.omnip2at", "OmniP2AT", "OMNIP2AT"])
+def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
+    assert spawned(fleet_of(), dataclasses.replace(INIT, class_name=name)).refusals == 0
+
+
+@pytest.mark.parametrize(
+    "init",
+    [
+        Init("USARBot.P2DX", location_m=(0.0, 0.0, 0.0)),
+        Init("", location_m=(0.0, 0.0, 0.0)),
+        Init("OmniP2AT"),
+        Init("OmniP2AT", start="Nowhere"),
+    ],
+)
+def test_init_when_class_or_place_is_unknown_is_refused_in_silence(init: Init) -> None:
+    fleet = fleet_of()
+    client = spawned(fleet, init)
+    assert (client.refusals, client.reports) == (1, [])
+    assert fleet.robot_of(client) is None
+
+
+def test_init_when_refused_may_be_tried_again() -> None:
+    fleet = fleet_of()
+    client = spawned(fleet, Init("Wrong"))
+    fleet.obey(client, INIT, 0.0)
+    assert fleet.robot_of(client) is not None
+
+
+def test_init_when_at_a_location_takes_height_and_tilt_as_a_hint() -> None:
+    init = dataclasses.replace(INIT, location_m=(1.0, 2.0, -9.0), rotation_rad=(0.3, 0.2, 7.0))
+    truth = truth_of(spawned(fleet_of(), init))
+    assert truth.location_m == pytest.approx((1.0, 2.0, -0.1457))
+    assert truth.rotation_rad == pytest.approx((0.0, 0.0, 7.0 - 2.0 * np.pi))
+
+
+def test_init_when_at_a_start_in_any_case_is_put_there() -> None:
+    truth = truth_of(spawned(fleet_of(), Init("OmniP2AT", start="ASIDE")))
+    assert truth.location_m == pytest.approx((1.0, -2.0, -0.1457))
+    assert truth.rotation_rad == pytest.approx((0.0, 0.0, 1.5))
+
+
+def test_init_when_both_are_given_takes_the_location() -> None:
+    truth = truth_of(spawned(fleet_of(), dataclasses.replace(INIT, start="Aside")))
+    assert truth.location_m[:2] == (0.0, 0.0)
+
+
+def test_names_when_taken_get_a_number_and_are_free_after_leaving() -> None:
+    fleet = fleet_of()
+    clients = [spawned(fleet) for _ in range(3)]
+    assert [fleet.robot_of(c).name for c in clients] == ["R", "R2", "R3"]  # type: ignore[union-attr] # each has one
+    fleet.remove(clients[1])
+    assert fleet.robot_of(spawned(fleet)).name == "R2"  # type: ignore[union-attr] # it has one
+
+
+def test_remove_when_there_is_no_robot_does_nothing() -> None:
+    fleet_of().remove(FakeClient())
+
+
+# ---- commands
+
+
+@pytest.mark.parametrize("command", [Drive(1.0, 1.0), GetConf("Robot"), GetGeo("Robot")])
+def test_command_when_there_is_no_robot_is_ignored(command: Command) -> None:
+    assert answers(fleet_of(), FakeClient(), command) == []
+
+
+def test_start_poses_when_there_is_no_robot_are_told() -> None:
+    (poses,) = answers(fleet_of(), FakeClient(), GetStartPoses())
+    assert isinstance(poses, StartPoses)
+    assert [pose.name for pose in poses.poses] == ["Centre", "Aside"]
+
+
+@pytest.mark.parametrize("name", [None, "whatever"])
+def test_getconf_when_of_the_robot_ignores_the_name(name: str | None) -> None:
+    fleet = fleet_of()
+    (configuration,) = answers(fleet, spawned(fleet), GetConf("Robot", name))
+    assert isinstance(configuration, Configuration)
+    assert configuration.get("Name") == "OmniP2AT"
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (GetConf("Sonar"), Configuration("Sonar")),
+        (GetConf("Sonar", "F1"), Configuration("Sonar", (("Name", "F1"),))),
+        (GetConf("Odometry", "Other"), Configuration("Odometry", (("Name", "Other"),))),
+        (GetGeo("Sonar"), Geometry("Sonar", ())),
+        (GetGeo("Sonar", "F1"), Geometry("Sonar", (), name="F1")),
+        (GetConf(""), Configuration("")),
+        (GetGeo(""), Geometry("", ())),
+    ],
+)
+def test_question_when_nothing_matches_has_the_empty_form(
+    command: Command, expected: Configuration | Geometry
+) -> None:
+    fleet = fleet_of()
+    assert answers(fleet, spawned(fleet), command) == [expected]
+    assert line_from_report(expected).endswith(b"}\r\n")
+
+
+def test_getconf_when_of_the_camera_gives_its_law_back() -> None:
+    fleet = fleet_of(view=FakeView())
+    (configuration,) = answers(fleet, spawned(fleet), GetConf("camera", "OMNICAM"))
+    assert isinstance(configuration, Configuration)
+    camera, height_m = camera_from_pairs(configuration.pairs)
+    assert camera.mirror == CAMERA.camera.mirror
+    assert height_m == pytest.approx(0.6, abs=1e-12)
+
+
+def test_getgeo_when_of_the_robot_is_its_own() -> None:
+    fleet = fleet_of()
+    (geometry,) = answers(fleet, spawned(fleet), GetGeo("Robot"))
+    assert isinstance(geometry, VehicleGeometry)
+
+
+def test_getgeo_when_of_a_sensor_lists_it() -> None:
+    fleet = fleet_of()
+    (geometry,) = answers(fleet, spawned(fleet), GetGeo("odometry", "ODOMETRY"))
+    assert isinstance(geometry, Geometry)
+    assert [item.name for item in geometry.items] == ["Odometry"]
+
+
+# ---- several robots
+
+
+def test_drive_when_there_are_two_robots_moves_only_one() -> None:
+    fleet = fleet_of()
+    one, other = spawned(fleet), spawned(fleet)
+    fleet.obey(one, Drive(2.0, 2.0), 0.0)
+    for tick in range(1, 11):
+        fleet.move(0.02, tick * 0.02)
+        fleet.report_due(tick * 0.02)
+    assert truth_of(one).location_m[0] == pytest.approx(0.052)
+    assert truth_of(other).location_m[0] == 0.0
+
+
+def test_report_due_when_nothing_is_due_delivers_nothing() -> None:
+    fleet = fleet_of()
+    client = spawned(fleet)
+    fleet.report_due(0.1)
+    assert len(client.batches) == 1
+
+
+def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
+    fleet = fleet_of(wall_m=1.0)
+    client = spawned(fleet)
+    fleet.obey(client, Drive(5.0, 5.0), 0.0)
+    for tick in range(1, 201):
+        fleet.move(0.02, tick * 0.02)
+        fleet.report_due(tick * 0.02)
+    nose = truth_of(client).location_m[0] + 0.5 * 0.5238
+    assert 1.0 - 1e-3 < nose <= 1.0
+
+
+# ---- pictures
+
+
+def test_picture_when_there_is_no_robot_is_black_and_of_the_camera_s_size() -> None:
+    image, name, _ = fleet_of(view=FakeView()).picture()
+    assert (image.rgb.shape, name, image.rgb.any()) == ((6, 8, 3), "", False)
+
+
+def test_picture_when_there_are_robots_is_of_the_one_here_longest() -> None:
+    view = FakeView()
+    fleet = fleet_of(view=view)
+    spawned(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
+    spawned(fleet)
+    _, name, world_from_robot = fleet.picture()
+    assert name == "OmniCam"
+    assert world_from_robot.translation[:2].tolist() == [1.0, 2.0]
+    viewpoint = view.exposures[0].world_from_mirror.translation
+    assert viewpoint == pytest.approx((1.0, 2.0, -0.6))
+
+
+def test_picture_when_the_robot_has_no_camera_is_black() -> None:
+    fleet = fleet_of(p2at(omni_camera=None))
+    client = spawned(fleet)
+    image, name, _ = fleet.picture()
+    assert (name, image.rgb.any()) == ("", False)
+    assert answers(fleet, client, GetConf("Camera")) == [Configuration("Camera")]

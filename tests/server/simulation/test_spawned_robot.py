@@ -1,0 +1,196 @@
+"""One robot: what it obeys, when it reports, what it answers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.wire.commands import Drive
+from catoptra_protocol.wire.reports import GroundTruthReading, OdometryReading, VehicleStatus
+from catoptra_server.robot.description import RobotDescription
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.obstacles import obstacles_between
+from catoptra_server.simulation.spawned_robot import SpawnedRobot
+from helpers.robots import ODOMETRY, p2at, walled_world
+
+FREE = obstacles_between(build_scene(walled_world()), low_m=0.03, high_m=1.0)
+TICK_S = 0.02
+
+
+def spawned(description: RobotDescription | None = None, *, time_s: float = 0.0) -> SpawnedRobot:
+    pose = PlanarPose(0.0, 0.0, 0.0)
+    return SpawnedRobot(description or p2at(), pose, name="R", seed=1, time_s=time_s, camera=None)
+
+
+def driven(robot: SpawnedRobot, ticks: int, *, since: int = 0) -> None:
+    for tick in range(since + 1, since + ticks + 1):
+        robot.move(TICK_S, tick * TICK_S, FREE)
+
+
+def place(robot: SpawnedRobot) -> tuple[float, float]:
+    x, y, _ = robot.world_from_robot.translation
+    return float(x), float(y)
+
+
+def test_drive_when_2_rad_s_for_2_s_goes_0_52_m() -> None:
+    robot = spawned()
+    robot.obey(Drive(2.0, 2.0), 0.0)
+    driven(robot, 100)
+    # 2 rad/s * 0.13 m * 2 s; a hundred float additions stay far below a nanometre.
+    assert place(robot) == pytest.approx((0.52, 0.0), abs=1e-12)
+
+
+def test_drive_when_left_is_faster_turns_clockwise() -> None:
+    robot = spawned()
+    robot.obey(Drive(1.0, -1.0), 0.0)
+    driven(robot, 50)
+    yaw = robot.world_from_robot.rpy()[2]
+    assert yaw == pytest.approx(2 * 0.13 / 0.4712, abs=1e-12)
+    assert place(robot) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_drive_when_one_side_is_named_keeps_the_other() -> None:
+    robot = spawned()
+    robot.obey(Drive(2.0, 2.0), 0.0)
+    robot.obey(Drive(left=1.0), 0.0)
+    driven(robot, 1)
+    yaw = robot.world_from_robot.rpy()[2]
+    assert yaw == pytest.approx(-1.0 * 0.13 * TICK_S / 0.4712, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("command", "speed_rad_s"),
+    [
+        (Drive(100.0, 100.0), 5.385),
+        (Drive(-100.0, -100.0), -5.385),
+        (Drive(50.0, 50.0, normalized=True), 2.6925),
+        (Drive(200.0, 200.0, normalized=True), 5.385),
+    ],
+)
+def test_drive_when_too_fast_or_normalized_is_in_rad_s(command: Drive, speed_rad_s: float) -> None:
+    robot = spawned()
+    robot.obey(command, 0.0)
+    driven(robot, 1)
+    assert place(robot)[0] == pytest.approx(speed_rad_s * 0.13 * TICK_S, rel=1e-9)
+
+
+def test_chassis_when_standing_rides_at_its_height() -> None:
+    np.testing.assert_array_equal(spawned().world_from_robot.translation, (0.0, 0.0, -0.1457))
+
+
+# ---- battery and light
+
+
+def test_battery_when_it_runs_down_counts_whole_seconds_left() -> None:
+    robot = spawned(p2at(battery_s=10.0), time_s=5.0)
+    left = [report.battery_s for t in (5.0, 5.1, 14.9, 15.0, 20.0) for report in status(robot, t)]
+    assert left == [10, 9, 0, 0, 0]
+
+
+def status(robot: SpawnedRobot, time_s: float) -> list[VehicleStatus]:
+    reports = robot.all_readings(time_s)
+    return [report for report in reports if isinstance(report, VehicleStatus)]
+
+
+def test_robot_when_its_battery_is_empty_stops_and_obeys_no_more() -> None:
+    robot = spawned(p2at(battery_s=1.0))
+    robot.obey(Drive(2.0, 2.0), 0.0)
+    driven(robot, 100)
+    robot.obey(Drive(2.0, 2.0, light=True), 2.0)
+    driven(robot, 10, since=100)
+    # The tick that ends at 1.0 s no longer moves.
+    assert place(robot)[0] == pytest.approx(2.0 * 0.13 * 0.98, abs=1e-9)
+    assert not status(robot, 2.0)[0].light
+
+
+def test_light_when_switched_is_in_the_status_until_switched_again() -> None:
+    robot = spawned()
+    robot.obey(Drive(light=True), 0.0)
+    robot.obey(Drive(1.0, 1.0), 0.0)
+    assert status(robot, 0.0)[0].light
+    robot.obey(Drive(light=False), 0.0)
+    assert not status(robot, 0.0)[0].light
+
+
+# ---- when it reports
+
+
+def test_readings_when_all_are_wanted_end_with_the_status() -> None:
+    kinds = [type(report) for report in spawned().all_readings(1.5)]
+    assert kinds == [OdometryReading, GroundTruthReading, VehicleStatus]
+
+
+def test_readings_when_just_spawned_are_due_at_once_and_then_once_a_period() -> None:
+    robot = spawned()
+    counts = [len(robot.due_readings(tick * TICK_S)) for tick in range(21)]
+    assert counts == [3] + 9 * [0] + [3] + 9 * [0] + [3]
+
+
+@pytest.mark.parametrize("interval_s", [0.01, 0.02, 0.05, 0.033, 0.07])
+def test_due_times_when_no_multiple_of_a_tick_keep_their_mean(interval_s: float) -> None:
+    odometry = type(ODOMETRY)("Odometry", interval_s)
+    robot = spawned(p2at(sensors=(odometry,), status_interval_s=60.0))
+    ticks = 5000
+    reports = sum(len(robot.due_readings(tick * TICK_S)) for tick in range(ticks))
+    # One more at time 0, and the status twice in 100 s; a tick is the shortest period there is.
+    expected = ticks * TICK_S / max(interval_s, TICK_S)
+    assert reports - 2 == pytest.approx(expected, abs=1.5)
+
+
+def test_sensor_when_named_like_the_status_word_reports_beside_it() -> None:
+    robot = spawned(p2at(sensors=(type(ODOMETRY)("STA", 0.1),)))
+    assert [len(robot.due_readings(t)) for t in (0.0, 0.1, 0.2)] == [2, 1, 2]
+
+
+# ---- odometry follows the wheels
+
+
+def test_odometry_when_blocked_by_a_wall_goes_on() -> None:
+    robot = spawned()
+    wall = obstacles_between(build_scene(walled_world(0.5)), low_m=0.03, high_m=1.0)
+    robot.obey(Drive(2.0, 2.0), 0.0)
+    for tick in range(1, 201):
+        robot.move(TICK_S, tick * TICK_S, wall)
+    reading = robot.all_readings(4.0)[0]
+    assert isinstance(reading, OdometryReading)
+    assert reading.x_m == pytest.approx(1.04, abs=1e-9)
+    nose = place(robot)[0] + 0.5 * 0.5238
+    assert 0.5 - 1e-3 < nose <= 0.5
+
+
+def test_odometry_when_driving_a_circle_closes_it() -> None:
+    robot = spawned()
+    robot.obey(Drive(2.0, 1.0), 0.0)
+    turn_per_tick = 0.13 * TICK_S / 0.4712
+    ticks = round(2.0 * math.pi / turn_per_tick)
+    driven(robot, ticks)
+    reading = robot.all_readings(ticks * TICK_S)[0]
+    assert isinstance(reading, OdometryReading)
+    # Without noise it is the way itself; the last tick is at most half a tick's way short.
+    assert (reading.x_m, reading.y_m) == pytest.approx(place(robot), abs=1e-9)
+    assert math.hypot(reading.x_m, reading.y_m) < 0.5 * 1.5 * 0.13 * TICK_S + 1e-9
+
+
+# ---- what it answers
+
+
+def test_configuration_when_of_the_robot_names_the_model() -> None:
+    (configuration,) = spawned().configurations("ROBOT")
+    assert configuration.type == "GroundVehicle"
+    assert configuration.get("Name") == "OmniP2AT"
+    assert configuration.get("MaxSpeed") == "5.3850"
+
+
+@pytest.mark.parametrize("type_", ["Odometry", "odometry"])
+def test_configuration_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
+    (configuration,) = spawned().configurations(type_)
+    assert configuration.get("ScanInterval") == "0.2000"
+
+
+def test_geometry_when_of_the_robot_is_the_reference_p2at() -> None:
+    geometry = spawned().own_geometry()
+    assert geometry.dimensions_m == (0.5238, 0.4968, 0.2913)
+    assert (geometry.wheel_radius_m, geometry.wheel_separation_m) == (0.13, 0.4712)
