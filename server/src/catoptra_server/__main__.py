@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action="store_true", help="send one frame unasked on connecting")
     add("--renderer", choices=["auto", "trace", "raster"], default="auto")
-    add("--threads", type=int, default=0, help="of the trace renderer; 0 = one a processor")
+    add("--threads", type=_threads, default=0, help="of the trace renderer; 0 = one a processor")
     add("--clock", choices=[c.value for c in Clock], default=Clock.REALTIME.value,
         help="lockstep: time passes only when a client sends STEP")  # fmt: skip
     add("--seed", type=int, default=0, help="of all random numbers")
@@ -99,6 +99,13 @@ def _port(text: str) -> int:
     if not 0 <= port <= 65535:
         raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
     return port
+
+
+def _threads(text: str) -> int:
+    threads = int(text)
+    if not 0 <= threads <= 1024:
+        raise argparse.ArgumentTypeError(f"threads are 0 to 1024, not {threads}")
+    return threads
 
 
 def _image_type(text: str) -> ImageType:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 
+from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.connection import ControlServer
 from catoptra_protocol.wire.reports import Greeting, Report
 from catoptra_server.simulation import Asked, Left, Request
+from catoptra_server.transports.listening import listening, peer_name
 
 log = logging.getLogger(__name__)
 
@@ -26,7 +29,7 @@ class ControlClient:
         self._loop = asyncio.get_running_loop()
         self._writer = writer
         self._protocol = protocol
-        self.peer = "{}:{}".format(*writer.get_extra_info("peername")[:2])
+        self.peer = peer_name(writer)
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports as one piece: clients that read clumsily lose least that way."""
@@ -46,14 +49,22 @@ class ControlClient:
             return
         if waiting > _SKIP_ABOVE_BYTES and all(report.WORD in ("SEN", "STA") for report in reports):
             return
-        data = b"".join(self._protocol.send(report) for report in reports)
+        data = b"".join(map(self._bytes, reports))
         log.debug("to %s: %r", self.peer, data)
         self._writer.write(data)
 
+    def _bytes(self, report: Report) -> bytes:
+        """Return a report's bytes; none of one that cannot be sent, so that the others can."""
+        try:
+            return self._protocol.send(report)
+        except LocalProtocolError as error:
+            log.error("not sent to %s: %s", self.peer, error)
+            return b""
 
-async def serve_control(
+
+def serve_control(
     host: str, port: int, *, greeting: Greeting, post: Callable[[Request], None]
-) -> asyncio.Server:
+) -> AbstractAsyncContextManager[asyncio.Server]:
     """Listen for robots' controllers; everything that they ask is posted to the simulation."""
 
     async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -66,11 +77,8 @@ async def serve_control(
                 log.debug("from %s: %r", client.peer, data)
                 for command in protocol.receive(data):
                     post(Asked(client, command))
-        except ConnectionError as error:
-            log.info("controller %s broke off: %s", client.peer, error)
         finally:
             post(Left(client))
-            writer.close()
             log.info("controller %s gone", client.peer)
 
-    return await asyncio.start_server(converse, host, port)
+    return listening(host, port, converse)

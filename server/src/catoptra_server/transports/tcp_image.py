@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 
 from catoptra_protocol.wire.image import (
@@ -15,6 +16,7 @@ from catoptra_protocol.wire.image import (
 )
 from catoptra_server.encode import Frame, cropped, encoded_payload
 from catoptra_server.mailbox import Mailbox
+from catoptra_server.transports.listening import listening, peer_name
 
 log = logging.getLogger(__name__)
 
@@ -29,24 +31,21 @@ class ImageOptions:
     legacy: bool = False
 
 
-async def serve_images(
+def serve_images(
     host: str, port: int, *, mailbox: Mailbox, options: ImageOptions
-) -> asyncio.Server:
+) -> AbstractAsyncContextManager[asyncio.Server]:
     """Listen for viewers. Each is served at its own pace; a slow one slows nobody else."""
 
     async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        peer = "{}:{}".format(*writer.get_extra_info("peername")[:2])
+        peer = peer_name(writer)
         log.info("viewer %s connected", peer)
         viewer = _Viewer(writer, mailbox, options)
         try:
             await viewer.serve(reader)
-        except ConnectionError as error:
-            log.info("viewer %s broke off: %s", peer, error)
         finally:
-            writer.close()
             log.info("viewer %s gone after %d frames", peer, viewer.sent)
 
-    return await asyncio.start_server(converse, host, port)
+    return listening(host, port, converse)
 
 
 class _Viewer:
