@@ -1,0 +1,88 @@
+"""Plans from explicit numbers: what is asked for is taken, what is not is chosen with a reason."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube import FIVE_FACE_LIMIT_RAD, Face
+from catoptra_server.plan.render_plan import (
+    DEFAULT_FACE_SAMPLES,
+    DEFAULT_SAMPLES,
+    PerPixel,
+    RendererKind,
+    RenderPlan,
+    RenderWish,
+    highest_incidence,
+    plan_from_wish,
+)
+from catoptra_server.scene.mirror_mesh import PolygonSplit
+from helpers.worlds import omni_camera
+
+CAMERA = omni_camera(width_px=360)
+
+
+def plan_of(wish: RenderWish, *, rim_deg: float = 120.0, width_px: int = 360) -> RenderPlan:
+    camera = omni_camera(width_px=width_px, rim_deg=rim_deg)
+    return plan_from_wish(wish, camera, kind=RendererKind.RASTER, why="asked for")
+
+
+def test_plan_when_nothing_is_asked_has_a_texel_a_pixel() -> None:
+    plan = plan_of(RenderWish())
+    assert (plan.samples, plan.face_samples) == (DEFAULT_SAMPLES, DEFAULT_FACE_SAMPLES)
+    # optics.md 3.3: 365 texels a face for a 360 px picture.
+    assert plan.face_size_px >= 363
+    assert plan.face_size_px % 32 == 0
+    assert plan.faces == (Face.N, Face.E, Face.S, Face.W, Face.C)
+
+
+def test_plan_when_numbers_are_asked_takes_them() -> None:
+    plan = plan_of(RenderWish(PolygonSplit(8, 8), samples=3, face_size_px=100, face_samples=4))
+    assert (plan.samples, plan.face_size_px, plan.face_samples) == (3, 100, 4)
+    assert plan.surface == PolygonSplit(8, 8)
+
+
+@pytest.mark.parametrize(("rim_deg", "faces"), [(120.0, 5), (125.26, 5), (125.27, 6), (150.0, 6)])
+def test_plan_when_the_rim_looks_above_125_deg_has_a_sixth_face(rim_deg: float, faces: int) -> None:
+    assert len(plan_of(RenderWish(), rim_deg=rim_deg).faces) == faces
+
+
+@pytest.mark.parametrize("samples", [-1, 17])
+def test_plan_when_it_has_no_or_too_many_samples_is_refused(samples: int) -> None:
+    with pytest.raises(DomainError, match="1 to 16"):
+        plan_of(RenderWish(samples=samples))
+
+
+@pytest.mark.parametrize(
+    ("wish", "text"),
+    [
+        (RenderWish(samples=1), "raster, per pixel, 1^2 samples, faces NESWC of 384 px: asked for"),
+        (RenderWish(PolygonSplit(32, 32)), "raster, 32 x 32 polygons (uv), 2^2 samples"),
+    ],
+)
+def test_plan_when_printed_says_what_and_why(wish: RenderWish, text: str) -> None:
+    assert text in str(plan_of(wish))
+
+
+def test_plan_when_traced_does_not_speak_of_faces() -> None:
+    plan = plan_from_wish(RenderWish(), CAMERA, kind=RendererKind.TRACE, why="exact")
+    assert str(plan) == "trace, per pixel, 2^2 samples: exact"
+
+
+def test_incidence_when_per_pixel_ends_at_the_rim() -> None:
+    assert highest_incidence(CAMERA, PerPixel()) == CAMERA.rim_rad
+
+
+def test_incidence_when_of_few_polygons_is_higher_than_the_rim() -> None:
+    four, many = (highest_incidence(CAMERA, PolygonSplit(s, s)) for s in (4, 4096))
+    # 90 deg + atan(tan 30 deg / cos 45 deg)
+    assert math.degrees(four) == pytest.approx(129.23, abs=0.01)
+    assert CAMERA.rim_rad < many < CAMERA.rim_rad + 1e-6
+    assert four > FIVE_FACE_LIMIT_RAD
+
+
+def test_incidence_when_the_rim_is_below_the_horizon_is_the_rim() -> None:
+    camera = omni_camera(rim_deg=80.0)
+    assert highest_incidence(camera, PolygonSplit(4, 4)) == camera.rim_rad

@@ -1,0 +1,81 @@
+"""Odometry: what the wheels tell, and each deviation by itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import OdometryDescription
+from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors.odometry import OdometrySensor
+from helpers.robots import BASE
+
+TRACK_M = BASE.wheel_separation_m
+
+
+def sensor_of(*, seed: int = 1, **deviations: Any) -> OdometrySensor:
+    description = OdometryDescription("Odometry", 0.2, **deviations)
+    return OdometrySensor(description, BASE, RandomStream.of(seed, "Odometry"))
+
+
+def followed(sensor: OdometrySensor, *ways: Rolled) -> tuple[float, float, float]:
+    for tick, way in enumerate(ways):
+        sensor.follow(way, tick)
+    reading = sensor.reading(0.0, Pose.identity())
+    return reading.x_m, reading.y_m, reading.yaw_rad
+
+
+def test_pose_when_nothing_rolled_is_zero_wherever_the_robot_is() -> None:
+    sensor = sensor_of()
+    sensor.follow(Rolled(0.0, 0.0), 0)
+    reading = sensor.reading(0.0, Pose.from_rpy((5, 6, 7)))
+    assert (reading.name, reading.x_m, reading.y_m, reading.yaw_rad) == ("Odometry", 0, 0, 0)
+
+
+def test_pose_when_the_right_wheels_lead_turns_counter_clockwise() -> None:
+    *_, yaw = followed(sensor_of(), Rolled(0.0, 0.1))
+    assert yaw == pytest.approx(-0.1 / TRACK_M)
+
+
+def test_pose_when_scales_are_off_is_scaled() -> None:
+    sensor = sensor_of(distance_scale=1.1, turn_scale=0.5)
+    x, y, yaw = followed(sensor, Rolled(1.0, 1.0), Rolled(0.1, -0.1))
+    assert (x, y, yaw) == pytest.approx((1.1, 0.0, 0.5 * 0.2 / TRACK_M))
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: float) -> None:
+    *_, yaw = followed(sensor_of(drift_rad_per_m=0.05), *(100 * [Rolled(direction, direction)]))
+    assert yaw == pytest.approx(math.remainder(5.0, 2 * math.pi), abs=1e-12)
+
+
+@pytest.mark.parametrize("ticks", [10, 200])
+@pytest.mark.parametrize(
+    ("deviation", "axis", "left_m", "right_m"),
+    [
+        ("distance_noise_m", 0, 1.0, 1.0),
+        ("turn_noise_rad", 2, 0.5 * TRACK_M, -0.5 * TRACK_M),
+        ("heading_noise_rad", 2, 1.0, 1.0),
+    ],
+)
+def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
+    deviation: str, axis: int, left_m: float, right_m: float, ticks: int
+) -> None:
+    way = Rolled(left_m / ticks, right_m / ticks)
+    ends = [
+        followed(sensor_of(seed=seed, **{deviation: 0.01}), *(ticks * [way]))[axis]
+        for seed in range(200)
+    ]
+    # The spread of 200 runs is known to 5 % (one sigma).
+    assert np.std(ends) == pytest.approx(0.01, rel=0.15)
+
+
+def test_configuration_when_asked_has_its_period() -> None:
+    configuration = sensor_of().configuration()
+    assert configuration.pairs[:2] == (("Name", "Odometry"), ("ScanInterval", "0.2000"))
+    assert sensor_of().geometry().mount == "HARD"

@@ -1,0 +1,127 @@
+"""The slot between drawing and sending: the newest frame wins, and who asks when."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.encode import Frame
+from catoptra_server.mailbox import Mailbox
+
+
+def frame(sequence: int, *, age_s: float = 0.0, drawn_s: float = 0.0) -> Frame:
+    """Return a frame that was finished some time ago."""
+    rgb = np.zeros((1, 1, 3), dtype=np.uint8)
+    finished_s = time.monotonic() - age_s
+    return Frame(sequence, "", 0.0, Pose.identity(), rgb, {}, drawn_s, finished_s)
+
+
+class Asked:
+    """Counts how often a frame was asked for."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self) -> None:
+        self.count += 1
+
+
+def run(scene: Callable[[Mailbox, Asked], Awaitable[None]], *, ahead: bool = True) -> None:
+    async def main() -> None:
+        asked = Asked()
+        await asyncio.wait_for(scene(Mailbox(asked, ahead=ahead), asked), 5.0)
+
+    asyncio.run(main())
+
+
+async def let_it_wait(task: asyncio.Task[Frame]) -> None:
+    """Let a task run up to where it waits."""
+    await asyncio.sleep(0)
+    assert not task.done()
+
+
+def test_frame_when_none_is_there_is_asked_for_and_waited_for() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        task = asyncio.create_task(mailbox.newer_than(0))
+        await let_it_wait(task)
+        assert asked.count == 1
+        mailbox.put(frame(1))
+        assert (await task).sequence == 1
+        assert asked.count == 2  # the next one, ahead
+
+    run(scene)
+
+
+def test_frame_when_many_wait_comes_to_all() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        tasks = [asyncio.create_task(mailbox.newer_than(0)) for _ in range(5)]
+        await let_it_wait(tasks[-1])
+        mailbox.put(frame(1))
+        assert {(await task).sequence for task in tasks} == {1}
+
+    run(scene)
+
+
+@pytest.mark.parametrize(
+    ("waiting", "last", "taken"),
+    [
+        (frame(5, drawn_s=1e9), 4, True),
+        (frame(5, drawn_s=1e9), 5, False),
+        (frame(5, age_s=10.0, drawn_s=1.0), 4, False),
+    ],
+    ids=["young and new", "known already", "older than drawing takes"],
+)
+def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
+    waiting: Frame, last: int, taken: bool
+) -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(waiting)
+        await asyncio.sleep(0)
+        task = asyncio.create_task(mailbox.newer_than(last))
+        await asyncio.sleep(0)
+        assert task.done() is taken
+        mailbox.put(frame(6))
+        assert (await task).sequence == (5 if taken else 6)
+
+    run(scene)
+
+
+def test_waiting_frame_when_in_lockstep_is_never_taken() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(frame(5, drawn_s=1e9))
+        await asyncio.sleep(0)
+        task = asyncio.create_task(mailbox.newer_than(0))
+        await let_it_wait(task)
+        mailbox.put(frame(6))
+        assert (await task).sequence == 6
+        assert asked.count == 1  # nothing ahead: time stands still
+
+    run(scene, ahead=False)
+
+
+def test_frames_when_several_arrive_leave_the_newest() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        for sequence in (1, 2, 3):
+            mailbox.put(frame(sequence, drawn_s=1e9))
+        await asyncio.sleep(0)
+        assert (await mailbox.newer_than(0)).sequence == 3
+
+    run(scene)
+
+
+def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        gone, stays = (asyncio.create_task(mailbox.newer_than(0)) for _ in range(2))
+        await let_it_wait(stays)
+        gone.cancel()
+        await let_it_wait(stays)
+        mailbox.put(frame(1))
+        assert (await stays).sequence == 1
+        assert gone.cancelled()
+
+    run(scene)
