@@ -98,7 +98,7 @@ def record(
                 look = _by_pixels(images, detector)
             else:
                 generator = np.random.Generator(np.random.Philox(key=seed))
-                look = _by_hand(setup, camera, height_m, landmarks, generator)
+                look = hand_look(setup, camera, height_m, landmarks, generator)
             return Recording(setup.name, seed, _drive(setup, robot, look, on_step))
 
 
@@ -129,7 +129,7 @@ def _by_pixels(images: ImageStream, detector: Detector) -> Look:
     return look
 
 
-def _by_hand(
+def hand_look(
     setup: Setup,
     camera: OmniCamera,
     height_m: float,

@@ -124,22 +124,26 @@ def _spread(spread: Mapping[str, float] | None) -> str:
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:
-    rows = ""
-    for name, setup in setups.items():
-        measured = setup["measurements"]
-        range_, bearing = measured["range_error_m"], measured["bearing_error_deg"]
-        shares = ", ".join(
-            f"{row['from_m']:g}-{row['to_m']:g} m: {row['share']:.0%}"
-            for row in measured["beacons_measured_by_distance"]
-        )
-        rows += (
-            f"<tr><td>{name}</td><td class='n'>{measured['measurements']}</td>"
-            f"<td class='n'>{1e3 * range_['rms']:.0f} mm</td>"
-            f"<td class='n'>{bearing['rms']:.2f}°</td><td>{shares}</td></tr>"
-        )
+    rows = "".join(_measurement_row(name, s["measurements"]) for name, s in setups.items())
     return (
         "<table><tr><th>Set-up</th><th class='n'>measurements</th>"
-        "<th class='n'>range error, rms</th>"
-        "<th class='n'>bearing error, rms</th><th>beacons measured, by distance</th></tr>"
-        f"{rows}</table>"
+        "<th class='n'>range error, rms</th><th class='n'>bearing error, rms</th>"
+        f"<th>beacons measured, by distance</th></tr>{rows}</table>"
     )
+
+
+def _measurement_row(name: str, measured: Mapping[str, Any]) -> str:
+    shares = ", ".join(
+        f"{row['from_m']:g}-{row['to_m']:g} m: {row['share']:.0%}"
+        for row in measured["beacons_measured_by_distance"]
+    )
+    range_ = _rms(measured["range_error_m"], scale=1e3, unit="mm", decimals=0)
+    bearing = _rms(measured["bearing_error_deg"], scale=1.0, unit="°", decimals=2)
+    return (
+        f"<tr><td>{html.escape(name)}</td><td class='n'>{measured['measurements']}</td>"
+        f"<td class='n'>{range_}</td><td class='n'>{bearing}</td><td>{shares}</td></tr>"
+    )
+
+
+def _rms(quantiles: Mapping[str, float], *, scale: float, unit: str, decimals: int) -> str:
+    return f"{scale * quantiles['rms']:.{decimals}f} {unit}" if quantiles else "none"

@@ -91,8 +91,10 @@ PAPER_FILTER = FilterSettings("paper", "the paper's filter: P0 = 0, validation g
 RECOVERING_FILTER = FilterSettings("recovery", "the same with recovery", recovers=True)
 HONEST_FILTER = FilterSettings(
     "honest",
-    "the same with an honest P0 of 5 cm and 6 degrees",
+    "an honest one: P0 of 5 cm and 6°, R of 10 cm and 1.5°",
     start_sigma_m=0.05,
     start_sigma_rad=math.radians(6.0),
+    range_sigma_m=0.10,
+    bearing_sigma_rad=math.radians(1.5),
 )
 FILTERS = (PAPER_FILTER, RECOVERING_FILTER, HONEST_FILTER)

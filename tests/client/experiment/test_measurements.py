@@ -1,0 +1,38 @@
+"""Measurement errors and detection rates against a truth made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_client.experiment.measurements import detection_rates, measurement_figures
+from catoptra_client.experiment.recording import Recording, Seen, Step
+from catoptra_client.experiment.route import Waypoint
+from catoptra_client.localization import OdometryPose
+from catoptra_protocol.landmarks import Landmark
+
+BEACON = Landmark("b", "beacon", 1.2, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
+HERE = Waypoint(0.0, 0.0, math.pi / 2)
+NOWHERE = OdometryPose(0.0, 0.0, 0.0)
+
+
+def recording(*seen: tuple[Seen, ...]) -> Recording:
+    steps = (Step(HERE, NOWHERE, ()), *(Step(HERE, NOWHERE, found) for found in seen))
+    return Recording("sim", 0, steps)
+
+
+def test_errors_are_measured_minus_true_and_wrapped():
+    found = recording((Seen("b", 1.25, math.radians(-91.0)),))
+    figures = measurement_figures([found], [BEACON])
+    assert figures["range_error_m"]["median"] == pytest.approx(0.05)
+    assert figures["bearing_error_deg"]["median"] == pytest.approx(-1.0)
+
+
+def test_detection_rate_counts_the_steps_after_the_start():
+    found = recording((Seen("b", 1.2, -math.pi / 2),), ())
+    assert detection_rates([found], [BEACON]) == [{"from_m": 1.0, "to_m": 1.5, "share": 0.5}]
+
+
+def test_nothing_measured_has_no_error():
+    assert measurement_figures([recording(())], [BEACON])["range_error_m"] == {}

@@ -1,0 +1,96 @@
+"""The experiment over real sockets and processes, one run of each set-up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from catoptra_client.experiment.results import write_results
+from catoptra_client.experiment.server_process import running_server
+from catoptra_client.experiment.session import Plan, run_setup, train_classifier
+from catoptra_client.experiment.setups import PAPER_FILTER, REAL, SETUPS, SIM
+from catoptra_protocol.errors import CatoptraError
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def quiet(name: str) -> None:
+    """Take no note of progress."""
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    return Plan(
+        configs=CONFIGS,
+        output=tmp_path_factory.mktemp("experiment"),
+        setups=SETUPS,
+        runs=1,
+        seed=0,
+        training_frames=12,
+        server_arguments=("--renderer", "trace"),
+    )
+
+
+@pytest.fixture(scope="module")
+def trained(plan):
+    return train_classifier(plan, quiet)
+
+
+@pytest.fixture(scope="module")
+def results(plan, trained):
+    return [run_setup(plan, setup, trained[0], quiet) for setup in SETUPS]
+
+
+def test_landmarks_are_found_in_the_frames_that_came_over_tcp(trained):
+    _, snapshot = trained
+    assert snapshot.frame.shape == (360, 360, 3)
+    names = {detection.name for detection in snapshot.view.detections}
+    assert "magenta_over_yellow" in names
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["sim", "real"])
+def test_filter_stays_within_the_papers_bound_where_odometry_does_not(results, number):
+    trace = results[number].traces[PAPER_FILTER.name][0]
+    assert len(trace.estimate_error_m) == 101
+    assert trace.odometry_error_m.max() > 1.0
+    assert trace.estimate_error_m.max() < 0.7  # the 95 % quantile over seeds is 0.65
+
+
+def test_sim_and_real_measure_with_their_own_noise(results):
+    sim, real = (result.recordings[0] for result in results)
+    assert (sim.setup, real.setup) == (SIM.name, REAL.name)
+    assert sum(len(step.seen) for step in sim.steps) > 100
+    assert sum(len(step.seen) for step in real.steps) > 150
+
+
+def test_the_same_run_gives_the_same_record(plan, trained, results):
+    again = run_setup(plan, REAL, trained[0], quiet)
+    assert again.recordings == results[1].recordings
+
+
+def test_report_and_summary_are_written(plan, trained, results):
+    report = write_results(
+        plan,
+        results,
+        [],
+        snapshot=trained[1],
+        camera_numbers={},
+        timing_s={"all": 1.0},
+        subtitle="a test",
+    )
+    document = json.loads((plan.output / "summary.json").read_text())
+    assert set(document["setups"]) == {"sim", "real"}
+    assert len(document["claims"]) == 8
+    assert "overview.png" in {path.name for path in plan.output.iterdir()}
+    assert report.stat().st_size > 200_000  # four pictures are inside
+
+
+def test_server_that_cannot_start_is_reported_with_its_last_words(tmp_path):
+    missing = tmp_path / "missing.ini"
+    with (
+        pytest.raises(CatoptraError, match=r"did not start:[\s\S]*missing\.ini"),
+        running_server(missing, missing, seed=0, log=tmp_path / "log"),
+    ):
+        pass
