@@ -36,6 +36,8 @@ async def listening(host: str, port: int, converse: Conversation) -> AsyncIterat
             await converse(reader, writer)
         except OSError as error:  # a reset, a time-out, a host that cannot be reached any more
             log.info("%s broke off: %s", peer_name(writer), error)
+        except asyncio.CancelledError:
+            pass  # the block ends; Python 3.11 would log a cancelled task as a fault
         finally:
             tasks.discard(task)
             writer.close()

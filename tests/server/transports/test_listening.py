@@ -1,0 +1,115 @@
+"""A port and its connections end together, whatever the peers do."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+import pytest
+
+from catoptra_server.transports.listening import listening, peer_name
+from helpers.loopback import HOST, connect, connect_deaf, play, port_of
+
+
+async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(1000):
+        writer.write(data)
+
+
+def test_conversation_when_its_peer_leaves_ends_having_sent_all() -> None:
+    async def scene() -> None:
+        async with listening(HOST, 0, echo) as server:
+            reader, writer = await connect(server)
+            writer.write(b"hello")
+            writer.write_eof()
+            assert await reader.read() == b"hello"
+            writer.close()
+
+    play(scene())
+
+
+def test_block_when_left_ends_connections_that_are_silent(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scene() -> None:
+        async with listening(HOST, 0, echo) as server:
+            reader, writer = await connect(server)
+            writer.write(b"x")
+            await reader.readexactly(1)
+        assert await reader.read() == b""
+        writer.close()
+
+    play(scene())
+    assert caplog.text == ""
+
+
+def test_block_when_left_ends_a_connection_that_reads_nothing() -> None:
+    async def pour(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(bytes(50_000_000))
+        started.set()
+
+    async def scene() -> None:
+        async with listening(HOST, 0, pour) as server:
+            end = await connect_deaf(server)
+            await started.wait()
+        end.close()
+
+    started = asyncio.Event()
+    play(scene())
+
+
+def test_conversation_when_the_connection_breaks_is_noted_without_a_traceback(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def broken(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        raise TimeoutError("no route any more")
+
+    async def scene() -> None:
+        async with listening(HOST, 0, broken) as server:
+            reader, writer = await connect(server)
+            assert await reader.read() == b""
+            writer.close()
+
+    with caplog.at_level(logging.INFO):
+        play(scene())
+    assert "broke off: no route any more" in caplog.text
+    assert "Traceback" not in caplog.text
+
+
+def test_conversation_when_another_one_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    async def fragile(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(1000):
+            writer.write(bytes([100 // (data[0] - ord("0"))]))
+
+    async def scene() -> None:
+        async with listening(HOST, 0, fragile) as server:
+            (good_in, good_out), (bad_in, bad_out) = await connect(server), await connect(server)
+            bad_out.write(b"0")
+            assert await bad_in.read() == b""
+            good_out.write(b"5")
+            assert await good_in.readexactly(1) == bytes([20])
+            good_out.close()
+            bad_out.close()
+
+    play(scene())
+    assert "ZeroDivisionError" in caplog.text  # a fault of ours is told, with its place
+
+
+def test_port_when_in_use_is_an_os_error() -> None:
+    async def scene() -> None:
+        async with listening(HOST, 0, echo) as server:
+            with pytest.raises(OSError, match="in use"):
+                async with listening(HOST, port_of(server), echo):
+                    pass
+
+    play(scene())
+
+
+def test_peer_name_when_asked_is_the_address() -> None:
+    async def scene() -> None:
+        async with listening(HOST, 0, echo) as server:
+            _, writer = await connect(server)
+            assert peer_name(writer) == f"{HOST}:{port_of(server)}"
+            writer.close()
+
+    play(scene())
