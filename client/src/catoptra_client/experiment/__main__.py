@@ -101,7 +101,12 @@ def _camera_pictures(plan: Plan) -> tuple[list[Picture], dict[str, Any]]:
         raise CatoptraError("the pictures of the camera could not be drawn: see the lines above")
     drawn = json.loads((plan.output / "figures.json").read_text(encoding="utf-8"))
     pictures = [
-        Picture(entry["file"], entry["title"], entry["caption"], entry["alt"])
+        Picture(
+            entry["file"],
+            f"{entry['title']} (the paper's {entry['figure']})",
+            entry["caption"],
+            entry["alt"],
+        )
         for entry in drawn["figures"]
     ]
     return pictures, drawn["numbers"]
