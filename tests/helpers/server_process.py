@@ -1,0 +1,84 @@
+"""A real server process on free ports, killed by a watchdog where it hangs."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from catoptra_client.images import ImageStream
+from catoptra_client.robot import Robot
+from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy
+
+# Only a broken test waits so long.
+DEADLINE_S = 60.0
+_LISTENING = re.compile(r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+)\n")
+
+
+@dataclass(frozen=True, slots=True)
+class RunningServer:
+    """A server that listens."""
+
+    process: subprocess.Popen[str]
+    control_port: int
+    image_port: int
+    log: Path
+
+    def robot(self) -> Robot:
+        """Return a connection to the control port."""
+        return Robot.connect(port=self.control_port, timeout_s=DEADLINE_S)
+
+    def images(self) -> ImageStream:
+        """Return a connection to the image port."""
+        return ImageStream.connect(port=self.image_port, timeout_s=DEADLINE_S)
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """Send a signal; return the exit status."""
+        self.process.send_signal(number)
+        return self.process.wait(DEADLINE_S)
+
+
+def small_robot(folder: Path) -> Path:
+    """Write the shipped robot with a picture of 64 x 64 px and exact ground truth."""
+    return edited_copy(
+        OMNI_ROBOT,
+        folder,
+        Edit("ResolutionX=360", "ResolutionX=64"),
+        Edit("ResolutionY=360", "ResolutionY=64"),
+        Edit("Decimals=2", "Decimals=9"),
+    )
+
+
+@contextmanager
+def running_server(
+    folder: Path, *arguments: str, robot: Path | None = None, world: Path = FIELD
+) -> Iterator[RunningServer]:
+    """Start a server with a small picture; end it with the block if it still runs."""
+    command = [
+        *(sys.executable, "-m", "catoptra_server", "--world", str(world)),
+        *("--robot", str(robot or small_robot(folder))),
+        *("--control-port", "0", "--image-port", "0"),
+        *("--renderer", "trace", "--threads", "1", *arguments),
+    ]
+    log = folder / "server.log"
+    with (
+        log.open("w") as messages,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages, text=True) as process,
+    ):
+        watchdog = threading.Timer(DEADLINE_S, process.kill)
+        watchdog.start()
+        try:
+            assert process.stdout is not None, "stdout is a pipe"
+            found = _LISTENING.fullmatch(process.stdout.readline())
+            assert found, f"the server did not start:\n{log.read_text()}"
+            yield RunningServer(process, int(found[1]), int(found[2]), log)
+        finally:
+            process.terminate()
+            process.wait(DEADLINE_S)
+            watchdog.cancel()
