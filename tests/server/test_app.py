@@ -1,0 +1,167 @@
+"""The application in this process: set-up, signals, and what happens when its thread fails."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError, DomainError
+from catoptra_server import app
+from catoptra_server.app import Listening, Options, read_setup, serve
+from catoptra_server.plan.render_plan import RendererKind
+from catoptra_server.render.choice import Choice
+from catoptra_server.simulation import Clock
+from helpers.configs import Edit, edited_copy, small_world
+from helpers.loopback import HOST, play
+from helpers.robots import FakeView
+from helpers.server_process import small_robot
+
+
+def options_of(folder: Path, *, clock: Clock = Clock.LOCKSTEP) -> Options:
+    return Options(
+        robot=small_robot(folder),
+        world=small_world(folder),
+        control_port=0,
+        image_port=0,
+        renderer="trace",
+        threads=1,
+        clock=clock,
+    )
+
+
+async def served(options: Options, visit: Callable[[Listening], Awaitable[None]]) -> None:
+    """Serve until a visitor has done what it does and sent SIGTERM."""
+    where: asyncio.Future[Listening] = asyncio.get_running_loop().create_future()
+    server = asyncio.create_task(serve(options, where.set_result))
+    await asyncio.wait({server, where}, return_when=asyncio.FIRST_COMPLETED)
+    if where.done():
+        await visit(where.result())
+    await server
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("clock", Clock)
+def test_server_when_signalled_ends_also_with_clients_connected(
+    tmp_path: Path, number: signal.Signals, clock: Clock
+) -> None:
+    async def visit(where: Listening) -> None:
+        reader, writer = await asyncio.open_connection(HOST, where.control_port)
+        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
+        writer.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
+        asking.write(100 * b"OK")
+        await viewer.readexactly(5)
+        signal.raise_signal(number)
+        while await reader.read(1000):
+            pass  # up to the end that the server makes
+        writer.close()
+        asking.close()
+
+    play(served(options_of(tmp_path, clock=clock), visit))
+
+
+class _FailingView(FakeView):
+    def draw(self, exposure: object) -> object:  # type: ignore[override] # it never returns
+        raise DomainError("the lamp is broken")
+
+
+class _FakeRenderer:
+    """A renderer of one view; remembers whether it was closed."""
+
+    def __init__(self, view: FakeView) -> None:
+        self.view = view
+        self.closed = False
+
+    def describe(self) -> str:
+        return "fake"
+
+    def prepare(self, camera: object, plan: object) -> FakeView:
+        return self.view
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRenderer:
+    renderer = _FakeRenderer(view)
+    choice = Choice(renderer, RendererKind.TRACE, "fake")  # type: ignore[arg-type] # fake enough
+    monkeypatch.setattr(app, "choose_renderer", lambda *args, **kwargs: choice)
+    return renderer
+
+
+def test_server_when_its_simulation_fails_ends_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def visit(where: Listening) -> None:
+        _, controller = await asyncio.open_connection(HOST, where.control_port)
+        controller.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
+        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
+        asking.write(b"OK")
+        while await viewer.read(100):
+            asking.write(b"OK")  # black pictures until the robot is there
+        asking.close()
+        controller.close()
+
+    renderer = use_renderer(monkeypatch, _FailingView())
+    with pytest.raises(DomainError, match="the lamp is broken"):
+        play(served(options_of(tmp_path), visit))
+    assert renderer.closed
+
+
+def test_renderer_when_the_server_ends_is_closed_with_its_view(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def visit(where: Listening) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    renderer = use_renderer(monkeypatch, FakeView())
+    play(served(options_of(tmp_path), visit))
+    assert renderer.closed
+    assert renderer.view.closed
+
+
+def test_renderer_when_it_cannot_be_had_ends_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object, **kwargs: object) -> Choice:
+        raise DomainError("no renderer today")
+
+    async def visit(where: Listening) -> None:
+        raise AssertionError("nothing was to listen")
+
+    monkeypatch.setattr(app, "choose_renderer", refuse)
+    with pytest.raises(DomainError, match="no renderer today"):
+        play(served(options_of(tmp_path), visit))
+
+
+def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) -> None:
+    async def visit(where: Listening) -> None:
+        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
+        asking.write(b"OK")
+        assert (await viewer.readexactly(5))[:1] == b"\x02"
+        asking.close()
+        signal.raise_signal(signal.SIGTERM)
+
+    options = options_of(tmp_path)
+    blind = edited_copy(options.robot, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    assert blind == options.robot
+    play(served(options, visit))
+
+
+def test_setup_when_keys_mean_nothing_warns_with_their_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    world = small_world(tmp_path, "Colour=(R=1)")
+    with caplog.at_level(logging.WARNING):
+        setup = read_setup(small_robot(tmp_path), world)
+    assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
+    assert len(setup.scene) == 12
+
+
+def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        read_setup(small_robot(tmp_path), small_world(tmp_path, "Boxes=1"))

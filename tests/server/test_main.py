@@ -1,0 +1,154 @@
+"""The command line, in this process: what does not start ends with 2 and says why."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.__main__ import main
+from catoptra_server.render.raster import context
+from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy, line_of, small_world
+from helpers.server_process import small_robot
+
+FREE_PORTS = ("--control-port", "0", "--image-port", "0")
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Return what a server that does not start says, one line on stderr."""
+    assert main([*arguments]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    line, end, rest = said.err.partition("\n")
+    assert (end, rest) == ("\n", "")
+    assert line.startswith("catoptra-server: ")
+    return line.removeprefix("catoptra-server: ")
+
+
+def test_robot_when_broken_is_refused_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    said = refusal(capsys, "--robot", str(path), "--world", str(FIELD))
+    assert said == f"{path}:{line_of(path, 'C=two')}: C='two': expected a number of at least 0"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (None, "a file that exists"),
+        (b"", "a readable mesh file"),
+        (b"\x00\x01garbage" * 100, "a readable mesh file"),
+        (b"glTF\x02\x00\x00\x00\xff\xff\xff\xff", "a readable mesh file"),
+    ],
+    ids=["missing", "empty", "garbage", "cut off"],
+)
+def test_mesh_when_it_cannot_be_read_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, expected: str
+) -> None:
+    if content is not None:
+        (tmp_path / "m.glb").write_bytes(content)
+    world = small_world(tmp_path, "Meshes=(File=m.glb)")
+    said = refusal(capsys, "--robot", str(OMNI_ROBOT), "--world", str(world))
+    assert str(tmp_path) in said
+    assert "m.glb" in said
+    assert f"expected {expected}" in said
+
+
+@pytest.mark.parametrize("option", ["--robot", "--world"])
+def test_file_when_missing_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    files = {"--robot": str(OMNI_ROBOT), "--world": str(FIELD), option: str(tmp_path / "no.ini")}
+    said = refusal(capsys, *(part for pair in files.items() for part in pair))
+    assert said.startswith(f"{tmp_path / 'no.ini'}: file=")
+    assert "a readable ini file" in said
+
+
+@pytest.mark.parametrize("option", ["--control-port", "--image-port"])
+def test_port_when_in_use_is_refused_with_a_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        ports = {"--control-port": "0", "--image-port": "0", option: port}
+        said = refusal(
+            capsys,
+            *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+            *("--renderer", "trace", "--threads", "1"),
+            *(part for pair in ports.items() for part in pair),
+        )
+    assert "address already in use" in said
+    assert port in said
+    assert "--control-port 0 --image-port 0 take free ones" in said
+
+
+def test_raster_when_there_is_no_opengl_is_refused_with_the_packages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(context, "EGL_LIBRARY", "libabsent.so.1")
+    said = refusal(
+        capsys,
+        *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+        *("--renderer", "raster", *FREE_PORTS),
+    )
+    assert "libabsent.so.1 cannot be loaded" in said
+    assert "install libgl1 libegl1 libgl1-mesa-dri" in said
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("--robot", "x"),
+        ("--robot", "x", "--world", "y", "--control-port", "65536"),
+        ("--robot", "x", "--world", "y", "--image-port", "-1"),
+        ("--robot", "x", "--world", "y", "--image-port", "http"),
+        ("--robot", "x", "--world", "y", "--image-type", "PNG"),
+        ("--robot", "x", "--world", "y", "--renderer", "vulkan"),
+        ("--robot", "x", "--world", "y", "--clock", "sundial"),
+        ("--robot", "x", "--world", "y", "--threads", "-1"),
+        ("--robot", "x", "--world", "y", "--seed", "one"),
+    ],
+)
+def test_arguments_when_wrong_are_refused_with_usage(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert "usage: catoptra-server" in capsys.readouterr().err
+
+
+def test_help_when_asked_for_names_every_option(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    for option in ("--robot", "--world", "--host", "--renderer", "--clock", "--seed"):
+        assert option in said
+
+
+def test_server_when_it_listens_prints_where_and_ends_with_0(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def announce_and_end(listening: object) -> None:
+        announce(listening)  # type: ignore[arg-type] # it is what it was
+        signal.raise_signal(signal.SIGTERM)
+
+    from catoptra_server import __main__ as module
+
+    announce = module._announce
+    monkeypatch.setattr(module, "_announce", announce_and_end)
+    status = main(
+        [
+            *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+            *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
+        ]
+    )
+    said = capsys.readouterr().out
+    assert status == 0
+    assert said.startswith("listening control=127.0.0.1:")
+    assert said.count("\n") == 1
