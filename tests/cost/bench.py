@@ -104,7 +104,7 @@ def _robot_file(size: int, samples: int) -> Iterator[Path]:
         path = Path(folder) / "robot.ini"
         path.write_text(
             f"[Configuration]\nBasedOn={ROBOT}\n[Catoptra.OmniCaptureCamera]\n"
-            f"ResolutionX={size}\nResolutionY={size}\nSamples={samples}\nFaceSamples={samples**2}\n"
+            f"ResolutionX={size}\nResolutionY={size}\nSamples={samples}\n"
         )
         yield path
 

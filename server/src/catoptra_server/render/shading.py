@@ -10,16 +10,12 @@ sRGB comes last.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.description import DirectionalLight, HemisphereLight, Light, PointLight
 from catoptra_server.scene.meshes import SceneMesh
-
-F = TypeVar("F", np.float32, np.float64)  # the precision of a texture look-up is its caller's
 
 
 def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
@@ -65,26 +61,17 @@ def facet_radiance(scene: SceneMesh, lights: Iterable[Light]) -> Floats:
     return scene.albedo * np.where(scene.unlit[:, None], 1.0, irradiance)
 
 
-def texture_value(linear_texture: npt.NDArray[F], uv: npt.NDArray[F]) -> npt.NDArray[F]:
+def texture_value(linear_texture: Floats, uv: Floats) -> Floats:
     """Return (n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
 
     (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
     """
     height, width = linear_texture.shape[:2]
-    texels = linear_texture.reshape(-1, 3)
-    x = uv[:, 0] * width - 0.5
-    y = uv[:, 1] * height - 0.5
-    left, top = np.floor(x), np.floor(y)
+    x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
+    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     fx, fy = (x - left)[:, None], (y - top)[:, None]
-    column, row = left.astype(np.intp) % width, top.astype(np.intp) % height
-    next_column, next_row = (column + 1) % width, (row + 1) % height
-
-    def along(row: npt.NDArray[np.intp]) -> npt.NDArray[F]:
-        a = texels.take(row * width + column, axis=0)
-        b = texels.take(row * width + next_column, axis=0)
-        between: npt.NDArray[F] = a + fx * (b - a)
-        return between
-
-    upper = along(row)
-    value: npt.NDArray[F] = upper + fy * (along(next_row) - upper)
+    xa, xb, ya, yb = left % width, (left + 1) % width, top % height, (top + 1) % height
+    upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
+    lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]
+    value: Floats = (1.0 - fy) * upper + fy * lower
     return value

@@ -6,6 +6,8 @@ place that a point light reaches, is it computed, for those rays.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from embreex import rtcore_scene
@@ -14,9 +16,16 @@ from embreex.mesh_construction import TriangleMesh
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
 from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
-from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
+
+Hits = dict[str, npt.NDArray[Any]]  # of Embree, a row a ray: primID, u, v, tfar
+
+# Looks beside the indices of textures: light that is the same all over a triangle, and light that
+# only point lights make vary.
+_CONSTANT = -2
+_POINT_LIT = -1
 
 # A triangle that nothing reaches, for a scene without any: Embree commits no empty one.
 _NOWHERE = np.full((1, 3, 3), 1e6)
@@ -38,20 +47,21 @@ class EmbreeScene:
         TriangleMesh(self._embree, (corners - self.origin).astype(np.float32))
         # The last row is what a ray meets that meets nothing: Embree's index -1, taken with wrap.
         radiance = shading.facet_radiance(scene, world.lights)
-        self._radiance = np.concatenate([radiance, [world.background]]).astype(np.float32)
-        self._textures = [linear_from_srgb(t / 255.0).astype(np.float32) for t in scene.textures]
-        self._texture_of = np.append(scene.texture_index, np.int32(-1))
-        self._has_point_lights = bool(shading.point_lights(world.lights))
+        whole = np.concatenate([radiance, [world.background]])
+        self._radiance = np.ascontiguousarray(whole.T, dtype=np.float32)  # (3, n + 1)
+        self._textures = [PaddedTexture.of(texture) for texture in scene.textures]
         self._uv_frames = _uv_frames(scene.uv)
-        self._varies = self._varying_triangles()
+        self._has_point_lights = bool(shading.point_lights(world.lights))
+        self._look = self._looks()
+        self._varies = bool((self._look != _CONSTANT).any())
         self._query(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
 
-    def _varying_triangles(self) -> npt.NDArray[np.bool_] | None:
-        """Return (n + 1,) which triangles' light varies over them; None if that of none does."""
-        varies = self._texture_of >= 0
-        if self._has_point_lights:
-            varies |= np.append(~self._scene.unlit, False)
-        return varies if varies.any() else None
+    def _looks(self) -> npt.NDArray[np.int16]:
+        """Return (n + 1,) what varies over each triangle: its texture, or one of two more."""
+        look = np.append(self._scene.texture_index, -1).astype(np.int16)
+        lit = np.append(~self._scene.unlit, False) & self._has_point_lights
+        look[look < 0] = np.where(lit, _POINT_LIT, _CONSTANT)[look < 0]
+        return look
 
     def light_table(self, scale: LightScale) -> Packed:
         """Return the (n + 1,) packed light of each triangle, and of the background."""
@@ -61,60 +71,54 @@ class EmbreeScene:
         self, origins: Float32s, directions: Float32s, *, table: Packed, scale: LightScale
     ) -> Packed:
         """Return the (n,) packed light of what each ray meets."""
-        if self._varies is None:
+        if not self._varies:
             known: Packed = table.take(self._query(origins, directions), mode="wrap")
             return known
         hit = self._embree.run(origins, directions, output=True)
-        triangle = hit["primID"]
-        light: Packed = table.take(triangle, mode="wrap")
-        rays = np.flatnonzero(self._varies.take(triangle, mode="wrap"))
-        if len(rays):
-            which = triangle[rays]
-            weights = hit["u"][rays, None], hit["v"][rays, None]
-            radiance = self._lit(which, origins[rays], directions[rays], hit["tfar"][rays, None])
-            self._apply_textures(radiance, which, weights)
-            light[rays] = scale.packed(radiance)
+        light: Packed = table.take(hit["primID"], mode="wrap")
+        look = self._look.take(hit["primID"], mode="wrap")
+        for index in range(_POINT_LIT, len(self._textures)):
+            rays = np.flatnonzero(look == index)
+            if len(rays):
+                part = {name: hit[name].take(rays) for name in ("primID", "u", "v", "tfar")}
+                radiance = self._varying_radiance(index, part, origins[rays], directions[rays])
+                light[rays] = scale.packed(radiance)
         return light
+
+    def _varying_radiance(
+        self, look: int, hit: Hits, origins: Float32s, directions: Float32s
+    ) -> Float32s:
+        """Return the (3, n) radiance of hits of one look, at the places where the rays hit."""
+        triangle = hit["primID"]
+        radiance: Float32s = self._radiance.take(triangle, axis=1)
+        if self._has_point_lights:
+            points = origins + hit["tfar"][:, None] * directions + self.origin
+            radiance += self._point_radiance(triangle, points)
+        if look >= 0:
+            u, v = self._uv(triangle, hit["u"], hit["v"])
+            radiance *= self._textures[look].value(u, v)
+        return radiance
 
     def _query(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
         hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
         return hits
 
-    def _lit(
-        self,
-        triangle: npt.NDArray[np.int32],
-        origins: Float32s,
-        directions: Float32s,
-        distance: Float32s,
-    ) -> Float32s:
-        """Return (n, 3) radiance without textures where rays meet (n,) triangles."""
-        radiance: Float32s = self._radiance.take(triangle, axis=0)
-        if self._has_point_lights:
-            lit = np.flatnonzero(~self._scene.unlit[triangle])
-            which = triangle[lit]
-            points = origins[lit] + distance[lit] * directions[lit] + self.origin
-            irradiance = shading.point_irradiance(self._lights, points, self._scene.normals[which])
-            radiance[lit] += self._scene.albedo[which] * irradiance
-        return radiance
+    def _point_radiance(self, triangle: npt.NDArray[np.int32], points: Floats) -> Float32s:
+        """Return the (3, n) radiance that point lights add at (n, 3) points of (n,) triangles."""
+        irradiance = shading.point_irradiance(self._lights, points, self._scene.normals[triangle])
+        irradiance[self._scene.unlit[triangle]] = 0.0
+        return (self._scene.albedo[triangle] * irradiance).T.astype(np.float32)
 
-    def _apply_textures(
-        self,
-        radiance: Float32s,
-        triangle: npt.NDArray[np.int32],
-        weights: tuple[Float32s, Float32s],
-    ) -> None:
-        """Multiply (n, 3) radiance by the textures at barycentric weights of corners 1 and 2."""
-        texture_of_hit = self._texture_of.take(triangle)
-        for index, texture in enumerate(self._textures):
-            hits = np.flatnonzero(texture_of_hit == index)
-            if len(hits):
-                frame = self._uv_frames.take(triangle[hits], axis=0)
-                u, v = (weight[hits] for weight in weights)
-                uv = frame[:, :2] + u * frame[:, 2:4] + v * frame[:, 4:]
-                radiance[hits] *= shading.texture_value(texture, uv)
+    def _uv(
+        self, triangle: npt.NDArray[np.int32], u: Float32s, v: Float32s
+    ) -> tuple[Float32s, Float32s]:
+        """Return the two (n,) texture coordinates at barycentric (u, v) of corners 1 and 2."""
+        a, b, au, bu, av, bv = self._uv_frames.take(triangle, axis=1)
+        return a + u * au + v * av, b + u * bu + v * bv
 
 
 def _uv_frames(uv: Floats) -> Float32s:
-    """Return (n, 6) texture coordinates of each triangle's first corner, and its two edges'."""
+    """Return (6, n) texture coordinates of each triangle's first corner, and its two edges'."""
     a, b, c = np.moveaxis(uv, 1, 0)
-    return np.concatenate((a, b - a, c - a), axis=-1).astype(np.float32)
+    frames = np.concatenate((a, b - a, c - a), axis=-1).astype(np.float32)
+    return np.ascontiguousarray(frames.T)

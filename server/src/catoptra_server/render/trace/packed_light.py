@@ -45,9 +45,9 @@ class LightScale:
         return cls(samples, top, encoded)
 
     def packed(self, radiance: Float32s) -> Packed:
-        """Return (n,) packed levels of (n, 3) radiance, clipped to [0, 1] as a sensor does."""
+        """Return (n,) packed levels of (3, n) radiance, clipped to [0, 1] as a sensor does."""
         levels = (np.clip(radiance, 0.0, 1.0) * self.top + 0.5).astype(np.uint64)
-        light: Packed = levels[:, 0] | (levels[:, 1] << _SHIFTS[1]) | (levels[:, 2] << _SHIFTS[2])
+        light: Packed = levels[0] | (levels[1] << _SHIFTS[1]) | (levels[2] << _SHIFTS[2])
         return light
 
     def pixel_sums(self, light: Packed) -> Packed:
