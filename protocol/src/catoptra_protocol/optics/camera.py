@@ -85,17 +85,18 @@ def camera_with_rim_inscribed(
 def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     """Return t = tan(theta / 2) of (..., 3) directions, and where it is finite.
 
-    Two forms, one for each hemisphere, so that neither cancels. Invalid: a zero vector and the
-    antipode.
+    Two forms, one for each hemisphere, so that neither cancels; hypot, so that no square overflows
+    or vanishes. Invalid, with 0 for a value: a zero vector, the antipode, what is not finite.
     """
-    norm = np.linalg.norm(direction, axis=-1)
-    rho = np.hypot(direction[..., 0], direction[..., 1])
-    z = direction[..., 2]
+    finite: Bools = np.isfinite(direction).all(axis=-1)
+    x, y, z = np.moveaxis(np.where(finite[..., None], direction, 0.0), -1, 0)
+    rho = np.hypot(x, y)
+    norm = np.hypot(rho, z)
     lower = z >= 0.0
     numerator = np.where(lower, rho, norm - z)
     denominator = np.where(lower, norm + z, rho)
     valid = denominator > 0.0
-    return numerator / np.where(valid, denominator, 1.0), valid
+    return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
 
 
 def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
@@ -105,16 +106,17 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     pixel is the image centre, never a NaN.
     """
     direction = np.asarray(direction, dtype=np.float64)
-    t, finite = half_angle_tangent(direction)
-    valid = finite & (t <= camera.rim_t)
+    t, defined = half_angle_tangent(direction)
+    valid = defined & (t <= camera.rim_t)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
         np.where(valid, t, 0.0)
     )
-    rho = np.hypot(direction[..., 0], direction[..., 1])
+    level = np.where(valid[..., None], direction[..., :2], 0.0)
+    rho = np.hypot(level[..., 0], level[..., 1])
     scale = radius_px / np.where(rho > 0.0, rho, 1.0)
     ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
-    x = scale * direction[..., 0]
-    y = scale * direction[..., 1]
+    x = scale * level[..., 0]
+    y = scale * level[..., 1]
     u = camera.centre_px[0] + sa * x - ca * y
     v = camera.centre_px[1] - ca * x - sa * y
     return np.stack((u, v), axis=-1), valid
@@ -126,11 +128,13 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     Where invalid the direction is +z, never a NaN.
     """
     pixel = np.asarray(pixel, dtype=np.float64)
+    finite: Bools = np.isfinite(pixel).all(axis=-1)
+    pixel = np.where(finite[..., None], pixel, camera.centre_px)
     du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
     dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
     ratio = np.hypot(du, dv)
     t = camera.mirror.t_from_radius_ratio(ratio)
-    valid = t <= camera.rim_t
+    valid = finite & (t <= camera.rim_t)
     t = np.where(valid, t, 0.0)
     one_plus = 1.0 + np.square(t)
     # sin(theta) / ratio tends to a finite limit on the axis, where du = dv = 0 makes any value
