@@ -18,6 +18,8 @@ from catoptra_protocol.errors import ConfigError, Where
 
 COLOURS = ("cyan", "magenta", "yellow")
 KINDS = ("beacon", "goal")
+# Farther than any field; a float32 there still has steps of 8 mm.
+_LARGEST_M = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +55,37 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
         raise ConfigError(
             Where(str(path)), key="landmarks", value=str(path), expected=f"a readable CSV ({error})"
         ) from error
-    return landmarks_from_lines(text.splitlines(), file=str(path))
+    return landmarks_from_lines(text.split("\n"), file=str(path))
 
 
 def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, ...]:
     """Return the landmarks of CSV lines; `file` is named in errors; # starts a comment line."""
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     names = [field.name for field in fields(Landmark)]
-    if not numbered or next(csv.reader([numbered[0][1]])) != names:
+    if not numbered or _columns(Where(file, numbered[0][0]), numbered[0][1]) != names:
         found = numbered[0][1] if numbered else ""
         raise ConfigError(
             Where(file, 1), key="header", value=found, expected=f"the columns {','.join(names)}"
         )
-    landmarks = tuple(_landmark(Where(file, i), line, names) for i, line in numbered[1:])
-    _refuse_twins(landmarks, file)
-    return landmarks
+    landmarks: dict[str, Landmark] = {}
+    for i, line in numbered[1:]:
+        landmark = _landmark(Where(file, i), line, names)
+        if not landmark.name or landmark.name in landmarks:
+            expected = "a name" if not landmark.name else "each name only once"
+            raise ConfigError(Where(file, i), key="name", value=landmark.name, expected=expected)
+        landmarks[landmark.name] = landmark
+    return tuple(landmarks.values())
+
+
+def _columns(where: Where, line: str) -> list[str]:
+    try:
+        return [value.strip() for value in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise ConfigError(where, key="row", value=line[:80], expected=f"a CSV ({error})") from error
 
 
 def _landmark(where: Where, line: str, names: list[str]) -> Landmark:
-    values = [value.strip() for value in next(csv.reader([line]))]
+    values = _columns(where, line)
     if len(values) != len(names):
         raise ConfigError(where, key="row", value=line, expected=f"{len(names)} columns")
     row = dict(zip(names, values, strict=True))
@@ -85,6 +99,8 @@ def _landmark(where: Where, line: str, names: list[str]) -> Landmark:
     landmark = Landmark(**texts, **numbers)  # type: ignore[arg-type] # keys are split by type above
     if not (landmark.width_m > 0.0 and 0.0 <= landmark.band_bottom_m < landmark.band_top_m):
         raise ConfigError(where, key="row", value=line, expected="width > 0 and 0 <= bottom < top")
+    if landmark.kind == "goal" and landmark.depth_m <= 0.0:
+        raise ConfigError(where, key="depth_m", value=row["depth_m"], expected="a goal's depth > 0")
     return landmark
 
 
@@ -93,16 +109,7 @@ def _metres(where: Where, key: str, value: str) -> float:
         metres = float(value)
     except ValueError:
         metres = math.nan
-    if not math.isfinite(metres):
-        raise ConfigError(where, key=key, value=value, expected="a finite number of metres")
+    if not abs(metres) <= _LARGEST_M:  # nan is not
+        expected = f"a number of metres, at most {_LARGEST_M:g}"
+        raise ConfigError(where, key=key, value=value, expected=expected)
     return metres
-
-
-def _refuse_twins(landmarks: tuple[Landmark, ...], file: str) -> None:
-    seen: set[str] = set()
-    for landmark in landmarks:
-        if landmark.name in seen:
-            raise ConfigError(
-                Where(file), key="name", value=landmark.name, expected="each name only once"
-            )
-        seen.add(landmark.name)

@@ -193,7 +193,7 @@ def test_world_when_there_is_nothing_to_see_is_refused(tmp_path: Path) -> None:
 def test_landmark_when_its_row_is_broken_names_the_csv_and_its_line(tmp_path: Path) -> None:
     csv = Path(FIELD.parent.parent / "landmarks/four_legged_2006.csv")
     broken = edited_copy(csv, tmp_path, Edit("yellow_goal,goal,2.7", "yellow_goal,goal,far"))
-    with pytest.raises(ConfigError, match=r"x_m='far': expected a finite number") as caught:
+    with pytest.raises(ConfigError, match=r"x_m='far': expected a number of metres") as caught:
         world_of(tmp_path, f"Landmarks={broken}")
     where = caught.value.where
     assert (where.file, where.line) == (str(broken), line_of(broken, "far"))

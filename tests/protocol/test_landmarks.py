@@ -1,0 +1,108 @@
+"""The landmark file: the shipped one, and what is said of broken rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.landmarks import Landmark, landmarks_from_lines, read_landmarks
+from helpers.configs import REPOSITORY
+
+HEADER = "name,kind,x_m,y_m,width_m,depth_m,band_bottom_m,band_top_m,lower_colour,upper_colour"
+BEACON = "b1,beacon,1.35,-1.9,0.1,0.1,0.2,0.4,yellow,magenta"
+
+
+def landmark_of(*lines: str) -> tuple[Landmark, ...]:
+    return landmarks_from_lines([HEADER, *lines], file="x.csv")
+
+
+def test_shipped_file_when_read_has_four_beacons_and_two_goals() -> None:
+    landmarks = read_landmarks(REPOSITORY / "configs/landmarks/four_legged_2006.csv")
+    assert sorted(landmark.kind for landmark in landmarks) == 4 * ["beacon"] + 2 * ["goal"]
+    beacons = {(m.lower_colour, m.upper_colour) for m in landmarks if m.kind == "beacon"}
+    assert len(beacons) == 4  # each is known by its colours
+
+
+def test_row_when_read_is_a_landmark() -> None:
+    assert landmark_of(BEACON) == (
+        Landmark("b1", "beacon", 1.35, -1.9, 0.1, 0.1, 0.2, 0.4, "yellow", "magenta"),
+    )
+
+
+def test_band_middle_when_asked_is_where_the_colours_meet() -> None:
+    assert landmark_of(BEACON)[0].band_middle_m == pytest.approx(0.3)
+
+
+def test_comments_blank_lines_and_spaces_when_there_are_nothing() -> None:
+    lines = ["# a field", "", HEADER, "  # more", BEACON.replace(",", " , ")]
+    assert landmarks_from_lines(lines, file="x.csv") == landmark_of(BEACON)
+
+
+def test_file_when_it_has_only_a_header_has_no_landmarks() -> None:
+    assert landmark_of() == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "expected"),
+    [
+        ("beacon", "lamp", "kind", "one of beacon, goal"),
+        ("yellow", "Yellow", "lower_colour", "one of cyan, magenta, yellow"),
+        ("magenta", "pink", "upper_colour", "one of cyan, magenta, yellow"),
+        ("1.35", "far", "x_m", "a number of metres"),
+        ("1.35", "", "x_m", "a number of metres"),
+        ("1.35", "inf", "x_m", "a number of metres"),
+        ("0.1,0.1", "nan,0.1", "width_m", "a number of metres"),
+        ("0.1,0.1", "0,0.1", "row", "width > 0"),
+        ("1.35", "1e6", "x_m", "at most 100000"),
+        ("beacon,1.35,-1.9,0.1,0.1", "goal,1.35,-1.9,0.1,0", "depth_m", "depth > 0"),
+        ("0.2,0.4", "0.4,0.4", "row", "bottom < top"),
+        ("0.2,0.4", "-0.1,0.4", "row", "0 <= bottom"),
+        (",magenta", "", "row", "10 columns"),
+        (",magenta", ",magenta,1", "row", "10 columns"),
+    ],
+)
+def test_row_when_broken_names_file_line_key_and_expectation(
+    old: str, new: str, key: str, expected: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        landmark_of("# the next one is wrong", BEACON.replace(old, new, 1))
+    error = caught.value
+    assert (error.where.file, error.where.line, error.key) == ("x.csv", 3, key)
+    assert expected in error.expected
+
+
+@pytest.mark.parametrize("lines", [[], ["# nothing"], [BEACON], [HEADER.replace("x_m", "x")]])
+def test_header_when_missing_or_other_is_refused(lines: list[str]) -> None:
+    with pytest.raises(ConfigError, match="the columns name,kind,x_m"):
+        landmarks_from_lines(lines, file="x.csv")
+
+
+def test_name_when_given_twice_is_refused_at_the_second() -> None:
+    with pytest.raises(ConfigError, match=r"x\.csv:3: name='b1'.*only once"):
+        landmark_of(BEACON, BEACON)
+
+
+def test_name_when_empty_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"x\.csv:2: name=''"):
+        landmark_of(BEACON.replace("b1", ""))
+
+
+def test_field_when_longer_than_any_reader_takes_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"x\.csv:2: row=.*a CSV"):
+        landmark_of(BEACON.replace("b1", 200_000 * "x"))
+
+
+def test_quote_when_never_closed_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"x\.csv:2"):
+        landmark_of(BEACON.replace("b1", '"b1'))
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])
+def test_file_when_it_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "x.csv"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"x\.csv: landmarks=.*a readable CSV"):
+        read_landmarks(path)
