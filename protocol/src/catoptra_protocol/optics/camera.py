@@ -88,7 +88,7 @@ def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     Two forms, one for each hemisphere, so that neither cancels; hypot, so that no square overflows
     or vanishes. Invalid, with 0 for a value: a zero vector, the antipode, what is not finite.
     """
-    finite: Bools = np.isfinite(direction).all(axis=-1)
+    finite = np.asarray(np.isfinite(direction).all(axis=-1))
     x, y, z = np.moveaxis(np.where(finite[..., None], direction, 0.0), -1, 0)
     rho = np.hypot(x, y)
     norm = np.hypot(rho, z)
@@ -128,7 +128,7 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     Where invalid the direction is +z, never a NaN.
     """
     pixel = np.asarray(pixel, dtype=np.float64)
-    finite: Bools = np.isfinite(pixel).all(axis=-1)
+    finite = np.asarray(np.isfinite(pixel).all(axis=-1))
     pixel = np.where(finite[..., None], pixel, camera.centre_px)
     du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
     dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
