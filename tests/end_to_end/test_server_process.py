@@ -40,9 +40,6 @@ def raw(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
 
 
-# ---- the ordinary day
-
-
 def test_robot_when_driven_goes_where_its_wheels_say(lockstep: RunningServer) -> None:
     with lockstep.robot() as robot:
         robot.spawn(CLASS, start="Centre")
@@ -151,9 +148,6 @@ def test_lockstep_when_repeated_gives_the_same_bytes_and_frames(tmp_path: Path) 
     assert one != third
 
 
-# ---- rude peers: everyone else keeps data and order
-
-
 def garbage(seed: int) -> list[bytes]:
     """Return what a control or image port may be sent by somebody who is lost."""
     random = np.random.default_rng(seed)
@@ -213,9 +207,6 @@ def test_client_when_others_never_read_keeps_its_data(lockstep: RunningServer) -
         for _ in range(10):
             robot.step(0.2)
             assert images.frame().rgb.any()
-
-
-# ---- what does not start
 
 
 def failed(*arguments: str) -> tuple[int, str]:

@@ -49,9 +49,6 @@ def direction(incidence_deg: float, bearing_deg: float = 0.0) -> np.ndarray:
     return np.array([ring * math.cos(gamma), ring * math.sin(gamma), math.cos(theta)])
 
 
-# ---- the numbers of optics.md
-
-
 @pytest.mark.parametrize(
     ("rim_deg", "horizon_px"),
     [
@@ -92,9 +89,6 @@ def test_pixel_when_of_an_incidence_lies_on_its_circle(incidence_deg: float, rat
     assert radius / camera.horizon_radius_px == pytest.approx(ratio, abs=5.1e-10)
 
 
-# ---- handedness
-
-
 @pytest.mark.parametrize(
     ("bearing_deg", "u", "v"),
     [(0.0, 0.0, -1.0), (90.0, -1.0, 0.0), (-90.0, 1.0, 0.0), (180.0, 0.0, 1.0)],
@@ -113,9 +107,6 @@ def test_picture_when_turned_shows_the_up_azimuth_at_its_top(up_deg: float) -> N
     pixel, _ = pixel_from_direction(camera, direction(90.0, up_deg))
     expected = (180.0, 180.0 - camera.horizon_radius_px)
     np.testing.assert_allclose(pixel, expected, atol=1e-12)
-
-
-# ---- there and back
 
 
 @pytest.mark.parametrize("mirror", [HYPERBOLIC, ParabolicMirror(0.05), HyperbolicMirror(1e9, 0.2)])
@@ -144,9 +135,6 @@ def test_pixel_when_sent_to_a_direction_and_back_is_the_same(u: float, v: float)
     assert np.linalg.norm(there) == pytest.approx(1.0, abs=1e-15)
     back, _ = pixel_from_direction(camera, there)
     np.testing.assert_allclose(back, pixel if valid else camera.centre_px, atol=1e-10)
-
-
-# ---- masks
 
 
 def test_pixel_when_beside_the_mirror_is_invalid_and_harmless() -> None:
@@ -188,9 +176,6 @@ def test_direction_when_at_the_rim_is_seen_just_inside(beyond_rad: float, seen: 
     theta = math.radians(120.0) + beyond_rad
     _, valid = pixel_from_direction(camera_of(), np.array([math.sin(theta), 0.0, math.cos(theta)]))
     assert bool(valid) is seen
-
-
-# ---- hard places
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 1e160, 1e300])
@@ -237,9 +222,6 @@ def test_half_angle_when_at_a_hard_place_is_that_of_50_digits(
     t, valid = half_angle_tangent(np.array(place))
     assert valid
     assert t == pytest.approx(exact, rel=1e-15)
-
-
-# ---- grids, conventions, refusals
 
 
 def test_pixel_centres_when_one_sample_are_at_half_pixels() -> None:

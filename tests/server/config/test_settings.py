@@ -127,9 +127,6 @@ def test_file_when_it_does_not_exist_is_refused_with_its_line(tmp_path: Path, na
         section(f"K={name}").file("K", tmp_path)
 
 
-# ---- lists and what nobody asked for
-
-
 @pytest.mark.parametrize(
     ("lines", "values"),
     [

@@ -129,9 +129,6 @@ def test_plain_text_when_quoted_or_referenced_is_what_is_inside(value: str, text
     assert plain_text(value) == text
 
 
-# ---- files
-
-
 def test_file_when_it_starts_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
     path = tmp_path / "x.ini"
     path.write_bytes(b"\xef\xbb\xbf[A]\r\nK=1\r\n")

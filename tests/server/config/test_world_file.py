@@ -113,9 +113,6 @@ def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
     assert world_of(tmp_path).name == "world"
 
 
-# ---- broken worlds
-
-
 @pytest.mark.parametrize(
     ("line", "key", "expected"),
     [

@@ -141,8 +141,6 @@ def test_single_face_shows_what_trace_shows(device: GlDevice, face: Face, sample
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
-# ---- markers
-
 # Borders of the faces: 45 degrees of bearing between side faces, 45 degrees of incidence at bearing
 # 0 between C and N; the cube's corner is at 54.7356 degrees of incidence, 45 of bearing.
 INCIDENCE_DEG = (20.0, 33.0, 45.0, 54.7356, 70.0, 90.0, 104.0, 118.0)

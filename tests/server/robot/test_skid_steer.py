@@ -74,9 +74,6 @@ def test_arc_when_driven_back_returns(distance: float, turn: float, yaw: float) 
     assert -math.pi < there.yaw_rad <= math.pi
 
 
-# ---- slip
-
-
 def test_slip_when_there_is_none_changes_nothing() -> None:
     way = Rolled(0.3, -0.1)
     assert slipped(BASE, way, np.random.default_rng(1)) == way

@@ -57,9 +57,6 @@ def answers(fleet: Fleet, client: FakeClient, command: Command) -> list[object]:
     return list(client.reports[before:])
 
 
-# ---- INIT
-
-
 def test_init_when_accepted_is_answered_by_a_whole_cycle_at_once() -> None:
     client = spawned(fleet_of())
     assert [type(r) for r in client.batches[0]] == [
@@ -127,9 +124,6 @@ def test_remove_when_there_is_no_robot_does_nothing() -> None:
     fleet_of().remove(FakeClient())
 
 
-# ---- commands
-
-
 @pytest.mark.parametrize("command", [Drive(1.0, 1.0), GetConf("Robot"), GetGeo("Robot")])
 def test_command_when_there_is_no_robot_is_ignored(command: Command) -> None:
     assert answers(fleet_of(), FakeClient(), command) == []
@@ -191,9 +185,6 @@ def test_getgeo_when_of_a_sensor_lists_it() -> None:
     assert [item.name for item in geometry.items] == ["Odometry"]
 
 
-# ---- several robots
-
-
 def test_drive_when_there_are_two_robots_moves_only_one() -> None:
     fleet = fleet_of()
     one, other = spawned(fleet), spawned(fleet)
@@ -221,9 +212,6 @@ def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
         fleet.report_due(tick * 0.02)
     nose = truth_of(client).location_m[0] + 0.5 * 0.5238
     assert 1.0 - 1e-3 < nose <= 1.0
-
-
-# ---- pictures
 
 
 def test_picture_when_there_is_no_robot_is_black_and_of_the_camera_s_size() -> None:

@@ -65,9 +65,6 @@ def as_bytes(client: FakeClient) -> bytes:
     return b"".join(map(line_from_report, client.reports))
 
 
-# ---- lockstep
-
-
 def test_step_when_of_200_ms_prints_multiples_of_it() -> None:
     client = conversation(INIT, *(100 * [Step(0.2)]))
     lines = [line_from_report(result) for result in results(client)]
@@ -132,8 +129,6 @@ def test_drive_when_for_2_s_at_2_rad_s_goes_0_52_m_by_the_robot_s_own_account() 
     assert truth.location_m[0] == pytest.approx(0.52, abs=1e-9)
 
 
-# ---- determinism
-
 DANCE = [
     INIT,
     *(c for i in range(20) for c in (Drive(1.0 + 0.1 * i, 2.0 - 0.1 * i), Step(0.13))),
@@ -184,9 +179,6 @@ def test_robot_when_its_client_left_is_gone() -> None:
     simulation.run()
     assert len(one.batches) == 1
     assert results(other)
-
-
-# ---- frames
 
 
 class Frames:
@@ -243,9 +235,6 @@ def test_camera_when_nobody_watches_is_not_drawn() -> None:
     simulation.post(Stop())
     simulation.run()
     assert view.exposures == []
-
-
-# ---- realtime
 
 
 class Ticking:

@@ -81,9 +81,6 @@ def test_chassis_when_standing_rides_at_its_height() -> None:
     np.testing.assert_array_equal(spawned().world_from_robot.translation, (0.0, 0.0, -0.1457))
 
 
-# ---- battery and light
-
-
 def test_battery_when_it_runs_down_counts_whole_seconds_left() -> None:
     robot = spawned(p2at(battery_s=10.0), time_s=5.0)
     left = [report.battery_s for t in (5.0, 5.1, 14.9, 15.0, 20.0) for report in status(robot, t)]
@@ -115,9 +112,6 @@ def test_light_when_switched_is_in_the_status_until_switched_again() -> None:
     assert not status(robot, 0.0)[0].light
 
 
-# ---- when it reports
-
-
 def test_readings_when_all_are_wanted_end_with_the_status() -> None:
     kinds = [type(report) for report in spawned().all_readings(1.5)]
     assert kinds == [OdometryReading, GroundTruthReading, VehicleStatus]
@@ -145,9 +139,6 @@ def test_sensor_when_named_like_the_status_word_reports_beside_it() -> None:
     assert [len(robot.due_readings(t)) for t in (0.0, 0.1, 0.2)] == [2, 1, 2]
 
 
-# ---- odometry follows the wheels
-
-
 def test_odometry_when_blocked_by_a_wall_goes_on() -> None:
     robot = spawned()
     wall = obstacles_between(build_scene(walled_world(0.5)), low_m=0.03, high_m=1.0)
@@ -172,9 +163,6 @@ def test_odometry_when_driving_a_circle_closes_it() -> None:
     # Without noise it is the way itself; the last tick is at most half a tick's way short.
     assert (reading.x_m, reading.y_m) == pytest.approx(place(robot), abs=1e-9)
     assert math.hypot(reading.x_m, reading.y_m) < 0.5 * 1.5 * 0.13 * TICK_S + 1e-9
-
-
-# ---- what it answers
 
 
 def test_configuration_when_of_the_robot_names_the_model() -> None:

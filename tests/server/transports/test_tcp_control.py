@@ -151,9 +151,6 @@ def test_report_when_it_cannot_be_sent_is_left_out_and_the_others_are_not(
     assert "Traceback" not in caplog.text
 
 
-# ---- rude peers
-
-
 @pytest.mark.parametrize(
     "garbage",
     [

@@ -152,9 +152,6 @@ def test_viewers_when_many_ask_at_once_each_get_one() -> None:
     play(scene())
 
 
-# ---- rude peers
-
-
 @pytest.mark.parametrize(
     "garbage",
     [

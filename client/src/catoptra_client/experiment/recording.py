@@ -183,10 +183,6 @@ def _range_on_floor(camera: OmniCamera, ratio: float, height_m: float) -> float:
     return height_m * 2.0 * t / ((1.0 - t) * (1.0 + t))
 
 
-# ---- what the robot says
-# ----------------------------------------------------------------------------
-
-
 def _truth(robot: Robot) -> Waypoint:
     reading = robot.ground_truth
     if reading is None:

@@ -64,10 +64,6 @@ def _drive_base(section: Settings) -> DriveBase:
     )
 
 
-# ---- sensors
-# ----------------------------------------------------------------------------------------
-
-
 def _sensors(file: IniFile, section: Settings) -> tuple[SensorDescription, ...]:
     taken: set[str] = set()
     items = section.structs("Sensors")

@@ -94,10 +94,6 @@ def _landmark_albedos(section: Settings) -> dict[str, Rgb]:
     return {name: _colour(section, name, defaults[name]) for name in COLOURS}
 
 
-# ---- items
-# ------------------------------------------------------------------------------------------
-
-
 def _box(item: Settings, folder: Path) -> Shape:
     return Box(item.vector("Size", at_least=1e-6, at_most=_LARGEST_M))
 
@@ -194,10 +190,6 @@ def _colour(settings: Settings, key: str, default: tuple[int, int, int]) -> Rgb:
     rgb = settings.vector(key, default, members="RGB", at_least=0.0, at_most=255.0)
     r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
     return float(r), float(g), float(b)
-
-
-# ---- lights and starts
-# ------------------------------------------------------------------------------
 
 
 def _light(struct: Settings) -> Light:

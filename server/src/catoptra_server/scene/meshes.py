@@ -146,21 +146,18 @@ def _placed(patch: Patch, item: Item) -> Patch:
 
 def load_texture(path: Path) -> Texture:
     """Return an image file as (h, w, 3) uint8 sRGB. Raises ConfigError if it is none."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
         with Image.open(path) as image:
             texture = np.array(image.convert("RGB"))
-    except (OSError, UnidentifiedImageError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ConfigError(
             Where(str(path)), key="Texture", value=str(path), expected=f"an image file ({error})"
         ) from error
     texture.setflags(write=False)
     return texture
 
-
-# ---- mesh files
-# -------------------------------------------------------------------------------------
 
 # SAE from the two usual conventions: z up (x forward, y left) and y up (glTF: x right, z
 # backwards).

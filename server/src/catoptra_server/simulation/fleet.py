@@ -64,9 +64,6 @@ class Fleet:
         if robot is not None:
             log.info("robot %s left", robot.name)
 
-    # ---- commands
-    # -----------------------------------------------------------------------------------
-
     def obey(self, client: Client, command: Command, time_s: float) -> None:
         """Carry out a command; what needs a robot and has none is ignored, as USARSim does."""
         robot = self._robots.get(client)
@@ -135,9 +132,6 @@ class Fleet:
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
         return StartPoses(tuple(poses))
-
-    # ---- time and pictures
-    # --------------------------------------------------------------------------
 
     def move(self, duration_s: float, time_s: float) -> None:
         """Move every robot for one tick that ends at a time."""

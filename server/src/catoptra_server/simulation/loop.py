@@ -93,9 +93,6 @@ class Simulation:
             if self._frame_wanted and self._camera_is_due():
                 self._expose()
 
-    # ---- requests
-    # -----------------------------------------------------------------------------------
-
     def _next_requests(self) -> list[Request]:
         """Return all requests that wait; block until the next tick if there is none."""
         try:
@@ -134,9 +131,6 @@ class Simulation:
         readings = robot.all_readings(self._time_s) if robot and possible else []
         return [*readings, Result(self._time_s, "Step", "Clock", status)]
 
-    # ---- time
-    # ---------------------------------------------------------------------------------------
-
     def _catch_up(self) -> None:
         """Advance to the wall clock by whole ticks."""
         behind = self._monotonic() - self._started_s - self._time_s
@@ -157,9 +151,6 @@ class Simulation:
         self._time_ns += duration_ns
         self._fleet.move(duration_ns / _NS_PER_S, self._time_s)
         self._fleet.report_due(self._time_s)
-
-    # ---- frames
-    # -------------------------------------------------------------------------------------
 
     def _camera_is_due(self) -> bool:
         interval = self._fleet.frame_interval_s

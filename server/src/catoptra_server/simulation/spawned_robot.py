@@ -80,9 +80,6 @@ class SpawnedRobot:
         for sensor in self._sensors:
             sensor.follow(way, self._body.tick)
 
-    # ---- reports
-    # ------------------------------------------------------------------------------------
-
     def all_readings(self, time_s: float) -> list[Report]:
         """Return a whole cycle: every sensor, then STA, as UT2004 orders them."""
         pose = self.world_from_robot
@@ -110,9 +107,6 @@ class SpawnedRobot:
     def _status(self, time_s: float) -> VehicleStatus:
         left_s = max(0, int(self._battery_ends_s - time_s))
         return VehicleStatus(time_s, left_s, light=self._light)
-
-    # ---- answers
-    # ------------------------------------------------------------------------------------
 
     def configurations(self, type_: str) -> list[Configuration]:
         """Return CONF of all parts of a type, in any case; of the robot itself for Robot."""

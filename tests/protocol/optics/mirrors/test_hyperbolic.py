@@ -60,9 +60,6 @@ def condition(mirror: HyperbolicMirror, t: float) -> float:
     return 1.0 / (1.0 - mirror.kappa * t)
 
 
-# ---- the numbers of optics.md 1.1 and 1.3
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -129,9 +126,6 @@ def test_eq_2_when_compared_departs_most_below_the_horizon_at_60_degrees() -> No
     departure = PAPER.radius_ratio_from_t(t) - eq2_radius_ratio_from_t(t)
     assert departure.min() == pytest.approx(-0.000869, abs=1e-6)
     assert np.argmin(departure) == pytest.approx(600, abs=60)
-
-
-# ---- 50 digits
 
 
 @pytest.mark.parametrize("k", KS)
@@ -212,9 +206,6 @@ def _ratio_of_theta(mirror: HyperbolicMirror, theta: mpmath.mpf) -> mpmath.mpf:
     s = mpmath.sqrt(k * (k - 2))
     kappa = 1 / (k - 1 + s)
     return 2 * kappa * s * t / (1 - kappa**2 * t**2)
-
-
-# ---- limits and refusals
 
 
 def test_ratio_when_k_is_huge_is_eq_2() -> None:
