@@ -83,7 +83,7 @@ def _mirror(item: Settings, settings: Settings) -> CentralMirror:
             try:
                 return HyperbolicMirror(k, c_m)
             except DomainError as error:
-                raise settings.complain("K" if k <= 2.0 else "C", expected=str(error)) from error
+                raise settings.complain("K" if k <= 2.0 else "C", expected=f"a possible value: {error}") from error
         case "parabolicmirror":
             radius = settings.number("HorizonRadius", at_least=1e-9)
             return ParabolicMirror(radius * metres)
@@ -106,7 +106,7 @@ def _camera_law(
             up_azimuth_rad=_up_azimuth(item),
         )
     except DomainError as error:
-        raise settings.complain("RimAngle", expected=str(error)) from error
+        raise settings.complain("RimAngle", expected=f"a possible value: {error}") from error
 
 
 def _refuse_misplaced(mirror: CentralMirror, item: Settings) -> None:
