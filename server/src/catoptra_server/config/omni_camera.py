@@ -83,7 +83,9 @@ def _mirror(item: Settings, settings: Settings) -> CentralMirror:
             try:
                 return HyperbolicMirror(k, c_m)
             except DomainError as error:
-                raise settings.complain("K" if k <= 2.0 else "C", expected=f"a possible value: {error}") from error
+                raise settings.complain(
+                    "K" if k <= 2.0 else "C", expected=f"a possible value: {error}"
+                ) from error
         case "parabolicmirror":
             radius = settings.number("HorizonRadius", at_least=1e-9)
             return ParabolicMirror(radius * metres)
