@@ -38,6 +38,8 @@ async def listening(host: str, port: int, converse: Conversation) -> AsyncIterat
             log.info("%s broke off: %s", peer_name(writer), error)
         except asyncio.CancelledError:
             pass  # the block ends; Python 3.11 would log a cancelled task as a fault
+        except Exception:  # the top of a task; before Python 3.11.3 asyncio would tell nobody
+            log.exception("the conversation with %s failed: a fault of ours", peer_name(writer))
         finally:
             tasks.discard(task)
             writer.close()
