@@ -1,0 +1,133 @@
+"""The clients of the soak test: many that behave, and some that do not. All on one asyncio loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import socket
+import struct
+import time
+from dataclasses import dataclass, field
+
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.wire.commands import Drive, GetConf, Init
+from catoptra_protocol.wire.connection import ControlClient
+from catoptra_protocol.wire.image import ImageFrameReader, image_request
+from catoptra_protocol.wire.reports import VehicleStatus
+
+
+@dataclass
+class Tally:
+    """What the crowd saw: arrival times of STA by client, frames by viewer, what went wrong."""
+
+    status_at_s: dict[int, list[float]] = field(default_factory=dict)
+    frames: dict[int, int] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where the server listens."""
+
+    host: str
+    control_port: int
+    image_port: int
+
+
+async def controller(address: Address, number: int, tally: Tally) -> None:
+    """Spawn a robot, drive every second one in circles, note when its status comes."""
+    reader, writer = await asyncio.open_connection(address.host, address.control_port)
+    protocol = ControlClient()
+    angle = 0.4 * number
+    place = (1.9 * math.cos(angle), 1.2 * math.sin(angle), 0.0)
+    writer.write(protocol.send(Init("USARBot.OmniP2AT", f"Soak{number}", place)))
+    if number % 2:
+        writer.write(protocol.send(Drive(1.0, 0.4)))
+    arrivals = tally.status_at_s.setdefault(number, [])
+    try:
+        while data := await reader.read(65536):
+            now = time.monotonic()
+            reports = protocol.receive(data)
+            arrivals.extend(now for report in reports if isinstance(report, VehicleStatus))
+        tally.faults.append(f"controller {number} was cut off")
+    except (ConnectionError, RemoteProtocolError) as error:
+        tally.faults.append(f"controller {number}: {error}")
+    finally:
+        writer.close()
+
+
+async def viewer(address: Address, number: int, tally: Tally, *, pause_s: float) -> None:
+    """Ask for frame after frame, with a pause between; each must be whole."""
+    reader, writer = await asyncio.open_connection(address.host, address.image_port)
+    frames = ImageFrameReader()
+    tally.frames[number] = 0
+    try:
+        writer.write(image_request())
+        while data := await reader.read(1 << 18):
+            for frame in frames.receive(data):
+                tally.frames[number] += 1
+                if frame.payload[:2] != b"\xff\xd8" or frame.payload[-2:] != b"\xff\xd9":
+                    tally.faults.append(f"viewer {number}: a frame that is no JPEG")
+                await asyncio.sleep(pause_s)
+                writer.write(image_request())
+        tally.faults.append(f"viewer {number} was cut off")
+    except (ConnectionError, RemoteProtocolError) as error:
+        tally.faults.append(f"viewer {number}: {error}")
+    finally:
+        writer.close()
+
+
+async def viewer_that_never_reads(address: Address) -> None:
+    """Ask for frames for ever and read none."""
+    connection = await _connected(address.host, address.image_port)
+    with contextlib.closing(connection), contextlib.suppress(ConnectionError):
+        loop = asyncio.get_running_loop()
+        while True:
+            await loop.sock_sendall(connection, image_request())
+            await asyncio.sleep(0.05)
+
+
+async def viewer_that_resets(address: Address) -> None:
+    """Reset the connection in the middle of a frame, again and again."""
+    loop = asyncio.get_running_loop()
+    while True:
+        connection = await _connected(address.host, address.image_port)
+        with contextlib.suppress(ConnectionError):
+            await loop.sock_sendall(connection, image_request())
+            await loop.sock_recv(connection, 1000)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        connection.close()
+        await asyncio.sleep(0.5)
+
+
+async def controller_without_line_ends(address: Address) -> None:
+    """Send 64 kB without a line end, again and again."""
+    loop = asyncio.get_running_loop()
+    while True:
+        connection = await _connected(address.host, address.control_port)
+        with contextlib.closing(connection), contextlib.suppress(ConnectionError):
+            for _ in range(20):
+                await loop.sock_sendall(connection, b"DRIVE {Left 1.0} " * 4096)
+                await asyncio.sleep(0.5)
+
+
+async def controller_that_never_reads(address: Address) -> None:
+    """Ask for configurations without reading an answer, until it is cut off; then come again."""
+    loop = asyncio.get_running_loop()
+    protocol = ControlClient()
+    while True:
+        connection = await _connected(address.host, address.control_port)
+        with contextlib.closing(connection), contextlib.suppress(ConnectionError):
+            init = protocol.send(Init("USARBot.OmniP2AT", "Deaf", (0.0, 0.0, 0.0)))
+            await loop.sock_sendall(connection, init)
+            while True:
+                await loop.sock_sendall(connection, protocol.send(GetConf("Camera")) * 20)
+                await asyncio.sleep(0.05)
+
+
+async def _connected(host: str, port: int) -> socket.socket:
+    connection = socket.socket()
+    connection.setblocking(False)
+    await asyncio.get_running_loop().sock_connect(connection, (host, port))
+    return connection

@@ -1,0 +1,183 @@
+"""Sixty-four robots, thirty-two viewers and four rude clients on one server, for ten minutes.
+
+Run: make soak, or .venv/bin/python tests/soak/run.py --minutes 1. Writes out/soak/soak.json and
+out/soak/report.md; ends with 0 only if every requirement holds: the others keep their 0.2 s period
+within 20 %, frames are whole and in order, and the server's memory is flat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import re
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from soak import crowd  # after the path above
+
+ROOT = Path(__file__).parents[2]
+CONTROLLERS = 64
+VIEWERS = 30  # and two rude ones
+PERIOD_S = 0.2
+TOLERANCE = 0.2
+SAMPLE_EVERY_S = 5.0
+# The first minute fills caches and pools; from then on memory may grow by this share.
+SETTLED_AFTER = 0.1
+MEMORY_GROWTH = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One requirement, what was measured, and whether it holds."""
+
+    requirement: str
+    measured: str
+    holds: bool
+
+
+def main() -> int:
+    """Soak a server and judge it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--output", type=Path, default=ROOT / "out/soak")
+    parsed = parser.parse_args()
+    console = Console()
+    memory_mb, tally = asyncio.run(_soak(60.0 * parsed.minutes, console))
+    verdicts = _judge(tally, memory_mb)
+    _write(parsed.output, verdicts, memory_mb, tally)
+    table = Table("requirement", "measured", "holds")
+    for verdict in verdicts:
+        table.add_row(verdict.requirement, verdict.measured, "yes" if verdict.holds else "NO")
+    console.print(table)
+    return 0 if all(verdict.holds for verdict in verdicts) else 1
+
+
+async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd.Tally]:
+    """Run server and crowd; return the server's memory over time and what the crowd saw."""
+    command = [sys.executable, "-m", "catoptra_server", "--control-port", "0", "--image-port", "0"]
+    command += ["--robot", str(ROOT / "configs/robots/p2at_omni.ini")]
+    command += ["--world", str(ROOT / "configs/worlds/four_legged_2006.ini")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as server:
+        assert server.stdout is not None
+        ports = [int(port) for port in re.findall(r":(\d+)", server.stdout.readline())]
+        address = crowd.Address("127.0.0.1", ports[0], ports[1])
+        tally = crowd.Tally()
+        tasks = [asyncio.create_task(client) for client in _clients(address, tally)]
+        memory_mb = await _watch_memory(server.pid, duration_s, console)
+        faults = list(tally.faults)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        tally.faults = faults
+        server.terminate()
+    return memory_mb, tally
+
+
+def _clients(address: crowd.Address, tally: crowd.Tally) -> list[object]:
+    return [
+        *(crowd.controller(address, number, tally) for number in range(CONTROLLERS)),
+        *(
+            crowd.viewer(address, number, tally, pause_s=0.05 * (number % 8))
+            for number in range(VIEWERS)
+        ),
+        crowd.viewer_that_never_reads(address),
+        crowd.viewer_that_resets(address),
+        crowd.controller_without_line_ends(address),
+        crowd.controller_that_never_reads(address),
+    ]
+
+
+async def _watch_memory(pid: int, duration_s: float, console: Console) -> list[float]:
+    memory_mb: list[float] = []
+    begin = time.monotonic()
+    with Progress(console=console) as progress:
+        task = progress.add_task("soaking", total=duration_s)
+        while (elapsed_s := time.monotonic() - begin) < duration_s:
+            await asyncio.sleep(min(SAMPLE_EVERY_S, duration_s - elapsed_s))
+            memory_mb.append(_resident_mb(pid))
+            progress.update(task, completed=time.monotonic() - begin)
+    return memory_mb
+
+
+def _resident_mb(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text()
+    found = re.search(r"VmRSS:\s+(\d+) kB", status)
+    assert found is not None, "Linux tells the resident size of a living process"
+    return int(found[1]) / 1024.0
+
+
+def _judge(tally: crowd.Tally, memory_mb: list[float]) -> list[Verdict]:
+    means, late = _periods(tally)
+    slowest = max(means)
+    low, high = (1.0 - TOLERANCE) * PERIOD_S, (1.0 + TOLERANCE) * PERIOD_S
+    frames = sorted(tally.frames.values())
+    settled = memory_mb[int(SETTLED_AFTER * len(memory_mb))]
+    growth = max(memory_mb[-3:]) / settled - 1.0
+    return [
+        Verdict(
+            f"{CONTROLLERS} robots report every 0.2 s within 20 %",
+            f"mean period {min(means):.3f} to {slowest:.3f} s",
+            low <= min(means) and slowest <= high and len(means) == CONTROLLERS,
+        ),
+        Verdict(
+            "19 of 20 single periods stay within 20 % above 0.2 s",
+            f"{late:.1%} are longer",
+            late <= 0.05,
+        ),
+        Verdict(
+            f"{VIEWERS} viewers get whole frames, in order",
+            f"{frames[0]} to {frames[-1]} frames, {len(tally.faults)} faults {tally.faults[:2]}",
+            frames[0] > 0 and not tally.faults,
+        ),
+        Verdict(
+            "the server's memory is flat",
+            f"{settled:.0f} MB after the first tenth, {growth:+.1%} at the end",
+            growth <= MEMORY_GROWTH,
+        ),
+    ]
+
+
+def _periods(tally: crowd.Tally) -> tuple[list[float], float]:
+    """Return the mean period of each controller, and the share of periods that are too long."""
+    means, periods = [], []
+    for arrivals in tally.status_at_s.values():
+        own = [later - earlier for earlier, later in pairwise(arrivals)]
+        if own:
+            means.append(statistics.fmean(own))
+            periods += own
+    too_long = sum(period > (1.0 + TOLERANCE) * PERIOD_S for period in periods)
+    return means or [float("inf")], too_long / max(1, len(periods))
+
+
+def _write(
+    folder: Path, verdicts: list[Verdict], memory_mb: list[float], tally: crowd.Tally
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    document = {
+        "verdicts": [asdict(verdict) for verdict in verdicts],
+        "memory_mb": memory_mb,
+        "frames": tally.frames,
+        "faults": tally.faults,
+    }
+    (folder / "soak.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    rows = [f"| {v.requirement} | {v.measured} | {'yes' if v.holds else 'no'} |" for v in verdicts]
+    lines = ["# Soak", "", "| requirement | measured | holds |", "|---|---|---|", *rows, ""]
+    (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
