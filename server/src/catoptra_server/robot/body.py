@@ -10,7 +10,7 @@ import numpy as np
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import Rolled, WheelSpin, moved, rolled, slipped
+from catoptra_server.robot.skid_steer import AT_REST, Rolled, WheelSpin, moved, rolled, slipped
 from catoptra_server.scene.obstacles import Obstacles, rectangle_touches
 
 # Halvings of a tick's motion up to the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
@@ -35,8 +35,10 @@ def driven(
     At an obstacle the base stops as close as it gets; its wheels roll on, as encoders would tell.
     """
     way = rolled(body.base, body.spin, duration_s)
-    real = slipped(body.base, way, stream.at(body.tick)) if way != Rolled(0.0, 0.0) else way
-    pose = _until_contact(body, real, obstacles)
+    pose = body.pose
+    if way != AT_REST:
+        real = slipped(body.base, way, stream.at(body.tick))
+        pose = _until_contact(body, real, obstacles)
     return Body(body.base, pose, body.spin, body.tick + 1), way
 
 

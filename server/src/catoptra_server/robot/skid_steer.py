@@ -48,6 +48,9 @@ class Rolled:
         return (self.left_m - self.right_m) / base.wheel_separation_m
 
 
+AT_REST = Rolled(0.0, 0.0)
+
+
 def rolled(base: DriveBase, spin: WheelSpin, duration_s: float) -> Rolled:
     """Return what the wheels roll in a time: what encoders see, whatever the floor does."""
     way = base.wheel_radius_m * duration_s

@@ -6,7 +6,9 @@ them, which is tested for all near triangles at once.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -17,26 +19,55 @@ from catoptra_server.scene.meshes import SceneMesh
 CLEARANCE_M = 0.03
 
 
+# Cells a side of the grid over the world: a triangle as large as the world lies in all of them,
+# a robot in four.
+_CELLS = 64
+_SMALLEST_CELL_M = 0.5
+_NONE: Floats = np.zeros((0, 3, 2))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacles:
-    """Triangles from above: corners (n, 3, 2) in metres, world frame, and their bounds (n, 2)."""
+    """Triangles from above, (n, 3, 2) in metres, world frame, by the cells of a square grid.
 
-    corners: Floats
-    lower: Floats
-    upper: Floats
+    cells: for each cell (column, row) that has any, the triangles whose bounds reach into it.
+    """
+
+    cell_m: float
+    cells: Mapping[tuple[int, int], Floats]
 
     def near(self, centre: Floats, radius_m: float) -> Floats:
-        """Return the (m, 3, 2) triangles whose bounds reach into a circle's square."""
-        inside = (self.lower <= centre + radius_m) & (self.upper >= centre - radius_m)
-        return self.corners[inside.all(axis=-1)]
+        """Return the (m, 3, 2) triangles around a circle; one may come more than once."""
+        first = np.floor((centre - radius_m) / self.cell_m).astype(int).tolist()
+        last = np.floor((centre + radius_m) / self.cell_m).astype(int).tolist()
+        found = [
+            self.cells[cell]
+            for cell in product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
+            if cell in self.cells
+        ]
+        return np.concatenate(found) if found else _NONE
 
 
 def obstacles_between(scene: SceneMesh, *, low_m: float, high_m: float) -> Obstacles:
     """Return the triangles that reach into a band of heights above the floor z = 0."""
     heights = -scene.corners[..., 2]
     inside = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
-    corners = np.ascontiguousarray(scene.corners[inside][..., :2])
-    return Obstacles(corners, corners.min(axis=1), corners.max(axis=1))
+    return _sorted_into_cells(np.ascontiguousarray(scene.corners[inside][..., :2]))
+
+
+def _sorted_into_cells(corners: Floats) -> Obstacles:
+    """Return (n, 3, 2) triangles by cells of a size that suits their extent."""
+    if not len(corners):
+        return Obstacles(_SMALLEST_CELL_M, {})
+    extent = float(np.ptp(corners, axis=(0, 1)).max())
+    cell_m = max(_SMALLEST_CELL_M, extent / _CELLS)
+    first = np.floor(corners.min(axis=1) / cell_m).astype(int).tolist()
+    last = np.floor(corners.max(axis=1) / cell_m).astype(int).tolist()
+    members: dict[tuple[int, int], list[int]] = {}
+    for index, ((c0, r0), (c1, r1)) in enumerate(zip(first, last, strict=True)):
+        for cell in product(range(c0, c1 + 1), range(r0, r1 + 1)):
+            members.setdefault(cell, []).append(index)
+    return Obstacles(cell_m, {cell: corners[indices] for cell, indices in members.items()})
 
 
 def rectangle_touches(
