@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, Where
-from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene import primitives
-from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.description import (
     Box,
     Cylinder,
@@ -32,6 +29,7 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.landmark_shapes import items_from_landmark
+from catoptra_server.scene.mesh_files import load_mesh_file
 from catoptra_server.scene.primitives import Patch
 
 Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
@@ -159,84 +157,11 @@ def load_texture(path: Path) -> Texture:
     return texture
 
 
-# SAE from the two usual conventions: z up (x forward, y left) and y up (glTF: x right, z
-# backwards).
-_SAE_FROM_UP = {
-    "z": rotation_from_rpy(np.pi, 0.0, 0.0),
-    "y": np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
-}
-
-
 def _mesh_file_parts(index: int, item: Item, shape: MeshFile) -> Iterator[_Part]:
-    for mesh in _load_meshes(shape):
-        faces = np.asarray(mesh.faces)
-        corners = np.asarray(mesh.vertices, dtype=np.float64)[faces] * shape.scale
-        solid = np.isfinite(corners).all(axis=(1, 2))
-        corners = corners[solid] @ _SAE_FROM_UP[shape.up].T
-        uv, albedo, texture = _own_look(mesh, faces)
-        patch = _placed(Patch(corners, uv[solid]), item)
+    for mesh in load_mesh_file(shape):
+        patch = _placed(mesh.patch, item)
         if item.material is None:
-            yield _Part(index, patch, albedo[solid], False, texture)
+            yield _Part(index, patch, mesh.albedo, False, mesh.texture)
         else:
             own = load_texture(item.material.texture) if item.material.texture else None
             yield _Part(index, patch, item.material.albedo, item.material.unlit, own)
-
-
-def _load_meshes(shape: MeshFile) -> list[Any]:
-    import trimesh
-
-    where = Where(str(shape.path))
-    if not shape.path.is_file():
-        raise ConfigError(
-            where, key="File", value=str(shape.path), expected="a mesh file that exists"
-        )
-    try:
-        scene = trimesh.load_scene(shape.path, process=False)
-        meshes = [mesh for mesh in scene.dump() if getattr(mesh, "faces", None) is not None]
-    except Exception as error:  # readers of six formats raise whatever they like
-        raise ConfigError(
-            where, key="File", value=str(shape.path), expected=f"a readable mesh file ({error})"
-        ) from error
-    if not any(len(mesh.faces) for mesh in meshes):
-        raise ConfigError(
-            where, key="File", value=str(shape.path), expected="a mesh with at least one triangle"
-        )
-    return meshes
-
-
-def _own_look(mesh: Any, faces: npt.NDArray[np.int64]) -> tuple[Floats, Floats, Texture | None]:
-    """Return (n, 3, 2) uv, (n, 3) linear albedo and the texture of a loaded mesh."""
-    visual = mesh.visual
-    blank = np.zeros((len(faces), 3, 2))
-    uv = getattr(visual, "uv", None)
-    image = _texture_image(visual)
-    if uv is not None and image is not None:
-        # trimesh counts v from the bottom, images from the top.
-        flipped = np.asarray(uv, dtype=np.float64)[faces] * (1.0, -1.0) + (0.0, 1.0)
-        return flipped, np.broadcast_to(_base_colour(visual), (len(faces), 3)), image
-    if uv is not None or visual.kind is None:
-        return blank, np.broadcast_to(_base_colour(visual), (len(faces), 3)), None
-    colours = np.asarray(visual.face_colors, dtype=np.float64)[:, :3] / 255.0
-    return blank, linear_from_srgb(colours), None
-
-
-def _texture_image(visual: Any) -> Texture | None:
-    material = getattr(visual, "material", None)
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if image is None:
-        return None
-    texture = np.array(image.convert("RGB"))
-    texture.setflags(write=False)
-    return texture
-
-
-def _base_colour(visual: Any) -> Floats:
-    """Return the (3,) linear base colour of a visual; mid grey where the file says nothing."""
-    material = getattr(visual, "material", None)
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is None:
-        factor = getattr(material, "diffuse", None)
-    if factor is None:
-        return np.full(3, 0.5)
-    values = np.asarray(factor, dtype=np.float64)[:3]
-    return linear_from_srgb(values / 255.0 if values.max() > 1.0 else values)

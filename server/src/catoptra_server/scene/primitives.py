@@ -64,12 +64,13 @@ def grid(points: Floats, uv: Floats) -> Patch:
 def box(shape: Box) -> Patch:
     """Return the six sides of a box."""
     x, y, z = (0.5 * length for length in shape.size_m)
-    # Columns right, rows up as each side is seen from outside: (origin corner, right, up).
+    # The lower left corner of each side, right and up as it is seen from outside: right x up points
+    # out, so a picture on it is not mirrored.
     sides = [
-        ((x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
-        ((-x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
-        ((x, y, z), (-2 * x, 0, 0), (0, 0, -2 * z)),
-        ((-x, -y, z), (2 * x, 0, 0), (0, 0, -2 * z)),
+        ((x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
+        ((-x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
+        ((-x, y, z), (2 * x, 0, 0), (0, 0, -2 * z)),
+        ((x, -y, z), (-2 * x, 0, 0), (0, 0, -2 * z)),
         ((-x, -y, -z), (0, 2 * y, 0), (2 * x, 0, 0)),
         ((x, -y, z), (0, 2 * y, 0), (-2 * x, 0, 0)),
     ]
@@ -78,10 +79,7 @@ def box(shape: Box) -> Patch:
 
 def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...]) -> Patch:
     o, r, u = (np.asarray(vector, dtype=np.float64) for vector in (origin, right, up))
-    patch = quad(o, o + r, o + r + u, o + u)
-    # SAE is right-handed with z down: seen from outside, "right" x "up" points inwards for these
-    # sides, so each triangle is listed the other way round.
-    return _outward(patch, outward=np.cross(u, r))
+    return quad(o, o + r, o + r + u, o + u)
 
 
 def _outward(patch: Patch, *, outward: Floats) -> Patch:
@@ -100,7 +98,7 @@ def cylinder(shape: Cylinder) -> Patch:
     x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
     half = 0.5 * shape.height_m
     wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
-    u = angle / (2.0 * math.pi)
+    u = 1.0 - angle / (2.0 * math.pi)  # from outside, the angle grows to the left
     uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
     side = grid(wall, uv)
     centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)

@@ -1,0 +1,125 @@
+"""Mesh files of every format, written by trimesh: one triangle pair or a tetrahedron each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+from trimesh.visual import ColorVisuals, TextureVisuals
+from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+# A level square of 2 x 2 m in a file whose z is up: its normal is +z, so SAE's -z.
+SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+FACES = np.array([[0, 1, 2], [0, 2, 3]])
+# (0, 0) is the bottom left of an image for trimesh, and here the square's corner (-1, -1).
+UV = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+def quarters() -> Image.Image:
+    """Return a picture of 2 x 2 texels: red, green above blue, white."""
+    return Image.fromarray(
+        np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], dtype=np.uint8)
+    )
+
+
+def plain_square() -> trimesh.Trimesh:
+    """Return the square without a look."""
+    return trimesh.Trimesh(SQUARE, FACES, process=False)
+
+
+def textured_square(*, pbr: bool = False) -> trimesh.Trimesh:
+    """Return the square with the picture on it."""
+    image = quarters()
+    material = PBRMaterial(baseColorTexture=image) if pbr else SimpleMaterial(image=image)
+    mesh = plain_square()
+    mesh.visual = TextureVisuals(uv=UV, material=material)
+    return mesh
+
+
+def coloured_square() -> trimesh.Trimesh:
+    """Return the square with red vertices."""
+    mesh = plain_square()
+    mesh.visual = ColorVisuals(mesh, vertex_colors=np.tile([255, 0, 0, 255], (4, 1)))
+    return mesh
+
+
+def written(mesh: trimesh.Trimesh, path: Path) -> Path:
+    """Write a mesh in the format of the path's ending; return the path."""
+    mesh.export(path)
+    return path
+
+
+def textured_gltf(folder: Path) -> Path:
+    """Write the textured square as glTF: a text file and those that it names."""
+    files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured_square(pbr=True)))
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    return folder / "model.gltf"
+
+
+def tinted_glb(folder: Path, red: int) -> Path:
+    """Write the square in a material of one colour (red, 0, 0), no texture."""
+    return written(_tinted(red), folder / "m.glb")
+
+
+def tinted_dae(folder: Path, red: int) -> Path:
+    """Write the square in a material of one colour, no texture coordinates."""
+    return written(_tinted(red), folder / "m.dae")
+
+
+def _tinted(red: int) -> trimesh.Trimesh:
+    mesh = plain_square()
+    material = PBRMaterial(baseColorFactor=np.array([red, 0, 0, 255], dtype=np.uint8))
+    mesh.visual = TextureVisuals(uv=UV, material=material)
+    return mesh
+
+
+def tinted_obj(folder: Path, red: int) -> Path:
+    """Write the square with an MTL file of one colour, no texture coordinates."""
+    (folder / "m.mtl").write_text(f"newmtl tint\nKd {red / 255:.3f} 0 0\n")
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in SQUARE)
+    faces = "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in FACES)
+    path = folder / "m.obj"
+    path.write_text(f"mtllib m.mtl\n{vertices}usemtl tint\n{faces}")
+    return path
+
+
+def textured_dae(folder: Path) -> Path:
+    """Write the textured square as COLLADA, which trimesh writes without textures."""
+    quarters().save(folder / "quarters.png")
+    places = " ".join(str(value) for value in SQUARE.ravel())
+    uv = " ".join(str(value) for value in UV.ravel())
+    corners = " ".join(f"{index} {index}" for index in FACES.ravel())
+    path = folder / "m.dae"
+    path.write_text(_DAE.format(places=places, uv=uv, corners=corners))
+    return path
+
+
+_DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_images><image id="i"><init_from>quarters.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="s"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="p"><sampler2D><source>s</source></sampler2D></newparam>
+<technique sid="t"><lambert><diffuse><texture texture="p" texcoord="UV"/></diffuse></lambert>
+</technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="v"><float_array id="va" count="12">{places}</float_array><technique_common>
+<accessor source="#va" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<source id="u"><float_array id="ua" count="8">{uv}</float_array><technique_common>
+<accessor source="#ua" count="4" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="vs"><input semantic="POSITION" source="#v"/></vertices>
+<triangles count="2" material="mat"><input semantic="VERTEX" source="#vs" offset="0"/>
+<input semantic="TEXCOORD" source="#u" offset="1" set="0"/><p>{corners}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="vis"><node><instance_geometry url="#g"><bind_material>
+<technique_common><instance_material symbol="mat" target="#m"/></technique_common></bind_material>
+</instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#vis"/></scene></COLLADA>
+"""

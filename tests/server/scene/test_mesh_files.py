@@ -1,0 +1,183 @@
+"""Mesh files of every format that a world can place, written here and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.scene.description import MeshFile
+from catoptra_server.scene.mesh_files import LoadedMesh, load_mesh_file
+from helpers.meshes import (
+    coloured_square,
+    plain_square,
+    textured_dae,
+    textured_gltf,
+    textured_square,
+    tinted_dae,
+    tinted_glb,
+    tinted_obj,
+    written,
+)
+
+RED = (1.0, 0.0, 0.0)
+# Byte 188 of 255 in sRGB is half the light; in glTF bytes are light itself.
+HALF = 188
+HALF_OF_SRGB = 0.50288
+
+
+def loaded(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
+    """Return the only mesh of a file."""
+    (mesh,) = load_mesh_file(MeshFile(path, scale, up))
+    return mesh
+
+
+def normal(mesh: LoadedMesh) -> np.ndarray:
+    a, b, c = mesh.patch.corners[0]
+    cross: np.ndarray = np.cross(b - a, c - a)
+    return cross / np.linalg.norm(cross)
+
+
+@pytest.mark.parametrize("ending", ["glb", "obj", "ply", "stl", "dae"])
+def test_square_when_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending: str) -> None:
+    mesh = loaded(written(plain_square(), tmp_path / f"square.{ending}"))
+    assert mesh.patch.corners.shape == (2, 3, 3)
+    np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)
+    assert mesh.texture is None
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder: written(textured_square(pbr=True), folder / "m.glb"),
+        lambda folder: written(textured_square(), folder / "m.obj"),
+        textured_gltf,
+        textured_dae,
+    ],
+    ids=["glb", "obj", "gltf", "dae"],
+)
+def test_texture_when_in_a_file_is_at_full_light_and_the_right_way_round(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    mesh = loaded(write(tmp_path))
+    assert mesh.texture is not None
+    assert mesh.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
+    np.testing.assert_array_equal(mesh.albedo, 1.0)
+    # The picture's bottom left corner, (0, 1), is the square's (-1, -1), which is (-1, 1) in SAE.
+    corner = (mesh.patch.corners[..., :2] == (-1.0, 1.0)).all(axis=-1)
+    np.testing.assert_array_equal(mesh.patch.uv[corner], np.tile([0.0, 1.0], (corner.sum(), 1)))
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
+def test_colours_of_vertices_when_in_a_file_are_the_faces(tmp_path: Path, ending: str) -> None:
+    mesh = loaded(written(coloured_square(), tmp_path / f"m.{ending}"))
+    np.testing.assert_allclose(mesh.albedo, (RED, RED), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("write", "albedo"),
+    [(tinted_glb, HALF / 255.0), (tinted_obj, HALF_OF_SRGB), (tinted_dae, HALF_OF_SRGB)],
+    ids=["glb is linear", "obj is sRGB", "dae is sRGB"],
+)
+def test_colour_of_a_material_when_without_texture_is_linear_light(
+    tmp_path: Path, write: Callable[[Path, int], Path], albedo: float
+) -> None:
+    mesh = loaded(write(tmp_path, HALF))
+    assert mesh.texture is None
+    # Formats keep bytes or three digits.
+    np.testing.assert_allclose(mesh.albedo[0], (albedo, 0.0, 0.0), atol=2e-3)
+
+
+def test_mesh_when_it_says_nothing_of_its_colour_is_mid_grey(tmp_path: Path) -> None:
+    np.testing.assert_array_equal(loaded(written(plain_square(), tmp_path / "m.stl")).albedo, 0.5)
+
+
+def test_mesh_when_scaled_is_in_metres(tmp_path: Path) -> None:
+    mesh = loaded(written(plain_square(), tmp_path / "m.stl"), scale=0.001)
+    assert np.ptp(mesh.patch.corners[..., 0]) == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize(
+    ("up", "place", "in_sae"),
+    [
+        ("z", (1.0, 2.0, 3.0), (1.0, -2.0, -3.0)),  # x forward, y left, z up
+        ("y", (1.0, 2.0, 3.0), (-3.0, 1.0, -2.0)),  # x right, y up, z backwards
+    ],
+)
+def test_mesh_when_its_up_axis_is_named_is_turned_into_sae(
+    tmp_path: Path, up: str, place: tuple[float, ...], in_sae: tuple[float, ...]
+) -> None:
+    corners = np.array([place, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
+    turned = loaded(written(mesh, tmp_path / "m.ply"), up=up).patch.corners[0, 0]
+    np.testing.assert_allclose(turned, in_sae, atol=1e-12)
+
+
+def test_scene_when_its_nodes_are_placed_has_them_there(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    for x in (0.0, 10.0):
+        scene.add_geometry(
+            plain_square(), transform=trimesh.transformations.translation_matrix((x, 0, 0))
+        )
+    meshes = load_mesh_file(MeshFile(written(scene, tmp_path / "m.glb")))
+    assert sorted(mesh.patch.corners[..., 0].mean().round(6) for mesh in meshes) == pytest.approx(
+        [-1 / 3, 10 - 1 / 3], abs=0.4
+    )
+
+
+# ---- what cannot be read
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf", "obj", "ply", "stl", "dae"])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"garbage\n" * 20, bytes(range(256)) * 4, b"\x00" * 100, b"{}", b"<xml"],
+    ids=["empty", "text", "bytes", "zeros", "json", "xml"],
+)
+def test_file_when_it_is_no_mesh_is_refused_by_name(
+    tmp_path: Path, ending: str, content: bytes
+) -> None:
+    path = tmp_path / f"m.{ending}"
+    path.write_bytes(content)
+    with pytest.raises(
+        ConfigError, match=rf"m\.{ending}: File=.*expected a (readable mesh|mesh with)"
+    ):
+        load_mesh_file(MeshFile(path))
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply", "stl", "dae"])
+def test_file_when_cut_off_is_refused(tmp_path: Path, ending: str) -> None:
+    path = written(coloured_square(), tmp_path / f"m.{ending}")
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(ConfigError, match="expected a"):
+        load_mesh_file(MeshFile(path))
+
+
+@pytest.mark.parametrize("name", ["m.xyz", "m", "m.png"])
+def test_file_when_of_an_unknown_format_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text("1 2 3\n")
+    with pytest.raises(ConfigError, match="expected a"):
+        load_mesh_file(MeshFile(path))
+
+
+def test_file_when_missing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="a mesh file that exists"):
+        load_mesh_file(MeshFile(tmp_path / "m.glb"))
+
+
+def test_triangles_when_without_a_place_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 0\nf 1 2 3\nf 1 2 4\n")
+    assert len(loaded(path).patch.corners) == 1
+
+
+def test_mesh_when_no_triangle_has_a_place_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(ConfigError, match="at least one triangle"):
+        load_mesh_file(MeshFile(path))
