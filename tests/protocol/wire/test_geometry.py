@@ -60,11 +60,6 @@ def test_geo_when_sent_by_udk_in_separate_blocks_is_read() -> None:
     assert geometry_from_message(parse_message(line)) == Geometry("RangeScanner", (item,))
 
 
-def test_geo_when_of_a_mission_package_is_skipped() -> None:
-    line = "GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} {ParentLink -1} {Location 0,0,0}"
-    assert geometry_from_message(parse_message(line)) is None
-
-
 BAD = [
     ("GEO {Name A}", "without {Type}"),
     ("GEO {Type Sonar} {Name F Location 1,2,3 Mount HARD}", "without {Orientation}"),

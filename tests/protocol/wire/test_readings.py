@@ -45,7 +45,7 @@ def test_sen_when_written_and_read_equals_the_sample(line: str, report: Reading)
 UDK = [
     (
         "SEN {Time 2.5000} {Type Odometry} {Name Odometer} {Pose 1.0000,0.0000,0.0000}",
-        OdometryReading("Odometer", 1.0, 0.0, 0.0),
+        OdometryReading("Odometer", 1.0, 0.0, 0.0, 2.5),
     ),
     (
         "SEN {Time 477.7582} {Type GroundTruth} {Name GndTruth} {Location -0.000,-0.000,0.017} "
@@ -53,7 +53,6 @@ UDK = [
         GroundTruthReading(477.7582, "GndTruth", (0, 0, 0.017), (0, 0, 0), decimals=3),
     ),
     ("SEN {Time 477.7743} {Type Camera} ", None),
-    ("SEN {Time 395.3833} {Type RFID} {Name RFID} {ID 1001} {ID 1010}", None),
 ]
 
 

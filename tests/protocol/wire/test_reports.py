@@ -17,6 +17,8 @@ from catoptra_protocol.wire.reports import (
     Report,
     Result,
     VehicleStatus,
+    Viewport,
+    ViewportsResult,
     line_from_report,
     report_from_message,
 )
@@ -83,10 +85,9 @@ UDK = [
     ),
     (
         "RES {Time 1.0} {Type Viewports} {Config SingleView} {Status OK} {Viewport1 Camera}",
-        Result(1.0, "Viewports", ""),
+        ViewportsResult(1.0, "SingleView", (Viewport("Camera"),)),
     ),
     ("DIE {Killer A}", None),
-    ("MISSTA {Time 395.38} {Name CameraPanTilt} {Link 1}", None),
     ("FO {Gametype BotDeathMatch}", None),
     ("", None),
 ]

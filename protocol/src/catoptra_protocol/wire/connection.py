@@ -9,6 +9,7 @@ from collections import deque
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire.commands import Command, command_from_message, line_from_command
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import LineReader, parse_message
 from catoptra_protocol.wire.reports import (
     Greeting,
@@ -22,9 +23,10 @@ from catoptra_protocol.wire.states import SERVED, ControlState
 class ControlServer:
     """The server's end of one connection, which is one robot."""
 
-    def __init__(self) -> None:
+    def __init__(self, dialect: Dialect = Dialect.UT2004) -> None:
         self._reader = LineReader()
         self._state = ControlState.ACCEPTED
+        self._dialect = dialect
 
     @property
     def state(self) -> ControlState:
@@ -32,13 +34,16 @@ class ControlServer:
         return self._state
 
     def send(self, report: Report) -> bytes:
-        """Return the bytes of a report. The first one, and only that, must be the greeting."""
+        """Return the bytes of a report: none of one on which the dialect is silent.
+
+        The first one, and only that, must be the greeting.
+        """
         if isinstance(report, Greeting) is not (self._state is ControlState.ACCEPTED):
             raise LocalProtocolError(
                 f"{type(report).__name__} in state {self._state.name}: the greeting comes first, "
                 "and once"
             )
-        line = line_from_report(report)
+        line = line_from_report(report, self._dialect)
         if self._state is ControlState.ACCEPTED:
             self._state = ControlState.GREETED
         return line

@@ -28,11 +28,22 @@ def number(message: Message, name: str) -> float:
     return _number(message, name, text(message, name))
 
 
+def optional_number(message: Message, name: str) -> float | None:
+    """Return a finite number; None where the field is missing."""
+    return None if message.get(name) is None else number(message, name)
+
+
 def integer(message: Message, name: str, default: int | None = None) -> int:
     """Return a whole number; the default, if there is one, where the field is missing."""
     if default is not None and message.get(name) is None:
         return default
     return int(number(message, name))
+
+
+def numbers(message: Message, name: str) -> tuple[float, ...]:
+    """Return finite numbers separated by commas, as many as there are."""
+    parts = text(message, name).split(",")
+    return tuple(_number(message, name, part) for part in parts)
 
 
 def boolean(message: Message, name: str) -> bool:

@@ -1,7 +1,7 @@
 """GEO, the reply to GETGEO: where sensors sit on the robot, and the robot's own dimensions.
 
-Written in the UT2004 form, one block an item that holds all four pairs; the UDK form, a block each,
-is read too. Positions are in the frame of what the item is mounted on.
+UT2004 writes one block an item that holds all four pairs, UDK a block a pair; both one line.
+Positions are in the frame of what the item is mounted on.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.grammar import Message, Pairs, words
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.items import items_from_message, messages_from_items
+from catoptra_protocol.wire.mission_package import MissionPackageGeometry
 from catoptra_protocol.wire.numbers import Vector, fixed, vector
 
 
@@ -34,13 +36,14 @@ class GeometryItem:
             mount=fields.text(message, "Mount"),
         )
 
-    def pair(self) -> tuple[str, str]:
-        """Return the item's one block."""
-        for text in (self.name, self.mount):
-            if not text or " " in text:
-                raise LocalProtocolError(f"GEO: {text!r} cannot be sent: it must be one word")
-        place = f"Location {vector(self.location_m)} Orientation {vector(self.rotation_rad)}"
-        return "Name", f"{self.name} {place} Mount {self.mount}"
+    def pairs(self, decimals: int) -> Pairs:
+        """Return the item's four pairs."""
+        return (
+            ("Name", self.name),
+            ("Location", vector(self.location_m, decimals)),
+            ("Orientation", vector(self.rotation_rad, decimals)),
+            ("Mount", self.mount),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +56,17 @@ class Geometry:
     items: tuple[GeometryItem, ...] = ()
     name: str | None = None
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
-        if self.items:
-            return (("Type", self.type), *(item.pair() for item in self.items))
-        named = () if self.name is None else (("Name", self.name),)
-        return (("Type", self.type), *named)
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line: in UDK to the centimetre, and none without items."""
+        type_ = ("Type", self.type)
+        if dialect is Dialect.UDK:
+            pairs = tuple(pair for item in self.items for pair in item.pairs(2))
+            return (Message(self.WORD, (type_, *pairs)),) if pairs else ()
+        if not self.items:
+            named = () if self.name is None else (("Name", self.name),)
+            return (Message(self.WORD, (type_, *named)),)
+        items = (item.pairs(4) for item in self.items)
+        return messages_from_items(self.WORD, (type_,), items, dialect)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +96,9 @@ class VehicleGeometry:
             vehicle_type=fields.text(message, "Type"),
         )
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
-        return (
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        pairs = (
             ("Type", self.vehicle_type),
             ("Name", self.name),
             ("Dimensions", vector(self.dimensions_m)),
@@ -99,24 +107,18 @@ class VehicleGeometry:
             ("WheelSeparation", fixed(self.wheel_separation_m)),
             ("WheelBase", fixed(self.wheel_base_m)),
         )
+        return (Message(self.WORD, pairs),)
 
 
-def geometry_from_message(message: Message) -> Geometry | VehicleGeometry | None:
-    """Return what a GEO line says; None for a form that we do not know (mission packages)."""
+def geometry_from_message(
+    message: Message,
+) -> Geometry | VehicleGeometry | MissionPackageGeometry:
+    """Return what a GEO line says."""
     if message.get("Dimensions") is not None:
         return VehicleGeometry.from_message(message)
     if message.get("Link") is not None:
-        return None
+        return MissionPackageGeometry.from_message(message)
+    placed = [x for x in items_from_message(message) if x.get("Location") is not None]
+    items = tuple(GeometryItem.from_message(item) for item in placed)
     type_ = fields.text(message, "Type")
-    if message.get("Location") is not None:
-        return Geometry(type_, (GeometryItem.from_message(message),))
-    blocks = [_item_message(value) for name, value in message.pairs if name.lower() == "name"]
-    placed = [block for block in blocks if block.get("Location") is not None]
-    items = tuple(GeometryItem.from_message(block) for block in placed)
     return Geometry(type_, items, name=None if items else message.get("Name"))
-
-
-def _item_message(value: str) -> Message:
-    """Return the fields of a block `{Name N Location x,y,z ...}`, given without its `Name`."""
-    name, *rest = words(value)
-    return Message("GEO", (("Name", name), *zip(rest[::2], rest[1::2], strict=False)))

@@ -55,8 +55,13 @@ def parse_message(line: str) -> Message:
     return Message(word, tuple(_pair(block) for block in blocks if block))
 
 
-def format_line(word: str, pairs: Iterable[tuple[str, str]] = ()) -> bytes:
-    """Return the line with CR LF. Raises LocalProtocolError for text that would break it."""
+def format_line(
+    word: str, pairs: Iterable[tuple[str, str]] = (), glued: frozenset[str] = frozenset()
+) -> bytes:
+    """Return the line with CR LF. Raises LocalProtocolError for text that would break it.
+
+    A space goes before each block, except before those with a name in `glued`.
+    """
     pairs = tuple(pairs)
     for name, value in (("", word), *pairs):
         if _UNSAFE_IN_NAME.search(name) or _UNSAFE_IN_VALUE.search(value):
@@ -64,7 +69,8 @@ def format_line(word: str, pairs: Iterable[tuple[str, str]] = ()) -> bytes:
                 f"{word}: {{{name} {value}}} cannot be sent: names must be free of spaces, "
                 "names and values of braces and line ends"
             )
-    text = " ".join((word, *map(_block, pairs))) + "\r\n"
+    blocks = (("" if pair[0] in glued else " ") + _block(pair) for pair in pairs)
+    text = "".join((word, *blocks)) + "\r\n"
     try:
         return text.encode(ENCODING)
     except UnicodeEncodeError as error:
@@ -74,6 +80,17 @@ def format_line(word: str, pairs: Iterable[tuple[str, str]] = ()) -> bytes:
 def words(value: str) -> list[str]:
     """Return the words of a value that holds several, separated by spaces."""
     return [word for word in value.split(" ") if word]
+
+
+def groups(message: Message, key: str) -> list[Message]:
+    """Return the runs of blocks that each begin with this name; what precedes the first is none."""
+    found: list[list[tuple[str, str]]] = []
+    for pair in message.pairs:
+        if pair[0].lower() == key.lower():
+            found.append([])
+        if found:
+            found[-1].append(pair)
+    return [Message(message.word, tuple(run)) for run in found]
 
 
 class LineReader:

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.grammar import Message, Pairs, words
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, words
 from catoptra_protocol.wire.numbers import Vector, vector
 
 
@@ -30,10 +31,11 @@ class Greeting:
             time_limit=fields.integer(message, "TimeLimit", default=0),
         )
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
         limit = str(self.time_limit)
-        return ("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit)
+        pairs = (("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit))
+        return (Message(self.WORD, pairs),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +68,11 @@ class StartPoses:
         triples = zip(found[::3], found[1::3], found[2::3], strict=True)
         return cls(tuple(_start_pose(message, *triple) for triple in triples))
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
         said = [word for pose in self.poses for word in _words(pose)]
         block = ((said[0], " ".join(said[1:])),) if said else ()
-        return (("StartPoses", str(len(self.poses))), *block)
+        return (Message(self.WORD, (("StartPoses", str(len(self.poses))), *block)),)
 
 
 def greeting_from_message(message: Message) -> Greeting | StartPoses:

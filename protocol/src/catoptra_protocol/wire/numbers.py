@@ -18,6 +18,7 @@ Vector = tuple[float, float, float]
 # What C's atof, behind UnrealScript's float(text), takes from the start of a text; no inf, no nan.
 _NUMBER = re.compile(r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)")
 _SEPARATOR = re.compile(r" *, *| +")
+_UNREAL_UNITS_PER_RAD = 10430.3783505  # the constant of UnitsConverter.uc
 
 
 def exact(value: float) -> str:
@@ -37,6 +38,14 @@ def fixed(value: float, decimals: int = 4) -> str:
     """
     whole, _, fraction = exact(value).partition(".")
     return f"{whole}.{fraction[:decimals].ljust(decimals, '0')}" if decimals else whole
+
+
+def unreal_angle(angle_rad: float) -> float:
+    """Return the angle as UDK keeps it: truncated to whole Unreal units, 65536 to a turn.
+
+    A configured 3.14159 rad is 32767 units and prints 3.1414. Source: UnitsConverter.uc.
+    """
+    return math.trunc(angle_rad * _UNREAL_UNITS_PER_RAD) / _UNREAL_UNITS_PER_RAD
 
 
 def vector(values: Iterable[float], decimals: int = 4) -> str:
@@ -64,6 +73,12 @@ def vector_from_text(text: str) -> Vector:
     numbers = [number_from_text(part) for part in _SEPARATOR.split(text.strip(" "), maxsplit=3)]
     x, y, z = (*numbers, 0.0, 0.0, 0.0)[:3]
     return x, y, z
+
+
+def numbers_from_text(text: str) -> tuple[float, ...]:
+    """Return all numbers of a text, separated as those of a vector; none of an empty one."""
+    parts = _SEPARATOR.split(text.strip(" "))
+    return () if parts == [""] else tuple(number_from_text(part) for part in parts)
 
 
 def boolean_from_text(text: str) -> bool:

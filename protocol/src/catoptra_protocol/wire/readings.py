@@ -1,7 +1,8 @@
-"""SEN: what the robot's sensors read, one frozen dataclass a sensor.
+"""SEN: what the robot's sensors read; here those that tell a pose, and the table of all.
 
-To add one: write its class beside the others, then its line in `_SENSORS` and in the `Report` union
-of `reports`. Time comes first where a sensor has it, then Type.
+To add one: write its class beside those most like it (`readings_range`, `readings_items`,
+`readings_gps`), then its line in the `Reading` union and in `_SENSORS`. Time comes first where a
+sensor has it, then Type. The form is the dialect's: fields, decimals, one line or one an item.
 """
 
 from __future__ import annotations
@@ -12,15 +13,28 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.numbers import Vector, fixed, vector
+from catoptra_protocol.wire.readings_gps import GpsReading
+from catoptra_protocol.wire.readings_items import (
+    EncoderReadings,
+    RfidReading,
+    TouchReadings,
+    VictimPart,
+    VictimReading,
+)
+from catoptra_protocol.wire.readings_range import RangeScan, SonarReadings
 
 _TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryReading:
-    """The pose that the wheels tell, relative to the spawn pose. It carries no time."""
+    """The pose that the wheels tell, relative to the spawn pose.
+
+    UDK prints its time, if there is one; UT2004 never does.
+    """
 
     WORD: ClassVar[str] = "SEN"
 
@@ -28,23 +42,59 @@ class OdometryReading:
     x_m: float
     y_m: float
     yaw_rad: float
+    time_s: float | None = None
 
     @classmethod
     def from_message(cls, message: Message) -> OdometryReading:
         """Return the reading of a parsed line."""
-        return cls(fields.text(message, "Name"), *fields.vector(message, "Pose"))
+        name, pose = fields.text(message, "Name"), fields.vector(message, "Pose")
+        return cls(name, *pose, time_s=fields.optional_number(message, "Time"))
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        is_timed = dialect is Dialect.UDK and self.time_s is not None
+        time = (("Time", fixed(self.time_s or 0.0)),) if is_timed else ()
         pose = vector((self.x_m, self.y_m, self.yaw_rad))
-        return ("Type", "Odometry"), ("Name", self.name), ("Pose", pose)
+        own: Pairs = (("Type", "Odometry"), ("Name", self.name), ("Pose", pose))
+        return (Message(self.WORD, (*time, *own)),)
+
+
+@dataclass(frozen=True, slots=True)
+class InsReading:
+    """The pose that inertial navigation believes in, in the world frame. It carries no time."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    name: str
+    location_m: Vector
+    rotation_rad: Vector
+
+    @classmethod
+    def from_message(cls, message: Message) -> InsReading:
+        """Return the reading of a parsed line."""
+        return cls(
+            name=fields.text(message, "Name"),
+            location_m=fields.vector(message, "Location"),
+            rotation_rad=fields.vector(message, "Orientation"),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects but for the range of the angles."""
+        pairs = (
+            ("Type", "INS"),
+            ("Name", self.name),
+            ("Location", vector(self.location_m, 2)),
+            ("Orientation", _angles(self.rotation_rad, 2, dialect)),
+        )
+        return (Message(self.WORD, pairs),)
 
 
 @dataclass(frozen=True, slots=True)
 class GroundTruthReading:
-    """The true pose of the robot in the world frame; roll, pitch, yaw are sent in [0, 2 pi).
+    """The true pose of the robot in the world frame.
 
-    UT2004 prints 2 decimals, a centimetre; experiments need more.
+    UT2004 prints 2 decimals, a centimetre, and angles in [0, 2 pi); UDK prints 3 decimals and the
+    angles as they are. Experiments need more decimals, so more are printed if given.
     """
 
     WORD: ClassVar[str] = "SEN"
@@ -67,19 +117,31 @@ class GroundTruthReading:
             decimals=len(first.partition(".")[2]),
         )
 
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
-        angles = [_positive_angle(angle) for angle in self.rotation_rad]
-        return (
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        decimals = max(self.decimals, 3) if dialect is Dialect.UDK else self.decimals
+        pairs = (
             ("Time", fixed(self.time_s)),
             ("Type", "GroundTruth"),
             ("Name", self.name),
-            ("Location", vector(self.location_m, self.decimals)),
-            ("Orientation", vector(angles, self.decimals)),
+            ("Location", vector(self.location_m, decimals)),
+            ("Orientation", _angles(self.rotation_rad, decimals, dialect)),
         )
+        return (Message(self.WORD, pairs),)
 
 
-Reading = OdometryReading | GroundTruthReading
+Reading = (
+    SonarReadings
+    | RangeScan
+    | InsReading
+    | OdometryReading
+    | EncoderReadings
+    | TouchReadings
+    | RfidReading
+    | VictimReading
+    | GroundTruthReading
+    | GpsReading
+)
 
 
 def reading_from_message(message: Message) -> Reading | None:
@@ -89,12 +151,44 @@ def reading_from_message(message: Message) -> Reading | None:
 
 
 _SENSORS: dict[str, Callable[[Message], Reading]] = {
+    "sonar": SonarReadings.from_message,
+    "rangescanner": RangeScan.from_message,
+    "ins": InsReading.from_message,
     "odometry": OdometryReading.from_message,
+    "encoder": EncoderReadings.from_message,
+    "touch": TouchReadings.from_message,
+    "rfid": RfidReading.from_message,
+    "victsensor": VictimReading.from_message,
     "groundtruth": GroundTruthReading.from_message,
+    "gps": GpsReading.from_message,
 }
+
+
+def _angles(angles_rad: Vector, decimals: int, dialect: Dialect) -> str:
+    """Return the angles as a dialect prints them: UT2004 in [0, 2 pi), UDK as they are."""
+    if dialect is Dialect.UDK:
+        return vector(angles_rad, decimals)
+    return vector(map(_positive_angle, angles_rad), decimals)
 
 
 def _positive_angle(angle_rad: float) -> float:
     """Return the angle in [0, 2 pi): the remainder of a tiny negative one rounds up to 2 pi."""
     wrapped = angle_rad % _TWO_PI
     return 0.0 if wrapped >= _TWO_PI else wrapped
+
+
+__all__ = [
+    "EncoderReadings",
+    "GpsReading",
+    "GroundTruthReading",
+    "InsReading",
+    "OdometryReading",
+    "RangeScan",
+    "Reading",
+    "RfidReading",
+    "SonarReadings",
+    "TouchReadings",
+    "VictimPart",
+    "VictimReading",
+    "reading_from_message",
+]

@@ -1,25 +1,36 @@
-"""What the control server tells a client: one frozen dataclass a message, in UT2004's form.
+"""What the control server tells a client: the table of all reports, and their lines.
 
-To add one: write its class (word, fields, `from_message`, `blocks`), then its line in the `Report`
-union and in `_READERS`; for a sensor see `readings`. Field order and the number of decimals are
-those of real captures: clients index blocks by position.
+To add one: write its class beside those most like it (word, fields, `from_message`, `messages`:
+the lines in a dialect), then its line in the `Report` union and, if clients read it, in `_READERS`;
+for a sensor see `readings`. Field order and the number of decimals are those of real captures:
+clients index blocks by position.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.configurations import (
+    CameraConfiguration,
+    Configuration,
+    EncoderConfiguration,
+    IntervalConfiguration,
+    OdometryConfiguration,
+    RangeScannerConfiguration,
+    SonarConfiguration,
+    Tile,
+    TouchConfiguration,
+    VehicleConfiguration,
+)
+from catoptra_protocol.wire.dialect import UDK_GLUED, Dialect
 from catoptra_protocol.wire.geometry import (
     Geometry,
     GeometryItem,
     VehicleGeometry,
     geometry_from_message,
 )
-from catoptra_protocol.wire.grammar import Message, Pairs, format_line
+from catoptra_protocol.wire.grammar import Message, format_line
 from catoptra_protocol.wire.greeting import (
     Greeting,
     StartPose,
@@ -27,127 +38,92 @@ from catoptra_protocol.wire.greeting import (
     greeting_from_message,
 )
 from catoptra_protocol.wire.limits import MAX_SERVER_LINE_BYTES
-from catoptra_protocol.wire.numbers import boolean, fixed
+from catoptra_protocol.wire.mission_package import (
+    LinkConfiguration,
+    LinkGeometry,
+    LinkStatus,
+    MissionPackageConfiguration,
+    MissionPackageGeometry,
+    MissionPackageStatus,
+)
 from catoptra_protocol.wire.readings import (
+    EncoderReadings,
+    GpsReading,
     GroundTruthReading,
+    InsReading,
     OdometryReading,
+    RangeScan,
+    Reading,
+    RfidReading,
+    SonarReadings,
+    TouchReadings,
+    VictimPart,
+    VictimReading,
     reading_from_message,
 )
+from catoptra_protocol.wire.results import (
+    CameraFov,
+    CameraResult,
+    Result,
+    Viewport,
+    ViewportsResult,
+    result_from_message,
+)
+from catoptra_protocol.wire.status import VehicleStatus
 
-
-@dataclass(frozen=True, slots=True)
-class VehicleStatus:
-    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1."""
-
-    WORD: ClassVar[str] = "STA"
-
-    time_s: float
-    battery_s: int
-    vehicle_type: str = "GroundVehicle"
-    light: bool = False
-    view: int = -1
-
-    @classmethod
-    def from_message(cls, message: Message) -> VehicleStatus:
-        """Return the status of a parsed line; UDK's has no View."""
-        return cls(
-            time_s=fields.number(message, "Time"),
-            battery_s=fields.integer(message, "Battery"),
-            vehicle_type=fields.text(message, "Type"),
-            light=fields.boolean(message, "LightToggle"),
-            view=fields.integer(message, "View", default=-1),
-        )
-
-    def blocks(self) -> Pairs:
-        """Return the blocks to send: every one of them is needed by some client."""
-        return (
-            ("Type", self.vehicle_type),
-            ("Time", fixed(self.time_s, 2)),
-            ("FrontSteer", fixed(0.0)),
-            ("RearSteer", fixed(0.0)),
-            ("LightToggle", boolean(self.light)),
-            ("LightIntensity", "100" if self.light else "0"),
-            ("Battery", str(int(self.battery_s))),
-            ("View", str(self.view)),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Configuration:
-    """CONF, the reply to GETCONF: free pairs after the type; none, or a name alone, if empty."""
-
-    WORD: ClassVar[str] = "CONF"
-
-    type: str
-    pairs: Pairs = ()
-
-    @classmethod
-    def from_message(cls, message: Message) -> Configuration:
-        """Return the configuration of a parsed line."""
-        others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
-        return cls(fields.text(message, "Type"), others)
-
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
-        return (("Type", self.type), *self.pairs)
-
-    def get(self, name: str) -> str | None:
-        """Return the value of the first pair with this name, in any case; None if there is none."""
-        return Message(self.WORD, self.pairs).get(name)
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """RES, what became of a command: status OK or Failed. The answer to SET and to our STEP."""
-
-    WORD: ClassVar[str] = "RES"
-
-    time_s: float
-    type: str
-    name: str
-    status: str = "OK"
-
-    @classmethod
-    def from_message(cls, message: Message) -> Result:
-        """Return the result of a parsed line; that of viewports has no name."""
-        return cls(
-            time_s=fields.number(message, "Time"),
-            type=fields.text(message, "Type"),
-            name=message.get("Name") or "",
-            status=fields.text(message, "Status"),
-        )
-
-    def blocks(self) -> Pairs:
-        """Return the blocks to send."""
-        return (
-            ("Time", fixed(self.time_s)),
-            ("Type", self.type),
-            ("Name", self.name),
-            ("Status", self.status),
-        )
-
+# Any answer to GETCONF; all but the first are written only, and read as the first.
+AnyConfiguration = (
+    Configuration
+    | VehicleConfiguration
+    | RangeScannerConfiguration
+    | SonarConfiguration
+    | EncoderConfiguration
+    | OdometryConfiguration
+    | IntervalConfiguration
+    | TouchConfiguration
+    | CameraConfiguration
+    | MissionPackageConfiguration
+)
 
 Report = (
     Greeting
     | StartPoses
     | VehicleStatus
-    | OdometryReading
-    | GroundTruthReading
-    | Configuration
+    | MissionPackageStatus
+    | Reading
+    | AnyConfiguration
     | Geometry
     | VehicleGeometry
+    | MissionPackageGeometry
     | Result
+    | CameraResult
+    | ViewportsResult
 )
 
 Reader = Callable[[Message], Report | None]
 
+_GLUED = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_GLUED}
 
-def line_from_report(report: Report) -> bytes:
-    """Return the line of a report.
+
+def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes:
+    """Return the line of a report. In UDK it may be several, or none.
 
     Raises LocalProtocolError if it has none, or one longer than clients can read.
     """
-    line = format_line(report.WORD, report.blocks())
+    return b"".join(_line(message, dialect) for message in report.messages(dialect))
+
+
+def report_from_message(message: Message) -> Report | None:
+    """Return the report of a message, of either dialect; None for a word or type we do not know.
+
+    Raises RemoteProtocolError naming the field that a known one lacks or spells wrongly.
+    """
+    reader = _READERS.get(message.word)
+    return reader(message) if reader else None
+
+
+def _line(message: Message, dialect: Dialect) -> bytes:
+    line = format_line(message.word, message.pairs, _GLUED[dialect])
     if len(line) > MAX_SERVER_LINE_BYTES:
         raise LocalProtocolError(
             f"a line of {len(line)} bytes ({line[:80]!r}...): clients read at most "
@@ -156,37 +132,60 @@ def line_from_report(report: Report) -> bytes:
     return line
 
 
-def report_from_message(message: Message) -> Report | None:
-    """Return the report of a message; None for a word or type that we do not know.
-
-    Raises RemoteProtocolError naming the field that a known one lacks or spells wrongly.
-    """
-    reader = _READERS.get(message.word)
-    return reader(message) if reader else None
-
-
 _READERS: dict[str, Reader] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,
+    "MISSTA": MissionPackageStatus.from_message,
+    "ASTA": MissionPackageStatus.from_message,
     "CONF": Configuration.from_message,
     "GEO": geometry_from_message,
-    "RES": Result.from_message,
+    "RES": result_from_message,
 }
 
 __all__ = [
+    "AnyConfiguration",
+    "CameraConfiguration",
+    "CameraFov",
+    "CameraResult",
     "Configuration",
+    "EncoderConfiguration",
+    "EncoderReadings",
     "Geometry",
     "GeometryItem",
+    "GpsReading",
     "Greeting",
     "GroundTruthReading",
+    "InsReading",
+    "IntervalConfiguration",
+    "LinkConfiguration",
+    "LinkGeometry",
+    "LinkStatus",
+    "MissionPackageConfiguration",
+    "MissionPackageGeometry",
+    "MissionPackageStatus",
+    "OdometryConfiguration",
     "OdometryReading",
+    "RangeScan",
+    "RangeScannerConfiguration",
+    "Reading",
     "Report",
     "Result",
+    "RfidReading",
+    "SonarConfiguration",
+    "SonarReadings",
     "StartPose",
     "StartPoses",
+    "Tile",
+    "TouchConfiguration",
+    "TouchReadings",
+    "VehicleConfiguration",
     "VehicleGeometry",
     "VehicleStatus",
+    "VictimPart",
+    "VictimReading",
+    "Viewport",
+    "ViewportsResult",
     "line_from_report",
     "report_from_message",
 ]

@@ -10,11 +10,17 @@ from enum import Enum, auto
 from catoptra_protocol.wire.commands import (
     Command,
     Drive,
+    DriveJoint,
     GetConf,
     GetGeo,
     GetStartPoses,
     Init,
+    MisPkg,
+    MultiDrive,
+    Set,
+    SetViewports,
     Step,
+    Trace,
 )
 
 
@@ -37,6 +43,12 @@ SERVED: dict[ControlState, dict[type[Command], ControlState]] = {
     },
     ControlState.SPAWNED: {
         Drive: ControlState.SPAWNED,
+        DriveJoint: ControlState.SPAWNED,
+        MultiDrive: ControlState.SPAWNED,
+        MisPkg: ControlState.SPAWNED,
+        Set: ControlState.SPAWNED,
+        SetViewports: ControlState.SPAWNED,
+        Trace: ControlState.SPAWNED,
         GetConf: ControlState.SPAWNED,
         GetGeo: ControlState.SPAWNED,
         GetStartPoses: ControlState.SPAWNED,

@@ -1,0 +1,171 @@
+"""Commands that move something: DRIVE, MULTIDRIVE, MISPKG. For the table see `commands`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+from catoptra_protocol.wire import command_fields as fields
+from catoptra_protocol.wire.grammar import Message, Pairs, groups
+from catoptra_protocol.wire.limits import MAX_NAME_CHARS
+from catoptra_protocol.wire.numbers import exact, number_from_text
+
+
+class Order(IntEnum):
+    """What the value of a joint's command means; the relative forms add to what is."""
+
+    ANGLE = 0
+    SPEED = 1
+    TORQUE = 2
+    BRAKE = 3
+    RELATIVE_ANGLE = 10
+    RELATIVE_SPEED = 11
+    RELATIVE_TORQUE = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Set the wheel speeds of a skid-steered robot, in rad/s, or in percent if normalized.
+
+    None leaves a side, the light or the flipping as it is.
+    """
+
+    WORD: ClassVar[str] = "DRIVE"
+
+    left: float | None = None
+    right: float | None = None
+    normalized: bool = False
+    light: bool | None = None
+    flip: bool | None = None
+
+    @classmethod
+    def from_message(cls, message: Message) -> Drive:
+        """Return the command of a parsed line."""
+        return cls(
+            left=fields.number(message, "Left"),
+            right=fields.number(message, "Right"),
+            normalized=fields.boolean(message, "Normalized") or False,
+            light=fields.boolean(message, "Light"),
+            flip=fields.boolean(message, "Flip"),
+        )
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        return fields.given(
+            ("Left", self.left),
+            ("Right", self.right),
+            ("Normalized", self.normalized or None),
+            ("Light", self.light),
+            ("Flip", self.flip),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DriveJoint:
+    """Move one joint of the robot: to a value of the order's kind (see `Order`), and steer it.
+
+    The order is as sent: none of `Order` means nothing.
+    """
+
+    WORD: ClassVar[str] = "DRIVE"
+
+    name: str
+    value: float | None = None
+    order: int = Order.ANGLE
+    steer: float | None = None
+
+    @classmethod
+    def from_message(cls, message: Message) -> DriveJoint:
+        """Return the command of a parsed line."""
+        return cls(
+            name=fields.name(message, "Name") or "",
+            value=fields.number(message, "Value"),
+            order=fields.integer(message, "Order") or 0,
+            steer=fields.number(message, "Steer"),
+        )
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        order = None if self.value is None else int(self.order)
+        return fields.given(
+            ("Name", self.name), ("Steer", self.steer), ("Order", order), ("Value", self.value)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MultiDrive:
+    """Move several joints to angles, as (name, value)."""
+
+    WORD: ClassVar[str] = "MULTIDRIVE"
+
+    joints: tuple[tuple[str, float], ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> MultiDrive:
+        """Return the command of a parsed line; a block without a name is no joint."""
+        named = (pair for pair in message.pairs if pair[0])
+        return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in named))
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        return tuple((name, exact(value)) for name, value in self.joints)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCommand:
+    """Move one link of a mission package; without a value it stays."""
+
+    link: int
+    value: float | None = None
+    order: int = Order.ANGLE
+
+
+@dataclass(frozen=True, slots=True)
+class MisPkg:
+    """Move the links of a mission package, its gripper, or have it run a sequence."""
+
+    WORD: ClassVar[str] = "MISPKG"
+
+    name: str
+    links: tuple[LinkCommand, ...] = ()
+    gripper: float | None = None
+    sequence: float | None = None
+
+    @classmethod
+    def from_message(cls, message: Message) -> MisPkg:
+        """Return the command of a parsed line; UDK spells the sequence out."""
+        sequence = fields.number(message, "Seq")
+        return cls(
+            name=fields.name(message, "Name") or "",
+            links=tuple(_link_command(group) for group in groups(message, "Link")),
+            gripper=fields.number(message, "Gripper"),
+            sequence=fields.number(message, "Sequence") if sequence is None else sequence,
+        )
+
+    def blocks(self) -> Pairs:
+        """Return the blocks to send."""
+        links = (pair for link in self.links for pair in _link_blocks(link))
+        head = fields.given(("Name", self.name))
+        return (*head, *links, *fields.given(("Gripper", self.gripper), ("Seq", self.sequence)))
+
+
+def drive_from_message(message: Message) -> Drive | DriveJoint:
+    """Return what a DRIVE says: a joint's if it names one and speaks of no side."""
+    sides = (message.get("Left"), message.get("Right"))
+    if fields.name(message, "Name") and sides == (None, None):
+        return DriveJoint.from_message(message)
+    return Drive.from_message(message)
+
+
+def _link_command(group: Message) -> LinkCommand:
+    return LinkCommand(
+        link=fields.integer(group, "Link") or 0,
+        value=fields.number(group, "Value"),
+        order=fields.integer(group, "Order") or 0,
+    )
+
+
+def _link_blocks(link: LinkCommand) -> Pairs:
+    order = int(link.order) or None  # the reference's default needs no block
+    return fields.given(("Link", link.link), ("Value", link.value), ("Order", order))

@@ -1,0 +1,153 @@
+"""Mission packages, chains of links on a robot such as a pan-tilt: MISSTA, and their CONF and GEO.
+
+Each link's blocks follow each other, begun by its number. UDK calls packages actuators and their
+status ASTA.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, Pairs, groups
+from catoptra_protocol.wire.numbers import Vector, fixed, vector
+
+_TYPE = "MisPkg"
+CHASSIS = -1  # the parent of a link that sits on the robot itself
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatus:
+    """Where a joint is (an angle, or a way of a prismatic one) and what it holds with."""
+
+    link: int
+    value: float
+    torque: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageStatus:
+    """Where the joints of a package are: MISSTA, or ASTA in UDK."""
+
+    WORD: ClassVar[str] = "MISSTA"
+
+    time_s: float
+    name: str
+    links: tuple[LinkStatus, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> MissionPackageStatus:
+        """Return the status of a parsed line."""
+        return cls(
+            time_s=fields.number(message, "Time"),
+            name=fields.text(message, "Name"),
+            links=tuple(_link_status(group) for group in groups(message, "Link")),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        is_udk = dialect is Dialect.UDK
+        head = (("Time", fixed(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
+        links = (pair for link in self.links for pair in _status_pairs(link))
+        return (Message("ASTA" if is_udk else self.WORD, (*head, *links)),)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkConfiguration:
+    """What a joint can do. Without a range it turns freely, which prints as the range 1 to 0."""
+
+    link: int
+    max_speed: float
+    max_torque: float
+    range: tuple[float, float] | None = None
+    joint_type: str = "Revolute"
+
+    def pairs(self) -> Pairs:
+        """Return its blocks."""
+        least, most = ("1", "0") if self.range is None else (fixed(x, 2) for x in self.range)
+        return (
+            ("Link", str(self.link)),
+            ("JointType", self.joint_type),
+            ("MaxSpeed", fixed(self.max_speed, 2)),
+            ("MaxTorque", fixed(self.max_torque, 2)),
+            ("MinRange", least),
+            ("MaxRange", most),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageConfiguration:
+    """CONF of a package. A client reads it as a `Configuration`."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    links: tuple[LinkConfiguration, ...]
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        links = (pair for link in self.links for pair in link.pairs())
+        return (Message(self.WORD, (("Type", _TYPE), ("Name", self.name), *links)),)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkGeometry:
+    """Where a joint sits (roll, pitch, yaw) in the frame of its parent; -1 is the chassis."""
+
+    link: int
+    parent_link: int
+    location_m: Vector
+    rotation_rad: Vector
+
+    @classmethod
+    def from_message(cls, message: Message) -> LinkGeometry:
+        """Return the link of a message that holds its four fields."""
+        return cls(
+            link=fields.integer(message, "Link"),
+            parent_link=fields.integer(message, "ParentLink"),
+            location_m=fields.vector(message, "Location"),
+            rotation_rad=fields.vector(message, "Orientation"),
+        )
+
+    def pairs(self) -> Pairs:
+        """Return its blocks."""
+        return (
+            ("Link", str(self.link)),
+            ("ParentLink", str(self.parent_link)),
+            ("Location", vector(self.location_m)),
+            ("Orientation", vector(self.rotation_rad)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageGeometry:
+    """GEO of a package."""
+
+    WORD: ClassVar[str] = "GEO"
+
+    name: str
+    links: tuple[LinkGeometry, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> MissionPackageGeometry:
+        """Return the geometry of a parsed line."""
+        links = map(LinkGeometry.from_message, groups(message, "Link"))
+        return cls(fields.text(message, "Name"), tuple(links))
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        links = (pair for link in self.links for pair in link.pairs())
+        return (Message(self.WORD, (("Type", _TYPE), ("Name", self.name), *links)),)
+
+
+def _status_pairs(link: LinkStatus) -> Pairs:
+    torque = fixed(link.torque, 2)
+    return ("Link", str(link.link)), ("Value", fixed(link.value)), ("Torque", torque)
+
+
+def _link_status(group: Message) -> LinkStatus:
+    """Return the status of a link's blocks; some servers print no torque."""
+    torque = fields.optional_number(group, "Torque") or 0.0
+    return LinkStatus(fields.integer(group, "Link"), fields.number(group, "Value"), torque)

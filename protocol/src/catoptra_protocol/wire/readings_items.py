@@ -1,0 +1,140 @@
+"""SEN of what counts, touches and recognises: encoders, touch sensors, RFID, victims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.items import items_from_message, messages_from_items
+from catoptra_protocol.wire.numbers import Vector, boolean, fixed, vector
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderReadings:
+    """What encoders counted as (name, ticks). UDK prints the time, if there is one."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    items: tuple[tuple[str, int], ...]
+    time_s: float | None = None
+
+    @classmethod
+    def from_message(cls, message: Message) -> EncoderReadings:
+        """Return the readings of a parsed line, in either dialect."""
+        items = items_from_message(message)
+        named = ((fields.text(item, "Name"), fields.integer(item, "Tick")) for item in items)
+        return cls(tuple(named), fields.optional_number(message, "Time"))
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, or in UDK a line each."""
+        head = (*_time(self.time_s, dialect), ("Type", "Encoder"))
+        items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
+        return messages_from_items(self.WORD, head, items, dialect)
+
+
+@dataclass(frozen=True, slots=True)
+class TouchReadings:
+    """What touch sensors feel as (name, touched). UDK prints the time, if there is one."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    items: tuple[tuple[str, bool], ...]
+    time_s: float | None = None
+
+    @classmethod
+    def from_message(cls, message: Message) -> TouchReadings:
+        """Return the readings of a parsed line, in either dialect."""
+        items = items_from_message(message)
+        named = ((fields.text(item, "Name"), fields.boolean(item, "Touch")) for item in items)
+        return cls(tuple(named), fields.optional_number(message, "Time"))
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, or in UDK a line each."""
+        head = (*_time(self.time_s, dialect), ("Type", "Touch"))
+        items = ((("Name", name), ("Touch", boolean(is_on))) for name, is_on in self.items)
+        return messages_from_items(self.WORD, head, items, dialect)
+
+
+@dataclass(frozen=True, slots=True)
+class RfidReading:
+    """The numbers of the tags in reach."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    time_s: float
+    name: str
+    ids: tuple[int, ...] = ()
+
+    @classmethod
+    def from_message(cls, message: Message) -> RfidReading:
+        """Return the reading of a parsed line."""
+        ids = (value for name, value in message.pairs if name.lower() == "id")
+        return cls(
+            time_s=fields.number(message, "Time"),
+            name=fields.text(message, "Name"),
+            ids=tuple(fields.integer(Message("SEN", (("ID", value),)), "ID") for value in ids),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        ids = (("ID", str(number)) for number in self.ids)
+        head = (("Time", fixed(self.time_s)), ("Type", "RFID"), ("Name", self.name))
+        return (Message(self.WORD, (*head, *ids)),)
+
+
+@dataclass(frozen=True, slots=True)
+class VictimPart:
+    """A part of a victim in sight, and where it is relative to the sensor."""
+
+    name: str
+    location_m: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class VictimReading:
+    """Whether victims are in sight, and which parts of them; some servers tell no time."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    time_s: float | None
+    name: str
+    status: str = "NoVictims"
+    parts: tuple[VictimPart, ...] = ()
+
+    @classmethod
+    def from_message(cls, message: Message) -> VictimReading:
+        """Return the reading of a parsed line: without a status if there are parts, or a name."""
+        return cls(
+            time_s=fields.optional_number(message, "Time"),
+            name=message.get("Name") or "",
+            status=message.get("Status") or "",
+            parts=tuple(_victim_parts(message)),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        time = () if self.time_s is None else (("Time", fixed(self.time_s)),)
+        head = (*time, ("Type", "VictSensor"), ("Name", self.name))
+        status = (("Status", self.status),) if self.status else ()
+        parts = (pair for part in self.parts for pair in _part_pairs(part))
+        return (Message(self.WORD, (*head, *status, *parts)),)
+
+
+def _time(time_s: float | None, dialect: Dialect) -> Pairs:
+    is_printed = dialect is Dialect.UDK and time_s is not None
+    return (("Time", fixed(time_s or 0.0)),) if is_printed else ()
+
+
+def _part_pairs(part: VictimPart) -> Pairs:
+    return ("PartName", part.name), ("Location", vector(part.location_m, 2))
+
+
+def _victim_parts(message: Message) -> list[VictimPart]:
+    """Return each PartName with the Location behind it."""
+    names = [value for name, value in message.pairs if name.lower() == "partname"]
+    places = [value for name, value in message.pairs if name.lower() == "location"]
+    located = zip(names, places, strict=False)
+    return [VictimPart(name, *fields.vectors(message, Location=place)) for name, place in located]

@@ -1,0 +1,144 @@
+"""RES: what became of a command. UT2004 answers SET with it; UDK answers SET with nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, Pairs, groups
+from catoptra_protocol.wire.numbers import fixed
+
+OK = "OK"
+FAILED = "Failed"
+DISABLED = "Disabled"  # a viewport that shows nothing, by wish
+MISSING = "None"  # a viewport that was to show a camera that is not there
+
+_STEP = "Step"
+VIEWPORTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What became of a SET, or of our STEP, which is answered in UDK's dialect too."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    type: str
+    name: str
+    status: str = OK
+
+    @classmethod
+    def from_message(cls, message: Message) -> Result:
+        """Return the result of a parsed line."""
+        return cls(
+            time_s=fields.number(message, "Time"),
+            type=fields.text(message, "Type"),
+            name=message.get("Name") or "",
+            status=fields.text(message, "Status"),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK, but of STEP. Without a name there is no block for it."""
+        named = (("Name", self.name),) if self.name else ()
+        head = _head(self.time_s, self.type)
+        pairs = (*head, *named, ("Status", self.status))
+        is_silent = dialect is Dialect.UDK and self.type != _STEP
+        return () if is_silent else (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFov:
+    """The field of view that a camera has now, and whether that is what was asked for."""
+
+    name: str
+    fov_rad: float
+    status: str = OK
+
+
+@dataclass(frozen=True, slots=True)
+class CameraResult:
+    """What became of SET Camera, for each camera that it named."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    cameras: tuple[CameraFov, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> CameraResult:
+        """Return the result of a parsed line."""
+        cameras = (_camera_fov(group) for group in groups(message, "Name"))
+        return cls(fields.number(message, "Time"), tuple(cameras))
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK."""
+        cameras = (pair for camera in self.cameras for pair in _camera_pairs(camera))
+        pairs = (*_head(self.time_s, "Camera"), *cameras)
+        return () if dialect is Dialect.UDK else (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class Viewport:
+    """What a quarter of the picture shows: a camera's name, `Disabled` or `None`."""
+
+    camera: str = DISABLED
+    status: str = OK
+
+
+@dataclass(frozen=True, slots=True)
+class ViewportsResult:
+    """What became of SET Viewports: of the arrangement, and of each of the four."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    config: str
+    viewports: tuple[Viewport, ...] = (Viewport(),) * VIEWPORTS
+    status: str = OK
+
+    @classmethod
+    def from_message(cls, message: Message) -> ViewportsResult:
+        """Return the result of a parsed line; a status follows what it speaks of."""
+        keys = [f"Viewport{i + 1}" for i in range(VIEWPORTS)]
+        shown = (group for key in keys for group in groups(message, key)[:1])
+        viewports = (Viewport(x.pairs[0][1], x.get("Status") or OK) for x in shown)
+        return cls(
+            time_s=fields.number(message, "Time"),
+            config=fields.text(message, "Config"),
+            viewports=tuple(viewports),
+            status=fields.text(message, "Status"),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK."""
+        pairs = [*_head(self.time_s, "Viewports"), ("Config", self.config)]
+        pairs.append(("Status", self.status))
+        for i, viewport in enumerate(self.viewports):
+            pairs += [(f"Viewport{i + 1}", viewport.camera), ("Status", viewport.status)]
+        return () if dialect is Dialect.UDK else (Message(self.WORD, tuple(pairs)),)
+
+
+def result_from_message(message: Message) -> Result | CameraResult | ViewportsResult:
+    """Return what a RES line says, in the form of its type; a plain one if it failed as a whole."""
+    if message.get("Config") is not None:
+        return ViewportsResult.from_message(message)
+    if message.get("FOV") is not None:
+        return CameraResult.from_message(message)
+    return Result.from_message(message)
+
+
+def _head(time_s: float, type_: str) -> Pairs:
+    return ("Time", fixed(time_s)), ("Type", type_)
+
+
+def _camera_pairs(camera: CameraFov) -> Pairs:
+    fov = fixed(camera.fov_rad)
+    return ("Name", camera.name), ("FOV", fov), ("Status", camera.status)
+
+
+def _camera_fov(group: Message) -> CameraFov:
+    name, fov_rad = fields.text(group, "Name"), fields.number(group, "FOV")
+    return CameraFov(name, fov_rad, fields.text(group, "Status"))

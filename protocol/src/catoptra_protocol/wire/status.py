@@ -1,0 +1,66 @@
+"""STA: what the robot itself tells, every fifth of a second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.wire import fields
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.grammar import Message, Pairs
+from catoptra_protocol.wire.numbers import boolean, fixed
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1."""
+
+    WORD: ClassVar[str] = "STA"
+
+    time_s: float
+    battery_s: int
+    vehicle_type: str = "GroundVehicle"
+    light: bool = False
+    view: int = -1
+
+    @classmethod
+    def from_message(cls, message: Message) -> VehicleStatus:
+        """Return the status of a parsed line; UDK's has no View."""
+        return cls(
+            time_s=fields.number(message, "Time"),
+            battery_s=fields.integer(message, "Battery"),
+            vehicle_type=fields.text(message, "Type"),
+            light=fields.boolean(message, "LightToggle"),
+            view=fields.integer(message, "View", default=-1),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        pairs = self._udk() if dialect is Dialect.UDK else self._ut2004()
+        return (Message(self.WORD, pairs),)
+
+    def _ut2004(self) -> Pairs:
+        """Return blocks of which every one is needed by some client."""
+        return (
+            ("Type", self.vehicle_type),
+            ("Time", fixed(self.time_s, 2)),
+            ("FrontSteer", fixed(0.0)),
+            ("RearSteer", fixed(0.0)),
+            *self._light(),
+            ("Battery", str(int(self.battery_s))),
+            ("View", str(self.view)),
+        )
+
+    def _udk(self) -> Pairs:
+        return (
+            ("Time", fixed(self.time_s)),
+            ("Battery", str(int(self.battery_s))),
+            ("Type", self.vehicle_type),
+            *self._light(),
+            ("FrontSteer", "0"),
+            ("RearSteer", "0"),
+        )
+
+    def _light(self) -> Pairs:
+        intensity = "100" if self.light else "0"
+        return ("LightToggle", boolean(self.light)), ("LightIntensity", intensity)
