@@ -1,0 +1,189 @@
+"""Frozen dataclasses to msgpack maps and back: the one door to msgpack. No socket, no clock.
+
+A message is a map of field names to values. What is read is checked against the types of the
+dataclass: unknown fields are ignored, a missing or wrong one is refused with its name. Sizes are
+limited before memory is taken; no extension types, no object hooks. Source: msgpack's spec.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Callable, Mapping
+from enum import Enum
+from functools import cache
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import msgpack
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+
+# A request holds a few numbers and names of at most 256 characters.
+MAX_REQUEST_BYTES = 8 * 1024
+# The largest answer lists landmarks: a thousand of 300 bytes each fit.
+MAX_ANSWER_BYTES = 512 * 1024
+# Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.
+_MAX_ITEMS = 2048
+_MAX_FIELDS = 128
+_LARGEST_WHOLE = 2**63 - 1
+_SHOWN = 80  # characters of a wrong value that an error quotes
+
+Fields = Mapping[str, Any]  # Any: what msgpack can hold, before it is checked
+Reader = Callable[[Any, str], Any]
+_T = TypeVar("_T")
+
+
+def packed(kind: str, message: Any) -> bytes:
+    """Return the bytes of a dataclass, its kind first. Raises LocalProtocolError if not finite."""
+    fields = {"kind": kind, **_plain_fields(message)}
+    data: bytes = msgpack.packb(fields, default=_plain)
+    return data
+
+
+def unpacked(data: bytes, limit_bytes: int) -> Fields:
+    """Return the map that bytes hold. Raises RemoteProtocolError if they hold anything else."""
+    if len(data) > limit_bytes:
+        raise RemoteProtocolError(f"a message of {len(data)} bytes: at most {limit_bytes} are read")
+    try:
+        fields = msgpack.unpackb(
+            data,
+            max_str_len=limit_bytes,
+            max_bin_len=0,
+            max_ext_len=0,
+            max_array_len=_MAX_ITEMS,
+            max_map_len=_MAX_FIELDS,
+        )
+    except (ValueError, msgpack.UnpackException) as error:
+        said = str(error) or type(error).__name__
+        raise RemoteProtocolError(f"no msgpack that is read here: {said[:_SHOWN]}") from error
+    if not isinstance(fields, dict):
+        raise _wrong("the message", fields, "a map of field names")
+    return fields
+
+
+def read(form: type[_T], fields: Fields, path: str = "") -> _T:
+    """Return a dataclass from the fields of a map; each of them is checked."""
+    values = {}
+    key: Any = form  # a class can be hashed, which type[T] does not promise
+    for name, reader in _readers(key).items():
+        if name not in fields:
+            raise RemoteProtocolError(f"{path or form.__name__} without the field {name!r}")
+        values[name] = reader(fields[name], f"{path}.{name}" if path else name)
+    return form(**values)
+
+
+def read_text(fields: Fields, name: str) -> str:
+    """Return a field that is a text; for what must be known before the form is."""
+    if name not in fields:
+        raise RemoteProtocolError(f"a message without the field {name!r}")
+    text: str = _text(fields[name], name)
+    return text
+
+
+@cache
+def _readers(form: Any) -> dict[str, Reader]:
+    """Return how each field of a dataclass is read."""
+    hints = get_type_hints(form)
+    return {field.name: _reader(hints[field.name]) for field in dataclasses.fields(form)}
+
+
+def _reader(hint: Any) -> Reader:
+    """Return how a value of a type is read."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    if origin is types.UnionType:
+        return _optional(_reader(parts[0]))
+    if origin is tuple:
+        return _list(_reader(parts[0]), None if parts[1] is Ellipsis else len(parts))
+    if origin is dict:
+        return _map(_reader(parts[1]))
+    if issubclass(hint, Enum):
+        return _choice(hint)
+    form: type[Any] = hint
+    assert dataclasses.is_dataclass(form), f"no way to read {form}"
+    return lambda value, path: read(form, _fields(value, path), path)
+
+
+def _optional(reader: Reader) -> Reader:
+    return lambda value, path: None if value is None else reader(value, path)
+
+
+def _list(reader: Reader, length: int | None) -> Reader:
+    def items(value: Any, path: str) -> tuple[Any, ...]:
+        if not isinstance(value, list) or length not in (None, len(value)):
+            raise _wrong(path, value, "a list" if length is None else f"a list of {length}")
+        return tuple(reader(item, f"{path}[{index}]") for index, item in enumerate(value))
+
+    return items
+
+
+def _map(reader: Reader) -> Reader:
+    def entries(value: Any, path: str) -> dict[str, Any]:
+        fields = _fields(value, path)
+        return {key: reader(entry, f"{path}.{key}") for key, entry in fields.items()}
+
+    return entries
+
+
+def _choice(enum: type[Enum]) -> Reader:
+    def member(value: Any, path: str) -> Enum:
+        for one in enum:
+            if one.value == value:
+                return one
+        raise _wrong(path, value, "one of " + ", ".join(str(one.value) for one in enum))
+
+    return member
+
+
+def _fields(value: Any, path: str) -> Fields:
+    if not (isinstance(value, dict) and all(isinstance(key, str) for key in value)):
+        raise _wrong(path, value, "a map of field names")
+    return value
+
+
+def _number(value: Any, path: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise _wrong(path, value, "a finite number")
+    return float(value)
+
+
+def _whole(value: Any, path: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST_WHOLE:
+        raise _wrong(path, value, "a whole number of 63 bits")
+    return value
+
+
+def _text(value: Any, path: str) -> str:
+    if not isinstance(value, str):
+        raise _wrong(path, value, "a text")
+    return value
+
+
+def _boolean(value: Any, path: str) -> bool:
+    if not isinstance(value, bool):
+        raise _wrong(path, value, "true or false")
+    return value
+
+
+_SIMPLE: dict[Any, Reader] = {float: _number, int: _whole, str: _text, bool: _boolean}
+
+
+def _plain(value: Any) -> Any:
+    """Return what msgpack can write of a value that it does not know."""
+    if isinstance(value, Enum):
+        return value.value
+    return _plain_fields(value)
+
+
+def _plain_fields(message: Any) -> dict[str, Any]:
+    fields = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    for name, value in fields.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise LocalProtocolError(f"{type(message).__name__}.{name} is not finite: {value}")
+    return fields
+
+
+def _wrong(path: str, value: Any, expected: str) -> RemoteProtocolError:
+    return RemoteProtocolError(f"{path}: {repr(value)[:_SHOWN]}: expected {expected}")

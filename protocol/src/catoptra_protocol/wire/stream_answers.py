@@ -1,0 +1,188 @@
+"""What a server of the modern stream says: one frozen dataclass an answer.
+
+Every field is always there, nil where there is nothing. A frame's header is followed by a second
+part, the picture. To add one: its dataclass, its line in the union and in ANSWERS, its row in
+SPEC.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.wire.numbers import Vector
+from catoptra_protocol.wire.stream_requests import Encoding
+
+Rotation = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A rigid transform parent_from_child: the child's origin, and rotation (3, 3) row by row."""
+
+    position_m: Vector
+    rotation: Rotation
+
+
+@dataclass(frozen=True, slots=True)
+class FrameHeader:
+    """Everything that is known of the picture in the next part.
+
+    time_s, world_from_robot: of the exposure. camera_law: the pairs of CONF, None where no camera
+    is shown. age_s: from the exposure to the sending. missed: frames drawn for others and not sent
+    to this subscriber, in all. dropped: frames of its own that it did not take. error_bound_px and
+    plan: None where unknown.
+    """
+
+    KIND: ClassVar[str] = "frame"
+
+    version: int
+    id: int
+    robot: str
+    camera: str
+    sequence: int
+    time_s: float
+    world_from_robot: Placement
+    robot_from_mirror: Placement | None
+    camera_law: dict[str, str] | None
+    plan: str | None
+    error_bound_px: float | None
+    stage_ms: dict[str, float]
+    encoding: Encoding
+    width_px: int
+    height_px: int
+    age_s: float
+    missed: int
+    dropped: int
+
+    def __str__(self) -> str:
+        return (
+            f"frame {self.sequence} of {self.camera!r}, {self.width_px} x {self.height_px} px "
+            f"{self.encoding.value}, {1000.0 * self.age_s:.1f} ms old"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """It was done."""
+
+    KIND: ClassVar[str] = "done"
+
+    id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """It was not done, and why. id 0: what came could not be read so far."""
+
+    KIND: ClassVar[str] = "refused"
+
+    id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """Lines of the control protocol: what the robot's sensors read."""
+
+    KIND: ClassVar[str] = "reported"
+
+    id: int
+    reports: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraIs:
+    """A camera's law, as the pairs of CONF, and where its effective viewpoint sits."""
+
+    KIND: ClassVar[str] = "camera"
+
+    id: int
+    camera: str
+    camera_law: dict[str, str]
+    robot_from_mirror: Placement
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarkRecord:
+    """One landmark, with the fields and units of the landmarks' file."""
+
+    name: str
+    kind: str
+    x_m: float
+    y_m: float
+    width_m: float
+    depth_m: float
+    band_bottom_m: float
+    band_top_m: float
+    lower_colour: str
+    upper_colour: str
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarksAre:
+    """All landmarks of the world, in the world frame."""
+
+    KIND: ClassVar[str] = "landmarks"
+
+    id: int
+    landmarks: tuple[LandmarkRecord, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StartRecord:
+    """One named start pose."""
+
+    name: str
+    location_m: Vector
+    rotation_rad: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class StartsAre:
+    """All named start poses."""
+
+    KIND: ClassVar[str] = "starts"
+
+    id: int
+    starts: tuple[StartRecord, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StatusIs:
+    """What the server is: its world, the class it can spawn, its clock; whom it serves."""
+
+    KIND: ClassVar[str] = "status"
+
+    version: int
+    id: int
+    server: str
+    world: str
+    class_name: str
+    clock: str
+    plan: str | None
+    clients: int
+    has_robot: bool
+    sent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """The server lives; sent to every client it knows, whatever the drawing does."""
+
+    KIND: ClassVar[str] = "pulse"
+
+    version: int
+
+
+Answer = (
+    FrameHeader | Done | Refused | Reported | CameraIs | LandmarksAre | StartsAre | StatusIs | Pulse
+)
+
+ANSWERS: dict[str, type[Answer]] = {
+    form.KIND: form
+    for form in (
+        *(FrameHeader, Done, Refused, Reported, CameraIs),
+        *(LandmarksAre, StartsAre, StatusIs, Pulse),
+    )
+}
