@@ -1,0 +1,88 @@
+"""A ray caster in float64 that tries every triangle: the judge of the trace renderer.
+
+Moeller & Trumbore 1997, and the shading model as it is written down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.render import shading
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import SceneMesh
+
+# Rays this near an edge (in barycentric coordinates) or this near a second surface (in metres) may
+# honestly go either way in float32.
+_NEAR_EDGE = 1e-4
+_NEAR_SURFACE_M = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cast:
+    """What rays see: (n, 3) linear radiance, and which of the n are beyond doubt."""
+
+    radiance: Floats
+    certain: Bools
+
+
+def cast(scene: SceneMesh, world: World, origin: Floats, directions: Floats) -> Cast:
+    """Return what (n, 3) directions from one origin (3,) see."""
+    distance, u, v = _distances(scene, origin, directions)
+    triangle = np.argmin(distance, axis=1)
+    rows = np.arange(len(directions))
+    hit = np.isfinite(distance[rows, triangle])
+    radiance = np.tile(np.asarray(world.background), (len(directions), 1))
+    seen, which = rows[hit], triangle[hit]
+    points = origin + distance[seen, which][:, None] * directions[seen]
+    radiance[seen] = _radiance(scene, world, which, points, u[seen, which], v[seen, which])
+    return Cast(radiance, _certain(distance, u, v))
+
+
+def _distances(
+    scene: SceneMesh, origin: Floats, directions: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return (n, m) distances, inf where missed, and the barycentric (u, v) of each plane's hit."""
+    a = scene.corners[:, 0]
+    first, second = scene.corners[:, 1] - a, scene.corners[:, 2] - a
+    p = np.cross(directions[:, None], second)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / np.einsum("nmi,mi->nm", p, first)
+        to_origin = origin - a
+        u = np.einsum("nmi,mi->nm", p, to_origin) * inverse
+        q = np.cross(to_origin, first)
+        v = (directions @ q.T) * inverse
+        distance = np.einsum("mi,mi->m", second, q) * inverse
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
+    return np.where(inside, distance, np.inf), u, v
+
+
+def _certain(distance: Floats, u: Floats, v: Floats) -> Bools:
+    """Return (n,) whether no edge of a triangle in front, nor a second surface, is near."""
+    nearest = distance.min(axis=1)
+    edge = np.minimum(np.minimum(np.abs(u), np.abs(v)), np.abs(1.0 - u - v)) < _NEAR_EDGE
+    around = (u > -_NEAR_EDGE) & (v > -_NEAR_EDGE) & (u + v < 1.0 + _NEAR_EDGE)
+    doubtful = (edge & around).any(axis=1)
+    second = np.partition(distance, 1, axis=1)[:, 1]
+    with np.errstate(invalid="ignore"):
+        apart = ~(second - nearest < _NEAR_SURFACE_M)
+    certain: Bools = ~doubtful & apart
+    return certain
+
+
+def _radiance(
+    scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats, u: Floats, v: Floats
+) -> Floats:
+    radiance = shading.facet_radiance(scene, world.lights)[triangle]
+    lamps = shading.point_irradiance(world.lights, points, scene.normals[triangle])
+    radiance = radiance + np.where(scene.unlit[triangle, None], 0.0, scene.albedo[triangle] * lamps)
+    corners = scene.uv[triangle]
+    uv = (1.0 - u - v)[:, None] * corners[:, 0] + u[:, None] * corners[:, 1]
+    uv += v[:, None] * corners[:, 2]
+    for index, texture in enumerate(scene.textures):
+        on = scene.texture_index[triangle] == index
+        radiance[on] *= shading.texture_value(linear_from_srgb(texture / 255.0), uv[on])
+    return radiance

@@ -1,0 +1,98 @@
+"""What single rays meet, and the light they bring back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.scene.description import (
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    PointLight,
+    Rectangle,
+    World,
+)
+from catoptra_server.scene.meshes import build_scene
+from helpers.meshes import quarters
+
+SCALE = LightScale.for_samples(1)
+SKY = HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0))
+DOWN = (0.0, 0.0, 1.0)
+
+
+def floor_world(material: Material, *lights: Light) -> World:
+    """Return a floor of 2 x 2 m, 1 m below the origin, under a blue background."""
+    floor = Item("floor", Rectangle((2.0, 2.0)), Pose.from_rpy((0.0, 0.0, 1.0)), material)
+    return World("w", (floor,), lights=lights, background=(0.0, 0.0, 1.0))
+
+
+def colours(
+    world: World, *rays: tuple[tuple[float, float, float], tuple[float, float, float]]
+) -> list[list[int]]:
+    """Return the colours that rays (origin, direction) bring back."""
+    scene = EmbreeScene(build_scene(world), world)
+    origins = np.array([origin for origin, _ in rays]) - scene.origin
+    directions = np.array([direction for _, direction in rays])
+    light = scene.hit_light(
+        origins.astype(np.float32),
+        directions.astype(np.float32),
+        table=scene.light_table(SCALE),
+        scale=SCALE,
+    )
+    found: list[list[int]] = SCALE.colours(light).tolist()
+    return found
+
+
+def test_ray_when_it_meets_a_surface_brings_its_light_and_else_the_background() -> None:
+    world = floor_world(Material((1.0, 0.0, 0.0)), SKY)
+    rays = [((0, 0, 0), DOWN), ((5, 0, 0), DOWN), ((0, 0, 0), (0.0, 0.0, -1.0))]
+    assert colours(world, *rays) == [[188, 0, 0], [0, 0, 255], [0, 0, 255]]
+
+
+def test_surface_when_unlit_brings_its_albedo_whatever_the_lights() -> None:
+    lamp = PointLight((0.0, 0.0, 0.0), (9.0, 9.0, 9.0))
+    world = floor_world(Material((0.5, 0.0, 0.0), unlit=True), SKY, lamp)
+    assert colours(world, ((0, 0, 0), DOWN)) == [[188, 0, 0]]
+
+
+def test_lamp_when_above_lights_by_the_place_that_is_hit() -> None:
+    lamp = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    world = floor_world(Material((0.5, 0.5, 0.5)), lamp)
+    middle, aside = colours(world, ((0, 0, 0), DOWN), ((1 - 1e-3, 0, 0), DOWN))
+    assert middle == [188, 188, 188]
+    # 0.5 / 2 * cos 45 degrees = 0.1768 of full light.
+    assert aside == [117, 117, 117]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "colour"),
+    [
+        (0.5, -0.5, [255, 0, 0]),  # ahead on the left: the picture's top left
+        (0.5, 0.5, [0, 255, 0]),
+        (-0.5, -0.5, [0, 0, 255]),
+        (-0.5, 0.5, [255, 255, 255]),
+    ],
+)
+def test_texture_when_on_the_floor_lies_as_it_is_seen_from_above(
+    tmp_path: Path, x: float, y: float, colour: list[int]
+) -> None:
+    quarters().save(tmp_path / "q.png")
+    picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png", unlit=True)
+    assert colours(floor_world(picture), ((x, y, 0), DOWN)) == [colour]
+
+
+def test_scene_when_it_has_no_triangles_is_all_background() -> None:
+    world = World("w", (), background=(1.0, 1.0, 1.0))
+    assert colours(world, ((0, 0, 0), DOWN), ((1e5, 0, 0), DOWN)) == 2 * [[255, 255, 255]]
+
+
+def test_surface_when_seen_from_behind_is_seen_all_the_same() -> None:
+    world = floor_world(Material((1.0, 0.0, 0.0), unlit=True))
+    assert colours(world, ((0, 0, 5), (0.0, 0.0, -1.0))) == [[255, 0, 0]]

@@ -1,0 +1,48 @@
+"""Linear light in packed integers: sums do not spill, and encode as float64 does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.scene.colour import srgb_from_linear
+
+
+def shown(radiance: np.ndarray, samples: int) -> np.ndarray:
+    """Return (n, 3) colours of (3, n * samples) radiance."""
+    scale = LightScale.for_samples(samples)
+    return scale.colours(scale.pixel_sums(scale.packed(radiance.astype(np.float32))))
+
+
+@pytest.mark.parametrize("samples", [1, 4, 9, 16, 25, 256])
+def test_pixels_when_averaged_are_those_of_float64(samples: int) -> None:
+    radiance = np.random.default_rng(1).uniform(0.0, 1.0, (3, 500 * samples)) ** 3
+    mean = radiance.reshape(3, 500, samples).mean(axis=-1)
+    expected = 255.0 * srgb_from_linear(mean.T)
+    # Half a level is rounding; the rest is what the scale's levels add, 0.4 of one at most.
+    assert np.abs(shown(radiance, samples) - expected).max() <= 0.5 + 0.4
+
+
+@pytest.mark.parametrize("samples", [1, 4, 256])
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_pixels_when_all_samples_are_at_an_end_are_black_or_white(
+    samples: int, value: float
+) -> None:
+    colours = shown(np.full((3, 2 * samples), value), samples)
+    np.testing.assert_array_equal(colours, round(255 * value))
+
+
+def test_light_when_outside_the_range_is_clipped_before_it_is_averaged() -> None:
+    radiance = np.array([[5.0, 0.0], [-1.0, 0.0], [0.5, 0.5]])
+    # Half of full light is level 188, as a sensor that saturates gives it.
+    np.testing.assert_array_equal(shown(radiance, 2), [[188, 0, 188]])
+
+
+def test_channels_when_packed_do_not_mix() -> None:
+    for channel in range(3):
+        radiance = np.zeros((3, 256))
+        radiance[channel] = 1.0
+        expected = [0, 0, 0]
+        expected[channel] = 255
+        np.testing.assert_array_equal(shown(radiance, 256), [expected])
