@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -147,7 +148,19 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     return np.stack((x, y, z), axis=-1), valid
 
 
-def pixel_centres(camera: OmniCamera, samples: int = 1) -> Floats:
+class PixelGrid(Protocol):
+    """Any camera's picture, as far as its size."""
+
+    @property
+    def width_px(self) -> int:
+        """Return the number of columns."""
+
+    @property
+    def height_px(self) -> int:
+        """Return the number of rows."""
+
+
+def pixel_centres(camera: PixelGrid, samples: int = 1) -> Floats:
     """Return (height, width, samples^2, 2) positions of a regular sample grid in each pixel."""
     offsets = (np.arange(samples) + 0.5) / samples
     u = np.arange(camera.width_px)[:, None] + offsets

@@ -1,0 +1,73 @@
+"""The ordinary camera of USARSim: a pinhole, square pixels, the axis in the middle of the picture.
+
+Source: the camera of UDK's and UT2004's engine, whose FOV is horizontal; no distortion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class PerspectiveCamera:
+    """A picture of `width_px` x `height_px` whose left and right borders are `fov_rad` apart."""
+
+    width_px: int
+    height_px: int
+    fov_rad: float
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
+        if not 0.0 < self.fov_rad < math.pi:
+            raise DomainError(
+                f"a flat picture cannot show {math.degrees(self.fov_rad):g} deg: its field of view "
+                "must be above 0 and below 180 deg"
+            )
+
+    @property
+    def focal_px(self) -> float:
+        """Return the distance from the pinhole to the picture, in pixels."""
+        return 0.5 * self.width_px / math.tan(0.5 * self.fov_rad)
+
+    def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
+        """Return (..., 2) pixels of (..., 3) directions in the camera frame, and which it sees.
+
+        Directions need not be unit. Seen is what lies ahead and within the picture, its borders
+        included. Where invalid the pixel is the middle of the picture, never a NaN.
+        """
+        direction = np.asarray(direction, dtype=np.float64)
+        finite = np.isfinite(direction).all(axis=-1, keepdims=True)
+        direction = np.where(finite, direction, 0.0)
+        # The largest component becomes 1: no product below overflows or vanishes.
+        largest = np.abs(direction).max(axis=-1, keepdims=True)
+        x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
+        # Not y / x: inside the picture a quotient is bounded, beside it x may be next to nothing.
+        inside = np.maximum(
+            np.abs(y) * (2.0 * self.focal_px / self.width_px),
+            np.abs(z) * (2.0 * self.focal_px / self.height_px),
+        )
+        valid = (x > 0.0) & (inside <= x)
+        per_ahead = self.focal_px / np.where(valid, x, 1.0)
+        u = np.where(valid, y, 0.0) * per_ahead + 0.5 * self.width_px
+        v = np.where(valid, z, 0.0) * per_ahead + 0.5 * self.height_px
+        return np.stack((u, v), axis=-1), valid
+
+    def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
+        """Return unit (..., 3) directions in the camera frame of (..., 2) pixels, and which see.
+
+        Valid are the places of the picture, its borders included; elsewhere the direction is +x.
+        """
+        pixel = np.asarray(pixel, dtype=np.float64)
+        size = np.array((self.width_px, self.height_px))
+        # A comparison with NaN is false.
+        valid = np.asarray(((pixel >= 0.0) & (pixel <= size)).all(axis=-1))
+        aside = np.where(valid[..., None], pixel - 0.5 * size, 0.0) / self.focal_px
+        ahead = np.concatenate((np.ones_like(aside[..., :1]), aside), axis=-1)
+        return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True), valid

@@ -1,0 +1,112 @@
+"""The perspective camera: where its formula holds, and that the inverse undoes it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera import pixel_centres
+from catoptra_protocol.optics.lenses import LENSES, PerspectiveCamera
+
+CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
+
+
+def test_axis_is_the_middle_exactly_and_the_picture_is_not_mirrored() -> None:
+    pixel, valid = CAMERA.pixel_from_direction(
+        np.array([[2.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.0, 0.1]])
+    )
+    assert valid.all()
+    assert pixel[0].tolist() == [160.0, 120.0]
+    assert pixel[1, 0] > 160.0, "what is right of the camera is right in the picture"
+    assert pixel[2, 1] > 120.0, "what is below is below"
+
+
+def test_field_of_view_is_the_picture_width() -> None:
+    pixel, valid = CAMERA.pixel_from_direction(
+        np.array([[math.cos(half), math.sin(half), 0.0] for half in np.radians([-39.999, 39.999])])
+    )
+    assert valid.all()
+    # A thousandth of a degree at the border is 0.006 px.
+    np.testing.assert_allclose(pixel[:, 0], [0.0, 320.0], atol=0.01)
+
+
+@pytest.mark.parametrize("fov_deg", [0.1, 1.0, 60.0, 90.0, 120.0, 179.0])
+@pytest.mark.parametrize("size", [(1, 1), (320, 240), (101, 733)])
+def test_inverse_returns_to_every_pixel(fov_deg: float, size: tuple[int, int]) -> None:
+    camera = PerspectiveCamera(*size, math.radians(fov_deg))
+    pixel = pixel_centres(camera, 1)[::7, ::7]
+    direction, valid = camera.direction_from_pixel(pixel)
+    back, seen = camera.pixel_from_direction(direction)
+    assert valid.all()
+    assert seen.all()
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1.0, rtol=1e-14)
+    # A unit vector near the border of 179 degrees has an x of a hundredth: eps 733 px / 0.01.
+    np.testing.assert_allclose(back, pixel, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [
+        (0.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (-1.0, 0.0, 0.0),
+        (-1.0, 0.1, 0.1),
+        (1e-320, 1.0, 0.0),
+        (1.0, 1.0, 0.0),
+        (1.0, 0.0, 1.0),
+        (math.nan, 0.0, 0.0),
+        (math.inf, 0.0, 0.0),
+    ],
+)
+def test_direction_beside_the_picture_is_invalid_and_has_a_value(
+    direction: tuple[float, float, float],
+) -> None:
+    pixel, valid = CAMERA.pixel_from_direction(np.array(direction))
+    assert not valid
+    assert pixel.tolist() == [160.0, 120.0]
+
+
+@pytest.mark.parametrize("length", [1e-320, 1e-300, 1e300])
+def test_length_of_a_direction_does_not_matter(length: float) -> None:
+    pixel, valid = CAMERA.pixel_from_direction(length * np.array([1.0, 0.5, -0.25]))
+    expected, _ = CAMERA.pixel_from_direction(np.array([1.0, 0.5, -0.25]))
+    assert valid
+    # 1e-320 is subnormal: it has three digits left.
+    assert pixel == pytest.approx(expected, rel=1e-3 if length < 1e-310 else 1e-15)
+
+
+@pytest.mark.parametrize(
+    ("pixel", "inside"),
+    [
+        ((0.0, 0.0), True),
+        ((320.0, 240.0), True),
+        ((-1e-9, 5.0), False),
+        ((5.0, 240.0000001), False),
+        ((math.nan, 5.0), False),
+        ((math.inf, 5.0), False),
+    ],
+)
+def test_pixel_is_valid_within_the_picture_borders_included(
+    pixel: tuple[float, float], inside: bool
+) -> None:
+    direction, valid = CAMERA.direction_from_pixel(np.array(pixel))
+    assert bool(valid) is inside
+    assert inside or direction.tolist() == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("fov_rad", [0.0, -1.0, math.pi, 4.0, math.nan])
+def test_field_of_view_that_no_flat_picture_has_is_refused(fov_rad: float) -> None:
+    with pytest.raises(DomainError, match="field of view"):
+        PerspectiveCamera(10, 10, fov_rad)
+
+
+def test_picture_without_pixels_is_refused() -> None:
+    with pytest.raises(DomainError, match="no pixel"):
+        PerspectiveCamera(0, 10, 1.0)
+
+
+def test_table_holds_the_camera() -> None:
+    assert LENSES["perspective"] is PerspectiveCamera
