@@ -1,0 +1,123 @@
+"""The shapes of robots, as others see them: a chassis on wheels, and an omni camera's tower.
+
+Built from the dimensions that the robot reports itself; the shapes between them are ours, for
+USARSim's own meshes are not public. Frame: robot (SAE, origin in the chassis).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.scene import primitives
+from catoptra_server.scene.bodies import BodyMesh, body_mesh
+from catoptra_server.scene.description import Box, Cylinder, Material
+from catoptra_server.scene.primitives import Patch
+
+CHASSIS = Material((0.45, 0.04, 0.03))  # ActivMedia's red
+DECK = Material((0.04, 0.04, 0.04))
+TYRE = Material((0.03, 0.03, 0.03))
+METAL = Material((0.55, 0.55, 0.55))
+
+DECK_M = 0.01  # thickness of the black top plate
+PILLAR_RADIUS_M = 0.03
+CARRIER_RADIUS_M = 0.005  # stands for the glass that carries the mirror over the camera
+# A tyre's width is this part of its radius: 50 mm on a P2AT, so that it ends with the robot's side.
+_TYRE_WIDTH = 0.4
+# Facets around a wheel and a mirror, and rings down the mirror: round from two metres at 640 px.
+_SECTORS, _RINGS = 20, 5
+
+Part = tuple[Patch, Material]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotShape:
+    """A robot's outer measures, metres. wheel_base_m 0: one pair of wheels, in the middle."""
+
+    dimensions_m: tuple[float, float, float]
+    ride_height_m: float
+    wheel_radius_m: float
+    wheel_base_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OmniTower:
+    """An omnidirectional camera on a robot: its law, and where its effective viewpoint is."""
+
+    camera: OmniCamera
+    robot_from_mirror: Pose
+
+
+def robot_mesh(shape: RobotShape, tower: OmniTower | None = None) -> BodyMesh:
+    """Return what a robot of a class looks like; `tower` None: without an omni camera."""
+    parts = [*_chassis(shape), *_wheels(shape)]
+    if tower is not None:
+        parts += _tower(tower, deck_z=_top_z(shape))
+    return body_mesh(parts)
+
+
+def _top_z(shape: RobotShape) -> float:
+    """Return z of the deck. The UDK's P3AT reports no height: its wheels' then."""
+    height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
+    return shape.ride_height_m - height
+
+
+def _chassis(shape: RobotShape) -> Iterator[Part]:
+    """Yield a box between the wheels, from half their radius above the floor, and its deck."""
+    length, width, _ = shape.dimensions_m
+    inner = width - 2.0 * _TYRE_WIDTH * shape.wheel_radius_m
+    top, bottom = _top_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
+    middle = 0.5 * (top + DECK_M + bottom)
+    hull = primitives.box(Box((length, inner, bottom - top - DECK_M)))
+    yield hull.at((0.0, 0.0, middle)), CHASSIS
+    plate = primitives.box(Box((length, inner, DECK_M)))
+    yield plate.at((0.0, 0.0, top + 0.5 * DECK_M)), DECK
+
+
+def _wheels(shape: RobotShape) -> Iterator[Part]:
+    """Yield wheels on the floor whose outer sides are the robot's."""
+    width = _TYRE_WIDTH * shape.wheel_radius_m
+    tyre = primitives.cylinder(Cylinder(shape.wheel_radius_m, width, _SECTORS))
+    aside = 0.5 * (shape.dimensions_m[1] - width)
+    z = shape.ride_height_m - shape.wheel_radius_m
+    for x in sorted({-0.5 * shape.wheel_base_m, 0.5 * shape.wheel_base_m}):
+        for y in (-aside, aside):
+            lying = Pose.from_rpy((x, y, z), (0.5 * math.pi, 0.0, 0.0))
+            yield Patch(lying.points(tyre.corners), tyre.uv), TYRE
+
+
+def _tower(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
+    """Yield the pillar up to the capture camera, the mirror above it, and what carries it.
+
+    An orthographic capture camera is nowhere in particular: its pillar ends at the deck.
+    """
+    at = tower.robot_from_mirror.translation
+    surface = _mirror(tower.camera)
+    patch = Patch(tower.robot_from_mirror.points(surface.corners), surface.uv)
+    yield patch, METAL
+    lens_z = min(float(at[2]) + tower.camera.mirror.pinhole_m, deck_z)
+    apex_z = float(patch.corners[..., 2].max())
+    for radius, low, high in (
+        (PILLAR_RADIUS_M, deck_z, lens_z),
+        (CARRIER_RADIUS_M, lens_z, apex_z),
+    ):
+        if low > high:
+            post = primitives.cylinder(Cylinder(radius, low - high, _SECTORS))
+            yield post.at((float(at[0]), float(at[1]), 0.5 * (low + high))), DECK
+
+
+def _mirror(camera: OmniCamera) -> Patch:
+    """Return the mirror's own surface up to the rim, and the disc that closes it; mirror frame."""
+    r, z = camera.mirror.surface(np.linspace(0.0, camera.rim_t, _RINGS + 1))
+    azimuth = -2.0 * math.pi * np.arange(_SECTORS + 1) / _SECTORS
+    # From the axis out, round, and back to the axis at the rim's height.
+    radius, height = np.append(r, 0.0)[:, None], np.append(z, z[-1])[:, None]
+    points = np.stack(
+        (radius * np.cos(azimuth), radius * np.sin(azimuth), height + 0.0 * azimuth), axis=-1
+    )
+    return primitives.grid(points, np.zeros((*points.shape[:2], 2)))

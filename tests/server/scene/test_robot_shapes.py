@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_server.scene.robot_shapes import METAL, OmniTower, RobotShape, robot_mesh
+from helpers.worlds import omni_camera
+
+P2AT = RobotShape((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
+P3AT = RobotShape((0.2480, 0.3600, 0.0), 0.098, 0.098, 0.2480)
+TOWER = OmniTower(omni_camera(), Pose.from_rpy((0.05, 0.0, -0.4543)))
+
+
+def test_robot_stands_on_the_floor_within_its_dimensions() -> None:
+    corners = robot_mesh(P2AT).corners
+    low, high = corners.min((0, 1)), corners.max((0, 1))
+    assert high[2] == pytest.approx(P2AT.ride_height_m), "the lowest point is the floor"
+    assert low[2] == pytest.approx(P2AT.ride_height_m - P2AT.dimensions_m[2])
+    assert high[1] - low[1] == pytest.approx(P2AT.dimensions_m[1])
+
+
+def test_robot_without_height_is_as_high_as_its_wheels() -> None:
+    corners = robot_mesh(P3AT).corners
+    assert np.ptp(corners[..., 2]) == pytest.approx(2.0 * P3AT.wheel_radius_m)
+
+
+def test_robot_without_a_wheel_base_has_one_pair() -> None:
+    two = RobotShape(P2AT.dimensions_m, P2AT.ride_height_m, P2AT.wheel_radius_m, 0.0)
+    wheel = (len(robot_mesh(P2AT)) - len(robot_mesh(two))) // 2
+    assert len(robot_mesh(two)) == 24 + 2 * wheel
+
+
+def mirror_of(tower: OmniTower) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    chosen: np.ndarray[tuple[int], np.dtype[np.bool_]] = np.isclose(
+        robot_mesh(P2AT, tower).albedo, METAL.albedo
+    ).all(axis=-1)
+    return chosen
+
+
+def test_mirror_is_the_law_s_own_surface_and_faces_outwards() -> None:
+    mesh, chosen = robot_mesh(P2AT, TOWER), mirror_of(TOWER)
+    corners, normals = mesh.corners[chosen], mesh.normals[chosen]
+    inside = corners.mean(axis=(0, 1))
+    assert (np.einsum("ni,ni->n", normals, corners.mean(axis=1) - inside) > 0.0).all()
+    in_mirror = TOWER.robot_from_mirror.inverse().points(corners)
+    apex_z = float(TOWER.camera.mirror.surface(np.array(0.0))[1])
+    rim_r, rim_z = TOWER.camera.mirror.surface(np.array(TOWER.camera.rim_t))
+    assert in_mirror[..., 2].max() == pytest.approx(apex_z)
+    assert in_mirror[..., 2].min() == pytest.approx(float(rim_z))
+    assert np.hypot(*np.moveaxis(in_mirror[..., :2], -1, 0)).max() == pytest.approx(float(rim_r))
+
+
+def test_pillar_ends_at_the_pinhole_and_without_one_at_the_deck() -> None:
+    flat = OmniTower(omni_camera(mirror=ParabolicMirror(0.03)), TOWER.robot_from_mirror)
+    # One post less: only what carries the mirror stands on the deck.
+    assert len(robot_mesh(P2AT, TOWER)) - len(robot_mesh(P2AT, flat)) == 80
