@@ -73,6 +73,7 @@ def test_frame_when_many_wait_comes_to_all() -> None:
         (frame(5, drawn_s=1e9), 4, True),
         (frame(5, drawn_s=1e9), 5, False),
         (frame(5, age_s=10.0, drawn_s=1.0), 4, False),
+        (frame(5, age_s=0.0, drawn_s=1e-6), 4, True),  # younger than a tick: the same world
     ],
     ids=["young and new", "known already", "older than drawing takes"],
 )

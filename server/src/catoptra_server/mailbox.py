@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 
 from catoptra_server.encode import Frame
+from catoptra_server.simulation.loop import TICK_S
 
 
 class Mailbox:
@@ -51,4 +52,6 @@ class Mailbox:
         frame = self._newest
         if not self._ahead or frame is None or frame.sequence <= sequence:
             return None
-        return frame if time.monotonic() - frame.finished_s <= frame.drawn_s else None
+        # Within one tick a new frame would show the very same world.
+        fresh_for_s = max(frame.drawn_s, TICK_S)
+        return frame if time.monotonic() - frame.finished_s <= fresh_for_s else None
