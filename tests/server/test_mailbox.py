@@ -75,7 +75,7 @@ def test_frame_when_many_wait_comes_to_all() -> None:
         (frame(5, age_s=10.0, drawn_s=1.0), 4, False),
         (frame(5, age_s=0.0, drawn_s=1e-6), 4, True),  # younger than a tick: the same world
     ],
-    ids=["young and new", "known already", "older than drawing takes"],
+    ids=["young and new", "known already", "older than drawing takes", "younger than a tick"],
 )
 def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
     waiting: Frame, last: int, taken: bool
