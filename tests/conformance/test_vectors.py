@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 
+from catoptra_protocol.wire import reports
 from catoptra_protocol.wire.commands import Command, command_from_message
 from catoptra_protocol.wire.connection import ControlClient, ControlServer
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import LineReader, parse_message
 from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, frame_header
-from catoptra_protocol.wire.reports import Greeting, line_from_report
+from catoptra_protocol.wire.reports import Greeting, Report, line_from_report
 
 DATA = Path(__file__).parent / "data"
 
@@ -31,6 +33,8 @@ class Vector:
     meaning: list[Any]
     written: bool
     complete: bool
+    dialect: Dialect
+    says: list[Any] | None
 
     def __str__(self) -> str:
         return f"{self.channel}/{self.name}"
@@ -39,7 +43,7 @@ class Vector:
 def read_vector(path: Path) -> Vector:
     """Return the vector whose JSON file this is."""
     document = json.loads(path.read_text(encoding="utf-8"))
-    assert set(document) <= {"why", "meaning", "written", "complete"}
+    assert set(document) <= {"why", "meaning", "written", "complete", "dialect", "says"}
     return Vector(
         channel=path.parent.name,
         name=path.stem,
@@ -47,10 +51,9 @@ def read_vector(path: Path) -> Vector:
         meaning=document["meaning"],
         written=document.get("written", False),
         complete=document.get("complete", True),
+        dialect=Dialect(document.get("dialect", "ut2004")),
+        says=document.get("says"),
     )
-
-
-VECTORS = [read_vector(path) for path in sorted(DATA.glob("*/*.json"))]
 
 
 def commands() -> Receive:
@@ -81,6 +84,9 @@ CHANNELS: dict[str, tuple[Callable[[], Receive], bytes]] = {
 }
 
 
+VECTORS = [read_vector(x) for name in CHANNELS for x in sorted((DATA / name).glob("*.json"))]
+
+
 def meaning_of(vector: Vector, *chunks: bytes) -> list[Any]:
     """Return as JSON what the chunks mean on the vector's channel."""
     receive = CHANNELS[vector.channel][0]()
@@ -93,8 +99,10 @@ each = pytest.mark.parametrize("vector", VECTORS, ids=str)
 
 def test_data_when_listed_holds_pairs_for_every_channel() -> None:
     assert {vector.channel for vector in VECTORS} == set(CHANNELS)
-    pairs = {path.with_suffix("") for path in DATA.glob("*/*.json")}
-    assert {path.with_suffix("") for path in DATA.glob("*/*.*")} == pairs
+    assert {path.name for path in DATA.iterdir() if path.is_dir()} == {*CHANNELS, "conversations"}
+    for channel in CHANNELS:
+        pairs = {path.stem for path in (DATA / channel).glob("*.json")}
+        assert {path.stem for path in (DATA / channel).iterdir()} == pairs
 
 
 @each
@@ -123,5 +131,26 @@ def test_vector_when_a_tail_follows_means_the_same(vector: Vector) -> None:
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS if v.written], ids=str)
 def test_vector_when_written_by_us_is_the_same_bytes(vector: Vector) -> None:
-    reports = ControlClient().receive(vector.data)
-    assert b"".join(map(line_from_report, reports)) == vector.data
+    said = ControlClient().receive(vector.data) if vector.says is None else said_by(vector)
+    assert b"".join(line_from_report(x, vector.dialect) for x in said) == vector.data
+
+
+def said_by(vector: Vector) -> list[Report]:
+    """Return the reports that a server means, where a client reads them as others."""
+    return [
+        getattr(reports, kind)(**{name: _value(name, value) for name, value in fields.items()})
+        for document in vector.says or []
+        for kind, fields in document.items()
+    ]
+
+
+def _value(name: str, value: Any) -> Any:  # whatever JSON holds
+    """Return what a field holds: lists become tuples, nested documents their own dataclasses."""
+    if name == "tile":
+        return reports.Tile(**value)
+    if name == "links":
+        return tuple(
+            reports.LinkConfiguration(**{k: _value(k, v) for k, v in link.items()})
+            for link in value
+        )
+    return tuple(map(tuple, value)) if name == "items" else value

@@ -24,7 +24,12 @@ class LinkStatus:
 
     link: int
     value: float
-    torque: float
+    torque: float = 0.0
+
+    def pairs(self) -> Pairs:
+        """Return its blocks; UDK knows no torque and leaves the last one out."""
+        torque = fixed(self.torque, 2)
+        return ("Link", str(self.link)), ("Value", fixed(self.value)), ("Torque", torque)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +55,7 @@ class MissionPackageStatus:
         """Return the line."""
         is_udk = dialect is Dialect.UDK
         head = (("Time", fixed(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
-        links = (pair for link in self.links for pair in _status_pairs(link))
+        links = (pair for link in self.links for pair in link.pairs()[: 2 if is_udk else 3])
         return (Message("ASTA" if is_udk else self.WORD, (*head, *links)),)
 
 
@@ -140,11 +145,6 @@ class MissionPackageGeometry:
         """Return the line, the same in both dialects."""
         links = (pair for link in self.links for pair in link.pairs())
         return (Message(self.WORD, (("Type", _TYPE), ("Name", self.name), *links)),)
-
-
-def _status_pairs(link: LinkStatus) -> Pairs:
-    torque = fixed(link.torque, 2)
-    return ("Link", str(link.link)), ("Value", fixed(link.value)), ("Torque", torque)
 
 
 def _link_status(group: Message) -> LinkStatus:

@@ -1,4 +1,7 @@
-"""RES: what became of a command. UT2004 answers SET with it; UDK answers SET with nothing."""
+"""RES: what became of a command. UT2004 answers SET with it; UDK answers SET with nothing.
+
+Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4.
+"""
 
 from __future__ import annotations
 
@@ -43,9 +46,10 @@ class Result:
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line; none in UDK, but of STEP. Without a name there is no block for it."""
         named = (("Name", self.name),) if self.name else ()
-        head = _head(self.time_s, self.type)
+        is_step = self.type == _STEP
+        head = (("Time", fixed(self.time_s, 4 if is_step else 2)), ("Type", self.type))
         pairs = (*head, *named, ("Status", self.status))
-        is_silent = dialect is Dialect.UDK and self.type != _STEP
+        is_silent = dialect is Dialect.UDK and not is_step
         return () if is_silent else (Message(self.WORD, pairs),)
 
 
@@ -131,7 +135,7 @@ def result_from_message(message: Message) -> Result | CameraResult | ViewportsRe
 
 
 def _head(time_s: float, type_: str) -> Pairs:
-    return ("Time", fixed(time_s)), ("Type", type_)
+    return ("Time", fixed(time_s, 2)), ("Type", type_)
 
 
 def _camera_pairs(camera: CameraFov) -> Pairs:

@@ -46,21 +46,20 @@ class VehicleStatus:
             ("Time", fixed(self.time_s, 2)),
             ("FrontSteer", fixed(0.0)),
             ("RearSteer", fixed(0.0)),
-            *self._light(),
+            ("LightToggle", boolean(self.light)),
+            ("LightIntensity", "100" if self.light else "0"),
             ("Battery", str(int(self.battery_s))),
             ("View", str(self.view)),
         )
 
     def _udk(self) -> Pairs:
+        """Return the blocks of UDK, where the intensity is that of a light that is on or not."""
         return (
             ("Time", fixed(self.time_s)),
             ("Battery", str(int(self.battery_s))),
             ("Type", self.vehicle_type),
-            *self._light(),
+            ("LightToggle", boolean(self.light)),
+            ("LightIntensity", "100"),
             ("FrontSteer", "0"),
             ("RearSteer", "0"),
         )
-
-    def _light(self) -> Pairs:
-        intensity = "100" if self.light else "0"
-        return ("LightToggle", boolean(self.light)), ("LightIntensity", intensity)

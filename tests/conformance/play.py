@@ -1,0 +1,111 @@
+"""Does a live server, ours or another's, hold the conversations that USARSim's clients hold?
+
+Run: make conformance ADDRESS=host:port [IMAGE=host:port], or, in tests/,
+`python -m conformance.play host:port`. The conversations are the files of data/conversations. The
+server's clock must run by itself. Prints a table; exits with 0 if all that is required passed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import socket
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from catoptra_protocol.wire.connection import ControlClient
+from catoptra_protocol.wire.reports import StartPoses
+from conformance.conversation import WITHIN_S, Address, Conversation, hold, read_conversation
+
+CONVERSATIONS = Path(__file__).parent / "data/conversations"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of one conversation: an empty reason means that it passed."""
+
+    conversation: Conversation
+    reason: str
+
+    @property
+    def is_failure(self) -> bool:
+        """Return whether the server lacks what it must have."""
+        return bool(self.reason) and self.conversation.required
+
+
+def conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
+    """Return all conversations of a folder."""
+    return [read_conversation(path) for path in sorted(folder.glob("*.json"))]
+
+
+def play(
+    them: Iterable[Conversation], addresses: dict[str, Address], robot_class: str, place: str
+) -> list[Verdict]:
+    """Hold the conversations for whose port there is an address, one after the other."""
+    words = {"class": robot_class, "place": place}
+    return [Verdict(one, hold(one, addresses[one.port], words)) for one in them]
+
+
+def first_start(address: Address) -> str:
+    """Return the blocks that place a robot: the first start pose told, or else the origin."""
+    client = ControlClient()
+    with socket.create_connection(address, timeout=WITHIN_S) as connection:
+        connection.sendall(b"GETSTARTPOSES\r\n")
+        while data := connection.recv(4096):
+            for report in client.receive(data):
+                if isinstance(report, StartPoses) and report.poses:
+                    return f"{{Start {report.poses[0].name}}}"
+                if isinstance(report, StartPoses):
+                    return "{Location 0,0,0}"
+    return "{Location 0,0,0}"
+
+
+def table(verdicts: Sequence[Verdict]) -> Table:
+    """Return the table: what was played, what it shows, and how it went."""
+    shown = Table("conversation", "sent first", "what it shows", "verdict")
+    for verdict in verdicts:
+        one = verdict.conversation
+        name = one.name if one.required else f"{one.name} (not required)"
+        sent = next((step["send"] for step in one.steps if "send" in step), "bytes")
+        how = f"[red]{_plain(verdict.reason)}" if verdict.reason else "[green]passed"
+        shown.add_row(name, _plain(repr(sent)[1:-1][:60]), one.why, how)
+    return shown
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Play everything; return the exit status."""
+    parser = argparse.ArgumentParser(description="Play the conversations to a live server.")
+    parser.add_argument("control", type=_address, help="host:port of the control server")
+    parser.add_argument("--image", type=_address, help="host:port of the image server")
+    parser.add_argument("--robot-class", default="USARBot.OmniP2AT")
+    parser.add_argument("--place", help="blocks of INIT, {Location 1,2,0}; else a start pose")
+    given = parser.parse_args(arguments)
+    addresses = {"control": given.control, **({"image": given.image} if given.image else {})}
+    played = [one for one in conversations() if one.port in addresses]
+    place = given.place or first_start(given.control)
+    verdicts = play(played, addresses, given.robot_class, place)
+    Console().print(table(verdicts))
+    failed = sum(verdict.is_failure for verdict in verdicts)
+    print(f"{len(verdicts) - failed} of {len(verdicts)} passed or not required")
+    return 1 if failed or not verdicts else 0
+
+
+def _address(text: str) -> Address:
+    host, _, port = text.rpartition(":")
+    try:
+        return host or "127.0.0.1", int(port)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected host:port") from error
+
+
+def _plain(text: str) -> str:
+    """Return a text in which rich finds no markup."""
+    return text.replace("[", r"\[")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
