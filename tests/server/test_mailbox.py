@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Awaitable, Callable
 
 import numpy as np
@@ -14,10 +13,13 @@ from catoptra_server.encode import Frame
 from catoptra_server.mailbox import Mailbox
 
 
+NOW_S = 1000.0
+
+
 def frame(sequence: int, *, age_s: float = 0.0, drawn_s: float = 0.0) -> Frame:
     """Return a frame that was finished some time ago."""
     rgb = np.zeros((1, 1, 3), dtype=np.uint8)
-    finished_s = time.monotonic() - age_s
+    finished_s = NOW_S - age_s
     return Frame(sequence, "", 0.0, Pose.identity(), rgb, {}, drawn_s, finished_s)
 
 
@@ -34,7 +36,9 @@ class Asked:
 def run(scene: Callable[[Mailbox, Asked], Awaitable[None]], *, ahead: bool = True) -> None:
     async def main() -> None:
         asked = Asked()
-        await asyncio.wait_for(scene(Mailbox(asked, ahead=ahead), asked), 5.0)
+        await asyncio.wait_for(
+            scene(Mailbox(asked, ahead=ahead, monotonic=lambda: NOW_S), asked), 5.0
+        )
 
     asyncio.run(main())
 

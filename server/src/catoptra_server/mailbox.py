@@ -1,8 +1,8 @@
 """One slot between the drawing thread and the sockets' loop: the newest frame wins.
 
 The drawing thread puts; coroutines wait for a frame newer than their last one. A frame waits in the
-slot only while it is younger than a new one would take to draw: older than that, a new one is asked
-for. Under lockstep a frame never waits: whoever asks gets a frame of this very moment.
+slot only while it is younger than a tick, or than a new one would take to draw: older than that, a
+new one is asked for. Under lockstep a frame never waits: whoever asks gets a frame of this very moment.
 """
 
 from __future__ import annotations
@@ -18,10 +18,17 @@ from catoptra_server.simulation.loop import TICK_S
 class Mailbox:
     """The slot. `ask` is called, from the loop, when somebody wants a new frame drawn."""
 
-    def __init__(self, ask: Callable[[], None], *, ahead: bool) -> None:
+    def __init__(
+        self,
+        ask: Callable[[], None],
+        *,
+        ahead: bool,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._ask = ask
         self._ahead = ahead
+        self._monotonic = monotonic
         self._newest: Frame | None = None
         self._arrival: asyncio.Future[Frame] = self._loop.create_future()
 
@@ -54,4 +61,4 @@ class Mailbox:
             return None
         # Within one tick a new frame would show the very same world.
         fresh_for_s = max(frame.drawn_s, TICK_S)
-        return frame if time.monotonic() - frame.finished_s <= fresh_for_s else None
+        return frame if self._monotonic() - frame.finished_s <= fresh_for_s else None
