@@ -12,7 +12,6 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_server.encode import Frame
 from catoptra_server.mailbox import Mailbox
 
-
 NOW_S = 1000.0
 
 

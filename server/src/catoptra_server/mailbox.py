@@ -2,7 +2,8 @@
 
 The drawing thread puts; coroutines wait for a frame newer than their last one. A frame waits in the
 slot only while it is younger than a tick, or than a new one would take to draw: older than that, a
-new one is asked for. Under lockstep a frame never waits: whoever asks gets a frame of this very moment.
+new one is asked for. Under lockstep a frame never waits: whoever asks gets a frame of this very
+moment.
 """
 
 from __future__ import annotations
