@@ -5,6 +5,7 @@ To add one, implement these two protocols in a folder of its own and add a line 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,17 +13,27 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.cube import FACE_AXES
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.plan.render_plan import RenderPlan
+from catoptra_server.scene.bodies import Body
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exposure:
-    """What changes from frame to frame: where the effective viewpoint is."""
+    """What changes from frame to frame: where the effective viewpoint is, and what has moved.
+
+    world_from_mirror: of an omnidirectional camera's mirror frame; of a perspective camera's own
+    frame (x ahead, y right, z down), which a mirror frame's axes equal. bodies: what is seen beside
+    the scene; the robot that carries the camera is left out by who asks.
+    """
 
     world_from_mirror: Pose
+    bodies: tuple[Body, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +50,17 @@ class FaceCamera:
 
     face: int
     size_px: int
+
+    @property
+    def lens(self) -> PerspectiveCamera:
+        """Return the camera that it is, were its frame not turned."""
+        return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
+
+    @property
+    def mirror_from_camera(self) -> Floats:
+        """Return the (3, 3) rotation of its frame in the mirror frame."""
+        axes: Floats = FACE_AXES[self.face]
+        return axes
 
 
 class View(Protocol):
@@ -59,6 +81,9 @@ class Renderer(Protocol):
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
         """Return a view of the scene by an omnidirectional camera."""
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
+        """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> View:
         """Return a view of the scene by one of the cube's virtual cameras."""

@@ -10,12 +10,28 @@ sRGB comes last.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.description import DirectionalLight, HemisphereLight, Light, PointLight
-from catoptra_server.scene.meshes import SceneMesh
+
+
+class LitFacets(Protocol):
+    """What light falls on: the triangles of a scene, or of a body where it stands."""
+
+    @property
+    def normals(self) -> Floats:
+        """Return (n, 3) unit normals in the world frame."""
+
+    @property
+    def albedo(self) -> Floats:
+        """Return (n, 3) linear albedos."""
+
+    @property
+    def unlit(self) -> Bools:
+        """Return (n,) which are shown at their albedo whatever the lights."""
 
 
 def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
@@ -55,10 +71,10 @@ def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
     return tuple(light for light in lights if isinstance(light, PointLight))
 
 
-def facet_radiance(scene: SceneMesh, lights: Iterable[Light]) -> Floats:
+def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
     """Return (n, 3) linear radiance of each triangle without texture and point lights."""
-    irradiance = facet_irradiance(lights, scene.normals)
-    return scene.albedo * np.where(scene.unlit[:, None], 1.0, irradiance)
+    irradiance = facet_irradiance(lights, facets.normals)
+    return facets.albedo * np.where(facets.unlit[:, None], 1.0, irradiance)
 
 
 def texture_value(linear_texture: Floats, uv: Floats) -> Floats:

@@ -64,3 +64,20 @@ def test_clip_depth_is_minus_w_and_w_on_the_planes() -> None:
     a, b = depth.clip_z_from_w
     assert a * 0.01 + b == pytest.approx(-0.01)
     assert a * 50.0 + b == pytest.approx(50.0)
+
+
+def test_what_is_beside_the_scene_widens_the_range() -> None:
+    at = np.array([0.0, 3.0, 0.0])
+    corners = wall(0.0)
+    surroundings = Surroundings(make_chunks(corners, np.zeros(2, dtype=np.intp)), corners)
+    depth = surroundings.depth_range(at, spread=SPREAD, beside=(0.05, 70.0))
+    assert depth.near_m == pytest.approx(0.05 / SPREAD)
+    assert depth.far_m > 70.0
+
+
+def test_what_is_beside_an_empty_scene_has_a_range_of_its_own() -> None:
+    corners = np.zeros((0, 3, 3))
+    surroundings = Surroundings(make_chunks(corners, np.zeros(0, dtype=np.intp)), corners)
+    depth = surroundings.depth_range(np.zeros(3), spread=SPREAD, beside=(0.05, 70.0))
+    assert depth.near_m == pytest.approx(0.05 / SPREAD)
+    assert depth.far_m > 70.0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
 from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.samples import face_samples, omni_samples
+from catoptra_server.render.trace.samples import face_samples, lens_samples, omni_samples
 from catoptra_server.scene.mirror_mesh import split_for
 from helpers.worlds import omni_camera, raster_plan
 
@@ -55,3 +56,12 @@ def test_samples_when_of_a_face_lie_inside_their_pixel() -> None:
     first = local[:4, 1:]
     assert (first < 0.0).all()
     np.testing.assert_allclose(first.mean(axis=0), (-0.5, -0.5), atol=1e-6)
+
+
+def test_rays_when_of_a_lens_are_the_law_s_at_every_pixel() -> None:
+    camera = PerspectiveCamera(5, 3, 1.2)
+    rays = lens_samples(camera, 2)
+    assert (rays.width_px, rays.height_px, rays.per_pixel) == (5, 3, 4)
+    expected, _ = camera.direction_from_pixel(pixel_centres(camera, 2))
+    np.testing.assert_allclose(rays.directions, expected.reshape(-1, 3), atol=1e-7)  # float32
+    assert rays.on_mirror.all()

@@ -51,16 +51,26 @@ class Surroundings:
         self._normals = cross / np.where(length > 0.0, length, 1.0)
         self._offsets = np.einsum("ni,ni->n", self._normals, ordered[:, 0])
 
-    def depth_range(self, viewpoint: Floats, *, spread: float) -> DepthRange:
-        """Return the range for faces whose corners are `spread` metres away at one metre ahead."""
-        if not len(self._offsets):
-            return DepthRange(FARTHEST_NEAR_M, 2.0 * FARTHEST_NEAR_M)
-        nearest = self._nearest(viewpoint, FARTHEST_NEAR_M * spread)
+    def depth_range(
+        self, viewpoint: Floats, *, spread: float, beside: tuple[float, float] = (math.inf, 0.0)
+    ) -> DepthRange:
+        """Return the range for faces whose corners are `spread` metres away at one metre ahead.
+
+        beside: the nearest and the farthest distance of what else is drawn.
+        """
+        nearest = min(self._nearest(viewpoint, FARTHEST_NEAR_M * spread), beside[0])
         near = min(max(nearest / spread, NEAREST_M), FARTHEST_NEAR_M)
+        farthest = max(self._farthest(viewpoint), beside[1])
+        return DepthRange(near, max(FAR_MARGIN * farthest, 2.0 * near))
+
+    def _farthest(self, viewpoint: Floats) -> float:
+        """Return a distance within which all of the scene is."""
+        if not len(self._offsets):
+            return 0.0
         farthest = np.maximum(
             viewpoint - self._chunks.low.min(axis=0), self._chunks.high.max(axis=0) - viewpoint
         )
-        return DepthRange(near, max(FAR_MARGIN * math.hypot(*farthest), 2.0 * near))
+        return math.hypot(*farthest)
 
     def _nearest(self, viewpoint: Floats, enough: float) -> float:
         """Return a distance within which no surface is, at most `enough` metres.
@@ -74,8 +84,24 @@ class Surroundings:
         return min(bounds, default=enough)
 
     def _bound(self, part: slice, viewpoint: Floats) -> float:
-        low, high = self._low[part], self._high[part]
-        outside = np.maximum(np.maximum(low - viewpoint, viewpoint - high), 0.0)
-        to_box = np.sqrt(np.square(outside).sum(axis=-1))
-        to_plane = np.abs(self._normals[part] @ viewpoint - self._offsets[part])
-        return float(np.maximum(to_box, to_plane).min())
+        return nearest_bound(
+            self._low[part],
+            self._high[part],
+            self._normals[part],
+            self._offsets[part],
+            point=viewpoint,
+        )
+
+
+def nearest_bound(
+    low: Floats, high: Floats, normals: Floats, offsets: Floats, *, point: Floats
+) -> float:
+    """Return a distance from a (3,) point within which none of n triangles is; at least one.
+
+    low, high: (n, 3) of their boxes. normals (n, 3), offsets (n,): of their planes. No triangle is
+    nearer than its own box or its own plane.
+    """
+    outside = np.maximum(np.maximum(low - point, point - high), 0.0)
+    to_box = np.sqrt(np.square(outside).sum(axis=-1))
+    to_plane = np.abs(normals @ point - offsets)
+    return float(np.maximum(to_box, to_plane).min())

@@ -1,18 +1,67 @@
-"""The first pass: the faces of the cube, drawn at the effective viewpoint into the atlas."""
+"""The first pass: what is seen from the viewpoint, the scene and then what moves in it.
+
+For a mirror that is the faces of the cube, in an atlas; for a camera with a lens, its picture.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import moderngl
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.atlas import Atlas, Cell
+from catoptra_server.render.raster.depth import FARTHEST_NEAR_M
+from catoptra_server.render.raster.moving_bodies import reach_of
 from catoptra_server.render.raster.passes import LINEAR_STORAGE
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import Exposure
+
+
+class Projection(Protocol):
+    """One flat picture of what is around the viewpoint, and where it lies: atlas.Cell says more."""
+
+    @property
+    def width(self) -> int:
+        """Return the number of columns of texels."""
+
+    @property
+    def height(self) -> int:
+        """Return the number of rows of texels."""
+
+    @property
+    def viewport(self) -> tuple[int, int, int, int]:
+        """Return the rectangle as OpenGL takes it."""
+
+    @property
+    def clip_from_mirror(self) -> Floats:
+        """Return the (3, 3) map from directions in the mirror frame to clip x, y and w."""
+
+    @property
+    def spread(self) -> float:
+        """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
+
+
+class Layout(Protocol):
+    """A texture of flat pictures: an atlas of faces, or one lens."""
+
+    @property
+    def width(self) -> int:
+        """Return the number of columns of texels."""
+
+    @property
+    def height(self) -> int:
+        """Return the number of rows of texels."""
+
+    @property
+    def cells(self) -> Sequence[Projection]:
+        """Return the pictures."""
+
+
+LayoutT = TypeVar("LayoutT", bound=Layout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +74,7 @@ class DrawCounts:
     triangles: int
 
 
-class FacePass:
+class FacePass(Generic[LayoutT]):
     """The atlas of one view, and how it is filled."""
 
     name = "faces"
@@ -34,7 +83,7 @@ class FacePass:
         self,
         context: moderngl.Context,
         scene: SceneBuffers,
-        atlas: Atlas,
+        atlas: LayoutT,
         samples: int,
     ) -> None:
         if samples > context.max_samples:
@@ -63,7 +112,11 @@ class FacePass:
         pose = exposure.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         spread = max(cell.spread for cell in self.atlas.cells)
-        depth = self._scene.surroundings.depth_range(viewpoint, spread=spread)
+        near = FARTHEST_NEAR_M * spread
+        depth = self._scene.surroundings.depth_range(
+            viewpoint, spread=spread, beside=reach_of(exposure.bodies, pose.translation, near)
+        )
+        self._scene.bodies.place(exposure.bodies)
         self._scene.place(viewpoint, depth.clip_z_from_w)
         self._begin()
         drawn = [
@@ -87,13 +140,18 @@ class FacePass:
         self._target.clear(*self._scene.background, 1.0, depth=1.0)
         self._target.use()
 
-    def _draw_cell(self, cell: Cell, clip_from_scene: Floats, viewpoint: Floats) -> tuple[int, int]:
+    def _draw_cell(
+        self, cell: Projection, clip_from_scene: Floats, viewpoint: Floats
+    ) -> tuple[int, int]:
         """Draw one face; return its draw calls and the triangles sent."""
         self._context.viewport = cell.viewport
         x, y, w = clip_from_scene
-        visible = self._scene.chunks.in_front(np.stack((w + x, w - x, w + y, w - y, w)), viewpoint)
+        planes = np.stack((w + x, w - x, w + y, w - y, w))
+        visible = self._scene.chunks.in_front(planes, viewpoint)
         calls = self._scene.draw(clip_from_scene, visible)
-        return calls, int(np.diff(self._scene.chunks.borders)[visible].sum())
+        triangles = int(np.diff(self._scene.chunks.borders)[visible].sum())
+        more_calls, more = self._scene.bodies.draw(clip_from_scene, planes, viewpoint)
+        return calls + more_calls, triangles + more
 
     def close(self) -> None:
         """Free the atlas."""

@@ -12,6 +12,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
 from catoptra_server.render.raster.faces import FacePass
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_uniform
@@ -66,7 +67,7 @@ class PerPixelMirror:
         self,
         context: moderngl.Context,
         programs: Programs,
-        faces: FacePass,
+        faces: FacePass[Atlas],
         camera: OmniCamera,
         samples: int,
         target: moderngl.Framebuffer,

@@ -15,6 +15,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
 from catoptra_server.render.raster.faces import FacePass
 from catoptra_server.render.raster.passes import LINEAR_STORAGE
@@ -58,7 +59,7 @@ class PolygonMirror:
         self,
         context: moderngl.Context,
         programs: Programs,
-        faces: FacePass,
+        faces: FacePass[Atlas],
         camera: OmniCamera,
         split: PolygonSplit,
         samples: int,

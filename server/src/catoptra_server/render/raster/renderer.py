@@ -6,17 +6,19 @@ are bound to threads. The server makes it in the simulation thread.
 
 from __future__ import annotations
 
-import math
 import threading
 from contextlib import ExitStack
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan, highest_incidence
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.faces import DrawCounts, FacePass
+from catoptra_server.render.raster.lens_cell import LensCell, lens_cell
 from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
 from catoptra_server.render.raster.mirror_polygons import PolygonMirror
 from catoptra_server.render.raster.passes import AveragePass, Output, Pass
@@ -26,9 +28,6 @@ from catoptra_server.render.raster.timing import StageClock
 from catoptra_server.render.renderer import Exposure, FaceCamera, RenderedImage
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
-
-# A single face is drawn whole, as for a mirror that looks everywhere.
-_WHOLE_RAD = math.pi
 
 
 class RasterRenderer:
@@ -50,6 +49,11 @@ class RasterRenderer:
         """Return the names of the shader programs that were built so far."""
         return self._programs.built
 
+    @property
+    def body_bytes(self) -> int:
+        """Return the size of the buffer for what moves: 0 as long as no body was seen."""
+        return self._scene.bodies.bytes_held
+
     def describe(self) -> str:
         """Return what draws, for logs."""
         return f"raster: {self._device}, {self._triangles} triangles"
@@ -68,23 +72,39 @@ class RasterRenderer:
             undo.pop_all()
         return self._warm(RasterView(self._device, faces, mirror, output, self._thread))
 
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
+        """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
+        return self._lens_view(camera, samples)
+
     def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
         """Return a view of the scene by one virtual camera of the cube, samples^2 a pixel."""
+        return self._lens_view(camera.lens, samples, camera.mirror_from_camera)
+
+    def _lens_view(
+        self, camera: PerspectiveCamera, samples: int, turn: Floats | None = None
+    ) -> RasterView:
         self._check_thread()
-        face = Face(camera.face)
+        cell = lens_cell(camera, samples, turn, max_texels=self._max_texels)
+        known = self.programs_built
         with self._device.context as context:
-            atlas = self._atlas((face,), camera.size_px * samples, _WHOLE_RAD, 0)
-            faces = FacePass(context, self._scene, atlas, 1)
-            output = Output(context, camera.size_px, camera.size_px)
+            faces = FacePass(context, self._scene, cell, 1)
+            output = Output(context, camera.width_px, camera.height_px)
             average = AveragePass(context, self._programs, faces.texture, samples, output.target)
-        return self._warm(RasterView(self._device, faces, (average,), output, self._thread))
+        view = RasterView(self._device, faces, (average,), output, self._thread)
+        # A camera that zooms is prepared anew: nothing is left to compile then.
+        return view if self.programs_built == known else self._warm(view)
+
+    @property
+    def _max_texels(self) -> int:
+        return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
 
     def _atlas(self, faces: tuple[Face, ...], size: int, limit_rad: float, guard: int) -> Atlas:
-        limit = self._device.context.info["GL_MAX_TEXTURE_SIZE"]
-        return pack_atlas(faces, size=size, limit_rad=limit_rad, guard=guard, max_texels=limit)
+        return pack_atlas(
+            faces, size=size, limit_rad=limit_rad, guard=guard, max_texels=self._max_texels
+        )
 
     def _mirror_passes(
-        self, camera: OmniCamera, plan: RenderPlan, faces: FacePass, output: Output
+        self, camera: OmniCamera, plan: RenderPlan, faces: FacePass[Atlas], output: Output
     ) -> tuple[Pass, ...]:
         context, target = self._device.context, output.target
         if isinstance(plan.surface, PerPixel):
@@ -122,7 +142,7 @@ class RasterView:
     def __init__(
         self,
         device: GlDevice,
-        faces: FacePass,
+        faces: FacePass[Atlas] | FacePass[LensCell],
         picture: tuple[Pass, ...],
         output: Output,
         thread: int,

@@ -18,6 +18,8 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
 from catoptra_server.render.raster.chunks import make_chunks, runs
 from catoptra_server.render.raster.depth import Surroundings
+from catoptra_server.render.raster.frame_uniforms import FrameUniforms
+from catoptra_server.render.raster.moving_bodies import MovingBodies
 from catoptra_server.render.raster.programs import (
     Definitions,
     Programs,
@@ -58,6 +60,7 @@ class SceneBuffers:
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
         self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
+        self.bodies = MovingBodies(context, programs, world.lights, self.origin)
         corners = scene.corners - self.origin
         self.chunks = make_chunks(corners, (scene.texture_index + 1).astype(np.intp))
         self.surroundings = Surroundings(self.chunks, corners)
@@ -108,14 +111,10 @@ class SceneBuffers:
 
     def place(self, viewpoint: Floats, depth: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
-        towards = [np.asarray(light.position_m) - self.origin - viewpoint for light in self._lights]
-        intensity = [light.intensity for light in self._lights]
+        frame = FrameUniforms.of(viewpoint, depth, lights=self._lights, origin=self.origin)
         for program in {group.program for group in self._groups}:
-            set_uniform(program, "viewpoint", viewpoint)
-            set_uniform(program, "depth_from_forward", depth)
-            if self._lights:
-                set_uniform(program, "light_place", np.stack(towards))
-                set_uniform(program, "light_intensity", np.asarray(intensity))
+            frame.set_on(program)
+        self.bodies.use(frame)
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
@@ -135,6 +134,7 @@ class SceneBuffers:
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
+        self.bodies.close()
         for group in self._groups:
             group.vertices.release()
             if group.texture is not None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
 from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
 from catoptra_server.render.trace.padded_texture import PaddedTexture
@@ -84,6 +84,11 @@ class EmbreeScene:
                 radiance = self._varying_radiance(index, part, origins[rays], directions[rays])
                 light[rays] = scale.packed(radiance)
         return light
+
+    def hidden(self, origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
+        """Return (n,) whether some triangle is met before each ray's distance."""
+        answer = self._embree.run(origins, directions, dists=distance, query="OCCLUDED")
+        return np.asarray(answer >= 0)
 
     def _varying_radiance(
         self, look: int, hit: Hits, origins: Float32s, directions: Float32s

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
-from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.renderer import FaceCamera
@@ -45,16 +45,19 @@ def omni_samples(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
     return _packed(directions, valid)
 
 
+def lens_samples(
+    camera: Lens, samples: int, mirror_from_camera: Floats | None = None
+) -> RaySamples:
+    """Return the rays of a camera with a lens, turned by a (3, 3) rotation if there is one."""
+    directions, valid = camera.direction_from_pixel(pixel_centres(camera, samples))
+    if mirror_from_camera is not None:
+        directions = directions @ mirror_from_camera.T
+    return _packed(directions, valid)
+
+
 def face_samples(camera: FaceCamera, samples: int) -> RaySamples:
     """Return the rays of one virtual camera of the cube."""
-    steps = (np.arange(camera.size_px * samples) + 0.5) / (camera.size_px * samples)
-    shape = (camera.size_px, samples, camera.size_px, samples)
-    t, s = np.meshgrid(2.0 * steps - 1.0, 2.0 * steps - 1.0, indexing="ij")
-    local = np.stack((np.ones_like(s), s, t), axis=-1)
-    directions = (local / np.linalg.norm(local, axis=-1, keepdims=True)) @ FACE_AXES[camera.face].T
-    by_pixel = directions.reshape(*shape, 3).swapaxes(1, 2)
-    by_pixel = by_pixel.reshape(camera.size_px, camera.size_px, samples * samples, 3)
-    return _packed(by_pixel, np.ones(by_pixel.shape[:-1], dtype=bool))
+    return lens_samples(camera.lens, samples, camera.mirror_from_camera)
 
 
 def _packed(directions: Floats, valid: Bools) -> RaySamples:

@@ -1,0 +1,141 @@
+"""Bodies in Embree's hands: rays are turned into each body's frame, bodies are never rebuilt.
+
+Committing the triangles of a robot again costs more (1.1 ms a body of 700 triangles, on one thread)
+than asking the rays near it in its own frame (0.7 ms a body and 100 000 rays, in all threads):
+measured in tests/cost/questions/bodies.py. Only rays within the cone around a body are asked at
+all, and only those that hit one are asked whether the scene hides it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render import shading
+from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
+from catoptra_server.scene.bodies import Body, BodyMesh, facets
+from catoptra_server.scene.description import Light
+
+# Beyond every hit: a ray that met no body yet.
+_NOTHING = np.float32(1e30)
+# Rays this much outside a body's cone are asked too: directions are float32.
+_CONE_MARGIN = 1e-5
+
+Rays = npt.NDArray[np.intp]
+
+
+class BodyScenes:
+    """Embree scenes of bodies, one a mesh, committed when a mesh is first seen."""
+
+    def __init__(self, lights: tuple[Light, ...]) -> None:
+        self._lights = lights
+        self._scenes: dict[BodyMesh, rtcore_scene.EmbreeScene] = {}
+
+    def __len__(self) -> int:
+        """Return how many meshes were committed so far."""
+        return len(self._scenes)
+
+    def placed(
+        self, bodies: tuple[Body, ...], viewpoint: Floats, scale: LightScale
+    ) -> tuple[PlacedBody, ...]:
+        """Return bodies as a (3,) viewpoint meets them, lit where they stand."""
+        return tuple(self._placed(body, viewpoint, scale) for body in bodies)
+
+    def _placed(self, body: Body, viewpoint: Floats, scale: LightScale) -> PlacedBody:
+        if body.mesh not in self._scenes:
+            self._scenes[body.mesh] = _committed(body.mesh)
+        towards = body.centre - viewpoint
+        distance, radius = float(np.linalg.norm(towards)), body.mesh.radius_m
+        # Within the sphere every direction may meet the body.
+        outside = distance > radius
+        cosine = np.sqrt(1.0 - (radius / distance) ** 2) if outside else -2.0
+        radiance = shading.facet_radiance(facets(body), self._lights).T.astype(np.float32)
+        return PlacedBody(
+            body=body,
+            embree=self._scenes[body.mesh],
+            viewpoint=body.world_from_body.inverse().points(viewpoint),
+            axis=(towards / distance if outside else np.zeros(3)).astype(np.float32),
+            cosine=float(cosine) - _CONE_MARGIN,
+            radiance=radiance,
+            table=scale.packed(radiance),
+            lights=shading.point_lights(self._lights),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBody:
+    """A body in one exposure.
+
+    viewpoint: (3,) in the body's frame. axis (3,), cosine: the cone around it, world frame.
+    radiance: (3, n) of its triangles without point lights; table: (n,) the same, packed.
+    """
+
+    body: Body
+    embree: rtcore_scene.EmbreeScene
+    viewpoint: Floats
+    axis: Float32s
+    cosine: float
+    radiance: Float32s
+    table: Packed
+    lights: tuple[Light, ...]
+
+    def nearer(self, directions: Float32s, distance: Float32s) -> tuple[Rays, Float32s, Rays]:
+        """Return the rays that meet it before their (n,) distance: which, how far, what triangle.
+
+        directions: (n, 3), world frame.
+        """
+        rays = np.flatnonzero(directions @ self.axis >= self.cosine)
+        if not len(rays):
+            return rays, np.zeros(0, np.float32), rays
+        into_body = self.body.world_from_body.rotation.astype(np.float32)
+        local = directions.take(rays, axis=0) @ into_body
+        origins = np.broadcast_to(self.viewpoint.astype(np.float32), local.shape)
+        hit = self.embree.run(origins, local, dists=distance.take(rays), output=True)
+        met = np.flatnonzero(hit["primID"] >= 0)
+        return rays[met], hit["tfar"][met], hit["primID"][met]
+
+    def light(
+        self, triangle: Rays, directions: Float32s, distance: Float32s, scale: LightScale
+    ) -> Packed:
+        """Return the (n,) packed light of hits: of a triangle, along a direction, how far."""
+        if not self.lights:
+            known: Packed = self.table.take(triangle)
+            return known
+        pose, mesh = self.body.world_from_body, self.body.mesh
+        points = self._viewpoint_in_world(pose) + distance[:, None] * directions
+        normals = pose.directions(mesh.normals[triangle])
+        irradiance = shading.point_irradiance(self.lights, points, normals)
+        irradiance[mesh.unlit[triangle]] = 0.0
+        radiance = self.radiance[:, triangle] + (mesh.albedo[triangle] * irradiance).T
+        return scale.packed(radiance.astype(np.float32))
+
+    def _viewpoint_in_world(self, pose: Pose) -> Floats:
+        return pose.points(self.viewpoint)
+
+
+def body_hits(
+    bodies: tuple[PlacedBody, ...], directions: Float32s, scale: LightScale
+) -> tuple[Rays, Float32s, Packed]:
+    """Return which of (n, 3) rays meet a body, how far away the nearest is, and its light."""
+    distance = np.full(len(directions), _NOTHING)
+    light = np.zeros(len(directions), dtype=np.uint64)
+    for body in bodies:
+        rays, far, triangle = body.nearer(directions, distance)
+        if len(rays):
+            distance[rays] = far
+            light[rays] = body.light(triangle, directions[rays], far, scale)
+    met = np.flatnonzero(distance < _NOTHING)
+    return met, distance[met], light[met]
+
+
+def _committed(mesh: BodyMesh) -> rtcore_scene.EmbreeScene:
+    scene = rtcore_scene.EmbreeScene()
+    TriangleMesh(scene, mesh.corners.astype(np.float32))
+    scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
+    return scene

@@ -1,0 +1,121 @@
+"""Ordinary cameras in both renderers: markers where the lens puts them, and the same picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import FaceCamera, Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+from helpers.markers import marker_centroid, marker_world
+from helpers.opengl import device_or_skip
+from helpers.pictures import level_differences
+from helpers.worlds import LAMP, SKY, SUN, VIEW, room
+
+CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+def renderers(device: GlDevice, world: World) -> dict[str, Renderer]:
+    scene = build_scene(world)
+    return {
+        "trace": TraceRenderer(scene, world, threads=2),
+        "raster": RasterRenderer(scene, world, device=device),
+    }
+
+
+def spread_directions(camera: PerspectiveCamera) -> Floats:
+    """Return (n, 3) directions over the picture, far enough from its borders for a marker."""
+    u = np.linspace(14.0, camera.width_px - 14.0, 7) + 0.3
+    v = np.linspace(14.0, camera.height_px - 14.0, 5) + 0.2
+    pixel = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    directions, valid = camera.direction_from_pixel(pixel)
+    assert valid.all()
+    return directions
+
+
+@pytest.mark.parametrize("kind", ["trace", "raster"])
+@pytest.mark.parametrize("fov_deg", [40.0, 80.0, 120.0])
+def test_markers_appear_within_a_tenth_of_a_pixel(
+    device: GlDevice, kind: str, fov_deg: float
+) -> None:
+    camera = PerspectiveCamera(320, 240, math.radians(fov_deg))
+    directions = spread_directions(camera)
+    # Off the axis a disc's centroid is not its middle's pixel but f r^2 tan / cos^2 of the angle
+    # away: 0.05 px in the corners of 120 degrees for a disc of 1.4 px in the middle.
+    diameter = 1.4 / camera.focal_px
+    world = marker_world(
+        directions, world_from_mirror=VIEW.world_from_mirror, diameter_rad=diameter
+    )
+    renderer = renderers(device, world)[kind]
+    image = renderer.prepare_perspective(camera, 8).draw(VIEW).rgb
+    places, seen = camera.pixel_from_direction(directions)
+    assert seen.all()
+    errors = [np.hypot(*(marker_centroid(image, at, reach_px=13.0) - at)) for at in places]
+    assert max(errors) < 0.1
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_raster_shows_what_trace_shows(device: GlDevice, samples: int) -> None:
+    world = room(lights=(SKY, SUN, LAMP))
+    raster, trace = (
+        renderer.prepare_perspective(CAMERA, samples).draw(VIEW).rgb
+        for renderer in renderers(device, world).values()
+    )
+    # Samples stand in the same places: only what lies within a 256th of one may differ.
+    assert (level_differences(raster, trace) > 2).mean() < 0.002
+
+
+@pytest.mark.parametrize("kind", ["trace", "raster"])
+def test_face_ahead_is_a_square_camera_of_90_degrees(device: GlDevice, kind: str) -> None:
+    renderer = renderers(device, room())[kind]
+    camera = PerspectiveCamera(96, 96, 0.5 * math.pi)
+    assert np.array_equal(FACE_AXES[Face.N], np.eye(3))
+    face = renderer.prepare_face(FaceCamera(Face.N, 96), 2).draw(VIEW).rgb
+    assert np.array_equal(renderer.prepare_perspective(camera, 2).draw(VIEW).rgb, face)
+
+
+def test_raster_draws_one_viewport_and_no_mirror(device: GlDevice) -> None:
+    world = room()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    view = renderer.prepare_perspective(CAMERA, 2)
+    assert view.passes == ("faces", "average")
+    assert view.face_counts.cells == 1
+    assert view.face_counts.texels == 4 * 320 * 240
+    assert not any("mirror" in name for name in renderer.programs_built)
+    view.close()
+
+
+def test_zoom_builds_no_program_and_draws_nothing_in_advance(device: GlDevice) -> None:
+    world = room()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    renderer.prepare_perspective(CAMERA, 2).close()
+    built = renderer.programs_built
+    zoomed = renderer.prepare_perspective(PerspectiveCamera(320, 240, 0.5), 2)
+    assert renderer.programs_built == built
+    assert zoomed.face_counts.cells == 0
+    zoomed.close()
+
+
+def test_picture_beyond_the_device_is_refused(device: GlDevice) -> None:
+    world = room()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    with pytest.raises(DomainError, match="too many"):
+        renderer.prepare_perspective(PerspectiveCamera(100_000, 10, 1.0), 4)

@@ -1,0 +1,86 @@
+"""What trace does for bodies, counted: nothing without them, one scene a mesh with them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.moving_bodies import BodyScenes, body_hits
+from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import ROBOT, TWO_ROBOTS, cube_at
+from helpers.worlds import SKY, VIEW, omni_camera, raster_plan, room
+
+WITH_ROBOTS = dataclasses.replace(VIEW, bodies=TWO_ROBOTS)
+SCALE = LightScale.for_samples(1)
+ZERO = np.zeros(3)
+
+
+def test_no_body_commits_no_scene_and_asks_no_second_ray(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*args: object) -> None:
+        raise AssertionError("nothing moves: nothing is asked")
+
+    monkeypatch.setattr(EmbreeScene, "hidden", fail)
+    world = room()
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    renderer.prepare(omni_camera(), raster_plan(omni_camera())).draw(VIEW)
+    assert renderer.body_meshes == 0
+    renderer.close()
+
+
+def test_robots_of_one_class_are_committed_once_for_all_frames() -> None:
+    world = room()
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    view = renderer.prepare(omni_camera(), raster_plan(omni_camera()))
+    for _ in range(3):
+        view.draw(WITH_ROBOTS)
+    assert renderer.body_meshes == 1
+    renderer.close()
+
+
+def test_only_rays_within_the_cone_are_asked() -> None:
+    (placed,) = BodyScenes((SKY,)).placed((cube_at(3.0, 0.0, 0.0),), ZERO, SCALE)
+    directions = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]], dtype=np.float32)
+    rays, distance, _ = placed.nearer(directions, np.full(3, 1e30, np.float32))
+    assert rays.tolist() == [0]
+    assert distance == pytest.approx([2.8])
+
+
+def test_cone_holds_every_ray_that_meets_the_body() -> None:
+    rng = np.random.default_rng(6)
+    directions = rng.normal(size=(20_000, 3))
+    directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    (placed,) = BodyScenes((SKY,)).placed(TWO_ROBOTS[:1], VIEW.world_from_mirror.translation, SCALE)
+    rays, _, _ = placed.nearer(directions, np.full(20_000, 1e30, np.float32))
+    everywhere = dataclasses.replace(placed, cosine=-2.0)
+    all_rays, _, _ = everywhere.nearer(directions, np.full(20_000, 1e30, np.float32))
+    assert len(rays) > 100
+    assert np.array_equal(rays, all_rays)
+
+
+def test_ray_that_something_stopped_before_meets_nothing() -> None:
+    (placed,) = BodyScenes((SKY,)).placed((cube_at(3.0, 0.0, 0.0),), ZERO, SCALE)
+    ahead = np.array([[1, 0, 0]], dtype=np.float32)
+    rays, _, _ = placed.nearer(ahead, np.array([2.7], np.float32))
+    assert len(rays) == 0
+
+
+def test_hits_are_the_nearest_of_all_bodies() -> None:
+    bodies = (cube_at(3.0, 0.0, 0.0), cube_at(2.0, 0.0, 0.0), cube_at(4.0, 0.0, 0.0))
+    placed = BodyScenes((SKY,)).placed(bodies, ZERO, SCALE)
+    directions = np.array([[1, 0, 0], [0, 0, 1]], dtype=np.float32)
+    rays, distance, light = body_hits(placed, directions, SCALE)
+    assert rays.tolist() == [0]
+    assert distance == pytest.approx([1.8])
+    assert SCALE.colours(light).tolist() == [[255, 0, 0]]
+
+
+def test_body_at_the_viewpoint_has_no_cone() -> None:
+    body = dataclasses.replace(TWO_ROBOTS[0], world_from_body=Pose.identity())
+    (placed,) = BodyScenes((SKY,)).placed((body,), ROBOT.centre, SCALE)
+    assert placed.cosine < -1.0
