@@ -87,7 +87,7 @@ class DriveJoint:
 
     def blocks(self) -> Pairs:
         """Return the blocks to send."""
-        order = None if self.value is None else int(self.order)
+        order = int(self.order) or None  # the default needs no block
         return fields.given(
             ("Name", self.name), ("Steer", self.steer), ("Order", order), ("Value", self.value)
         )

@@ -45,7 +45,10 @@ def unreal_angle(angle_rad: float) -> float:
 
     A configured 3.14159 rad is 32767 units and prints 3.1414. Source: UnitsConverter.uc.
     """
-    return math.trunc(angle_rad * _UNREAL_UNITS_PER_RAD) / _UNREAL_UNITS_PER_RAD
+    units = angle_rad * _UNREAL_UNITS_PER_RAD
+    if not math.isfinite(units):
+        raise LocalProtocolError(f"an angle of {angle_rad!r} rad cannot be sent in Unreal units")
+    return math.trunc(units) / _UNREAL_UNITS_PER_RAD
 
 
 def vector(values: Iterable[float], decimals: int = 4) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
@@ -56,6 +56,8 @@ def _degrees_and_minutes(angle_deg: float, sides: str) -> str:
     Rounded at 1e-5 of the last place first, a thousand times the noise of a double there: an angle
     that was read prints as it was.
     """
+    if not abs(angle_deg) <= 180.0:
+        raise LocalProtocolError(f"GPS: {angle_deg!r} degrees cannot be sent: at most 180")
     units = int(round(abs(angle_deg) * _UNITS_PER_DEGREE, 5))
     degrees, rest = divmod(units, _UNITS_PER_DEGREE)
     return f"{degrees},{rest // 10_000}.{rest % 10_000:04d},{sides[angle_deg < 0.0]}"
@@ -65,15 +67,18 @@ def _degrees(message: Message, name: str, sides: str) -> float:
     degrees, minutes, side = _three(message, name)
     parts = Message(message.word, ((name, degrees), (f"{name}Minutes", minutes)))
     angle = fields.number(parts, name) + fields.number(parts, f"{name}Minutes") / 60.0
-    if side not in sides:
-        raise RemoteProtocolError(f"SEN: {{{name} ..,{side}}}: expected one of {', '.join(sides)}")
+    if side not in tuple(sides) or not 0.0 <= angle <= 180.0:
+        raise RemoteProtocolError(
+            f"SEN: {{{name} {fields.text(message, name)[:80]}}}: expected at most 180 degrees and "
+            f"one of {', '.join(sides)}"
+        )
     return -angle if side == sides[1] else angle
 
 
 def _three(message: Message, name: str) -> tuple[str, str, str]:
     value = fields.text(message, name)
     parts = value.split(",")
-    if len(parts) != 3 or not parts[2]:
+    if len(parts) != 3:
         raise RemoteProtocolError(
             f"SEN: {{{name} {value[:80]}}}: expected degrees,minutes,side as in 39,8.0341,N"
         )
