@@ -84,7 +84,7 @@ def main() -> int:
 def _measured(world: str, path: Path, size: int, samples: int, renderer: str) -> Row | None:
     """Return a row, or None where the renderer cannot run."""
     with _robot_file(size, samples) as robot:
-        setup = read_setup(robot, path)
+        setup = read_setup([robot], path)
         try:
             choice = choose_renderer(renderer, setup.scene, setup.world)
         except CatoptraError:
@@ -111,7 +111,7 @@ def _robot_file(size: int, samples: int) -> Iterator[Path]:
 
 def _fps_alone(setup: Setup, choice: Choice) -> float:
     """Return frames per second of the median frame time."""
-    omni = setup.robot.omni_camera
+    omni = setup.robots[0].omni_camera
     assert omni is not None, "the bench's robot has a camera"
     wish: RenderWish = replace(omni.wish)
     plan = plan_from_wish(wish, omni.camera, kind=choice.kind, why="bench")

@@ -16,10 +16,19 @@ from catoptra_protocol.wire.reports import Report
 from catoptra_server.render.renderer import Exposure, RenderedImage
 from catoptra_server.robot.description import (
     DriveBase,
+    EncoderDescription,
+    GpsDescription,
     GroundTruthDescription,
+    InsDescription,
+    Mount,
     OdometryDescription,
     OmniCameraDescription,
+    RangeScannerDescription,
+    RfidDescription,
     RobotDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
 )
 from catoptra_server.robot.render_wish import RenderWish
 from catoptra_server.scene.description import Box, Item, Material, StartPlace, World
@@ -38,6 +47,20 @@ BASE = DriveBase(
 )
 ODOMETRY = OdometryDescription("Odometry", 0.2)
 TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=9)
+AHEAD = Mount((0.1, 0.0, -0.05), (0.0, 0.0, 0.0))
+SCANNER = RangeScannerDescription(
+    "Scanner1", 0.2, AHEAD, fov_rad=math.pi, resolution_rad=math.pi / 180.0,
+    min_range_m=0.1, max_range_m=20.0,
+)  # fmt: skip
+SONAR = SonarDescription("F1", 0.2, AHEAD, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0)
+INS = InsDescription("INS", 0.2, AHEAD)
+ENCODER = EncoderDescription("ECLeft", 0.2, AHEAD, shaft="left", resolution_rad=0.01745)
+TOUCH = TouchDescription("Touch", 0.2, AHEAD, diameter_m=0.01)
+RFID = RfidDescription("RFID", 0.2, AHEAD, max_range_m=2.0)
+VICTIMS = VictimSensorDescription("VictSensor", 0.2, AHEAD, fov_rad=1.0, max_range_m=5.0)
+GPS = GpsDescription("GPS", 0.2, AHEAD)
+# One of each kind.
+SENSORS = (SONAR, SCANNER, INS, ODOMETRY, ENCODER, TOUCH, RFID, VICTIMS, TRUTH, GPS)
 CAMERA = OmniCameraDescription(
     name="OmniCam",
     camera=camera_with_rim_inscribed(

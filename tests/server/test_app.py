@@ -24,7 +24,7 @@ from helpers.server_process import small_robot
 
 def options_of(folder: Path, *, clock: Clock = Clock.LOCKSTEP) -> Options:
     return Options(
-        robot=small_robot(folder),
+        robots=(small_robot(folder),),
         world=small_world(folder),
         control_port=0,
         image_port=0,
@@ -147,8 +147,8 @@ def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) ->
         signal.raise_signal(signal.SIGTERM)
 
     options = options_of(tmp_path)
-    blind = edited_copy(options.robot, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
-    assert blind == options.robot
+    blind = edited_copy(options.robots[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    assert blind == options.robots[0]
     play(served(options, visit))
 
 
@@ -157,11 +157,11 @@ def test_setup_when_keys_mean_nothing_warns_with_their_lines(
 ) -> None:
     world = small_world(tmp_path, "Colour=(R=1)")
     with caplog.at_level(logging.WARNING):
-        setup = read_setup(small_robot(tmp_path), world)
+        setup = read_setup([small_robot(tmp_path)], world)
     assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
     assert len(setup.scene) == 12
 
 
 def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
     with pytest.raises(ConfigError):
-        read_setup(small_robot(tmp_path), small_world(tmp_path, "Boxes=1"))
+        read_setup([small_robot(tmp_path)], small_world(tmp_path, "Boxes=1"))

@@ -61,7 +61,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
     )
     add = parser.add_argument
-    add("--robot", type=Path, required=True, metavar="FILE", help="robot ini, like USARBot.ini")
+    add("--robot", type=Path, required=True, action="append", metavar="FILE",
+        help="robot ini, like USARBot.ini; may be given several times")  # fmt: skip
     add("--world", type=Path, required=True, metavar="FILE", help="world ini")
     add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
     add("--control-port", type=_port, default=3000, metavar="PORT", help="0 = any free one")
@@ -80,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
     options = Options(
-        robot=parsed.robot,
+        robots=tuple(parsed.robot),
         world=parsed.world,
         host=parsed.host,
         control_port=parsed.control_port,

@@ -11,22 +11,30 @@ import asyncio
 import logging
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from catoptra_protocol.wire.reports import Greeting
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
 from catoptra_server.mailbox import Mailbox
 from catoptra_server.plan.render_plan import plan_from_wish, wished_samples
 from catoptra_server.render.choice import choose_renderer
 from catoptra_server.render.renderer import View
-from catoptra_server.robot.description import RobotDescription
+from catoptra_server.robot.description import (
+    GpsDescription,
+    RangeScannerDescription,
+    RobotDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+)
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh, build_scene
+from catoptra_server.sensors.sight import RayCaster
 from catoptra_server.simulation import Clock, Fleet, FrameWanted, Simulation, Stop
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
@@ -38,7 +46,7 @@ log = logging.getLogger(__name__)
 class Options:
     """What the command line says. Port 0 = any free one; threads 0 = one a processor."""
 
-    robot: Path
+    robots: tuple[Path, ...]
     world: Path
     host: str = "127.0.0.1"
     control_port: int = 3000
@@ -54,7 +62,7 @@ class Options:
 class Setup:
     """Everything that was read and checked before a socket opens."""
 
-    robot: RobotDescription
+    robots: tuple[RobotDescription, ...]
     world: World
     scene: SceneMesh
 
@@ -68,13 +76,14 @@ class Listening:
     image_port: int
 
 
-def read_setup(robot: Path, world: Path) -> Setup:
-    """Return robot, world and scene. Raises ConfigError; keys that mean nothing are logged once."""
-    robot_description, robot_file = read_robot(robot)
+def read_setup(robots: Sequence[Path], world: Path) -> Setup:
+    """Return robots, world and scene. Raises ConfigError; unknown keys are logged once."""
+    read = [read_robots(robot) for robot in robots]
     world_description, world_file = read_world(world)
-    for file in (robot_file, world_file):
+    for file in (*(file for _, file in read), world_file):
         _report_unknown(file)
-    return Setup(robot_description, world_description, build_scene(world_description))
+    descriptions = tuple(description for found, _ in read for description in found)
+    return Setup(descriptions, world_description, build_scene(world_description))
 
 
 def _report_unknown(file: IniFile) -> None:
@@ -91,7 +100,7 @@ async def serve(options: Options, announce: Callable[[Listening], None]) -> None
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    setup = await asyncio.to_thread(read_setup, options.robot, options.world)
+    setup = await asyncio.to_thread(read_setup, options.robots, options.world)
     simulation_thread = _SimulationThread(setup, options, loop, on_end=stop.set)
     simulation = await simulation_thread.start()
     try:
@@ -191,34 +200,63 @@ class _SimulationThread:
 
     def _run(self) -> None:
         with ExitStack() as cleanup:
-            view = self._view(cleanup)
+            views = self._views(cleanup)
             setup, options = self._setup, self._options
-            fleet = Fleet(setup.robot, setup.world, setup.scene, view=view, seed=options.seed)
+            fleet = Fleet(
+                setup.robots,
+                setup.world,
+                setup.scene,
+                views=views,
+                seed=options.seed,
+                caster=_caster(setup),
+            )
             simulation = Simulation(fleet, clock=options.clock, put_frame=self.mailbox.put)
             self._loop.call_soon_threadsafe(self._started.set_result, simulation)
             simulation.run()
 
-    def _view(self, cleanup: ExitStack) -> View | None:
-        """Return the view of the robot's camera, freed with its renderer; None without one."""
+    def _views(self, cleanup: ExitStack) -> dict[str, View]:
+        """Return the view of each class's omni camera, freed with their one renderer."""
         setup, options = self._setup, self._options
-        omni = setup.robot.omni_camera
-        if omni is None:
-            log.info("the robot has no omnidirectional camera: nothing will be drawn")
-            return None
+        omnis = {r.class_name: r.omni_camera for r in setup.robots if r.omni_camera is not None}
+        if not omnis:
+            log.info("no robot has an omnidirectional camera: nothing will be drawn")
+            return {}
         choice = choose_renderer(
             options.renderer,
             setup.scene,
             setup.world,
             threads=options.threads,
-            samples=wished_samples(omni.wish),
+            samples=max(wished_samples(omni.wish) for omni in omnis.values()),
         )
         cleanup.callback(choice.renderer.close)
-        plan = plan_from_wish(omni.wish, omni.camera, kind=choice.kind, why=choice.reason)
         log.info("%s", choice.renderer.describe())
-        log.info("plan: %s", plan)
-        view = choice.renderer.prepare(omni.camera, plan)
-        cleanup.callback(view.close)
-        return view
+        views = {}
+        for name, omni in omnis.items():
+            plan = plan_from_wish(omni.wish, omni.camera, kind=choice.kind, why=choice.reason)
+            log.info("plan of %s: %s", name, plan)
+            views[name] = choice.renderer.prepare(omni.camera, plan)
+            cleanup.callback(views[name].close)
+        return views
+
+
+# What needs rays. A scene that nothing measures is not committed a second time.
+_MEASURING = (
+    RangeScannerDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+    GpsDescription,
+)
+
+
+def _caster(setup: Setup) -> RayCaster | None:
+    """Return the scene for sensors that measure it; None if no robot has one."""
+    sensors = [sensor for robot in setup.robots for sensor in robot.sensors]
+    if not any(isinstance(sensor, _MEASURING) for sensor in sensors):
+        return None
+    from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+
+    return EmbreeRayCaster(setup.scene)
 
 
 __all__ = ["Listening", "Options", "Setup", "read_setup", "serve"]

@@ -89,7 +89,6 @@ def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_p
         (Edit("msgTimer=0.2", "msgTimer=0"), "msgTimer", "from 0.01 to 60"),
         (Edit("Decimals=2", "Decimals=2.5"), "Decimals", "a whole number from 0 to 12"),
         (Edit("[USARBot.OmniP2AT]", "[USARBot.Omni P2AT]"), "section", "one word"),
-        (Edit("'USARBot.GroundTruth'", "'USARBot.Sonar'"), "Sensors.ItemClass", "GroundTruth"),
         (Edit('ItemName="GroundTruth"', 'ItemName=""'), "Sensors.ItemName", "one word"),
         (Edit('ItemName="GroundTruth"', 'ItemName="a{b"'), "Sensors.ItemName", "one word"),
         (Edit('ItemName="GroundTruth"', 'ItemName="a b"'), "Sensors.ItemName", "one word"),

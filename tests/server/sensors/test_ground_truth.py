@@ -8,7 +8,9 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import GroundTruthDescription
+from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors import Moment, Move
 from catoptra_server.sensors.ground_truth import GroundTruthSensor
 from helpers.robots import BASE
 
@@ -20,14 +22,15 @@ def sensor_of(decimals: int = 2) -> GroundTruthSensor:
 
 def test_reading_when_taken_is_the_pose_whatever_the_wheels_did() -> None:
     sensor = sensor_of()
-    sensor.follow(Rolled(5.0, -5.0), 0)
-    reading = sensor.reading(1.5, Pose.from_rpy((1.0, 2.0, -0.3), (0.1, 0.2, -0.5)))
+    sensor.follow(Move(Rolled(5.0, -5.0), 0, 0.02, PlanarPose(0.0, 0.0, 0.0)))
+    reading = sensor.reading(Moment(1.5, 0, Pose.from_rpy((1.0, 2.0, -0.3), (0.1, 0.2, -0.5))))
     assert (reading.time_s, reading.location_m) == (1.5, (1.0, 2.0, -0.3))
     assert reading.rotation_rad == pytest.approx((0.1, 0.2, -0.5))
 
 
 def test_line_when_sent_has_the_form_of_ut2004() -> None:
-    reading = sensor_of().reading(395.3833, Pose.from_rpy((4.5, 1.9, 1.85), (0.0, 0.0, -0.001)))
+    pose = Pose.from_rpy((4.5, 1.9, 1.85), (0.0, 0.0, -0.001))
+    reading = sensor_of().reading(Moment(395.3833, 0, pose))
     assert line_from_report(reading) == (
         b"SEN {Time 395.3833} {Type GroundTruth} {Name GroundTruth} {Location 4.50,1.90,1.85} "
         b"{Orientation 0.00,0.00,6.28}\r\n"
@@ -35,10 +38,12 @@ def test_line_when_sent_has_the_form_of_ut2004() -> None:
 
 
 def test_reading_when_more_decimals_are_configured_shows_them() -> None:
-    reading = sensor_of(6).reading(0.0, Pose.from_rpy((1 / 3, 0, 0)))
+    reading = sensor_of(6).reading(Moment(0.0, 0, Pose.from_rpy((1 / 3, 0, 0))))
     assert b"{Location 0.333333,0.000000,0.000000}" in line_from_report(reading)
 
 
 def test_configuration_when_asked_has_its_period_as_captured() -> None:
-    assert sensor_of().configuration().get("ScanInterval") == "0.20"
-    assert sensor_of().geometry().name == "GroundTruth"
+    (part,) = sensor_of().parts
+    assert line_from_report(part.configuration()) == (
+        b"CONF {Type GroundTruth} {Name GroundTruth} {ScanInterval 0.20}\r\n"
+    )

@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import OdometryDescription
+from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors import Moment, Move
 from catoptra_server.sensors.odometry import OdometrySensor
 from helpers.robots import BASE
 
+ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 TRACK_M = BASE.wheel_separation_m
 
 
@@ -25,15 +29,15 @@ def sensor_of(*, seed: int = 1, **deviations: Any) -> OdometrySensor:
 
 def followed(sensor: OdometrySensor, *ways: Rolled) -> tuple[float, float, float]:
     for tick, way in enumerate(ways):
-        sensor.follow(way, tick)
-    reading = sensor.reading(0.0, Pose.identity())
+        sensor.follow(Move(way, tick, 0.02, ORIGIN))
+    reading = sensor.reading(Moment(0.0, 0, Pose.identity()))
     return reading.x_m, reading.y_m, reading.yaw_rad
 
 
 def test_pose_when_nothing_rolled_is_zero_wherever_the_robot_is() -> None:
     sensor = sensor_of()
-    sensor.follow(Rolled(0.0, 0.0), 0)
-    reading = sensor.reading(0.0, Pose.from_rpy((5, 6, 7)))
+    sensor.follow(Move(Rolled(0.0, 0.0), 0, 0.02, ORIGIN))
+    reading = sensor.reading(Moment(0.0, 0, Pose.from_rpy((5, 6, 7))))
     assert (reading.name, reading.x_m, reading.y_m, reading.yaw_rad) == ("Odometry", 0, 0, 0)
 
 
@@ -76,6 +80,14 @@ def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
 
 
 def test_configuration_when_asked_has_its_period() -> None:
-    configuration = sensor_of().configuration()
-    assert configuration.pairs[:2] == (("Name", "Odometry"), ("ScanInterval", "0.2000"))
-    assert sensor_of().geometry().mount == "HARD"
+    (part,) = sensor_of().parts
+    assert line_from_report(part.configuration()) == (
+        b"CONF {Type Odometry} {Name Odometry} {ScanInterval 0.2000} {EncoderResolution 0.0000}\r\n"
+    )
+
+
+def test_reset_when_sent_starts_again_from_zero() -> None:
+    sensor = sensor_of()
+    followed(sensor, Rolled(1.0, 0.9))
+    sensor.reset()
+    assert followed(sensor) == (0.0, 0.0, 0.0)

@@ -6,19 +6,59 @@ from typing import get_args
 
 import pytest
 
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.wire.reports import GeometryItem, line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import SensorDescription
-from catoptra_server.sensors import build_sensor
-from helpers.robots import BASE, ODOMETRY, TRUTH
+from catoptra_server.sensors import Moment, Sensor, build_sensors
+from helpers.robots import BASE, SENSORS
+
+MOMENT = Moment(1.0, 0, Pose.identity())
 
 
-@pytest.mark.parametrize("description", [ODOMETRY, TRUTH])
-def test_sensor_when_built_has_the_name_and_period_described(
-    description: SensorDescription,
-) -> None:
-    sensor = build_sensor(description, BASE, RandomStream.of(1, "x"))
-    assert (sensor.name, sensor.interval_s) == (description.name, description.interval_s)
+def stream(name: str) -> RandomStream:
+    return RandomStream.of(1, "R", name)
+
+
+def built(*descriptions: SensorDescription) -> list[Sensor]:
+    return build_sensors(descriptions, BASE, stream)
+
+
+@pytest.mark.parametrize("description", SENSORS, ids=lambda d: d.name)
+def test_sensor_when_built_answers_for_the_part_described(description: SensorDescription) -> None:
+    (sensor,) = built(description)
+    (part,) = sensor.parts
+    assert (sensor.interval_s, part.type) == (description.interval_s, sensor.type)
+    geometry = part.geometry()
+    assert isinstance(geometry, GeometryItem)
+    assert (part.name, geometry.name) == (description.name, description.name)
+    assert geometry.location_m == description.mount.position_m
+    line = line_from_report(part.configuration()).decode()
+    assert f"{{Type {sensor.type}}} {{Name {description.name}}} {{" in line
+
+
+@pytest.mark.parametrize("description", SENSORS, ids=lambda d: d.name)
+def test_sensor_when_it_reads_says_its_type_and_name(description: SensorDescription) -> None:
+    (sensor,) = built(description)
+    line = line_from_report(sensor.reading(MOMENT)).decode()
+    assert f"{{Type {sensor.type}}} {{Name {description.name}" in line
+
+
+def test_sensors_when_built_are_in_the_order_of_ut2004_s_cycle() -> None:
+    types = [sensor.type for sensor in built(*reversed(SENSORS))]
+    assert types == [
+        "Sonar",
+        "RangeScanner",
+        "INS",
+        "Odometry",
+        "Encoder",
+        "Touch",
+        "RFID",
+        "VictSensor",
+        "GroundTruth",
+        "GPS",
+    ]
 
 
 def test_descriptions_when_listed_are_all_tested_here() -> None:
-    assert set(get_args(SensorDescription)) == {type(ODOMETRY), type(TRUTH)}
+    assert set(get_args(SensorDescription)) == {type(description) for description in SENSORS}

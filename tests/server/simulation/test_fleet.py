@@ -22,6 +22,7 @@ from catoptra_protocol.wire.reports import (
     GroundTruthReading,
     OdometryReading,
     StartPoses,
+    VehicleConfiguration,
     VehicleGeometry,
     VehicleStatus,
     line_from_report,
@@ -38,7 +39,9 @@ def fleet_of(
     description: RobotDescription | None = None, *, view: FakeView | None = None, wall_m: float = 50
 ) -> Fleet:
     world = walled_world(wall_m)
-    return Fleet(description or p2at(), world, build_scene(world), view=view, seed=1)
+    described = description or p2at()
+    views = {described.class_name: view} if view else {}
+    return Fleet([described], world, build_scene(world), views=views, seed=1)
 
 
 def spawned(fleet: Fleet, init: Init = INIT) -> FakeClient:
@@ -139,8 +142,8 @@ def test_start_poses_when_there_is_no_robot_are_told() -> None:
 def test_getconf_when_of_the_robot_ignores_the_name(name: str | None) -> None:
     fleet = fleet_of()
     (configuration,) = answers(fleet, spawned(fleet), GetConf("Robot", name))
-    assert isinstance(configuration, Configuration)
-    assert configuration.get("Name") == "OmniP2AT"
+    assert isinstance(configuration, VehicleConfiguration)
+    assert configuration.name == "OmniP2AT"
 
 
 @pytest.mark.parametrize(

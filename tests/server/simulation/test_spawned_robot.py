@@ -166,16 +166,15 @@ def test_odometry_when_driving_a_circle_closes_it() -> None:
 
 
 def test_configuration_when_of_the_robot_names_the_model() -> None:
-    (configuration,) = spawned().configurations("ROBOT")
-    assert configuration.type == "GroundVehicle"
-    assert configuration.get("Name") == "OmniP2AT"
-    assert configuration.get("MaxSpeed") == "5.3850"
+    configuration = spawned().own_configuration()
+    assert (configuration.vehicle_type, configuration.name) == ("GroundVehicle", "OmniP2AT")
+    assert configuration.max_speed_rad_s == 5.385
 
 
 @pytest.mark.parametrize("type_", ["Odometry", "odometry"])
-def test_configuration_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
-    (configuration,) = spawned().configurations(type_)
-    assert configuration.get("ScanInterval") == "0.2000"
+def test_part_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
+    (part,) = spawned().parts(type_)
+    assert (part.type, part.name) == ("Odometry", "Odometry")
 
 
 def test_geometry_when_of_the_robot_is_the_reference_p2at() -> None:

@@ -1,8 +1,9 @@
 """What a world file means: from `[Catoptra.World]` and its lists to a World.
 
 Lists are structs, one a line: Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights,
-PlayerStarts. Places are in metres, SAE (z down: the top of a table stands at Z=-0.75); rotations in
-radians; colours in sRGB bytes (R=255,G=0,B=0). File names are relative to the world file.
+PlayerStarts, and what sensors find: RfidTags, Victims, GpsOrigin. Places are in metres, SAE (z
+down: the top of a table stands at Z=-0.75); rotations in radians; colours in sRGB bytes
+(R=255,G=0,B=0). File names are relative to the world file.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from catoptra_server.scene.description import (
     Box,
     Cylinder,
     DirectionalLight,
+    GpsOrigin,
     HemisphereLight,
     Item,
     Light,
@@ -37,11 +39,13 @@ from catoptra_server.scene.description import (
     MeshFile,
     PointLight,
     Rectangle,
+    RfidTag,
     Rgb,
     Ring,
     Shape,
     SphereBand,
     StartPlace,
+    Victim,
     World,
 )
 
@@ -69,6 +73,9 @@ def read_world(path: Path) -> tuple[World, IniFile]:
         starts=starts,
         background=_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_landmark_albedos(file.section(_LANDMARK_COLOURS)),
+        tags=tuple(_tag(tag) for tag in section.structs("RfidTags")),
+        victims=tuple(_victim(victim) for victim in section.structs("Victims")),
+        gps_origin=_gps_origin(section),
     )
     if not world.items and not world.landmarks:
         raise section.complain("Boxes", expected="at least one thing to see: Boxes, Meshes, ...")
@@ -84,9 +91,8 @@ def _refuse_unsayable(section: Settings, key: str, report: Report) -> None:
 
 
 def _landmarks(section: Settings, folder: Path) -> tuple[Landmark, ...]:
-    return (
-        read_landmarks(section.file("Landmarks", folder)) if section.text("Landmarks", "") else ()
-    )
+    is_named = section.text("Landmarks", "")
+    return read_landmarks(section.file("Landmarks", folder)) if is_named else ()
 
 
 def _landmark_albedos(section: Settings) -> dict[str, Rgb]:
@@ -219,7 +225,27 @@ def _start(struct: Settings) -> StartPlace:
     return StartPlace(
         struct.word("Tag"),
         _place(struct, "Location"),
-        struct.vector("Rotation", (0.0, 0.0, 0.0), members="XYZ"),
+        struct.vector("Rotation", (0.0, 0.0, 0.0)),
+    )
+
+
+def _tag(struct: Settings) -> RfidTag:
+    return RfidTag(struct.integer("ID"), _place(struct, "Position"))
+
+
+def _victim(struct: Settings) -> Victim:
+    return Victim(struct.word("Name"), _place(struct, "Position"))
+
+
+def _gps_origin(section: Settings) -> GpsOrigin | None:
+    """Return where on Earth the origin is: GpsOrigin=(Latitude=..,Longitude=..), degrees."""
+    structs = section.structs("GpsOrigin")
+    if not structs:
+        return None
+    struct = structs[-1]
+    return GpsOrigin(
+        struct.number("Latitude", at_least=-89.0, at_most=89.0),
+        struct.number("Longitude", at_least=-180.0, at_most=180.0),
     )
 
 

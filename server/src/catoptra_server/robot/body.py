@@ -49,10 +49,12 @@ def _until_contact(body: Body, way: Rolled, obstacles: Obstacles) -> PlanarPose:
     that it can get away.
     """
     turn = way.turn_rad(body.base)
+    if not (way.left_m or way.right_m):  # most robots stand most of the time
+        return body.pose
     if _touches(body.base, body.pose, obstacles):
         return moved(body.pose, way.distance_m, turn)
     # No step is longer than half the base: it cannot jump over a wall.
-    steps = math.ceil(abs(way.distance_m) / (0.5 * min(body.base.dimensions_m[:2]))) or 1
+    steps = math.ceil(abs(way.distance_m) / (0.5 * min(body.base.body_m[:2]))) or 1
     pose = body.pose
     for _ in range(steps):
         goal = moved(pose, way.distance_m / steps, turn / steps)
@@ -78,7 +80,7 @@ def _last_free(
 
 
 def _touches(base: DriveBase, pose: PlanarPose, obstacles: Obstacles) -> bool:
-    length, width, _ = base.dimensions_m
+    length, width, _ = base.body_m
     centre = np.array([pose.x_m, pose.y_m])
     return rectangle_touches(
         obstacles, centre, pose.yaw_rad, half_size_m=(0.5 * length, 0.5 * width)

@@ -1,4 +1,4 @@
-"""What a robot file describes: body, drive, sensors, and the omnidirectional camera's three groups.
+"""What a robot file describes: body, drive, cameras, and the parts that other modules describe.
 
 Frozen data in SI units; frame: robot (SAE, origin in the chassis at `ride_height_m` above the
 floor).
@@ -6,12 +6,28 @@ floor).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
+from catoptra_server.robot.mission_package import MissionPackageDescription
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.robot.sensor_descriptions import (
+    EncoderDescription,
+    GpsDescription,
+    GroundTruthDescription,
+    InsDescription,
+    OdometryDescription,
+    RangeScannerDescription,
+    RfidDescription,
+    SensorDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +35,9 @@ class DriveBase:
     """A skid-steered base. Speeds are of wheel spin; slips are what the floor takes of them.
 
     turn_slip: part of each turn that is lost. slip_noise: standard deviation of each wheel side's
-    random slip after one metre, in metres; it grows with the root of the way.
+    random slip after one metre, in metres; it grows with the root of the way. dimensions_m: what
+    GEO reports, length, width, height; body_dimensions_m: the body's own where that is no body
+    (UDK's P3AT reports wheel base, track, 0).
     """
 
     wheel_radius_m: float
@@ -32,37 +50,12 @@ class DriveBase:
     max_torque: float
     turn_slip: float
     slip_noise: float
+    body_dimensions_m: tuple[float, float, float] | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class OdometryDescription:
-    """Wheel odometry and what is wrong with it. Noises grow with the root of what was travelled.
-
-    distance_scale, turn_scale: reported over true rolling. drift_rad_per_m: steady turn to the
-    right (clockwise) that is not there. distance_noise_m: standard deviation after 1 m.
-    turn_noise_rad: after 1 rad of turn. heading_noise_rad: after 1 m.
-    """
-
-    name: str
-    interval_s: float
-    distance_scale: float = 1.0
-    turn_scale: float = 1.0
-    drift_rad_per_m: float = 0.0
-    distance_noise_m: float = 0.0
-    turn_noise_rad: float = 0.0
-    heading_noise_rad: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class GroundTruthDescription:
-    """The robot's true pose, printed with `decimals`."""
-
-    name: str
-    interval_s: float
-    decimals: int
-
-
-SensorDescription = OdometryDescription | GroundTruthDescription
+    @property
+    def body_m(self) -> tuple[float, float, float]:
+        """Return length, width and height of what stands in others' way, from the floor up."""
+        return self.body_dimensions_m or self.dimensions_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +85,19 @@ class OmniCameraDescription:
     capture_fov_rad: float
 
 
+@dataclass(frozen=True, slots=True)
+class CameraDescription:
+    """An ordinary perspective camera: fields of view are horizontal; SET Camera FOV may zoom."""
+
+    name: str
+    mount: Mount
+    width_px: int
+    height_px: int
+    fov_rad: float
+    min_fov_rad: float
+    max_fov_rad: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotDescription:
     """One robot class, such as USARBot.OmniP2AT."""
@@ -102,11 +108,24 @@ class RobotDescription:
     omni_camera: OmniCameraDescription | None
     status_interval_s: float
     battery_s: float
+    cameras: tuple[CameraDescription, ...] = ()
+    packages: tuple[MissionPackageDescription, ...] = ()
 
     @property
     def model_name(self) -> str:
         """Return the class without its package: what CONF and GEO call the robot."""
         return self.class_name.rpartition(".")[2]
+
+    def robot_from_part(self, name: str, joints: Mapping[str, float]) -> Pose:
+        """Return where a link of a package carries what is mounted on it; else the chassis.
+
+        joints: radians by lower-case link name.
+        """
+        for package in self.packages:
+            for number, link in enumerate(package.links, 1):
+                if link.name.lower() == name.lower():
+                    return package.robot_from_link(number, joints)
+        return Pose.identity()
 
     @property
     def viewpoint_height_m(self) -> float:
@@ -114,3 +133,25 @@ class RobotDescription:
         if self.omni_camera is None:
             return 0.0
         return self.drive.ride_height_m - float(self.omni_camera.robot_from_mirror.translation[2])
+
+
+__all__ = [
+    "CameraDescription",
+    "DriveBase",
+    "EncoderDescription",
+    "GpsDescription",
+    "GroundTruthDescription",
+    "InsDescription",
+    "MissionPackageDescription",
+    "Mount",
+    "OdometryDescription",
+    "OmniCameraDescription",
+    "RangeScannerDescription",
+    "RfidDescription",
+    "RobotDescription",
+    "SensorDescription",
+    "SonarDescription",
+    "TextureClient",
+    "TouchDescription",
+    "VictimSensorDescription",
+]

@@ -129,6 +129,30 @@ class StartPlace:
 
 
 @dataclass(frozen=True, slots=True)
+class RfidTag:
+    """A tag that RFID readers find by its number."""
+
+    number: int
+    position_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Victim:
+    """A victim, or a part of one, that victim sensors find by its name."""
+
+    name: str
+    position_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class GpsOrigin:
+    """Where on Earth the world's origin is, in degrees; north and east are positive."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class World:
     """A whole world. `background` is the linear radiance where no surface is hit."""
 
@@ -139,3 +163,6 @@ class World:
     starts: tuple[StartPlace, ...] = ()
     background: Rgb = (0.0, 0.0, 0.0)
     landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
+    tags: tuple[RfidTag, ...] = ()
+    victims: tuple[Victim, ...] = ()
+    gps_origin: GpsOrigin | None = None

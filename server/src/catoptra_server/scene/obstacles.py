@@ -6,14 +6,15 @@ them, which is tested for all near triangles at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene.oriented_box import OrientedBox
 
 # Things lower than this are driven over: carpets, lines, sills.
 CLEARANCE_M = 0.03
@@ -31,10 +32,12 @@ class Obstacles:
     """Triangles from above, (n, 3, 2) in metres, world frame, by the cells of a square grid.
 
     cells: for each cell (column, row) that has any, the triangles whose bounds reach into it.
+    moving: (m, 3, 2) more of them, few, which the next tick has elsewhere: other robots near by.
     """
 
     cell_m: float
     cells: Mapping[tuple[int, int], Floats]
+    moving: Floats = field(default_factory=lambda: _NONE)
 
     def near(self, centre: Floats, radius_m: float) -> Floats:
         """Return the (m, 3, 2) triangles around a circle; one may come more than once."""
@@ -45,7 +48,21 @@ class Obstacles:
             for cell in product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
             if cell in self.cells
         ]
-        return np.concatenate(found) if found else _NONE
+        return np.concatenate((*found, self.moving)) if found else self.moving
+
+    def with_boxes(self, boxes: Sequence[OrientedBox]) -> Obstacles:
+        """Return these obstacles and, beside them, upright boxes seen from above."""
+        outlines = [_outline(box) for box in boxes]
+        return replace(self, moving=np.concatenate(outlines)) if outlines else self
+
+
+def _outline(box: OrientedBox) -> Floats:
+    """Return the (2, 3, 2) triangles of an upright box from above."""
+    half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
+    corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+    pose = box.world_from_box
+    level = corners * (half_length, half_width) @ pose.rotation[:2, :2].T + pose.translation[:2]
+    return level[[[0, 1, 2], [0, 2, 3]]]
 
 
 def obstacles_between(scene: SceneMesh, *, low_m: float, high_m: float) -> Obstacles:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.numbers import fixed
-from catoptra_protocol.wire.reports import Configuration, GeometryItem, GroundTruthReading
+from collections.abc import Sequence
+
+from catoptra_protocol.wire.reports import GroundTruthReading, IntervalConfiguration
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase, GroundTruthDescription
-from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.sensors.sensor import Moment, Move, Part
 
 
 class GroundTruthSensor:
@@ -20,23 +21,21 @@ class GroundTruthSensor:
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
-        self._decimals = description.decimals
+        self._is = description
 
-    def follow(self, way: Rolled, tick: int) -> None:
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return the sensor."""
+        told = IntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._is.mount, told),)
+
+    def follow(self, move: Move) -> None:
         """Ignore the wheels: the truth is where the robot is."""
 
-    def reading(self, time_s: float, world_from_robot: Pose) -> GroundTruthReading:
-        """Return the true pose."""
-        x, y, z = (float(value) for value in world_from_robot.translation)
+    def reading(self, moment: Moment) -> GroundTruthReading:
+        """Return the true pose of the chassis, wherever the sensor is mounted."""
+        pose = moment.world_from_robot
+        x, y, z = (float(value) for value in pose.translation)
         return GroundTruthReading(
-            time_s, self.name, (x, y, z), world_from_robot.rpy(), self._decimals
+            moment.time_s, self.name, (x, y, z), pose.rpy(), self._is.decimals
         )
-
-    def configuration(self) -> Configuration:
-        """Return its period."""
-        pairs = (("Name", self.name), ("ScanInterval", fixed(self.interval_s, 2)))
-        return Configuration(self.type, pairs)
-
-    def geometry(self) -> GeometryItem:
-        """Return the chassis: that is whose pose it tells."""
-        return GeometryItem(self.name, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "HARD")

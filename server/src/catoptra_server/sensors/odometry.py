@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.numbers import fixed
-from catoptra_protocol.wire.reports import Configuration, GeometryItem, OdometryReading
+from catoptra_protocol.wire.reports import OdometryConfiguration, OdometryReading
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase, OdometryDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import Rolled, moved
+from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.sensors.sensor import Moment, Move, Part
 
 
 class OdometrySensor:
@@ -28,11 +29,22 @@ class OdometrySensor:
         self._stream = stream
         self._pose = PlanarPose(0.0, 0.0, 0.0)
 
-    def follow(self, way: Rolled, tick: int) -> None:
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return the sensor; there is no encoder tick: the way is continuous."""
+        told = OdometryConfiguration(self.name, self.interval_s, encoder_resolution_rad=0.0)
+        return (MountedPart(self.type, self.name, self._is.mount, told),)
+
+    def reset(self) -> None:
+        """Start again from here: SET RESET."""
+        self._pose = PlanarPose(0.0, 0.0, 0.0)
+
+    def follow(self, move: Move) -> None:
         """Move the believed pose. Noise has a variance in proportion to the way and to the turn."""
+        way = move.way
         if way == Rolled(0.0, 0.0):
             return
-        of_distance, of_turn, of_heading = self._stream.at(tick).standard_normal(3)
+        of_distance, of_turn, of_heading = self._stream.at(move.tick).standard_normal(3)
         distance, turn = way.distance_m, way.turn_rad(self._base)
         root_distance = math.sqrt(abs(distance))
         believed_distance = self._is.distance_scale * distance
@@ -42,19 +54,8 @@ class OdometrySensor:
         believed_turn += self._is.heading_noise_rad * root_distance * float(of_heading)
         self._pose = moved(self._pose, believed_distance, believed_turn)
 
-    def reading(self, time_s: float, world_from_robot: Pose) -> OdometryReading:
+    def reading(self, moment: Moment) -> OdometryReading:
         """Return the believed pose."""
-        return OdometryReading(self.name, self._pose.x_m, self._pose.y_m, self._pose.yaw_rad)
-
-    def configuration(self) -> Configuration:
-        """Return its period; there is no encoder tick: the way is continuous."""
-        pairs = (
-            ("Name", self.name),
-            ("ScanInterval", fixed(self.interval_s)),
-            ("EncoderResolution", fixed(0.0)),
+        return OdometryReading(
+            self.name, self._pose.x_m, self._pose.y_m, self._pose.yaw_rad, time_s=moment.time_s
         )
-        return Configuration(self.type, pairs)
-
-    def geometry(self) -> GeometryItem:
-        """Return the chassis: that is what it speaks of."""
-        return GeometryItem(self.name, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "HARD")

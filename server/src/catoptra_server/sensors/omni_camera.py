@@ -26,6 +26,11 @@ class OmniCameraSensor:
         """Return the picture from a robot's pose."""
         return self._view.draw(Exposure(world_from_robot @ self._is.robot_from_mirror))
 
+    @property
+    def capture_fov_rad(self) -> float:
+        """Return the capture camera's field of view over the mirror, which no SET changes."""
+        return self._is.capture_fov_rad
+
     def configuration(self) -> Configuration:
         """Return the camera law, enough to give every pixel its direction."""
         pairs = pairs_from_camera(self._is.camera, self._viewpoint_height_m)

@@ -2,33 +2,77 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import Configuration, GeometryItem, Report
+from catoptra_protocol.wire.reports import (
+    AnyConfiguration,
+    GeometryItem,
+    MissionPackageGeometry,
+    Report,
+)
+from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors.sight import EMPTY, Surroundings
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One tick of a robot: what its wheels rolled, and where it truly is afterwards.
+
+    tick counts the robot's moves and keys random numbers.
+    """
+
+    way: Rolled
+    tick: int
+    duration_s: float
+    pose: PlanarPose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What a reading can depend on. `joints`: radians of each link of mission packages, by name."""
+
+    time_s: float
+    tick: int
+    world_from_robot: Pose
+    around: Surroundings = EMPTY
+    joints: Mapping[str, float] = field(default_factory=dict)
 
 
 class Part(Protocol):
     """Anything on a robot that GETCONF and GETGEO can ask for."""
 
-    type: str
-    name: str
+    @property
+    def type(self) -> str:
+        """Return the type that it is asked for by, as USARSim spells it."""
 
-    def configuration(self) -> Configuration:
+    @property
+    def name(self) -> str:
+        """Return its name, that no other part of the robot has."""
+
+    def configuration(self) -> AnyConfiguration:
         """Return the answer to GETCONF."""
 
-    def geometry(self) -> GeometryItem:
+    def geometry(self) -> GeometryItem | MissionPackageGeometry:
         """Return the answer to GETGEO."""
 
 
-class Sensor(Part, Protocol):
-    """A part that reports by itself."""
+class Sensor(Protocol):
+    """What reports by itself: one part, or several that share a line, such as a ring of sonars."""
 
+    type: str
+    name: str
     interval_s: float
 
-    def follow(self, way: Rolled, tick: int) -> None:
-        """Take note of what the wheels rolled in one tick."""
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return what can be asked for."""
 
-    def reading(self, time_s: float, world_from_robot: Pose) -> Report:
+    def follow(self, move: Move) -> None:
+        """Take note of one tick."""
+
+    def reading(self, moment: Moment) -> Report:
         """Return the report of this moment."""

@@ -3,184 +3,212 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.wire.commands import Command, Drive, GetConf, GetGeo, GetStartPoses, Init
-from catoptra_protocol.wire.reports import Configuration, Geometry, Report, StartPose, StartPoses
+from catoptra_protocol.wire.commands import (
+    Command,
+    Drive,
+    DriveJoint,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+    MisPkg,
+    MultiDrive,
+    Set,
+    SetViewports,
+)
+from catoptra_protocol.wire.reports import Report, StartPose, StartPoses
 from catoptra_server.render.renderer import RenderedImage, View
 from catoptra_server.robot.description import RobotDescription
-from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
-from catoptra_server.scene.obstacles import CLEARANCE_M, obstacles_between
+from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
+from catoptra_server.simulation.answers import configurations, geometries
 from catoptra_server.simulation.requests import Client
+from catoptra_server.simulation.set_commands import obey_set
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
+from catoptra_server.simulation.spawning import class_named, free_name, spawn_pose
+from catoptra_server.simulation.traffic import Traffic
 
 log = logging.getLogger(__name__)
 
-# The mirror rises above the viewpoint; anything lower than this above it is in the way.
-_MIRROR_ABOVE_VIEWPOINT_M = 0.1
+_BLACK_PX = (360, 360)
 
 
 class Fleet:
-    """The robots of one world. Only the simulation thread may call it."""
+    """The robots of one world, of one or several classes. Only the simulation thread may call it.
+
+    views: of the omni camera of each class that has one, by class name.
+    """
 
     def __init__(
         self,
-        description: RobotDescription,
+        descriptions: Sequence[RobotDescription],
         world: World,
         scene: SceneMesh,
         *,
-        view: View | None,
+        views: Mapping[str, View],
         seed: int,
+        caster: RayCaster | None = None,
     ) -> None:
-        self._is = description
+        self._classes = tuple(descriptions)
         self._world = world
-        self._view = view
+        self._views = views
         self._seed = seed
+        self._caster = caster or Nothing()
         self._robots: dict[Client, SpawnedRobot] = {}
-        height = max(description.viewpoint_height_m, description.drive.dimensions_m[2])
-        self._obstacles = obstacles_between(
-            scene, low_m=CLEARANCE_M, high_m=height + _MIRROR_ABOVE_VIEWPOINT_M
-        )
+        self._traffic = Traffic(scene, self._classes)
 
     @property
     def frame_interval_s(self) -> float:
-        """Return the shortest time between two exposures."""
-        camera = self._is.omni_camera
-        return camera.frame_interval_s if camera else 0.0
+        """Return the shortest time between two exposures of the watched camera."""
+        watched = self.watched()
+        described = [watched.description] if watched else self._classes
+        cameras = [d.omni_camera for d in described if d.omni_camera]
+        return cameras[0].frame_interval_s if cameras else 0.0
 
     def robot_of(self, client: Client) -> SpawnedRobot | None:
         """Return a client's robot, if it has one."""
         return self._robots.get(client)
 
+    def watched(self) -> SpawnedRobot | None:
+        """Return the robot whose camera is watched: the one with a camera here longest."""
+        return next((r for r in self._robots.values() if r.camera is not None), None)
+
+    def others(self, except_robot: SpawnedRobot | None) -> list[SpawnedRobot]:
+        """Return all robots but one: those that its cameras see."""
+        return [robot for robot in self._robots.values() if robot is not except_robot]
+
+    def bodies(self, except_robot: SpawnedRobot | None) -> tuple[OrientedBox, ...]:
+        """Return the boxes of all robots but one: world_from_box, and length, width, height."""
+        return tuple(self._traffic.box(robot) for robot in self.others(except_robot))
+
     def remove(self, client: Client) -> None:
         """Take a client's robot out of the world; its name is free again."""
         robot = self._robots.pop(client, None)
         if robot is not None:
+            self._traffic.forget(robot)
             log.info("robot %s left", robot.name)
 
     def obey(self, client: Client, command: Command, time_s: float) -> None:
-        """Carry out a command; what needs a robot and has none is ignored, as USARSim does."""
+        """Carry out a command; what needs a robot and has none is ignored, as USARSim does.
+
+        TRACE is accepted and draws nothing; without battery nothing but questions is heard.
+        """
         robot = self._robots.get(client)
         match command:
-            case Init():
+            case Init() if robot is None:
                 self._spawn(client, command, time_s)
             case GetStartPoses():
                 client.deliver([self._start_poses()])
-            case Drive() if robot:
+            case GetConf() if robot:
+                client.deliver(configurations(robot, command))
+            case GetGeo() if robot:
+                client.deliver(geometries(robot, command))
+            case _ if robot and robot.is_alive(time_s):
+                self._steer(client, robot, command, time_s)
+
+    def _steer(self, client: Client, robot: SpawnedRobot, command: Command, time_s: float) -> None:
+        match command:
+            case Drive():
                 robot.obey(command, time_s)
-            case GetConf(type_, name) if robot:
-                client.deliver(_configurations(robot, type_, name))
-            case GetGeo(type_, name) if robot:
-                client.deliver([_geometry(robot, type_, name)])
-            case _:
-                pass
+            case DriveJoint(name, value, order):
+                robot.drive_joint(name, value, order)
+            case MultiDrive(joints):
+                for name, value in joints:
+                    robot.drive_joint(name, value, 0)
+            case MisPkg():
+                robot.drive_package(command)
+            case SetViewports():
+                client.deliver([robot.viewports.obey(command, time_s)])
+            case Set():
+                client.deliver(obey_set(robot, command, robot.moment(time_s, self.look(robot))))
 
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
-        pose = self._spawn_pose(init)
-        if not self._is_known(init.class_name) or pose is None:
+        description = class_named(self._classes, init.class_name)
+        pose = spawn_pose(init, self._world.starts)
+        if description is None or pose is None:
             log.warning(
                 "INIT of class %r at %r refused: this server has %s, starts %s",
                 init.class_name,
                 init.start or init.location_m,
-                self._is.class_name,
+                ", ".join(known.class_name for known in self._classes),
                 [start.name for start in self._world.starts],
             )
             client.refuse_init()
             return
-        name = self._free_name(init.name or self._is.model_name)
+        name = free_name(
+            init.name or description.model_name, {r.name for r in self._robots.values()}
+        )
+        camera = self._camera(description)
         robot = SpawnedRobot(
-            self._is, pose, name=name, seed=self._seed, time_s=time_s, camera=self._camera()
+            description, pose, name=name, seed=self._seed, time_s=time_s, camera=camera
         )
         self._robots[client] = robot
-        log.info("robot %s of class %s spawned at %s", name, self._is.class_name, pose)
-        client.deliver(robot.due_readings(time_s))
+        log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
+        client.deliver(robot.due_readings(time_s, partial(self.look, robot)))
 
-    def _is_known(self, class_name: str) -> bool:
-        """Return whether a class is ours; the package may be left out, case does not matter."""
-        known = (self._is.class_name.lower(), self._is.model_name.lower())
-        return class_name.lower() in known
-
-    def _spawn_pose(self, init: Init) -> PlanarPose | None:
-        """Return where to put a robot: on the floor, upright, whatever height and tilt."""
-        if init.location_m is not None:
-            (x, y, _), (_, _, yaw) = init.location_m, init.rotation_rad
-            return PlanarPose(x, y, wrap_angle(yaw))
-        for start in self._world.starts:
-            if init.start is not None and start.name.lower() == init.start.lower():
-                (x, y, _), (_, _, yaw) = start.location_m, start.rotation_rad
-                return PlanarPose(x, y, wrap_angle(yaw))
-        return None
-
-    def _free_name(self, wished: str) -> str:
-        taken = {robot.name for robot in self._robots.values()}
-        numbered = (f"{wished}{number}" for number in range(2, len(taken) + 3))
-        return wished if wished not in taken else next(n for n in numbered if n not in taken)
-
-    def _camera(self) -> OmniCameraSensor | None:
-        if self._is.omni_camera is None or self._view is None:
+    def _camera(self, description: RobotDescription) -> OmniCameraSensor | None:
+        view = self._views.get(description.class_name)
+        if description.omni_camera is None or view is None:
             return None
-        return OmniCameraSensor(
-            self._is.omni_camera, self._view, viewpoint_height_m=self._is.viewpoint_height_m
-        )
+        height_m = description.viewpoint_height_m
+        return OmniCameraSensor(description.omni_camera, view, viewpoint_height_m=height_m)
 
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
         return StartPoses(tuple(poses))
 
+    def look(self, robot: SpawnedRobot) -> Surroundings:
+        """Return what is around a robot now."""
+        world = self._world
+        return Surroundings(
+            scene=self._caster,
+            bodies=self.bodies(robot),
+            tags=world.tags,
+            victims=world.victims,
+            gps_origin=world.gps_origin,
+        )
+
+    def readings(self, client: Client, time_s: float) -> list[Report]:
+        """Return a whole cycle of a client's robot; nothing without one."""
+        robot = self._robots.get(client)
+        return robot.all_readings(time_s, partial(self.look, robot)) if robot else []
+
     def move(self, duration_s: float, time_s: float) -> None:
-        """Move every robot for one tick that ends at a time."""
+        """Move every robot for one tick that ends at a time, one after the other."""
         for robot in self._robots.values():
-            robot.move(duration_s, time_s, self._obstacles)
+            obstacles = self._traffic.around(robot, self._robots.values())
+            robot.move(duration_s, time_s, obstacles)
+            if robot.is_rolling:
+                self._traffic.forget(robot)
 
     def report_due(self, time_s: float) -> None:
         """Deliver to each client what its sensors have to say by now."""
         for client, robot in self._robots.items():
-            reports = robot.due_readings(time_s)
+            reports = robot.due_readings(time_s, partial(self.look, robot))
             if reports:
                 client.deliver(reports)
 
     def picture(self) -> tuple[RenderedImage, str, Pose]:
         """Return the picture of the watched camera, its name, and world_from_robot.
 
-        The watched camera is that of the robot that has been here longest. Without one the picture
-        is black, as USARSim's is before a robot comes.
+        Without a camera the picture is black, as USARSim's is before a robot comes.
         """
-        for robot in self._robots.values():
-            if robot.camera is not None:
-                pose = robot.world_from_robot
-                return robot.camera.expose(pose), robot.camera.name, pose
-        return self._black(), "", Pose.identity()
+        robot = self.watched()
+        if robot is None or robot.camera is None:
+            return self._black(), "", Pose.identity()
+        pose = robot.world_from_robot
+        return robot.camera.expose(pose), robot.camera.name, pose
 
     def _black(self) -> RenderedImage:
-        camera = self._is.omni_camera
-        size = (camera.camera.height_px, camera.camera.width_px) if camera else (360, 360)
+        cameras = [d.omni_camera.camera for d in self._classes if d.omni_camera]
+        size = (cameras[0].height_px, cameras[0].width_px) if cameras else _BLACK_PX
         return RenderedImage(np.zeros((*size, 3), dtype=np.uint8), {})
-
-
-def _configurations(robot: SpawnedRobot, type_: str, name: str | None) -> list[Report]:
-    """Return one CONF a part, as UT2004; the empty form where nothing matches."""
-    found = robot.configurations(type_)
-    wanted = (name or "").lower()
-    # The robot answers by its model's name to whatever name it is asked for.
-    if name and type_.lower() != "robot":
-        found = [c for c in found if (c.get("Name") or "").lower() == wanted]
-    empty = Configuration(type_, (("Name", name),) if name else ())
-    return list(found) or [empty]
-
-
-def _geometry(robot: SpawnedRobot, type_: str, name: str | None) -> Report:
-    """Return one GEO with all matching parts."""
-    if type_.lower() == "robot":
-        return robot.own_geometry()
-    items = [
-        item
-        for item in robot.geometries(type_)
-        if name is None or item.name.lower() == name.lower()
-    ]
-    return Geometry(type_, tuple(items), name=None if items else name)

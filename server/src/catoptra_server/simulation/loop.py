@@ -127,8 +127,7 @@ class Simulation:
         if possible:
             self._advance(time_s)
         status = "OK" if possible else "Failed"
-        robot = self._fleet.robot_of(client)
-        readings = robot.all_readings(self._time_s) if robot and possible else []
+        readings = self._fleet.readings(client, self._time_s) if possible else []
         return [*readings, Result(self._time_s, "Step", "Clock", status)]
 
     def _catch_up(self) -> None:

@@ -1,16 +1,15 @@
-"""One robot that is alive: body, sensors, camera, battery, and when each of them reports next."""
+"""One robot that is alive: body, sensors, cameras, packages, battery, and when they report next."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.commands import Drive
-from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.commands import Drive, MisPkg
 from catoptra_protocol.wire.reports import (
-    Configuration,
-    GeometryItem,
     Report,
+    VehicleConfiguration,
     VehicleGeometry,
     VehicleStatus,
 )
@@ -20,13 +19,16 @@ from catoptra_server.robot.description import RobotDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelSpin
 from catoptra_server.scene.obstacles import Obstacles
-from catoptra_server.sensors import Part, Sensor, build_sensor
+from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.sensors import Moment, Move, Part, Sensor, build_sensors
+from catoptra_server.sensors.mission_package import MissionPackage
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
+from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
+from catoptra_server.sensors.sight import EMPTY, Surroundings
+from catoptra_server.simulation.schedule import Schedule
+from catoptra_server.simulation.viewports import Viewports
 
-# Two due times that differ by less than this are the same tick: due times are sums of periods.
-_SAME_TIME_S = 1e-6
-# The status among the due times; no sensor has an empty name.
-_STATUS = ""
+Look = Callable[[], Surroundings]
 
 
 class SpawnedRobot:
@@ -43,104 +45,135 @@ class SpawnedRobot:
         camera: OmniCameraSensor | None,
     ) -> None:
         self.name = name
+        self.description = description
         self.camera = camera
-        self._is = description
+        self.cameras = [PerspectiveCameraSensor(c, description) for c in description.cameras]
+        self.packages = [MissionPackage(package) for package in description.packages]
+        self.sensors: list[Sensor] = build_sensors(
+            description.sensors, description.drive, lambda part: RandomStream.of(seed, name, part)
+        )
         self._body = Body(description.drive, pose, WheelSpin())
         self._slip = RandomStream.of(seed, name, "slip")
-        self._sensors: list[Sensor] = [
-            build_sensor(sensor, description.drive, RandomStream.of(seed, name, sensor.name))
-            for sensor in description.sensors
-        ]
-        self._due_s = dict.fromkeys([*(s.name for s in self._sensors), _STATUS], time_s)
+        intervals = [sensor.interval_s for sensor in self.sensors]
+        self._schedule = Schedule([*intervals, description.status_interval_s], time_s)
         self._battery_ends_s = time_s + description.battery_s
         self._light = False
+        omni = [camera.name] if camera else []
+        self.viewports = Viewports([*omni, *(c.name for c in self.cameras)])
 
     @property
     def world_from_robot(self) -> Pose:
         """Return where the chassis frame is."""
-        return self._body.pose.at_height(self._is.drive.ride_height_m)
+        return self._body.pose.at_height(self.description.drive.ride_height_m)
+
+    @property
+    def is_rolling(self) -> bool:
+        """Return whether its wheels are told to turn."""
+        return self._body.spin != WheelSpin()
+
+    @property
+    def box(self) -> OrientedBox:
+        """Return the body as others see and touch it: a box that stands on the floor."""
+        size_m = self.description.drive.body_m
+        return OrientedBox(self._body.pose.at_height(0.5 * size_m[2]), size_m)
+
+    @property
+    def joints(self) -> dict[str, float]:
+        """Return radians of all packages' joints by link name in lower case."""
+        return {name: angle for p in self.packages for name, angle in p.angles().items()}
+
+    def is_alive(self, time_s: float) -> bool:
+        """Return whether the battery still has some: without, no command is obeyed."""
+        return time_s < self._battery_ends_s
 
     def obey(self, drive: Drive, time_s: float) -> None:
         """Take over wheel speeds; a side that is not named keeps its own. Not without battery."""
-        if time_s >= self._battery_ends_s:
+        if not self.is_alive(time_s):
             return
-        unit = self._is.drive.max_speed_rad_s / 100.0 if drive.normalized else 1.0
+        fastest = self.description.drive.max_speed_rad_s
+        unit = fastest / 100.0 if drive.normalized else 1.0
         spin = self._body.spin
         left = spin.left_rad_s if drive.left is None else unit * drive.left
         right = spin.right_rad_s if drive.right is None else unit * drive.right
-        limited = WheelSpin(left, right).limited(self._is.drive.max_speed_rad_s)
-        self._body = dataclasses.replace(self._body, spin=limited)
+        self._body = dataclasses.replace(self._body, spin=WheelSpin(left, right).limited(fastest))
         self._light = self._light if drive.light is None else drive.light
 
+    def drive_joint(self, name: str, value: float | None, order: int) -> None:
+        """Command a joint by its link's name; a name that no package has is ignored."""
+        for package in self.packages:
+            number = package.number_of(name)
+            if number is not None and value is not None:
+                package.command(number, value, order)
+
+    def drive_package(self, command: MisPkg) -> None:
+        """Command the links of a package; there are no grippers and no sequences."""
+        for package in self.packages:
+            if package.name.lower() == command.name.lower():
+                for link in command.links:
+                    if link.value is not None:
+                        package.command(link.link, link.value, link.order)
+
     def move(self, duration_s: float, time_s: float, obstacles: Obstacles) -> None:
-        """Roll for a tick that ends at a time; sensors follow."""
-        if time_s >= self._battery_ends_s:
+        """Roll for a tick that ends at a time; joints and sensors follow."""
+        if not self.is_alive(time_s):
             self._body = dataclasses.replace(self._body, spin=WheelSpin())
+        else:
+            for package in self.packages:
+                package.move(duration_s)
         self._body, way = driven(self._body, duration_s, obstacles=obstacles, stream=self._slip)
-        for sensor in self._sensors:
-            sensor.follow(way, self._body.tick)
+        move = Move(way, self._body.tick, duration_s, self._body.pose)
+        for sensor in self.sensors:
+            sensor.follow(move)
 
-    def all_readings(self, time_s: float) -> list[Report]:
-        """Return a whole cycle: every sensor, then STA, as UT2004 orders them."""
-        pose = self.world_from_robot
-        return [*(s.reading(time_s, pose) for s in self._sensors), self._status(time_s)]
+    def moment(self, time_s: float, around: Surroundings = EMPTY) -> Moment:
+        """Return what the sensors can know of now."""
+        return Moment(time_s, self._body.tick, self.world_from_robot, around, self.joints)
 
-    def due_readings(self, time_s: float) -> list[Report]:
+    def all_readings(self, time_s: float, look: Look = lambda: EMPTY) -> list[Report]:
+        """Return a whole cycle: every sensor, packages, then STA, as UT2004 orders them."""
+        return self._readings(range(len(self.sensors) + 1), time_s, look)
+
+    def due_readings(self, time_s: float, look: Look = lambda: EMPTY) -> list[Report]:
         """Return what is due by now, and set the next times."""
-        pose = self.world_from_robot
-        reports: list[Report] = [
-            sensor.reading(time_s, pose)
-            for sensor in self._sensors
-            if self._is_due(sensor.name, sensor.interval_s, time_s)
-        ]
-        if self._is_due(_STATUS, self._is.status_interval_s, time_s):
-            reports.append(self._status(time_s))
-        return reports
+        return self._readings(self._schedule.due(time_s), time_s, look)
 
-    def _is_due(self, name: str, interval_s: float, time_s: float) -> bool:
-        if time_s < self._due_s[name] - _SAME_TIME_S:
-            return False
-        # From the due time, not from now, so that a period keeps its mean; after a pause, from now.
-        self._due_s[name] = max(self._due_s[name] + interval_s, time_s)
-        return True
+    def _readings(self, which: Sequence[int], time_s: float, look: Look) -> list[Report]:
+        """Return the reports of some of the sensors; the number after the last is the status."""
+        if not which:
+            return []
+        moment = self.moment(time_s, look())
+        due = [i for i in which if i < len(self.sensors)]
+        reports: list[Report] = [self.sensors[i].reading(moment) for i in due]
+        if len(due) < len(which):
+            reports += [*(p.status(time_s) for p in self.packages), self._status(time_s)]
+        return reports
 
     def _status(self, time_s: float) -> VehicleStatus:
         left_s = max(0, int(self._battery_ends_s - time_s))
         return VehicleStatus(time_s, left_s, light=self._light)
 
-    def configurations(self, type_: str) -> list[Configuration]:
-        """Return CONF of all parts of a type, in any case; of the robot itself for Robot."""
-        if type_.lower() == "robot":
-            return [self._own_configuration()]
-        return [part.configuration() for part in self._parts(type_)]
-
-    def geometries(self, type_: str) -> list[GeometryItem]:
-        """Return where all parts of a type are mounted."""
-        return [part.geometry() for part in self._parts(type_)]
-
-    def _parts(self, type_: str) -> list[Part]:
-        camera: list[Part] = [self.camera] if self.camera else []
-        parts = [*self._sensors, *camera]
+    def parts(self, type_: str) -> list[Part]:
+        """Return all parts of a type, in any case, in the order of their reports."""
+        omni: list[Part] = [self.camera] if self.camera else []
+        reporting = (part for sensor in self.sensors for part in sensor.parts)
+        parts: list[Part] = [*reporting, *omni, *self.cameras, *self.packages]
         return [part for part in parts if part.type.lower() == type_.lower()]
 
-    def _own_configuration(self) -> Configuration:
-        drive = self._is.drive
-        pairs = (
-            ("Name", self._is.model_name),
-            ("SteeringType", "SkidSteered"),
-            ("Mass", fixed(drive.mass_kg)),
-            ("MaxSpeed", fixed(drive.max_speed_rad_s)),
-            ("MaxTorque", fixed(drive.max_torque)),
-            ("MaxFrontSteer", fixed(0.0)),
-            ("MaxRearSteer", fixed(0.0)),
+    def own_configuration(self) -> VehicleConfiguration:
+        """Return CONF of the robot itself."""
+        drive = self.description.drive
+        return VehicleConfiguration(
+            name=self.description.model_name,
+            mass_kg=drive.mass_kg,
+            max_speed_rad_s=drive.max_speed_rad_s,
+            max_torque=drive.max_torque,
         )
-        return Configuration("GroundVehicle", pairs)
 
     def own_geometry(self) -> VehicleGeometry:
         """Return GEO of the robot itself."""
-        drive = self._is.drive
+        drive = self.description.drive
         return VehicleGeometry(
-            name=self._is.model_name,
+            name=self.description.model_name,
             dimensions_m=drive.dimensions_m,
             cog_m=(0.0, 0.0, 0.0),
             wheel_radius_m=drive.wheel_radius_m,

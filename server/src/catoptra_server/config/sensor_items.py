@@ -1,0 +1,228 @@
+"""The sensors of a robot's section: items of `Sensors=` (UT2004) and `AddParts=` (UDK).
+
+A sensor's class is known by the last part of its name. What an item leaves open its class's section
+says, what that leaves open our table: the defaults of UDK's DefaultUSAR.ini.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.mounting import mount_of
+from catoptra_server.config.settings import Settings
+from catoptra_server.robot.description import (
+    EncoderDescription,
+    GpsDescription,
+    GroundTruthDescription,
+    InsDescription,
+    Mount,
+    OdometryDescription,
+    RangeScannerDescription,
+    RfidDescription,
+    SensorDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+)
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorItem:
+    """One item: its struct, where it is mounted, and the section of its class."""
+
+    struct: Settings
+    name: str
+    mount: Mount
+    section: Settings
+
+    @property
+    def interval_s(self) -> float:
+        """Return the period of its class."""
+        return self.section.number("ScanInterval", 0.2, at_least=0.01, at_most=60.0)
+
+    def number(self, key: str, default: float, at_most: float = 1e4) -> float:
+        """Return a number of its class that is not negative."""
+        return self.section.number(key, default, at_least=0.0, at_most=at_most)
+
+
+def class_of(struct: Settings) -> str:
+    """Return the class of an item without its package, in lower case."""
+    return struct.text("ItemClass").rpartition(".")[2].lower()
+
+
+def is_sensor(struct: Settings) -> bool:
+    """Return whether we know the class of an item as a sensor's."""
+    return class_of(struct) in _READERS
+
+
+def read_sensor(file: IniFile, robot: Settings, struct: Settings) -> SensorDescription:
+    """Return the description of an item whose class is known."""
+    item = SensorItem(
+        struct=struct,
+        name=struct.word("ItemName"),
+        mount=mount_of(robot, struct),
+        section=file.section(struct.text("ItemClass")),
+    )
+    return _READERS[class_of(struct)](item)
+
+
+def report_unknown_class(struct: Settings) -> None:
+    """Warn of an item that does nothing here, as one warns of an unknown key."""
+    log.warning(
+        "%s: class %s is not known here: %s has no effect",
+        struct.where,
+        struct.text("ItemClass"),
+        struct.text("ItemName", "it"),
+    )
+
+
+def _odometry(item: SensorItem) -> SensorDescription:
+    section = item.section
+    return OdometryDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        distance_scale=item.number("DistanceScale", 1.0, 10.0),
+        turn_scale=item.number("TurnScale", 1.0, 10.0),
+        drift_rad_per_m=section.number("DriftPerMetre", 0.0, at_least=-10.0, at_most=10.0),
+        distance_noise_m=item.number("DistanceNoise", 0.0, 10.0),
+        turn_noise_rad=item.number("TurnNoise", 0.0, 10.0),
+        heading_noise_rad=item.number("HeadingNoise", 0.0, 10.0),
+        mount=item.mount,
+    )
+
+
+def _ground_truth(item: SensorItem) -> SensorDescription:
+    decimals = item.section.integer("Decimals", 2, at_least=0, at_most=12)
+    return GroundTruthDescription(item.name, item.interval_s, decimals, item.mount)
+
+
+def _scanner(
+    fov_rad: float, resolution_rad: float, max_range_m: float
+) -> Callable[[SensorItem], SensorDescription]:
+    def read(item: SensorItem) -> SensorDescription:
+        section = item.section
+        fov = section.number("ScanFov", fov_rad, at_least=0.0, at_most=6.2832)
+        # Clients read lines of 4096 bytes: 500 beams of 8 characters.
+        least = max(fov / 500.0, 1e-4)
+        return RangeScannerDescription(
+            name=item.name,
+            interval_s=item.interval_s,
+            mount=item.mount,
+            fov_rad=fov,
+            resolution_rad=section.number(
+                "Resolution", resolution_rad, at_least=least, at_most=6.3
+            ),
+            min_range_m=item.number("MinRange", 0.1),
+            max_range_m=item.number("MaxRange", max_range_m),
+            noise_m=item.number("Noise", 0.0, 10.0),
+        )
+
+    return read
+
+
+def _sonar(item: SensorItem) -> SensorDescription:
+    return SonarDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        beam_rad=item.number("BeamAngle", 0.3491, 3.1416),
+        min_range_m=item.number("MinRange", 0.1),
+        max_range_m=item.number("MaxRange", 5.0),
+        noise_m=item.number("Noise", 0.0, 10.0),
+        cones=item.section.integer("NumberOfCones", 3, at_least=0, at_most=64),
+        rays=item.section.integer("TracesPerCone", 8, at_least=1, at_most=256),
+    )
+
+
+def _ins(item: SensorItem) -> SensorDescription:
+    return InsDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        noise=item.number("Noise", 0.0, 10.0),
+        is_drifting=item.section.boolean("Drifting", True),
+    )
+
+
+# What an encoder counts is in its Parent, or else in its name: ECLeft, ECPan. W1 and W3 of UDK's
+# robots are taken for the left wheels, for no source says which is which.
+_SHAFTS = {
+    "left": "left",
+    "right": "right",
+    "tilt": "CameraTilt",
+    "pan": "CameraPan",
+    "w1": "left",
+    "w3": "left",
+    "w2": "right",
+    "w4": "right",
+}
+
+
+def _encoder(item: SensorItem) -> SensorDescription:
+    spoken = item.struct.text("Parent", "").lower() or item.name.lower()
+    shafts = [shaft for word, shaft in _SHAFTS.items() if word in spoken]
+    return EncoderDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        shaft=shafts[0] if shafts else spoken,
+        resolution_rad=item.section.number("Resolution", 0.01745, at_least=1e-6, at_most=6.3),
+        noise_rad=item.number("Noise", 0.0, 10.0),
+    )
+
+
+def _touch(item: SensorItem) -> SensorDescription:
+    diameter_m = item.number("Diameter", 0.01, 10.0)
+    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m)
+
+
+def _rfid(item: SensorItem) -> SensorDescription:
+    return RfidDescription(item.name, item.interval_s, item.mount, item.number("MaxRange", 6.0))
+
+
+def _victim_sensor(item: SensorItem) -> SensorDescription:
+    return VictimSensorDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        fov_rad=item.number("FOV", 0.6981, 6.2832),
+        max_range_m=item.number("MaxRange", 6.0),
+    )
+
+
+def _gps(item: SensorItem) -> SensorDescription:
+    return GpsDescription(item.name, item.interval_s, item.mount, item.number("Noise", 0.0))
+
+
+_LMS200 = _scanner(3.14159, 0.01745, 20.0)
+# By class name in lower case: UT2004's names and UDK's.
+_READERS: dict[str, Callable[[SensorItem], SensorDescription]] = {
+    "odometrysensor": _odometry,
+    "odometry": _odometry,
+    "groundtruthsensor": _ground_truth,
+    "groundtruth": _ground_truth,
+    "rangescanner": _LMS200,
+    "sicklms": _LMS200,
+    "sicklms200": _LMS200,
+    "sick": _LMS200,
+    "hokuyourg04lx": _scanner(4.189, 0.0184, 4.0),
+    "sonarsensor": _sonar,
+    "sonar": _sonar,
+    "inssensor": _ins,
+    "ins": _ins,
+    "encodersensor": _encoder,
+    "encoder": _encoder,
+    "touchsensor": _touch,
+    "touch": _touch,
+    "rfidsensor": _rfid,
+    "rfid": _rfid,
+    "victsensor": _victim_sensor,
+    "victimsensor": _victim_sensor,
+    "gpssensor": _gps,
+    "gps": _gps,
+}

@@ -1,0 +1,157 @@
+"""What a robot file says of each kind of sensor: frozen data in SI units.
+
+Noises are standard deviations of Gaussian noise, drawn anew for each reading unless stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from catoptra_server.robot.mount import Mount
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryDescription:
+    """Wheel odometry and what is wrong with it. Noises grow with the root of what was travelled.
+
+    distance_scale, turn_scale: reported over true rolling. drift_rad_per_m: steady turn to the
+    right (clockwise) that is not there. distance_noise_m: standard deviation after 1 m.
+    turn_noise_rad: after 1 rad of turn. heading_noise_rad: after 1 m.
+    """
+
+    name: str
+    interval_s: float
+    distance_scale: float = 1.0
+    turn_scale: float = 1.0
+    drift_rad_per_m: float = 0.0
+    distance_noise_m: float = 0.0
+    turn_noise_rad: float = 0.0
+    heading_noise_rad: float = 0.0
+    mount: Mount = field(default_factory=Mount)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruthDescription:
+    """The robot's true pose, printed with `decimals`."""
+
+    name: str
+    interval_s: float
+    decimals: int
+    mount: Mount = field(default_factory=Mount)
+
+
+@dataclass(frozen=True, slots=True)
+class RangeScannerDescription:
+    """A laser scanner in its mount's x-y plane, such as the SICK LMS200. noise: metres."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    fov_rad: float
+    resolution_rad: float
+    min_range_m: float
+    max_range_m: float
+    noise_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SonarDescription:
+    """One sonar that looks along its mount's x. beam_rad: the cone's full angle. noise: metres.
+
+    The cone is sampled by its axis and `cones` rings of `rays` rays.
+    """
+
+    name: str
+    interval_s: float
+    mount: Mount
+    beam_rad: float
+    min_range_m: float
+    max_range_m: float
+    noise_m: float = 0.0
+    cones: int = 3
+    rays: int = 8
+
+
+@dataclass(frozen=True, slots=True)
+class InsDescription:
+    """An inertial navigation system.
+
+    noise: metres and radians. Drifting, its errors are random walks that have this standard
+    deviation after 1 s, standing or not; else it is noise of each reading alone.
+    """
+
+    name: str
+    interval_s: float
+    mount: Mount
+    noise: float = 0.0
+    is_drifting: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderDescription:
+    """Counts ticks of what turns: `shaft` is left, right, or the name of a package's link.
+
+    noise: radians of the angle before it is counted.
+    """
+
+    name: str
+    interval_s: float
+    mount: Mount
+    shaft: str
+    resolution_rad: float
+    noise_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TouchDescription:
+    """A contact switch of a diameter at its mount, which looks along the mount's x."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    diameter_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class RfidDescription:
+    """A reader of all tags within a range, walls or not."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    max_range_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class VictimSensorDescription:
+    """Finds victims in its field of view around the mount's x, in sight and within a range."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    fov_rad: float
+    max_range_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class GpsDescription:
+    """A GPS receiver under the open sky. noise: metres, north and east."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    noise_m: float = 0.0
+
+
+SensorDescription = (
+    SonarDescription
+    | RangeScannerDescription
+    | InsDescription
+    | OdometryDescription
+    | EncoderDescription
+    | TouchDescription
+    | RfidDescription
+    | VictimSensorDescription
+    | GroundTruthDescription
+    | GpsDescription
+)

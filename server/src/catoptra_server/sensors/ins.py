@@ -1,0 +1,71 @@
+"""Inertial navigation: the pose in the world, with errors that grow while time passes.
+
+USARSim's own drift is not documented: ours are random walks of position and heading, the simplest
+model of integrated white noise. Their variance grows with time, however it is cut into ticks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.wire.numbers import Vector
+from catoptra_protocol.wire.reports import InsReading, IntervalConfiguration
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import DriveBase, InsDescription
+from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.sensors.sensor import Moment, Move, Part
+
+
+class InsSensor:
+    """Add its errors to the true pose of where it is mounted."""
+
+    type = "INS"
+
+    def __init__(self, description: InsDescription, base: DriveBase, stream: RandomStream) -> None:
+        self.name = description.name
+        self.interval_s = description.interval_s
+        self._is = description
+        self._stream = stream
+        self._robot_from_ins = description.mount.parent_from_item()
+        self._error = (0.0, 0.0, 0.0)  # x, y in metres, yaw in radians
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return the sensor."""
+        told = IntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._is.mount, told),)
+
+    def follow(self, move: Move) -> None:
+        """Let the errors walk on, if they drift."""
+        if not (self._is.is_drifting and self._is.noise):
+            return
+        scale = self._is.noise * math.sqrt(move.duration_s)
+        x, y, yaw = (scale * float(n) for n in self._stream.at(move.tick).standard_normal(3))
+        self._error = (self._error[0] + x, self._error[1] + y, self._error[2] + yaw)
+
+    def correct(self, location_m: Vector, rotation_rad: Vector, truth: Pose) -> None:
+        """Take a pose of the sensor for true: SET POSE. Only the level errors follow from it."""
+        pose = truth @ self._robot_from_ins
+        x, y = float(pose.translation[0]), float(pose.translation[1])
+        yaw = wrap_angle(rotation_rad[2] - pose.rpy()[2])
+        self._error = (location_m[0] - x, location_m[1] - y, yaw)
+
+    def reading(self, moment: Moment) -> InsReading:
+        """Return the believed pose."""
+        pose = moment.world_from_robot @ self._robot_from_ins
+        x, y, z = (float(value) for value in pose.translation)
+        roll, pitch, yaw = pose.rpy()
+        off_x, off_y, off_yaw = self._error if self._is.is_drifting else self._jitter(moment)
+        location, rotation = (x + off_x, y + off_y, z), (roll, pitch, wrap_angle(yaw + off_yaw))
+        return InsReading(self.name, location, rotation)
+
+    def _jitter(self, moment: Moment) -> Vector:
+        """Return the error of one reading: noise, on top of what SET POSE left."""
+        if not self._is.noise:
+            return self._error
+        noise = self._stream.at(moment.tick).standard_normal(3)
+        x, y, yaw = (e + self._is.noise * float(n) for e, n in zip(self._error, noise, strict=True))
+        return x, y, yaw

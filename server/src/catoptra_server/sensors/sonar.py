@@ -1,0 +1,83 @@
+"""Sonars: each reports the nearest thing in its cone; all of a robot share one line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.wire.reports import SonarConfiguration, SonarReadings
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import DriveBase, SonarDescription
+from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.sensors.ranging import cone, limited
+from catoptra_server.sensors.sensor import Moment, Move, Part
+
+
+class SonarRing:
+    """All sonars of a robot: their cones are cast together."""
+
+    type = "Sonar"
+
+    def __init__(
+        self, descriptions: Sequence[SonarDescription], base: DriveBase, stream: RandomStream
+    ) -> None:
+        self.name = self.type
+        self.interval_s = min(description.interval_s for description in descriptions)
+        self._are = tuple(descriptions)
+        self._stream = stream
+        cones = [_cone_in_robot(description) for description in descriptions]
+        counts = [len(rays) for rays in cones]
+        self._rays_in_robot = np.concatenate(cones)
+        self._starts_in_robot = np.repeat(
+            [description.mount.position_m for description in descriptions], counts, axis=0
+        )
+        self._first_ray = np.cumsum([0, *counts[:-1]])
+        self._noise_m = np.array([description.noise_m for description in descriptions])
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return the sonars."""
+        return tuple(_part(description) for description in self._are)
+
+    def follow(self, move: Move) -> None:
+        """Ignore the way: a range is of one moment."""
+
+    def reading(self, moment: Moment) -> SonarReadings:
+        """Return the shortest distance in each cone, with noise, within each sonar's limits."""
+        pose = moment.world_from_robot
+        distances = moment.around.distances(
+            pose.points(self._starts_in_robot), pose.directions(self._rays_in_robot)
+        )
+        ranges: Floats = np.minimum.reduceat(distances, self._first_ray)
+        if self._noise_m.any():
+            noise = self._stream.at(moment.tick).standard_normal(len(ranges))
+            ranges = ranges + self._noise_m * noise
+        told = limited(
+            ranges,
+            min_m=np.array([sonar.min_range_m for sonar in self._are]),
+            max_m=np.array([sonar.max_range_m for sonar in self._are]),
+        )
+        names = (sonar.name for sonar in self._are)
+        return SonarReadings(moment.time_s, tuple(zip(names, told.tolist(), strict=True)))
+
+
+def _cone_in_robot(sonar: SonarDescription) -> Floats:
+    rays = cone(sonar.beam_rad, rings=sonar.cones, rays=sonar.rays)
+    return sonar.mount.parent_from_item().directions(rays)
+
+
+def _part(sonar: SonarDescription) -> MountedPart:
+    told = SonarConfiguration(
+        name=sonar.name,
+        max_range_m=sonar.max_range_m,
+        min_range_m=sonar.min_range_m,
+        beam_angle_rad=sonar.beam_rad,
+        scan_interval_s=sonar.interval_s,
+        max_angle_of_incidence_rad=0.5 * math.pi,  # an echo comes back from any surface
+        traces_per_cone=sonar.rays,
+        number_of_cones=sonar.cones,
+    )
+    return MountedPart(SonarRing.type, sonar.name, sonar.mount, told)

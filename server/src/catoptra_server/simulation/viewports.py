@@ -1,0 +1,46 @@
+"""SET Viewports: which camera one client wants in which quarter of the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from catoptra_protocol.wire.commands import SetViewports
+from catoptra_protocol.wire.reports import Viewport, ViewportsResult
+from catoptra_protocol.wire.results import DISABLED, FAILED, MISSING, OK, VIEWPORTS
+
+_CONFIGS = ("SingleView", "QuadView")
+# How clients switch a viewport off.
+_OFF = ("disable", "disabled", "none")
+
+
+class Viewports:
+    """What a client has asked for, kept and confirmed.
+
+    At first the first camera fills the picture.
+    """
+
+    def __init__(self, cameras: Sequence[str]) -> None:
+        self._cameras = tuple(cameras)
+        self._config = _CONFIGS[0]
+        first = [Viewport(name) for name in self._cameras[:1]]
+        self._viewports = (*first, *[Viewport()] * (VIEWPORTS - len(first)))
+
+    def obey(self, command: SetViewports, time_s: float) -> ViewportsResult:
+        """Take over what is named; a viewport that is not named stays as it is."""
+        known = {config.lower(): config for config in _CONFIGS}
+        wished = command.config or self._config
+        self._config = known.get(wished.lower(), self._config)
+        self._viewports = tuple(
+            old if name is None else self._viewport(name)
+            for old, name in zip(self._viewports, command.cameras, strict=True)
+        )
+        status = OK if wished.lower() in known else FAILED
+        return ViewportsResult(time_s, self._config, self._viewports, status)
+
+    def _viewport(self, name: str) -> Viewport:
+        if name.lower() in _OFF:
+            return Viewport(DISABLED)
+        for camera in self._cameras:
+            if camera.lower() == name.lower():
+                return Viewport(camera)
+        return Viewport(MISSING, FAILED)
