@@ -11,9 +11,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from catoptra_protocol.wire.commands import Command, Drive, GetConf, Init, Step
+from catoptra_protocol.wire.commands import COMMANDS, Command, Drive, GetConf, Init, Step
+from catoptra_protocol.wire.connection import ControlServer
 from catoptra_protocol.wire.reports import (
+    Greeting,
     GroundTruthReading,
     Report,
     Result,
@@ -39,9 +43,9 @@ def simulation_of(
     view: FakeView | None = None,
 ) -> Simulation:
     world = walled_world()
-    described = description or p2at()
-    views = {described.class_name: view or FakeView()}
-    fleet = Fleet([described], world, build_scene(world), views=views, seed=seed)
+    fleet = Fleet(
+        description or p2at(), world, build_scene(world), view=view or FakeView(), seed=seed
+    )
     return Simulation(fleet, clock=clock, put_frame=put_frame, monotonic=monotonic)
 
 
@@ -179,6 +183,35 @@ def test_robot_when_its_client_left_is_gone() -> None:
     simulation.run()
     assert len(one.batches) == 1
     assert results(other)
+
+
+_BLOCKS = st.lists(
+    st.tuples(
+        st.sampled_from(["Type", "Name", "ClassName", "Location", "Start", "Left", "Time", "X"]),
+        st.text(alphabet=st.characters(max_codepoint=255, exclude_characters="\r\n"), max_size=300),
+    ),
+    max_size=4,
+)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(sorted(COMMANDS)), _BLOCKS), max_size=5))
+def test_commands_when_arbitrary_have_only_answers_that_can_be_sent(
+    said: list[tuple[str, list[tuple[str, str]]]],
+) -> None:
+    server, client = ControlServer(), FakeClient()
+    server.send(Greeting("BotDeathMatch", "walls"))
+    lines = [f"{word} " + "".join(f"{{{n} {v}}}" for n, v in blocks) for word, blocks in said]
+    simulation = simulation_of()
+    whole = ("INIT {ClassName OmniP2AT} {Location 0,0,0}", *lines, "STEP {Time 0.1}", "")
+    for command in server.receive("\r\n".join(whole).encode("latin-1")):
+        # A step of a minute is right, but three thousand ticks long.
+        if not (isinstance(command, Step) and command.time_s > 1.0):
+            simulation.post(Asked(client, command))
+    simulation.post(Stop())
+    simulation.run()
+    assert results(client)[-1].status == "OK"
+    assert all(line_from_report(report).endswith(b"\r\n") for report in client.reports)
 
 
 class Frames:
