@@ -18,7 +18,9 @@ from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy
 
 # Only a broken test waits so long.
 DEADLINE_S = 60.0
-_LISTENING = re.compile(r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+)\n")
+_LISTENING = re.compile(
+    r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+) stream=127\.0\.0\.1:(\d+)\n"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,7 @@ class RunningServer:
     process: subprocess.Popen[str]
     control_port: int
     image_port: int
+    stream_port: int
     log: Path
 
     def robot(self) -> Robot:
@@ -77,7 +80,7 @@ def running_server(
             assert process.stdout is not None, "stdout is a pipe"
             found = _LISTENING.fullmatch(process.stdout.readline())
             assert found, f"the server did not start:\n{log.read_text()}"
-            yield RunningServer(process, int(found[1]), int(found[2]), log)
+            yield RunningServer(process, *map(int, found.groups()), log)
         finally:
             process.terminate()
             process.wait(DEADLINE_S)

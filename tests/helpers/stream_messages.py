@@ -38,7 +38,8 @@ LAW = {"Mirror": "parabolic", "MirrorHorizonRadius": "0.03", "Width": "6", "Heig
 HEADER = FrameHeader(
     version=SCHEMA_VERSION,
     id=7,
-    robot="OmniP2AT",
+    robot="Mine",
+    class_name="USARBot.OmniP2AT",
     camera="Omni",
     sequence=42,
     time_s=1.25,
@@ -74,9 +75,9 @@ SAMPLE_ANSWERS: list[Answer] = [
     Done(1),
     Refused(2, "no robot"),
     Reported(3, ("SEN {Time 1.0}",)),
-    CameraIs(4, "Omni", LAW, UPRIGHT),
+    CameraIs(4, "USARBot.OmniP2AT", "Omni", LAW, UPRIGHT, None),
     LandmarksAre(5, (LANDMARK,)),
     StartsAre(6, (StartRecord("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
-    StatusIs(1, 7, "Catoptra 0.1.0", "field", "USARBot.OmniP2AT", "lockstep", None, 1, False, 0),
+    StatusIs(1, 7, "Catoptra 0.1.0", "field", ("USARBot.OmniP2AT",), "lockstep", 1, False, 0),
     Pulse(SCHEMA_VERSION),
 ]

@@ -20,6 +20,7 @@ from catoptra_server.simulation import Clock
 from catoptra_server.transports.tcp_image import ImageOptions
 
 EXIT_CANNOT_START = 2
+STREAM_PORT = 5005
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,15 +44,17 @@ def _announce(listening: Listening) -> None:
     """Print where to connect, for people and for programs that chose port 0."""
     print(
         f"listening control={listening.host}:{listening.control_port} "
-        f"image={listening.host}:{listening.image_port}",
+        f"image={listening.host}:{listening.image_port} "
+        f"stream={listening.host}:{listening.stream_port}",
         flush=True,
     )
 
 
 def _port_remedy(options: Options) -> str:
     return (
-        f". Is another server running on {options.host}, port {options.control_port} or "
-        f"{options.image_port}? --control-port 0 --image-port 0 take free ones"
+        f". Is another server running on {options.host}, port {options.control_port}, "
+        f"{options.image_port} or {options.stream_port}? "
+        "--control-port 0 --image-port 0 take free ones"
     )
 
 
@@ -67,6 +70,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
     add("--control-port", type=_port, default=3000, metavar="PORT", help="0 = any free one")
     add("--image-port", type=_port, default=5003, metavar="PORT", help="0 = any free one")
+    add("--stream-port", type=_port, metavar="PORT",
+        help="of the ZeroMQ stream (default: 5005, any free one if another port is 0)")  # fmt: skip
     add("--image-type", type=_image_type, default=ImageType.GOOD, metavar="TYPE",
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action="store_true", help="send one frame unasked on connecting")
@@ -86,6 +91,7 @@ def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
         host=parsed.host,
         control_port=parsed.control_port,
         image_port=parsed.image_port,
+        stream_port=_stream_port(parsed),
         images=ImageOptions(parsed.image_type, legacy=parsed.legacy_images),
         renderer=parsed.renderer,
         threads=parsed.threads,
@@ -93,6 +99,13 @@ def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
         seed=parsed.seed,
     )
     return options, logging.DEBUG if parsed.verbose else logging.INFO
+
+
+def _stream_port(parsed: argparse.Namespace) -> int:
+    """Return the port asked for; who wants any free port elsewhere wants one here too."""
+    if parsed.stream_port is not None:
+        return int(parsed.stream_port)
+    return STREAM_PORT if parsed.control_port and parsed.image_port else 0
 
 
 def _port(text: str) -> int:

@@ -38,6 +38,8 @@ from catoptra_server.sensors.sight import RayCaster
 from catoptra_server.simulation import Clock, Fleet, FrameWanted, Simulation, Stop
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
+from catoptra_server.transports.zmq_stream import serve_stream
+from catoptra_server.transports.zmq_stream_facts import facts_of
 
 log = logging.getLogger(__name__)
 
@@ -51,6 +53,7 @@ class Options:
     host: str = "127.0.0.1"
     control_port: int = 3000
     image_port: int = 5003
+    stream_port: int = 0
     images: ImageOptions = field(default_factory=ImageOptions)
     renderer: str = "auto"
     threads: int = 0
@@ -74,6 +77,7 @@ class Listening:
     host: str
     control_port: int
     image_port: int
+    stream_port: int
 
 
 def read_setup(robots: Sequence[Path], world: Path) -> Setup:
@@ -104,7 +108,7 @@ async def serve(options: Options, announce: Callable[[Listening], None]) -> None
     simulation_thread = _SimulationThread(setup, options, loop, on_end=stop.set)
     simulation = await simulation_thread.start()
     try:
-        await _listen(setup, options, simulation, simulation_thread.mailbox, announce, stop)
+        await _listen(setup, options, simulation, simulation_thread, announce, stop)
     finally:
         await simulation_thread.stop()
 
@@ -113,21 +117,30 @@ async def _listen(
     setup: Setup,
     options: Options,
     simulation: Simulation,
-    mailbox: Mailbox,
+    thread: _SimulationThread,
     announce: Callable[[Listening], None],
     stop: asyncio.Event,
 ) -> None:
-    """Keep both ports open until told to stop."""
+    """Keep all ports open until told to stop."""
     greeting = Greeting("BotDeathMatch", setup.world.name)
     async with (
         serve_control(
             options.host, options.control_port, greeting=greeting, post=simulation.post
         ) as control,
         serve_images(
-            options.host, options.image_port, mailbox=mailbox, options=options.images
+            options.host, options.image_port, mailbox=thread.mailbox, options=options.images
         ) as images,
+        serve_stream(
+            options.host,
+            options.stream_port,
+            mailbox=thread.mailbox,
+            post=simulation.post,
+            facts=facts_of(
+                setup.robots, setup.world, clock=options.clock.value, plans=thread.plans
+            ),
+        ) as stream,
     ):
-        announce(Listening(options.host, _port(control), _port(images)))
+        announce(Listening(options.host, _port(control), _port(images), stream.port))
         await stop.wait()
         log.info("stopping")
 
@@ -155,6 +168,7 @@ class _SimulationThread:
         self._started: asyncio.Future[Simulation] = loop.create_future()
         self._simulation: Simulation | None = None
         self._error: Exception | None = None
+        self.plans: dict[str, str] = {}
         self.mailbox = Mailbox(
             lambda: self._post_frame_wanted(), ahead=options.clock is Clock.REALTIME
         )
@@ -234,6 +248,7 @@ class _SimulationThread:
         for name, omni in omnis.items():
             plan = plan_from_wish(omni.wish, omni.camera, kind=choice.kind, why=choice.reason)
             log.info("plan of %s: %s", name, plan)
+            self.plans[name] = str(plan)
             views[name] = choice.renderer.prepare(omni.camera, plan)
             cleanup.callback(views[name].close)
         return views

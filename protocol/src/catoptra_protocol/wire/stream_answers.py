@@ -39,6 +39,7 @@ class FrameHeader:
     version: int
     id: int
     robot: str
+    class_name: str
     camera: str
     sequence: int
     time_s: float
@@ -93,14 +94,16 @@ class Reported:
 
 @dataclass(frozen=True, slots=True)
 class CameraIs:
-    """A camera's law, as the pairs of CONF, and where its effective viewpoint sits."""
+    """A camera's law, as the pairs of CONF, where its viewpoint sits, and how it is drawn."""
 
     KIND: ClassVar[str] = "camera"
 
     id: int
+    class_name: str
     camera: str
     camera_law: dict[str, str]
     robot_from_mirror: Placement
+    plan: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,7 @@ class StartsAre:
 
 @dataclass(frozen=True, slots=True)
 class StatusIs:
-    """What the server is: its world, the class it can spawn, its clock; whom it serves."""
+    """What the server is: its world, the classes it can spawn, its clock; whom it serves."""
 
     KIND: ClassVar[str] = "status"
 
@@ -158,9 +161,8 @@ class StatusIs:
     id: int
     server: str
     world: str
-    class_name: str
+    class_names: tuple[str, ...]
     clock: str
-    plan: str | None
     clients: int
     has_robot: bool
     sent: int

@@ -165,6 +165,7 @@ class Simulation:
         begin = self._monotonic()
         image, name, pose = self._fleet.picture()
         end = self._monotonic()
+        watched = self._fleet.watched()
         self._put_frame(
             Frame(
                 sequence=self._sequence,
@@ -175,5 +176,7 @@ class Simulation:
                 stage_ms=image.stage_ms,
                 drawn_s=end - begin,
                 finished_s=end,
+                robot=watched.name if watched else "",
+                class_name=watched.description.class_name if watched else "",
             )
         )

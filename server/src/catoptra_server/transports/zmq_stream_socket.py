@@ -1,0 +1,136 @@
+"""The stream's ROUTER socket on the asyncio loop: the server's one door to ZeroMQ.
+
+It never blocks and never queues without bound: what a peer does not take is not sent, what a peer
+sends too fast waits in that peer's own TCP connection.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import socket
+from collections.abc import Callable, Sequence
+from enum import Enum, auto
+
+import zmq
+
+log = logging.getLogger(__name__)
+
+# Messages that wait for one peer, beside what its TCP connection holds. A peer that keeps to one
+# request a time never has more than one frame, one answer and some pulses there.
+_WAITING_FOR_PEER = 8
+# Messages of one peer that wait for us; the rest stays in TCP, which holds the peer back.
+_WAITING_FROM_PEER = 16
+# A part that is announced longer ends its connection before memory is taken for it.
+_LARGEST_PART_BYTES = 8 * 1024
+# Messages read in one go, before other work of the loop has its turn.
+_READ_AT_ONCE = 32
+# A peer whose host vanished without a word is given up after this silence of its connection; a
+# living process answers from ZeroMQ's own thread, however busy it is.
+_PING_EVERY_MS = 2000
+_GIVE_UP_AFTER_MS = 6000
+
+Received = Callable[[bytes, list[bytes]], None]
+
+
+class Sent(Enum):
+    """What became of a message."""
+
+    YES = auto()
+    PEER_IS_FULL = auto()
+    PEER_IS_GONE = auto()
+
+
+class RouterSocket:
+    """A bound socket. `received` is called with a peer's identity and the parts it sent."""
+
+    def __init__(self, host: str, port: int, received: Received) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._received = received
+        self._context = zmq.Context(io_threads=1)
+        try:
+            self._socket = _bound(self._context, host, port)
+        except BaseException:
+            self._context.term()
+            raise
+        self._reading: asyncio.Handle | None = None
+        self._loop.add_reader(self._socket.FD, self._read)
+        self._read_soon()
+
+    @property
+    def port(self) -> int:
+        """Return the port that it listens on."""
+        endpoint = self._socket.get_string(zmq.LAST_ENDPOINT)
+        return int(endpoint.rpartition(":")[2])
+
+    def send(self, peer: bytes, parts: Sequence[bytes]) -> Sent:
+        """Send a message at once, or not at all."""
+        try:
+            self._socket.send_multipart([peer, *parts], flags=zmq.NOBLOCK)
+        except zmq.Again:
+            return Sent.PEER_IS_FULL
+        except zmq.ZMQError as error:
+            if error.errno != errno.EHOSTUNREACH:
+                raise
+            return Sent.PEER_IS_GONE
+        finally:
+            # Sending may take the one readiness that the file descriptor tells of.
+            self._read_soon()
+        return Sent.YES
+
+    def close(self) -> None:
+        """Let go of the port, and of everything that waits to be sent."""
+        self._loop.remove_reader(self._socket.FD)
+        if self._reading is not None:
+            self._reading.cancel()
+        self._context.destroy(linger=0)
+
+    def _read_soon(self) -> None:
+        if self._reading is None:
+            self._reading = self._loop.call_soon(self._read_again)
+
+    def _read_again(self) -> None:
+        self._reading = None
+        self._read()
+
+    def _read(self) -> None:
+        for _ in range(_READ_AT_ONCE):
+            try:
+                peer, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            self._received(peer, parts)
+        self._read_soon()
+
+
+def _bound(context: zmq.Context[zmq.Socket[bytes]], host: str, port: int) -> zmq.Socket[bytes]:
+    """Return the socket; all limits are set before it is bound, later they would not count."""
+    router = context.socket(zmq.ROUTER)
+    router.set(zmq.SNDHWM, _WAITING_FOR_PEER)
+    router.set(zmq.RCVHWM, _WAITING_FROM_PEER)
+    router.set(zmq.MAXMSGSIZE, _LARGEST_PART_BYTES)
+    router.set(zmq.ROUTER_MANDATORY, 1)  # say who is gone or full, instead of dropping in silence
+    router.set(zmq.HEARTBEAT_IVL, _PING_EVERY_MS)
+    router.set(zmq.HEARTBEAT_TIMEOUT, _GIVE_UP_AFTER_MS)
+    router.set(zmq.LINGER, 0)
+    try:
+        family, address = _resolved(host, port)
+        router.set(zmq.IPV6, int(family == socket.AF_INET6))
+        router.bind(f"tcp://{address}:{port or '*'}")
+    except zmq.ZMQError as error:
+        router.close()
+        raise OSError(error.errno, f"stream port {host}:{port}: {error.strerror}") from error
+    except BaseException:
+        router.close()
+        raise
+    return router
+
+
+def _resolved(host: str, port: int) -> tuple[int, str]:
+    """Return family and numeric address of a host; ZeroMQ binds to no names."""
+    flags = socket.AI_PASSIVE
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=flags)
+    family, _, _, _, address = found[0]
+    numeric = str(address[0])
+    return family, f"[{numeric}]" if family == socket.AF_INET6 else numeric

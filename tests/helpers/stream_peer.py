@@ -1,0 +1,76 @@
+"""A bare DEALER socket on an asyncio loop: a stream client that knows only bytes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zmq
+import zmq.asyncio
+
+from catoptra_protocol.wire.stream import answer_from_bytes, bytes_from_message
+from catoptra_protocol.wire.stream_answers import Answer, FrameHeader, Pulse, Refused
+from catoptra_protocol.wire.stream_requests import AskFrame, Encoding, Request
+
+
+class RawPeer:
+    """One connection; `ids` gives the numbers of requests."""
+
+    def __init__(self, socket: zmq.asyncio.Socket) -> None:
+        self.socket = socket
+        self.ids = itertools.count(1)
+
+    async def send(self, *parts: bytes) -> None:
+        """Send a message as it is."""
+        await self.socket.send_multipart(list(parts))
+
+    async def receive(self) -> tuple[Answer, list[bytes]]:
+        """Return the next message that is no pulse, and the parts behind it."""
+        while True:
+            head, *rest = await self.socket.recv_multipart()
+            answer = answer_from_bytes(head)
+            if answer is not None and not isinstance(answer, Pulse):
+                return answer, rest
+
+    async def ask(self, request: Request) -> Answer:
+        """Send a request; return its answer."""
+        await self.send(bytes_from_message(request))
+        answer, _ = await self.receive()
+        assert getattr(answer, "id", None) == request.id
+        return answer
+
+    async def refusal(self, *parts: bytes) -> str:
+        """Send parts that cannot be read; return what is said about them."""
+        await self.send(*parts)
+        answer, _ = await self.receive()
+        assert isinstance(answer, Refused)
+        assert answer.id == 0
+        return answer.reason
+
+    async def ask_frame(self, encoding: Encoding = Encoding.RAW) -> None:
+        """Ask for a frame."""
+        await self.send(bytes_from_message(AskFrame(next(self.ids), "", "", encoding)))
+
+    async def frame(self, encoding: Encoding = Encoding.RAW) -> tuple[FrameHeader, bytes]:
+        """Ask for a frame and return it."""
+        await self.ask_frame(encoding)
+        header, (picture,) = await self.receive()
+        assert isinstance(header, FrameHeader)
+        return header, picture
+
+
+@contextmanager
+def raw_peer(port: int, *, keeps: int = 1000) -> Iterator[RawPeer]:
+    """Connect to a stream on the loopback; keeps: how many messages wait unread on this side."""
+    context = zmq.asyncio.Context()
+    socket = context.socket(zmq.DEALER)
+    try:
+        socket.set(zmq.LINGER, 0)
+        socket.set(zmq.RCVHWM, keeps)
+        if keeps < 10:
+            socket.set(zmq.RCVBUF, 4096)
+        socket.connect(f"tcp://127.0.0.1:{port}")
+        yield RawPeer(socket)
+    finally:
+        context.destroy(linger=0)
