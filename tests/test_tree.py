@@ -20,23 +20,10 @@ PACKAGES = ("protocol", "server", "client")
 
 _DRAWN = "a picture: tests/server/figures/test_main.py draws it whole"
 _RUN = "the experiment: tests/end_to_end/test_experiment.py runs it whole"
-_COMMANDS = "its commands are in tests/protocol/wire/test_commands.py and the conformance vectors"
-_REPORTS = "its reports are in tests/protocol/wire/test_reports.py and the conformance vectors"
 
 # Modules without a test file of their own, and why.
 WITHOUT_TEST = {
     "protocol/errors.py": "the tree of errors: what they say is tested where they are raised",
-    "protocol/wire/command_fields.py": _COMMANDS,
-    "protocol/wire/commands_drive.py": _COMMANDS,
-    "protocol/wire/commands_set.py": _COMMANDS,
-    "protocol/wire/mission_package.py": _COMMANDS,
-    "protocol/wire/configurations.py": _REPORTS,
-    "protocol/wire/items.py": _REPORTS,
-    "protocol/wire/readings_gps.py": _REPORTS,
-    "protocol/wire/readings_items.py": _REPORTS,
-    "protocol/wire/readings_range.py": _REPORTS,
-    "protocol/wire/results.py": _REPORTS,
-    "protocol/wire/status.py": _REPORTS,
     "server/robot/description.py": "frozen data; tests/server/config/test_robot_file.py reads it",
     "server/figures/catalogue.py": _DRAWN,
     "server/figures/cube.py": _DRAWN,

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
 from catoptra_protocol.wire.connection import ControlClient, ControlServer
-from catoptra_protocol.wire.reports import Greeting, OdometryReading, Result, VehicleStatus
+from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.reports import (
+    Greeting,
+    OdometryReading,
+    Result,
+    SonarReadings,
+    VehicleStatus,
+)
 from catoptra_protocol.wire.states import ControlState
 
 GREETING = Greeting("BotDeathMatch", "field")
@@ -123,3 +130,15 @@ def test_server_when_bytes_are_cut_anywhere_hears_the_same(pieces: list[bytes], 
     server = greeted()
     cut = [c for i in range(0, len(data), size) for c in server.receive(data[i : i + size])]
     assert cut == greeted().receive(data)
+
+
+def test_conversation_when_in_udk_is_read_by_the_same_client() -> None:
+    server, client = ControlServer(Dialect.UDK), ControlClient()
+    assert client.receive(server.send(GREETING)) == [GREETING]
+    sonars = server.send(SonarReadings(1.0, (("F1", 4.0), ("F2", 2.0))))
+    assert client.receive(sonars) == [
+        SonarReadings(1.0, (("F1", 4.0),)),
+        SonarReadings(1.0, (("F2", 2.0),)),
+    ]
+    assert server.send(Result(1.0, "Odometry", "O")) == b""
+    assert client.receive(server.send(VehicleStatus(1.0, 9))) == [VehicleStatus(1.0, 9)]

@@ -6,7 +6,7 @@ import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.grammar import Message
+from catoptra_protocol.wire.grammar import Message, parse_message
 
 STATUS = Message("STA", (("Time", "1.5"), ("Battery", "1200"), ("Pose", "1,2,-3"), ("On", "True")))
 
@@ -45,3 +45,15 @@ def test_error_when_the_line_is_long_quotes_its_start() -> None:
     with pytest.raises(RemoteProtocolError) as caught:
         fields.number(Message("STA", (("Time", "x" * 60_000),)), "Time")
     assert len(str(caught.value)) < 500
+
+
+def test_numbers_when_given_are_as_many_as_there_are() -> None:
+    assert fields.numbers(parse_message("SEN {Range 1,2.5,-3}"), "Range") == (1.0, 2.5, -3.0)
+    with pytest.raises(RemoteProtocolError, match="finite"):
+        fields.numbers(parse_message("SEN {Range 1,,3}"), "Range")
+
+
+def test_optional_number_when_missing_is_none_but_when_wrong_is_refused() -> None:
+    assert fields.optional_number(parse_message("SEN {A b}"), "Time") is None
+    with pytest.raises(RemoteProtocolError, match="Time x"):
+        fields.optional_number(parse_message("SEN {Time x}"), "Time")

@@ -15,6 +15,8 @@ from catoptra_protocol.wire.numbers import (
     exact,
     fixed,
     number_from_text,
+    numbers_from_text,
+    unreal_angle,
     vector,
     vector_from_text,
 )
@@ -147,3 +149,27 @@ def test_boolean_from_text_when_anything_else_is_false(text: str) -> None:
 def test_readers_when_given_any_text_give_finite_numbers(text: str) -> None:
     assert all(map(math.isfinite, (number_from_text(text), *vector_from_text(text))))
     assert boolean_from_text(text) in (True, False)
+
+
+UNREAL = [(math.pi, "3.1415"), (3.14159, "3.1414"), (0.01745, "0.0174"), (-0.01745, "-0.0174")]
+
+
+@pytest.mark.parametrize(("angle_rad", "text"), UNREAL)
+def test_unreal_angle_when_printed_equals_the_captures(angle_rad: float, text: str) -> None:
+    assert fixed(unreal_angle(angle_rad)) == text
+
+
+@pytest.mark.parametrize("angle_rad", [1e308, math.inf, math.nan])
+def test_unreal_angle_when_out_of_reach_is_refused(angle_rad: float) -> None:
+    with pytest.raises(LocalProtocolError, match="Unreal"):
+        unreal_angle(angle_rad)
+
+
+LISTS = [("", ()), ("  ", ()), ("1", (1.0,)), ("1,2, 3 4", (1.0, 2.0, 3.0, 4.0)), ("x", (0.0,))]
+
+
+@pytest.mark.parametrize(("text", "numbers"), LISTS)
+def test_numbers_from_text_when_read_are_as_many_as_there_are(
+    text: str, numbers: tuple[float, ...]
+) -> None:
+    assert numbers_from_text(text) == numbers

@@ -1,0 +1,84 @@
+"""DRIVE by joint, MULTIDRIVE and MISPKG; wheel speeds are in test_commands."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.wire.commands import command_from_message, line_from_command
+from catoptra_protocol.wire.commands_drive import (
+    Drive,
+    DriveJoint,
+    LinkCommand,
+    MisPkg,
+    MultiDrive,
+    Order,
+)
+from catoptra_protocol.wire.grammar import parse_message
+from catoptra_protocol.wire.limits import MAX_NAME_CHARS
+
+Motion = DriveJoint | MultiDrive | MisPkg
+
+
+def read(line: str) -> object:
+    return command_from_message(parse_message(line))
+
+
+WRITTEN: list[tuple[Motion, str]] = [
+    (DriveJoint("FRFlipper", 1.5), "DRIVE {Name FRFlipper} {Value 1.5}"),
+    (
+        DriveJoint("Arm", -0.5, Order.RELATIVE_ANGLE, 0.25),
+        "DRIVE {Name Arm} {Steer 0.25} {Order 10} {Value -0.5}",
+    ),
+    (MultiDrive((("A", 1.0), ("B", -2.0))), "MULTIDRIVE {A 1.0} {B -2.0}"),
+    (MultiDrive(()), "MULTIDRIVE"),
+    (
+        MisPkg("P", (LinkCommand(1, 0.5), LinkCommand(2, -1.0, Order.SPEED))),
+        "MISPKG {Name P} {Link 1} {Value 0.5} {Link 2} {Value -1.0} {Order 1}",
+    ),
+    (MisPkg("P", gripper=1.0), "MISPKG {Name P} {Gripper 1.0}"),
+    (MisPkg("P", sequence=3.0), "MISPKG {Name P} {Seq 3.0}"),
+]
+
+
+@pytest.mark.parametrize(("command", "line"), WRITTEN, ids=[line for _, line in WRITTEN])
+def test_motion_when_written_and_read_is_the_same(command: Motion, line: str) -> None:
+    assert line_from_command(command) == line.encode() + b"\r\n"
+    assert read(line) == command
+
+
+def test_drive_when_it_names_a_side_is_the_wheels() -> None:
+    assert read("DRIVE {Name R1} {Right 1}") == Drive(right=1.0)
+    assert read("DRIVE {Light true}") == Drive(light=True)
+
+
+def test_multi_drive_when_a_name_is_too_long_cuts_it() -> None:
+    command = read("MULTIDRIVE {" + "n" * 999 + " 1}")
+    assert command == MultiDrive((("n" * MAX_NAME_CHARS, 1.0),))
+
+
+def test_mission_package_when_blocks_precede_the_first_link_gives_them_to_none() -> None:
+    assert read("MISPKG {Value 3} {Name P} {Link 1}") == MisPkg("P", (LinkCommand(1),))
+
+
+def test_multi_drive_when_a_joint_has_two_words_is_refused() -> None:
+    with pytest.raises(LocalProtocolError, match="cannot be sent"):
+        line_from_command(MultiDrive((("front left", 1.0),)))
+
+
+NAMES = st.text("abcXYZ_09", min_size=1, max_size=9)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+LINKS = st.builds(LinkCommand, st.integers(-9, 99), st.none() | NUMBERS, st.integers(-3, 12))
+MOTIONS = (
+    st.builds(DriveJoint, NAMES, st.none() | NUMBERS, st.integers(-3, 12), st.none() | NUMBERS)
+    | st.builds(MultiDrive, st.lists(st.tuples(NAMES, NUMBERS)).map(tuple))
+    | st.builds(MisPkg, NAMES, st.lists(LINKS).map(tuple), st.none() | NUMBERS, st.none() | NUMBERS)
+)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(MOTIONS)
+def test_motion_when_any_is_written_and_read_is_the_same(command: Motion) -> None:
+    assert read(line_from_command(command).decode("latin-1").rstrip()) == command
