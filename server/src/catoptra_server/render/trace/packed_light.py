@@ -10,6 +10,7 @@ bits, 0.4 of such a step.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -39,10 +40,7 @@ class LightScale:
     def for_samples(cls, samples: int) -> LightScale:
         """Return the finest scale whose sums fit: `samples` is the number a pixel, at most 256."""
         top = min(2**16 - 1, int(_FIELD_MASK) // samples)
-        linear = np.arange(samples * top + 1) / (samples * top)
-        encoded = np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
-        encoded.setflags(write=False)
-        return cls(samples, top, encoded)
+        return cls(samples, top, _encoded_sums(samples * top))
 
     def packed(self, radiance: Float32s) -> Packed:
         """Return (n,) packed levels of (3, n) radiance, clipped to [0, 1] as a sensor does."""
@@ -65,3 +63,11 @@ class LightScale:
             # Levels are within the table; "clip" only spares take() a pass that checks them.
             rgb[:, channel] = self.encoded.take(level, mode="clip")
         return rgb
+
+
+@cache
+def _encoded_sums(highest: int) -> npt.NDArray[np.uint8]:
+    """Return (highest + 1,) sRGB greys of sums up to the brightest; once for all views."""
+    encoded = np.rint(255.0 * srgb_from_linear(np.arange(highest + 1) / highest)).astype(np.uint8)
+    encoded.setflags(write=False)
+    return encoded
