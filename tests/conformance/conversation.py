@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -200,6 +201,13 @@ def _close(stage: Stage, step: Step) -> None:
     stage.line = None
 
 
+def _reset(stage: Stage, step: Step) -> None:
+    """`reset`: break the connection off with RST, as a client that dies with unread bytes."""
+    at_once = struct.pack("ii", 1, 0)
+    stage.connected().socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, at_once)
+    _close(stage, step)
+
+
 def _wait(line: Line, pattern: str, within_s: float) -> None:
     for text in line.next_lines(within_s):
         if re.fullmatch(pattern, text):
@@ -226,5 +234,6 @@ STEPS: dict[str, Callable[[Stage, Step], None]] = {
     "frames": _frames,
     "no_frame_for_s": _no_frame,
     "close": _close,
+    "reset": _reset,
 }
 _SETTINGS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}

@@ -1,7 +1,7 @@
-"""Several parts of one type in a reply: how UT2004 and UDK list them.
+"""Several parts of one type in a report: how UT2004 and UDK list them.
 
 UT2004 writes one line with a block a part, which holds all its pairs: `{Name F1 Range 4.5604}`. UDK
-writes a line a part, a block a pair: `{Name F1} {Range 4.5604}`.
+writes a block a pair: `{Name F1} {Range 4.5604}`, of readings with a line a part; both are read.
 """
 
 from __future__ import annotations
