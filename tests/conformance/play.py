@@ -70,9 +70,8 @@ def table(verdicts: Sequence[Verdict]) -> Table:
     for verdict in verdicts:
         one = verdict.conversation
         name = one.name if one.required else f"{one.name} (not required)"
-        sent = next((step["send"] for step in one.steps if "send" in step), "bytes")
         how = f"[red]{_plain(verdict.reason)}" if verdict.reason else "[green]passed"
-        shown.add_row(name, _plain(repr(sent)[1:-1][:60]), one.why, how)
+        shown.add_row(name, _plain(_sent_first(one)), one.why, how)
     return shown
 
 
@@ -100,6 +99,12 @@ def _address(text: str) -> Address:
         return host or "127.0.0.1", int(port)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r}: expected host:port") from error
+
+
+def _sent_first(conversation: Conversation) -> str:
+    """Return the beginning of what is sent first: text, or bytes in hexadecimal."""
+    sent = (step.get("send", step.get("send_hex")) for step in conversation.steps)
+    return repr(next(filter(None, sent), ""))[1:-1][:60] or "nothing"
 
 
 def _plain(text: str) -> str:
