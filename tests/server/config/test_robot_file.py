@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.robot.description import GroundTruthDescription, OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, edited_copy, line_of
 
@@ -33,7 +33,7 @@ def written(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.ini")), ids=lambda path: path.name)
 def test_shipped_robot_when_read_is_known_to_the_last_key(path: Path) -> None:
     robot, file = read_robot(path)
-    assert robot.omni_camera is not None
+    assert (robot.omni_camera is not None) == ("omni" in path.name)
     assert file.unknown() == []
 
 
@@ -118,3 +118,48 @@ def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str)
 def test_file_when_it_has_no_robot_says_what_one_looks_like(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"robot\.ini: USARBot\.X\.SteeringType=.*SkidSteered"):
         read_robot(written(tmp_path, "[A.B]\nK=1\n"))
+
+
+def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Path) -> None:
+    robots, _ = read_robots(written(tmp_path, BARE + "[USARBot.P2DX]\n[Other.P3AT]\nmsgTimer=1\n"))
+    assert [robot.class_name for robot in robots] == ["USARBot.P2AT", "USARBot.P2DX"]
+    robots, _ = read_robots(ROBOTS / "omni_p2dx.ini")
+    assert [robot.class_name for robot in robots] == ["USARBot.OmniP2DX", "USARBot.P2DX"]
+
+
+@pytest.mark.parametrize(
+    ("text", "wheel_m", "separation_m", "mass_kg", "speed_rad_s", "body_m"),
+    # usarsim.md 4.
+    [
+        ("[USARBot.P2AT]\nMass=15", 0.13, 0.4712, 15.0, 5.385, (0.5238, 0.4968, 0.2913)),
+        ("[usarbot.p3at]\nmsgTimer=.1", 0.098, 0.36, 11.9, 1.3, (0.508, 0.497, 0.277)),
+    ],
+)
+def test_base_when_the_section_is_silent_is_that_of_the_class(
+    tmp_path: Path,
+    text: str,
+    wheel_m: float,
+    separation_m: float,
+    mass_kg: float,
+    speed_rad_s: float,
+    body_m: tuple[float, float, float],
+) -> None:
+    drive = read_robot(written(tmp_path, text))[0].drive
+    assert (drive.wheel_radius_m, drive.wheel_separation_m) == (wheel_m, separation_m)
+    assert (drive.mass_kg, drive.max_speed_rad_s, drive.body_m) == (mass_kg, speed_rad_s, body_m)
+
+
+def test_p3at_when_asked_reports_the_dimensions_of_udk(tmp_path: Path) -> None:
+    drive = read_robot(ROBOTS / "p3at_udk.ini")[0].drive
+    assert drive.dimensions_m == (0.248, 0.36, 0.0)
+
+
+def test_classes_when_unknown_are_reported_and_the_rest_is_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    item = "Sensors=(ItemClass=class'USARBot.Sniffer',ItemName=\"CO2\")\n"
+    robot, _ = read_robot(written(tmp_path, BARE + item))
+    assert robot.sensors == ()
+    assert [record.message.partition(": ")[2] for record in caplog.records] == [
+        "class USARBot.Sniffer is not known here: CO2 has no effect"
+    ]

@@ -43,9 +43,9 @@ def simulation_of(
     view: FakeView | None = None,
 ) -> Simulation:
     world = walled_world()
-    fleet = Fleet(
-        description or p2at(), world, build_scene(world), view=view or FakeView(), seed=seed
-    )
+    described = description or p2at()
+    views = {described.class_name: view or FakeView()}
+    fleet = Fleet([described], world, build_scene(world), views=views, seed=seed)
     return Simulation(fleet, clock=clock, put_frame=put_frame, monotonic=monotonic)
 
 

@@ -44,8 +44,10 @@ def read_robots(path: Path) -> tuple[tuple[RobotDescription, ...], IniFile]:
 
 
 def _robot_sections(file: IniFile) -> Iterator[Settings]:
-    for name in file.names():
-        section = file.section(name)
+    """Yield the file's own robots first, then those of the files that it is based on."""
+    sections = [file.section(name) for name in file.names()]
+    for section in sorted(sections, key=lambda s: s.where.file != str(file.path)):
+        name = section.name
         if section.has("SteeringType") or _known_base(section) is not None:
             if not is_word(name):
                 raise ConfigError(section.where, key="section", value=name, expected=WORD_EXPECTED)

@@ -1,0 +1,48 @@
+"""Rays and boxes: from all sides, turned, inside, missed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.scene.oriented_box import OrientedBox, box_distances
+
+BOX = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0)), (1.0, 2.0, 0.5))
+
+
+def distance(box: OrientedBox, origin: object, direction: object) -> float:
+    return float(box_distances([box], np.array([origin], float), np.array([direction], float))[0])
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "expected"),
+    [
+        ((0, 0, 0), (1, 0, 0), 1.5),
+        ((5, 0, 0), (-1, 0, 0), 2.5),
+        ((2, 5, 0), (0, -1, 0), 4.0),
+        ((2, 0, -3), (0, 0, 1), 2.75),
+        ((0, 0, 0), (-1, 0, 0), math.inf),
+        ((0, 1.1, 0), (1, 0, 0), math.inf),
+        ((2, 0, 0), (1, 0, 0), 0.0),
+        ((0, 0, 0), (0.8, 0.6, 0), math.inf),
+    ],
+)
+def test_distance_when_from_a_side_is_to_that_face(
+    origin: object, direction: object, expected: float
+) -> None:
+    assert distance(BOX, origin, direction) == pytest.approx(expected)
+
+
+def test_distance_when_turned_by_45_degrees_is_to_the_corner() -> None:
+    box = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0), (0.0, 0.0, math.pi / 4)), (1.0, 1.0, 1.0))
+    assert distance(box, (0, 0, 0), (1, 0, 0)) == pytest.approx(2.0 - math.sqrt(0.5))
+
+
+def test_distance_when_there_are_several_is_to_the_nearest() -> None:
+    far = OrientedBox(Pose.from_rpy((5.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
+    one_ray = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
+    assert box_distances([far, BOX], *one_ray)[0] == 1.5
+    assert np.isinf(box_distances([], *one_ray))

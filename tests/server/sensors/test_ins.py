@@ -1,0 +1,69 @@
+"""Inertial navigation: true without noise, drifting with time, corrected by SET POSE."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import InsDescription
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.skid_steer import Rolled
+from catoptra_server.sensors import Moment, Move
+from catoptra_server.sensors.ins import InsSensor
+from helpers.robots import BASE, INS
+
+POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))
+
+
+def sensor_of(seed: int = 1, **changes: object) -> InsSensor:
+    description: InsDescription = dataclasses.replace(INS, **changes)  # type: ignore[arg-type] # a test's own
+    return InsSensor(description, BASE, RandomStream.of(seed, "R", "INS"))
+
+
+def stood(sensor: InsSensor, *, ticks: int, tick_s: float) -> tuple[float, ...]:
+    for tick in range(ticks):
+        sensor.follow(Move(Rolled(0.0, 0.0), tick, tick_s, PlanarPose(0.0, 0.0, 0.0)))
+    reading = sensor.reading(Moment(0.0, ticks, Pose.identity()))
+    return (reading.location_m[0], reading.location_m[1], reading.rotation_rad[2])
+
+
+def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
+    reading = sensor_of().reading(Moment(0.0, 0, POSE))
+    assert reading.location_m == pytest.approx(tuple(POSE.points(np.array(INS.mount.position_m))))
+    assert reading.rotation_rad == pytest.approx((0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize(("ticks", "tick_s"), [(50, 0.02), (10, 0.1)])
+def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
+    ticks: int, tick_s: float
+) -> None:
+    ends = [stood(sensor_of(seed, noise=0.01), ticks=ticks, tick_s=tick_s) for seed in range(300)]
+    # Relative to the mount's own 0.1 m in x; 300 runs know a spread to 4 %.
+    assert np.std(ends, axis=0) == pytest.approx(0.01, rel=0.15)
+    assert np.mean(ends, axis=0) == pytest.approx((0.1, 0.0, 0.0), abs=0.002)
+
+
+def test_drift_when_time_goes_on_grows_with_its_root() -> None:
+    spreads = [
+        np.std([stood(sensor_of(s, noise=0.01), ticks=n, tick_s=0.5) for s in range(200)], axis=0)
+        for n in (2, 32)
+    ]
+    assert spreads[1] / spreads[0] == pytest.approx(4.0, rel=0.25)
+
+
+def test_noise_when_not_drifting_is_of_each_reading_alone() -> None:
+    sensor = sensor_of(noise=0.01, is_drifting=False)
+    readings = [sensor.reading(Moment(0.0, tick, POSE)).rotation_rad[2] for tick in range(400)]
+    assert np.std(readings) == pytest.approx(0.01, rel=0.1)
+
+
+def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
+    sensor = sensor_of()
+    sensor.correct((5.0, 6.0, 0.0), (0.0, 0.0, 3.0), POSE)
+    reading = sensor.reading(Moment(0.0, 0, POSE))
+    assert reading.location_m[:2] == pytest.approx((5.0, 6.0))
+    assert reading.rotation_rad[2] == pytest.approx(3.0)

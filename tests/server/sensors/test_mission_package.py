@@ -1,0 +1,54 @@
+"""Mission packages on a robot: commands by number and name, MISSTA, CONF, GEO."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.wire.reports import line_from_report
+from catoptra_server.robot.mission_package import ANGLE, KNOWN_PACKAGES
+from catoptra_server.sensors.mission_package import MissionPackage
+
+
+def package() -> MissionPackage:
+    return MissionPackage(KNOWN_PACKAGES["camerapantilt"])
+
+
+def test_joint_when_commanded_moves_at_its_speed_and_arrives() -> None:
+    head = package()
+    assert head.command(1, 0.1, ANGLE)
+    head.move(0.5)
+    assert head.angles() == {"camerapan": pytest.approx(0.085), "cameratilt": 0.0}
+    head.move(0.5)
+    assert head.angles()["camerapan"] == 0.1
+
+
+@pytest.mark.parametrize("number", [0, 3, -1])
+def test_link_when_it_is_not_there_is_refused(number: int) -> None:
+    assert not package().command(number, 1.0, ANGLE)
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [("cameraTILT", 2), ("CameraPanTilt_Link1", 1), ("FRFlipper", None), ("", None)],
+)
+def test_link_when_named_has_its_number(name: str, number: int | None) -> None:
+    assert package().number_of(name) == number
+
+
+def test_lines_when_sent_have_the_captured_form() -> None:
+    head = package()
+    head.command(2, 1.0, ANGLE)
+    head.move(0.1)
+    assert line_from_report(head.status(395.38)) == (
+        b"MISSTA {Time 395.38} {Name CameraPanTilt} {Link 1} {Value 0.0000} {Torque 0.00} "
+        b"{Link 2} {Value 0.0170} {Torque 20.00}\r\n"
+    )
+    assert line_from_report(head.configuration()).startswith(
+        b"CONF {Type MisPkg} {Name CameraPanTilt} {Link 1} {JointType Revolute} {MaxSpeed 0.17} "
+        b"{MaxTorque 20.00} {MinRange 1} {MaxRange 0} {Link 2}"
+    )
+    assert line_from_report(head.geometry()) == (
+        b"GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} {ParentLink -1} "
+        b"{Location 0.1239,0.0000,-0.2036} {Orientation 3.1415,0.0000,0.0000} {Link 2} "
+        b"{ParentLink 1} {Location 0.0000,0.0000,0.0599} {Orientation 1.5707,0.0000,0.0000}\r\n"
+    )

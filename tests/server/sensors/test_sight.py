@@ -1,0 +1,19 @@
+"""What is around a robot: the nearer of scene and bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_server.sensors.sight import EMPTY, Surroundings
+from helpers.rooms import Room, box_at
+
+RAYS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def test_distances_when_a_body_is_nearer_are_to_it() -> None:
+    around = Surroundings(Room(), [box_at(2.0, 0.0)])
+    assert around.distances(np.zeros(3), RAYS).tolist() == [1.8, 3.0]
+
+
+def test_distances_when_there_is_nothing_are_infinite() -> None:
+    assert np.isinf(EMPTY.distances(np.zeros(3), RAYS)).all()

@@ -1,0 +1,92 @@
+"""GETCONF and GETGEO of every shipped robot: silence or an empty reply stalls real clients."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.wire.commands import GetConf, GetGeo
+from catoptra_protocol.wire.reports import line_from_report
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.robot.description import RobotDescription
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.simulation.answers import configurations, geometries
+from catoptra_server.simulation.spawned_robot import SpawnedRobot
+from helpers.configs import ROBOTS
+from helpers.robots import p2at
+
+
+def spawned(description: RobotDescription) -> SpawnedRobot:
+    pose = PlanarPose(0.0, 0.0, 0.0)
+    return SpawnedRobot(description, pose, name="R", seed=1, time_s=0.0, camera=None)
+
+
+@cache
+def shipped() -> tuple[tuple[str, RobotDescription], ...]:
+    files = sorted(ROBOTS.glob("*.ini"))
+    return tuple((path.name, robot) for path in files for robot in read_robots(Path(path))[0])
+
+
+PARTS = [
+    pytest.param(robot, part.type, part.name, id=f"{file}-{robot.model_name}-{part.name}")
+    for file, robot in shipped()
+    for sensor in spawned(robot).sensors
+    for part in sensor.parts
+]
+
+
+@pytest.mark.parametrize(("description", "type_", "name"), PARTS)
+def test_sensor_of_a_shipped_robot_when_asked_answers_with_its_name(
+    description: RobotDescription, type_: str, name: str
+) -> None:
+    robot = spawned(description)
+    (conf,) = configurations(robot, GetConf(type_.upper(), name.lower()))
+    line = line_from_report(conf).decode()
+    assert line.startswith(f"CONF {{Type {type_}}} {{Name {name}}} {{")
+    (geo,) = geometries(robot, GetGeo(type_, name))
+    line = line_from_report(geo).decode()
+    assert f"{{Name {name} Location " in line
+    assert " Mount HARD}" in line
+
+
+@pytest.mark.parametrize(
+    "description", [robot for _, robot in shipped()], ids=[name for name, _ in shipped()]
+)
+def test_line_of_a_shipped_robot_when_sent_names_parts_that_answer(
+    description: RobotDescription,
+) -> None:
+    robot = spawned(description)
+    for sensor, report in zip(robot.sensors, robot.all_readings(0.0), strict=False):
+        line = line_from_report(report).decode()
+        assert all(f"{{Name {part.name}" in line for part in sensor.parts)
+
+
+def test_sonars_when_asked_together_are_in_one_geo_and_a_conf_each() -> None:
+    robot = spawned(next(robot for file, robot in shipped() if file == "p2at.ini"))
+    assert len(configurations(robot, GetConf("Sonar"))) == 16
+    (geo,) = geometries(robot, GetGeo("Sonar"))
+    assert (
+        b"{Name F2 Location 0.1850,-0.1150,0.0000 Orientation 0.0000,0.0000,-0.8727 Mount HARD} "
+        b"{Name F3 "
+    ) in line_from_report(geo)
+
+
+def test_package_and_camera_when_asked_answer() -> None:
+    robot = spawned(next(robot for file, robot in shipped() if file == "p2at.ini"))
+    (geo,) = geometries(robot, GetGeo("MisPkg"))
+    assert line_from_report(geo).startswith(b"GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} ")
+    (geo,) = geometries(robot, GetGeo("Camera", "Camera"))
+    assert line_from_report(geo) == (
+        b"GEO {Type Camera} {Name Camera Location 0.0820,0.0002,0.0613 "
+        b"Orientation 0.0000,0.0000,0.0000 Mount CameraTilt}\r\n"
+    )
+
+
+def test_question_when_nothing_matches_has_the_empty_form() -> None:
+    robot = spawned(p2at())
+    (conf,) = configurations(robot, GetConf("RFID"))
+    (geo,) = geometries(robot, GetGeo("RFID", "X"))
+    assert line_from_report(conf) == b"CONF {Type RFID}\r\n"
+    assert line_from_report(geo) == b"GEO {Type RFID} {Name X}\r\n"

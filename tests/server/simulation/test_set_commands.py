@@ -1,0 +1,98 @@
+"""SET: what is carried out and confirmed, and what is Failed."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.wire.commands import Drive, Set
+from catoptra_protocol.wire.reports import (
+    EncoderReadings,
+    InsReading,
+    OdometryReading,
+    line_from_report,
+)
+from catoptra_server.robot.description import CameraDescription, Mount
+from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.obstacles import obstacles_between
+from catoptra_server.simulation.set_commands import obey_set
+from catoptra_server.simulation.spawned_robot import SpawnedRobot
+from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, p2at, walled_world
+
+CAMERA = CameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)
+
+
+def driven() -> SpawnedRobot:
+    """Return a robot that has gone 0.26 m."""
+    description = p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), cameras=(CAMERA,))
+    robot = SpawnedRobot(
+        description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0, camera=None
+    )
+    free = obstacles_between(build_scene(walled_world()), low_m=0.03, high_m=1.0)
+    robot.obey(Drive(2.0, 2.0), 0.0)
+    for tick in range(1, 51):
+        robot.move(0.02, 0.02 * tick, free)
+    return robot
+
+
+def told(robot: SpawnedRobot, command: Set) -> str:
+    reports = obey_set(robot, command, robot.moment(1.0))
+    return b"".join(map(line_from_report, reports)).decode().replace("1.0000", "1.00")
+
+
+def reading(robot: SpawnedRobot, kind: type) -> object:
+    return next(r for r in robot.all_readings(1.0) if isinstance(r, kind))
+
+
+def test_odometry_when_reset_is_zero() -> None:
+    robot = driven()
+    answer = told(robot, Set("Odometry", "odometry", "RESET"))
+    assert answer == "RES {Time 1.00} {Type Odometry} {Name odometry} {Status OK}\r\n"
+    assert reading(robot, OdometryReading) == OdometryReading("Odometry", 0, 0, 0, time_s=1.0)
+
+
+def test_encoder_when_reset_is_zero() -> None:
+    robot = driven()
+    assert reading(robot, EncoderReadings) == EncoderReadings((("ECLeft", 114),), 1.0)
+    assert "{Status OK}" in told(robot, Set("Encoder", None, "Reset"))
+    assert reading(robot, EncoderReadings) == EncoderReadings((("ECLeft", 0),), 1.0)
+
+
+def test_ins_when_given_a_pose_reads_it() -> None:
+    robot = driven()
+    assert "{Status OK}" in told(robot, Set("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
+    ins = reading(robot, InsReading)
+    assert isinstance(ins, InsReading)
+    assert ins.location_m[:2] == pytest.approx((1.0, 2.0))
+
+
+def test_camera_when_given_a_fov_confirms_what_it_took() -> None:
+    robot = driven()
+    answer = told(robot, Set("Camera", "Camera", fov_rad=0.7853))
+    assert answer == ("RES {Time 1.00} {Type Camera} {Name Camera} {FOV 0.7853} {Status OK}\r\n")
+    assert "{FOV 1.3963}" in told(robot, Set("camera", None, "ZOOM", "0"))
+
+
+def test_scan_when_asked_for_comes_before_its_result() -> None:
+    answer = told(driven(), Set("RangeScanner", "Scanner1", "SCAN"))
+    assert [line.split()[0] for line in answer.splitlines()] == ["SEN", "RES"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Set("Toaster", "T", "ON"),
+        Set("Odometry", "Odometry", "EXPLODE"),
+        Set("Odometry", "Other", "RESET"),
+        Set("Encoder", "Other", "RESET"),
+        Set("INS", "INS", "POSE", "1,2,3"),
+        Set("Camera", "Other", fov_rad=1.0),
+        Set("Camera", "Camera"),
+        Set("RangeScanner", "Other", "SCAN"),
+        Set(""),
+    ],
+)
+def test_command_when_it_cannot_be_done_is_failed(command: Set) -> None:
+    answer = told(driven(), command)
+    assert answer.startswith("RES {Time 1.00}")
+    assert answer.endswith("{Status Failed}\r\n")

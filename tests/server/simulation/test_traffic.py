@@ -1,0 +1,118 @@
+"""Robots among each other: they stop at each other, and see each other in their scans."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from catoptra_protocol.wire.commands import Drive, Init, MisPkg, MultiDrive, Trace
+from catoptra_protocol.wire.commands_drive import LinkCommand
+from catoptra_protocol.wire.reports import (
+    GroundTruthReading,
+    MissionPackageStatus,
+    RangeScan,
+)
+from catoptra_server.robot.mission_package import KNOWN_PACKAGES
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.simulation.fleet import Fleet
+from helpers.robots import BASE, SCANNER, TRUTH, FakeClient, p2at, walled_world
+
+SMALL = dataclasses.replace(BASE, dimensions_m=(0.3, 0.3, 0.3))
+CLASSES = (
+    p2at(
+        class_name="USARBot.P2AT",
+        sensors=(SCANNER, TRUTH),
+        packages=(KNOWN_PACKAGES["camerapantilt"],),
+    ),
+    p2at(class_name="USARBot.Small", base=SMALL, sensors=(TRUTH,)),
+)
+
+
+def fleet_of() -> Fleet:
+    world = walled_world()
+    return Fleet(CLASSES, world, build_scene(world), views={}, seed=1)
+
+
+def spawned(fleet: Fleet, class_: str, x_m: float, y_m: float = 0.0) -> FakeClient:
+    client = FakeClient()
+    fleet.obey(client, Init(class_, location_m=(x_m, y_m, 0.0)), 0.0)
+    return client
+
+
+def run(fleet: Fleet, seconds: float) -> None:
+    for tick in range(1, round(seconds / 0.02) + 1):
+        fleet.move(0.02, tick * 0.02)
+        fleet.report_due(tick * 0.02)
+
+
+def last(client: FakeClient, kind: type) -> object:
+    return [report for report in client.reports if isinstance(report, kind)][-1]
+
+
+def x_of(client: FakeClient) -> float:
+    truth = last(client, GroundTruthReading)
+    assert isinstance(truth, GroundTruthReading)
+    return truth.location_m[0]
+
+
+def test_robot_when_another_stands_in_its_way_stops_at_it() -> None:
+    fleet = fleet_of()
+    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
+    fleet.obey(one, Drive(5.0, 5.0), 0.0)
+    run(fleet, 4.0)
+    nose = x_of(one) + 0.5 * 0.5238
+    assert 2.0 - 0.15 - 1e-3 < nose <= 2.0 - 0.15
+    assert x_of(other) == 2.0
+
+
+def test_robot_when_the_other_leaves_goes_on() -> None:
+    fleet = fleet_of()
+    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 0.5)
+    fleet.obey(one, Drive(5.0, 5.0), 0.0)
+    fleet.remove(other)
+    run(fleet, 2.0)
+    assert x_of(one) == pytest.approx(1.3)
+
+
+def test_scan_when_another_robot_is_on_the_right_is_shorter_in_its_low_half() -> None:
+    fleet = fleet_of()
+    one = spawned(fleet, "P2AT", 0.0)
+    spawned(fleet, "Small", 0.1, 2.0)
+    run(fleet, 0.2)
+    scan = last(one, RangeScan)
+    assert isinstance(scan, RangeScan)
+    assert scan.ranges_m[0] == pytest.approx(1.85)
+    assert set(scan.ranges_m[90:]) == {20.0}
+
+
+def test_scan_when_the_other_moved_sees_it_where_it_is() -> None:
+    fleet = fleet_of()
+    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
+    fleet.obey(other, Drive(5.0, 5.0), 0.0)
+    run(fleet, 2.0)
+    scan = last(one, RangeScan)
+    assert isinstance(scan, RangeScan)
+    # The scanner sits 0.1 m ahead; the other's rear is 0.15 m behind its middle.
+    assert scan.ranges_m[90] == pytest.approx(x_of(other) - 0.15 - 0.1)
+
+
+def test_bodies_when_asked_for_leave_one_robot_out() -> None:
+    fleet = fleet_of()
+    one, _ = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
+    ((pose, size_m),) = fleet.bodies(fleet.robot_of(one))
+    assert size_m == (0.3, 0.3, 0.3)
+    assert tuple(pose.translation) == (2.0, 0.0, -0.15)
+    assert len(fleet.bodies(None)) == 2
+
+
+def test_package_when_commanded_in_either_way_moves() -> None:
+    fleet = fleet_of()
+    client = spawned(fleet, "P2AT", 0.0)
+    fleet.obey(client, MisPkg("camerapantilt", (LinkCommand(1, 0.1), LinkCommand(9, 1.0))), 0.0)
+    fleet.obey(client, MultiDrive((("CameraTilt", -0.05), ("FRFlipper", 1.5))), 0.0)
+    fleet.obey(client, Trace(on=True), 0.0)
+    run(fleet, 1.0)
+    status = last(client, MissionPackageStatus)
+    assert isinstance(status, MissionPackageStatus)
+    assert [link.value for link in status.links] == pytest.approx([0.1, -0.05])
