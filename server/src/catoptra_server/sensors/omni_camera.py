@@ -7,6 +7,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import Configuration, GeometryItem
 from catoptra_server.render.renderer import Exposure, RenderedImage, View
 from catoptra_server.robot.description import OmniCameraDescription
+from catoptra_server.scene.bodies import Body
 
 
 class OmniCameraSensor:
@@ -22,9 +23,9 @@ class OmniCameraSensor:
         self._view = view
         self._viewpoint_height_m = viewpoint_height_m
 
-    def expose(self, world_from_robot: Pose) -> RenderedImage:
-        """Return the picture from a robot's pose."""
-        return self._view.draw(Exposure(world_from_robot @ self._is.robot_from_mirror))
+    def expose(self, world_from_robot: Pose, bodies: tuple[Body, ...] = ()) -> RenderedImage:
+        """Return the picture from a robot's pose, with the bodies of others in it."""
+        return self._view.draw(Exposure(world_from_robot @ self._is.robot_from_mirror, bodies))
 
     @property
     def capture_fov_rad(self) -> float:

@@ -31,6 +31,7 @@ from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
 from catoptra_server.simulation.answers import configurations, geometries
+from catoptra_server.simulation.appearance import Appearance
 from catoptra_server.simulation.requests import Client
 from catoptra_server.simulation.set_commands import obey_set
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
@@ -65,6 +66,7 @@ class Fleet:
         self._caster = caster or Nothing()
         self._robots: dict[Client, SpawnedRobot] = {}
         self._traffic = Traffic(scene, self._classes)
+        self._appearance = Appearance(self._classes)
 
     @property
     def frame_interval_s(self) -> float:
@@ -206,7 +208,8 @@ class Fleet:
         if robot is None or robot.camera is None:
             return self._black(), "", Pose.identity()
         pose = robot.world_from_robot
-        return robot.camera.expose(pose), robot.camera.name, pose
+        seen = self._appearance.bodies(self.others(robot))
+        return robot.camera.expose(pose, seen), robot.camera.name, pose
 
     def _black(self) -> RenderedImage:
         cameras = [d.omni_camera.camera for d in self._classes if d.omni_camera]

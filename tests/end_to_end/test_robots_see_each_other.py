@@ -1,0 +1,66 @@
+"""Two robots in one world: the first one's picture shows the second, where it stands."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import pixel_from_direction
+from catoptra_protocol.wire.commands import Init
+from catoptra_server.app import read_setup
+from catoptra_server.plan.render_plan import RendererKind, plan_from_wish
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.simulation import Fleet
+from helpers.robots import FakeClient
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SETUP = read_setup(
+    [CONFIGS / "robots" / "p2at_omni.ini"], CONFIGS / "worlds" / "four_legged_2006.ini"
+)
+(ROBOT,) = SETUP.robots
+
+
+@pytest.fixture
+def fleet():
+    """Yield a fleet of the field whose first robot stands in the middle, looking along x."""
+    assert ROBOT.omni_camera is not None
+    renderer = TraceRenderer(SETUP.scene, SETUP.world)
+    camera = ROBOT.omni_camera.camera
+    plan = plan_from_wish(ROBOT.omni_camera.wish, camera, kind=RendererKind.TRACE, why="test")
+    views = {ROBOT.class_name: renderer.prepare(camera, plan)}
+    fleet = Fleet(SETUP.robots, SETUP.world, SETUP.scene, views=views, seed=0)
+    fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seeing", (0.0, 0.0, 0.0)), 0.0)
+    yield fleet
+    renderer.close()
+
+
+@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -140.0])
+def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, bearing_deg):
+    before = fleet.picture()[0].rgb.astype(int)
+    bearing = math.radians(bearing_deg)
+    place = (1.2 * math.cos(bearing), 1.2 * math.sin(bearing), 0.0)
+    fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seen", place), 0.0)
+    changed = np.abs(fleet.picture()[0].rgb.astype(int) - before).max(axis=-1) > 8
+    assert ROBOT.omni_camera is not None
+    # Its chassis, 1.2 m away and 0.45 m below the viewpoint.
+    chassis, _ = pixel_from_direction(
+        ROBOT.omni_camera.camera, np.array([math.cos(bearing), math.sin(bearing), 0.45 / 1.2])
+    )
+    u, v = chassis.astype(int)
+    assert changed[v, u]
+    assert 200 < changed.sum() < 5000
+    rows, columns = np.nonzero(changed)
+    # Half a metre at 1.2 m is seen under 24 degrees: some 45 px around the horizon.
+    assert np.hypot(columns - chassis[0], rows - chassis[1]).max() < 60.0
+
+
+def test_picture_when_the_other_robot_left_is_as_before(fleet):
+    before = fleet.picture()[0].rgb.copy()
+    other = FakeClient()
+    fleet.obey(other, Init(ROBOT.class_name, "Seen", (1.0, 0.0, 0.0)), 0.0)
+    assert not np.array_equal(fleet.picture()[0].rgb, before)
+    fleet.remove(other)
+    assert np.array_equal(fleet.picture()[0].rgb, before)
