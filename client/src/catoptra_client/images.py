@@ -12,15 +12,14 @@ import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from catoptra_protocol.errors import ConnectionLostError, RemoteProtocolError
+from catoptra_client.frame import Frame, Pixels, rgb_from_file
+from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.wire.image import (
     ImageFrameReader,
     ImageType,
@@ -28,28 +27,10 @@ from catoptra_protocol.wire.image import (
     image_request,
     raw_size,
 )
-from catoptra_protocol.wire.jpeg import jpeg_size
 
 _LOG = logging.getLogger(__name__)
 _READ_BYTES = 1024 * 1024
 _RAW_HEADER_BYTES = 4
-_JPEG_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
-
-Pixels = npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """One picture: (h, w, 3) uint8 RGB, read-only; empty if the server had nothing to show.
-
-    sequence: counts the frames of this connection from 0. received_s: by the stream's clock, when
-    its last byte had come.
-    """
-
-    rgb: Pixels
-    sequence: int
-    received_s: float
-    image_type: ImageType
 
 
 class ImageStream:
@@ -167,7 +148,7 @@ def rgb_from_wire(frame: WireFrame) -> Pixels:
     elif frame.image_type is ImageType.RAW:
         rgb = _rgb_from_raw(frame.payload)
     else:
-        rgb = _rgb_from_jpeg(frame.payload)
+        rgb = rgb_from_file(frame.payload)
     rgb.setflags(write=False)
     return rgb
 
@@ -178,17 +159,6 @@ def _rgb_from_raw(payload: bytes) -> Pixels:
     bgr = rows[:, : 3 * width].reshape(height, width, 3)
     # cvtColor takes a tenth of the time of a reversed copy, but refuses a picture without pixels.
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8) if bgr.size else bgr.copy()
-
-
-def _rgb_from_jpeg(payload: bytes) -> Pixels:
-    jpeg_size(payload)  # refuses a picture too large to decode before memory is taken for it
-    try:
-        rgb = cv2.imdecode(np.frombuffer(payload, np.uint8), _JPEG_FLAGS)
-    except cv2.error as error:
-        raise RemoteProtocolError(f"JPEG frame that cannot be decoded: {error}") from error
-    if rgb is None:
-        raise RemoteProtocolError(f"JPEG frame of {len(payload)} bytes that cannot be decoded")
-    return np.asarray(rgb, np.uint8)
 
 
 def _connected(host: str, port: int, timeout_s: float) -> socket.socket:
@@ -207,3 +177,6 @@ def _connected(host: str, port: int, timeout_s: float) -> socket.socket:
 def _address(connection: socket.socket) -> str:
     host, port = connection.getpeername()[:2]
     return f"{host}:{port}"
+
+
+__all__ = ["Frame", "ImageStream", "Pixels", "rgb_from_wire"]

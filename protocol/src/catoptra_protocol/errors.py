@@ -7,6 +7,7 @@ CatoptraError
 │   ├── LocalProtocolError   our side tried to send what the protocol forbids
 │   └── RemoteProtocolError  the other side sent what the protocol forbids
 ├── ConnectionLostError      the other side went away
+├── ServerSlowError          the other side is there, but what was asked for did not come in time
 └── RendererUnavailableError a renderer cannot run on this machine; says what to install
 """
 
@@ -64,6 +65,10 @@ class RemoteProtocolError(ProtocolError):
 
 class ConnectionLostError(CatoptraError):
     """The other side closed the connection or did not answer in time."""
+
+
+class ServerSlowError(CatoptraError):
+    """The server lives and says so, but did not send in time what was asked for."""
 
 
 class RendererUnavailableError(CatoptraError):

@@ -51,6 +51,18 @@ def test_message_when_sent_between_receptions_loses_none() -> None:
     play(scene())
 
 
+def test_messages_when_the_peer_reads_as_fast_as_they_come_are_all_sent() -> None:
+    async def scene() -> None:
+        with Router() as router, raw_peer(router.socket.port) as peer:
+            for _ in range(2000):  # without a look at what was taken, one in hundreds is refused
+                await peer.send(b"ping")
+                identity, _ = await router.received.get()
+                assert router.socket.send(identity, [b"pong"]) is Sent.YES
+                assert await peer.socket.recv_multipart() == [b"pong"]
+
+    play(scene())
+
+
 def test_message_when_the_peer_was_never_there_is_not_sent() -> None:
     async def scene() -> None:
         with Router() as router:

@@ -66,6 +66,16 @@ class RouterSocket:
 
     def send(self, peer: bytes, parts: Sequence[bytes]) -> Sent:
         """Send a message at once, or not at all."""
+        sent = self._try_to_send(peer, parts)
+        if sent is Sent.PEER_IS_FULL:
+            # ZeroMQ takes note of what peers have taken only now and then, unless asked what is up.
+            self._socket.get(zmq.EVENTS)
+            sent = self._try_to_send(peer, parts)
+        # Both may take the one readiness that the file descriptor tells of.
+        self._read_soon()
+        return sent
+
+    def _try_to_send(self, peer: bytes, parts: Sequence[bytes]) -> Sent:
         try:
             self._socket.send_multipart([peer, *parts], flags=zmq.NOBLOCK)
         except zmq.Again:
@@ -74,9 +84,6 @@ class RouterSocket:
             if error.errno != errno.EHOSTUNREACH:
                 raise
             return Sent.PEER_IS_GONE
-        finally:
-            # Sending may take the one readiness that the file descriptor tells of.
-            self._read_soon()
         return Sent.YES
 
     def close(self) -> None:

@@ -1,0 +1,76 @@
+"""From the stream's header and picture to a `Frame`, checked before memory is taken."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_client.frame import Frame, Pixels, rgb_from_file
+from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.wire.image import ImageType
+from catoptra_protocol.wire.stream_answers import FrameHeader, Placement
+from catoptra_protocol.wire.stream_requests import Encoding
+
+
+class CameraLaws:
+    """The last law that was read: it stays the same from frame to frame."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[str, str] | None = None
+        self._camera: OmniCamera | None = None
+
+    def camera(self, pairs: dict[str, str] | None) -> OmniCamera | None:
+        """Return the camera of a header's pairs; None where no camera is shown."""
+        if pairs != self._pairs:
+            self._camera = camera_from_pairs(tuple(pairs.items()))[0] if pairs else None
+            self._pairs = pairs
+        return self._camera
+
+
+def frame_from_parts(
+    header: FrameHeader, parts: list[bytes], *, laws: CameraLaws, received_s: float
+) -> Frame:
+    """Return a frame. Raises RemoteProtocolError if the picture is not what the header says."""
+    if len(parts) != 1:
+        raise RemoteProtocolError(f"{header}: {len(parts)} parts behind the header, expected one")
+    mirror = header.robot_from_mirror
+    return Frame(
+        rgb=_rgb(header, parts[0]),
+        sequence=header.sequence,
+        received_s=received_s,
+        image_type=ImageType.GOOD if header.encoding is Encoding.JPEG else ImageType.RAW,
+        robot=header.robot,
+        camera_name=header.camera,
+        time_s=header.time_s,
+        world_from_robot=pose_from_placement(header.world_from_robot),
+        camera=laws.camera(header.camera_law),
+        robot_from_mirror=None if mirror is None else pose_from_placement(mirror),
+        stage_ms=header.stage_ms,
+        age_s=header.age_s,
+        missed=header.missed,
+        dropped=header.dropped,
+        plan=header.plan,
+        error_bound_px=header.error_bound_px,
+    )
+
+
+def pose_from_placement(placement: Placement) -> Pose:
+    """Return the pose of a message."""
+    rotation = np.array(placement.rotation, dtype=np.float64).reshape(3, 3)
+    return Pose(rotation, np.array(placement.position_m, dtype=np.float64))
+
+
+def _rgb(header: FrameHeader, picture: bytes) -> Pixels:
+    shape = (header.height_px, header.width_px, 3)
+    if header.encoding is Encoding.RAW:
+        if min(shape) < 0 or len(picture) != shape[0] * shape[1] * 3:
+            raise RemoteProtocolError(f"{header}: its picture has {len(picture)} bytes")
+        rgb: Pixels = np.frombuffer(picture, np.uint8).reshape(shape)
+        return rgb
+    rgb = rgb_from_file(picture)
+    if rgb.shape != shape:
+        raise RemoteProtocolError(f"{header}: its picture has the shape {rgb.shape}")
+    rgb.setflags(write=False)
+    return rgb

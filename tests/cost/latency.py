@@ -1,0 +1,207 @@
+"""How old is a frame when a client has it, and what do eight watchers of one camera cost?
+
+Run: .venv/bin/python tests/cost/latency.py. Prints two tables. Each row has a server process of its
+own, which writes the moment of exposure (the machine's monotonic clock) into the top of the picture
+as black and white squares, so that both transports are measured by the same ruler, JPEG too. Frame
+time: mean interval of the frames that arrive. Cost: processor time of the server a drawn frame;
+clients run in another process. Machines are noisy: compare rows of one run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+import re
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from catoptra_client.frame import FrameSource, Pixels
+from catoptra_client.frames import open_frames
+from catoptra_client.robot import Robot
+from catoptra_server.encode import Frame
+from catoptra_server.mailbox import Mailbox
+
+ROOT = Path(__file__).parents[2]
+ARGUMENTS = (
+    *("--robot", str(ROOT / "configs/robots/p2at_omni.ini")),
+    *("--world", str(ROOT / "configs/worlds/four_legged_2006.ini")),
+    *("--control-port", "0", "--image-port", "0", "--renderer", "trace", "--threads", "1"),
+)
+LISTENING = re.compile(r"listening control=\S+:(\d+) image=\S+:(\d+) stream=\S+:(\d+)")
+SQUARE_PX = 8  # a block of JPEG: one square does not spill into the next
+SQUARES_A_ROW = 32
+BITS = 64
+WARM_UP_FRAMES = 10
+MEASURED_S = 5.0
+WATCHERS = (1, 8)
+LARGEST_AGE = 1.5  # frame times
+LARGEST_COST = 1.3  # times one watcher's
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What one watcher saw: ages in seconds, and when frames came."""
+
+    ages_s: list[float]
+    came_s: list[float]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table."""
+
+    transport: str
+    watchers: int
+    frame_ms: float
+    age_ms: float
+    cpu_ms_a_frame: float
+
+    @property
+    def age_in_frames(self) -> float:
+        """Return the median age in frame times."""
+        return self.age_ms / self.frame_ms
+
+
+def main() -> int:
+    """Measure both transports with one and eight watchers; return 1 beyond the bounds."""
+    rows = [_measured(name, count) for name in ("tcp", "zmq") for count in WATCHERS]
+    Console().print(_table(rows))
+    cost = {row.transport: row.cpu_ms_a_frame for row in rows if row.watchers == 1}
+    is_good = all(
+        row.cpu_ms_a_frame < LARGEST_COST * cost[row.transport]
+        and (row.watchers > 1 or row.age_in_frames < LARGEST_AGE)
+        for row in rows
+    )
+    return 0 if is_good else 1
+
+
+def _measured(transport: str, watchers: int) -> Row:
+    with _server() as (process, ports), Robot.connect(port=ports[0]) as robot:
+        robot.spawn("USARBot.OmniP2AT", start="Centre")
+        robot.drive(0.5, 1.0)
+        address = f"{transport}://127.0.0.1:{ports[1 if transport == 'tcp' else 2]}"
+        cpu_s, seen = _watch(process.pid, [open_frames(address) for _ in range(watchers)])
+    first = seen[0]
+    frame_s = (first.came_s[-1] - first.came_s[0]) / (len(first.came_s) - 1)
+    drawn = max(len(watched.came_s) for watched in seen)
+    ages = [age for watched in seen for age in watched.ages_s]
+    return Row(
+        *(transport, watchers, 1e3 * frame_s, 1e3 * statistics.median(ages), 1e3 * cpu_s / drawn)
+    )
+
+
+def _watch(pid: int, sources: list[FrameSource]) -> tuple[float, list[Watched]]:
+    """Return the server's processor seconds while all watch, and what they saw."""
+    ready, begin = threading.Barrier(len(sources) + 1), threading.Event()
+    seen = [Watched([], []) for _ in sources]
+    threads = [
+        threading.Thread(target=_watcher, args=(source, watched, ready, begin))
+        for source, watched in zip(sources, seen, strict=True)
+    ]
+    for thread in threads:
+        thread.start()
+    ready.wait()
+    before_s = _cpu_s(pid)
+    begin.set()
+    for thread in threads:
+        thread.join()
+    return _cpu_s(pid) - before_s, seen
+
+
+def _watcher(
+    source: FrameSource, watched: Watched, ready: threading.Barrier, begin: threading.Event
+) -> None:
+    with source:
+        for _ in itertools.islice(source.frames(), WARM_UP_FRAMES):
+            pass
+        ready.wait()
+        begin.wait()
+        until_s = time.monotonic() + MEASURED_S
+        for frame in source.frames():
+            now_s = time.monotonic()
+            if now_s > until_s:
+                return
+            watched.came_s.append(now_s)
+            watched.ages_s.append(now_s - _stamp_of(frame.rgb))
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor time of a process, its threads together."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def _server() -> Iterator[tuple[subprocess.Popen[str], tuple[int, ...]]]:
+    command = [sys.executable, __file__, "--serve", *ARGUMENTS]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None, "stdout is a pipe"
+            found = LISTENING.match(process.stdout.readline())
+            assert found, "the server did not start"
+            yield process, tuple(map(int, found.groups()))
+        finally:
+            process.terminate()
+
+
+def _serve_with_stamps(arguments: list[str]) -> int:
+    """Run the server; every frame shows when it was exposed."""
+    from catoptra_server.__main__ import main as serve
+
+    put = Mailbox.put
+
+    def put_stamped(mailbox: Mailbox, frame: Frame) -> None:
+        rgb = frame.rgb.copy()
+        _stamp(rgb, frame.finished_s - frame.drawn_s)
+        put(mailbox, dataclasses.replace(frame, rgb=rgb))
+
+    Mailbox.put = put_stamped  # type: ignore[method-assign] # the one place that every frame passes
+    return serve(arguments)
+
+
+def _stamp(rgb: Pixels, time_s: float) -> None:
+    bits = np.unpackbits(np.array([time_s], ">f8").view(np.uint8)).reshape(-1, SQUARES_A_ROW)
+    squares = np.kron(255 * bits, np.ones((SQUARE_PX, SQUARE_PX), np.uint8)).astype(np.uint8)
+    rgb[: squares.shape[0], : squares.shape[1]] = squares[..., None]
+
+
+def _stamp_of(rgb: Pixels) -> float:
+    half, rows = SQUARE_PX // 2, BITS // SQUARES_A_ROW
+    middles = rgb[half::SQUARE_PX, half::SQUARE_PX, 1][:rows, :SQUARES_A_ROW]
+    return float(np.packbits(middles > 127).view(">f8")[0])
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table(title="Age of a frame at the client, and what watchers cost")
+    for name in (
+        "transport",
+        "watchers",
+        "frame ms",
+        "age ms",
+        "age, frames",
+        "server cpu ms/frame",
+    ):
+        table.add_column(name, justify="right")
+    for row in rows:
+        numbers = (row.frame_ms, row.age_ms, row.age_in_frames, row.cpu_ms_a_frame)
+        table.add_row(row.transport, str(row.watchers), *(f"{number:.2f}" for number in numbers))
+    return table
+
+
+if __name__ == "__main__":
+    serving = sys.argv[1:2] == ["--serve"]
+    sys.exit(_serve_with_stamps(sys.argv[2:]) if serving else main())

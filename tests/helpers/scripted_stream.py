@@ -1,0 +1,48 @@
+"""A stream server in a thread that answers as a test says."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import zmq
+
+from catoptra_protocol.wire.stream import SCHEMA_VERSION, bytes_from_message, request_from_bytes
+from catoptra_protocol.wire.stream_answers import Pulse
+from catoptra_protocol.wire.stream_requests import Request
+
+PULSE = bytes_from_message(Pulse(SCHEMA_VERSION))
+# Returns the messages to send, each a list of parts.
+Script = Callable[[Request], list[list[bytes]]]
+_LOOK_EVERY_MS = 20
+
+
+@contextmanager
+def scripted_stream(script: Script, *, port: int = 0, pulses: bool = False) -> Iterator[int]:
+    """Serve a script; yield the port. pulses: tell clients all the time that the server lives."""
+    context = zmq.Context()
+    router = context.socket(zmq.ROUTER)
+    router.bind(f"tcp://127.0.0.1:{port or '*'}")
+    bound = int(router.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
+    ended = threading.Event()
+    thread = threading.Thread(target=_serve, args=(router, script, pulses, ended))
+    thread.start()
+    try:
+        yield bound
+    finally:
+        ended.set()
+        thread.join()
+        context.destroy(linger=0)
+
+
+def _serve(router: zmq.Socket[bytes], script: Script, pulses: bool, ended: threading.Event) -> None:
+    known: set[bytes] = set()
+    while not ended.is_set():
+        if router.poll(_LOOK_EVERY_MS):
+            peer, data = router.recv_multipart()
+            known.add(peer)
+            for parts in script(request_from_bytes(data)):
+                router.send_multipart([peer, *parts])
+        for peer in known if pulses else ():
+            router.send_multipart([peer, PULSE])
