@@ -11,11 +11,17 @@ from catoptra_protocol.wire.commands_drive import LinkCommand
 from catoptra_protocol.wire.reports import (
     GroundTruthReading,
     MissionPackageStatus,
+    OdometryReading,
     RangeScan,
+    VehicleStatus,
+    line_from_report,
 )
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mission_package import KNOWN_PACKAGES
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.simulation.fleet import Fleet
+from helpers.configs import ROBOTS
 from helpers.robots import BASE, SCANNER, TRUTH, FakeClient, p2at, walled_world
 
 SMALL = dataclasses.replace(BASE, dimensions_m=(0.3, 0.3, 0.3))
@@ -54,6 +60,44 @@ def x_of(client: FakeClient) -> float:
     truth = last(client, GroundTruthReading)
     assert isinstance(truth, GroundTruthReading)
     return truth.location_m[0]
+
+
+def shipped(seed: int = 1) -> tuple[Fleet, FakeClient]:
+    """Return a fleet of the shipped P2AT, noise and all, in walls that Embree measures."""
+    world = walled_world(3.0)
+    scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
+    fleet = Fleet(robots, world, scene, views={}, seed=seed, caster=EmbreeRayCaster(scene))
+    client = spawned(fleet, "P2AT", 0.0)
+    fleet.obey(client, Drive(2.0, 2.0), 0.0)
+    run(fleet, 2.0)
+    return fleet, client
+
+
+def test_shipped_p2at_when_driven_for_2_s_goes_0_52_m_by_truth_and_odometry() -> None:
+    _, client = shipped()
+    odometry = last(client, OdometryReading)
+    assert isinstance(odometry, OdometryReading)
+    assert x_of(client) == pytest.approx(0.52, abs=1e-9)
+    # Five sigma of DistanceNoise=0.005 after 0.52 m.
+    assert odometry.x_m == pytest.approx(0.52, abs=5 * 0.005 * 0.52**0.5)
+
+
+def test_shipped_p2at_when_run_again_says_the_same_bytes() -> None:
+    one, again, other = (
+        b"".join(line_from_report(report) for report in shipped(seed)[1].reports)
+        for seed in (1, 1, 2)
+    )
+    assert one == again != other
+
+
+def test_shipped_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
+    _, client = shipped()
+    types = [line_from_report(report).split(b"{Type ")[-1].split(b"}")[0] for report in
+             client.batches[0]]  # fmt: skip
+    assert types[:5] == [b"Sonar", b"RangeScanner", b"INS", b"Odometry", b"Encoder"]
+    assert types[-4:-2] == [b"GroundTruth", b"GPS"]
+    assert isinstance(client.batches[0][-2], MissionPackageStatus)
+    assert isinstance(client.batches[0][-1], VehicleStatus)
 
 
 def test_robot_when_another_stands_in_its_way_stops_at_it() -> None:

@@ -27,21 +27,30 @@ def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Flo
 
     inf where none is met; 0 for a point inside one. Both in the world frame.
     """
-    nearest = np.full(len(directions), np.inf)
-    for box in boxes:
-        nearest = np.minimum(nearest, _distances(box, origins, directions))
-    return nearest
+    if not boxes:
+        return np.full(len(directions), np.inf)
+    rotations = np.stack([box.world_from_box.rotation for box in boxes])
+    centres = np.stack([box.world_from_box.translation for box in boxes])
+    half = 0.5 * np.array([box.size_m for box in boxes]).T[..., None]
+    # (3, k, n), components first, all boxes at once: 0.2 ms for 400 rays and 7 boxes, box by box
+    # 0.5 ms; measured in tests/cost/questions/sensors_time.py.
+    start = _in_boxes(rotations, origins) - np.einsum("ki,kij->jk", centres, rotations)[..., None]
+    along = _in_boxes(rotations, directions)
+    return _nearest(start, np.where(np.abs(along) < _LEVEL, _LEVEL, along), half)
 
 
-def _distances(box: OrientedBox, origins: Floats, directions: Floats) -> Floats:
-    """Return (n,) distances to one box: the rays' common part of its three slabs."""
-    pose, half = box.world_from_box, 0.5 * np.asarray(box.size_m)
-    # A row vector times the rotation is the inverse rotation of the vector.
-    start = (origins - pose.translation) @ pose.rotation
-    along = directions @ pose.rotation
-    along = np.where(np.abs(along) < _LEVEL, _LEVEL, along)
+def _in_boxes(rotations: Floats, vectors: Floats) -> Floats:
+    """Return (3, k, n) components of (n, 3) vectors along the axes of k boxes."""
+    count = len(rotations)
+    columns = rotations.transpose(1, 2, 0).reshape(3, 3 * count)
+    return np.ascontiguousarray((vectors @ columns).T).reshape(3, count, -1)
+
+
+def _nearest(start: Floats, along: Floats, half: Floats) -> Floats:
+    """Return (n,) distances to the nearest of k boxes: the common part of three slabs."""
     first, second = (-half - start) / along, (half - start) / along
-    enter = np.minimum(first, second).max(axis=-1)
-    leave = np.maximum(first, second).min(axis=-1)
+    enter = np.minimum(first, second).max(axis=0)
+    leave = np.maximum(first, second).min(axis=0)
     met: Bools = (enter <= leave) & (leave >= 0.0)
-    return np.where(met, np.maximum(enter, 0.0), np.inf)
+    nearest: Floats = np.where(met, np.maximum(enter, 0.0), np.inf).min(axis=0)
+    return nearest

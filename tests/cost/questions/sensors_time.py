@@ -1,0 +1,80 @@
+"""What does a cycle of range sensors cost: 181 beams and 16 sonars, alone and among other robots?
+
+Run: .venv/bin/python tests/cost/questions/sensors_time.py
+
+Prints the median and the 95th percentile in milliseconds of each sensor of the shipped P2AT, of its
+sonars with UDK's cones of 10 rings of 16 rays, and of a whole cycle; in two worlds, with no other
+robot and with seven. Decided by it: cones of 3 rings of 8 rays (0.1 ms).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.config.world_file import read_world
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.robot.description import RobotDescription, SonarDescription
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.sensors import Moment, build_sensors
+from catoptra_server.sensors.sight import Surroundings
+
+REPOSITORY = Path(__file__).parents[3]
+_ROUNDS = 300
+
+
+def main() -> None:
+    """Measure and print."""
+    robot, _ = read_robot(REPOSITORY / "configs/robots/p2at.ini")
+    ring = [OrientedBox(_place(3.0, a), robot.drive.body_m) for a in np.linspace(0.0, 6.0, 7)]
+    for name in ("four_legged_2006", "corridor"):
+        world, _ = read_world(REPOSITORY / f"configs/worlds/{name}.ini")
+        caster = EmbreeRayCaster(build_scene(world))
+        for bodies in ([], ring):
+            print(f"{name}, {len(bodies)} other robots")
+            _measure(robot, Surroundings(caster, bodies))
+
+
+def _measure(robot: RobotDescription, around: Surroundings) -> None:
+    moment = Moment(0.0, 1, Pose.from_rpy((0.0, 0.0, -0.1457)), around)
+    sensors = build_sensors(robot.sensors, robot.drive, _stream)
+    for sensor in sensors:
+        _report(sensor.type, partial(sensor.reading, moment))
+    sonars = [s for s in robot.sensors if isinstance(s, SonarDescription)]
+    dense = [dataclasses.replace(sonar, cones=10, rays=16) for sonar in sonars]
+    _report(
+        "Sonar, 10 x 16", partial(build_sensors(dense, robot.drive, _stream)[0].reading, moment)
+    )
+    _report("whole cycle", lambda: [sensor.reading(moment) for sensor in sensors])
+
+
+def _stream(name: str) -> RandomStream:
+    return RandomStream.of(1, "R", name)
+
+
+def _place(radius_m: float, angle_rad: float) -> Pose:
+    x, y = radius_m * np.cos(angle_rad), radius_m * np.sin(angle_rad)
+    return Pose.from_rpy((x, y, -0.1457), (0.0, 0.0, angle_rad))
+
+
+def _report(name: str, work: Callable[[], object]) -> None:
+    times = []
+    for _ in range(_ROUNDS):
+        begin = time.perf_counter()
+        work()
+        times.append(1e3 * (time.perf_counter() - begin))
+    median, high = np.percentile(times, (50, 95))
+    print(f"  {name:14s} {median:7.3f} ms   95 %: {high:7.3f} ms")
+
+
+if __name__ == "__main__":
+    main()
