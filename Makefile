@@ -8,10 +8,10 @@ SOURCES := protocol/src server/src client/src
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench clean
+.PHONY: help setup demo test lint format bench conformance fuzz soak clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
 
@@ -41,6 +41,16 @@ format: $(READY) ## Format the sources and mend what can be mended
 
 bench: $(READY) ## Measure frames per second on this machine; writes out/bench/bench.json
 	$(BIN)/python tests/cost/bench.py
+
+conformance: $(READY) ## Play the conformance conversations to a live server: ADDRESS=host:port [IMAGE=host:port]
+	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003]"; exit 2; }
+	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE))
+
+fuzz: $(READY) ## Feed a million broken and random inputs to every parser
+	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_wire --cases 1000000 --seed 1
+
+soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
+	$(BIN)/python tests/soak/run.py
 
 clean: ## Remove what make made
 	rm -rf out out-fresh $(VENV)
