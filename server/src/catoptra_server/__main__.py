@@ -14,6 +14,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server.app import Listening, Options, serve
 from catoptra_server.simulation import Clock
@@ -75,6 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--image-type", type=_image_type, default=ImageType.GOOD, metavar="TYPE",
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action="store_true", help="send one frame unasked on connecting")
+    add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
+        help="of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
     add("--renderer", choices=["auto", "trace", "raster"], default="auto")
     add("--threads", type=_threads, default=0, help="of the trace renderer; 0 = one a processor")
     add("--clock", choices=[c.value for c in Clock], default=Clock.REALTIME.value,
@@ -93,6 +96,7 @@ def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
         image_port=parsed.image_port,
         stream_port=_stream_port(parsed),
         images=ImageOptions(parsed.image_type, legacy=parsed.legacy_images),
+        dialect=Dialect(parsed.dialect),
         renderer=parsed.renderer,
         threads=parsed.threads,
         clock=Clock(parsed.clock),

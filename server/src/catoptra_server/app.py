@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
@@ -55,6 +56,7 @@ class Options:
     image_port: int = 5003
     stream_port: int = 0
     images: ImageOptions = field(default_factory=ImageOptions)
+    dialect: Dialect = Dialect.UT2004
     renderer: str = "auto"
     threads: int = 0
     clock: Clock = Clock.REALTIME
@@ -125,7 +127,11 @@ async def _listen(
     greeting = Greeting("BotDeathMatch", setup.world.name)
     async with (
         serve_control(
-            options.host, options.control_port, greeting=greeting, post=simulation.post
+            options.host,
+            options.control_port,
+            greeting=greeting,
+            dialect=options.dialect,
+            post=simulation.post,
         ) as control,
         serve_images(
             options.host, options.image_port, mailbox=thread.mailbox, options=options.images

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.stream_answers import ANSWERS
+import dataclasses
+
+from catoptra_protocol.wire.stream_answers import (
+    ANSWERS,
+    LandmarkRecord,
+    Placement,
+    StartRecord,
+)
+from catoptra_protocol.wire.stream_requests import REQUESTS
+from helpers.configs import REPOSITORY
 from helpers.stream_messages import HEADER
+
+SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 
 
 def test_answers_are_kept_under_their_kinds() -> None:
@@ -12,3 +23,11 @@ def test_answers_are_kept_under_their_kinds() -> None:
 
 def test_header_when_logged_says_what_matters() -> None:
     assert str(HEADER) == "frame 42 of 'Omni', 6 x 4 px raw, 30.0 ms old"
+
+
+def test_specification_names_every_kind_and_field() -> None:
+    chapter = SPECIFICATION.read_text(encoding="utf-8").partition("## 9. The modern stream")[2]
+    for form in (*REQUESTS.values(), *ANSWERS.values(), Placement, LandmarkRecord, StartRecord):
+        names = [field.name for field in dataclasses.fields(form)]
+        for name in [*names, getattr(form, "KIND", "id")]:
+            assert f"`{name}`" in chapter, f"{form.__name__}: {name}"

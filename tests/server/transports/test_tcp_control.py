@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.wire.commands import Drive, GetConf, Init, Step
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import (
     Configuration,
     Greeting,
@@ -226,5 +227,22 @@ def test_client_when_another_reads_nothing_is_served() -> None:
                 assert f"{{Time {i}.0000}}".encode() in await reader.readline()
             writer.close()
             deaf.close()
+
+    play(scene())
+
+
+def test_status_when_the_dialect_is_udk_is_in_its_form() -> None:
+    async def scene() -> None:
+        posted = Posted()
+        async with serve_control(
+            HOST, 0, greeting=GREETING, post=posted, dialect=Dialect.UDK
+        ) as server:
+            reader, writer = await connect(server)
+            await reader.readline()
+            writer.write(b"GETSTARTPOSES\r\n")
+            (await posted.client()).deliver([VehicleStatus(1.5, 99)])
+            line = await reader.readline()
+            writer.close()
+        assert line.startswith(b"STA {Time 1.5000} {Battery 99} {Type GroundVehicle}")
 
     play(scene())

@@ -9,6 +9,7 @@ from contextlib import AbstractAsyncContextManager
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.connection import ControlServer
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting, Report
 from catoptra_server.simulation import Asked, Left, Request
 from catoptra_server.transports.listening import listening, peer_name
@@ -20,6 +21,7 @@ log = logging.getLogger(__name__)
 _SKIP_ABOVE_BYTES = 64 * 1024
 _CUT_ABOVE_BYTES = 1024 * 1024
 _READ_BYTES = 16 * 1024
+_PERIODIC = ("SEN", "STA", "MISSTA")  # what comes again by itself
 
 
 class ControlClient:
@@ -47,7 +49,7 @@ class ControlClient:
             log.warning("%s reads nothing: cut off with %d bytes waiting", self.peer, waiting)
             self._writer.transport.abort()
             return
-        if waiting > _SKIP_ABOVE_BYTES and all(report.WORD in ("SEN", "STA") for report in reports):
+        if waiting > _SKIP_ABOVE_BYTES and all(report.WORD in _PERIODIC for report in reports):
             return
         data = b"".join(map(self._bytes, reports))
         log.debug("to %s: %r", self.peer, data)
@@ -63,12 +65,17 @@ class ControlClient:
 
 
 def serve_control(
-    host: str, port: int, *, greeting: Greeting, post: Callable[[Request], None]
+    host: str,
+    port: int,
+    *,
+    greeting: Greeting,
+    post: Callable[[Request], None],
+    dialect: Dialect = Dialect.UT2004,
 ) -> AbstractAsyncContextManager[asyncio.Server]:
     """Listen for robots' controllers; everything that they ask is posted to the simulation."""
 
     async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        protocol = ControlServer()
+        protocol = ControlServer(dialect)
         client = ControlClient(writer, protocol)
         log.info("controller %s connected", client.peer)
         try:
