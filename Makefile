@@ -41,6 +41,7 @@ format: $(READY) ## Format the sources and mend what can be mended
 
 bench: $(READY) ## Measure frames per second on this machine; writes out/bench/bench.json
 	$(BIN)/python tests/cost/bench.py
+	$(BIN)/python tests/cost/latency.py
 
 conformance: $(READY) ## Play the conformance conversations to a live server: ADDRESS=host:port [IMAGE=host:port]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003]"; exit 2; }
