@@ -17,14 +17,17 @@ from catoptra_server.scene.description import (
     Box,
     Cylinder,
     DirectionalLight,
+    GpsOrigin,
     HemisphereLight,
     Material,
     MeshFile,
     PointLight,
     Rectangle,
+    RfidTag,
     Ring,
     SphereBand,
     StartPlace,
+    Victim,
     World,
 )
 from catoptra_server.scene.meshes import build_scene
@@ -228,3 +231,15 @@ def test_world_when_arbitrary_is_read_or_refused(
     world, refused = world_or_refusal(path)
     assert world is None or np.isfinite(build_scene(world).corners).all()
     assert refused is None or str(path) in str(refused)
+
+
+def test_targets_of_sensors_when_listed_are_read(tmp_path: Path) -> None:
+    world = world_of(
+        tmp_path,
+        "RfidTags=(ID=1001,Position=(X=1,Y=2,Z=-0.1))",
+        'Victims=(Name="Head",Position=(X=3,Y=0,Z=-0.5))',
+        "GpsOrigin=(Latitude=39.1339,Longitude=-77.2166)",
+    )
+    assert world.tags == (RfidTag(1001, (1.0, 2.0, -0.1)),)
+    assert world.victims == (Victim("Head", (3.0, 0.0, -0.5)),)
+    assert world.gps_origin == GpsOrigin(39.1339, -77.2166)

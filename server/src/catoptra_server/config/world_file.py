@@ -65,6 +65,7 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     starts = tuple(_start(start) for start in section.structs("PlayerStarts"))
     _refuse_unsayable(section, "Name", Greeting("", name))
     _refuse_unsayable(section, "PlayerStarts", _poses(starts))
+    tags, victims = section.structs("RfidTags"), section.structs("Victims")
     world = World(
         name=name,
         items=tuple(_items(section, path.parent)),
@@ -73,8 +74,8 @@ def read_world(path: Path) -> tuple[World, IniFile]:
         starts=starts,
         background=_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_landmark_albedos(file.section(_LANDMARK_COLOURS)),
-        tags=tuple(_tag(tag) for tag in section.structs("RfidTags")),
-        victims=tuple(_victim(victim) for victim in section.structs("Victims")),
+        tags=tuple(RfidTag(s.integer("ID"), _place(s, "Position")) for s in tags),
+        victims=tuple(Victim(s.word("Name"), _place(s, "Position")) for s in victims),
         gps_origin=_gps_origin(section),
     )
     if not world.items and not world.landmarks:
@@ -227,14 +228,6 @@ def _start(struct: Settings) -> StartPlace:
         _place(struct, "Location"),
         struct.vector("Rotation", (0.0, 0.0, 0.0)),
     )
-
-
-def _tag(struct: Settings) -> RfidTag:
-    return RfidTag(struct.integer("ID"), _place(struct, "Position"))
-
-
-def _victim(struct: Settings) -> Victim:
-    return Victim(struct.word("Name"), _place(struct, "Position"))
 
 
 def _gps_origin(section: Settings) -> GpsOrigin | None:
