@@ -52,8 +52,11 @@ DOORS = {
     "embreex": ("server/render/trace",),
     "trimesh": ("server/scene/mesh_files.py",),
     "PIL": ("server/scene/meshes.py", "server/figures"),
-    "cv2": ("server/encode.py", "client/unwarp.py", "client/landmarks", "client/images.py"),
-    "zmq": ("server/transports", "client/images.py", "client/stream.py"),
+    "cv2": (
+        *("server/encode.py", "client/unwarp.py", "client/landmarks", "client/images.py"),
+        "client/frame.py",
+    ),
+    "zmq": ("server/transports/zmq_stream_socket.py", "client/stream_socket.py"),
     "msgpack": ("protocol/wire/envelope.py",),
     "matplotlib": ("server/figures/style.py", "client/experiment/pictures/style.py"),
     "rich": ("server/figures", "client/__main__.py", "client/experiment"),
