@@ -99,7 +99,11 @@ each = pytest.mark.parametrize("vector", VECTORS, ids=str)
 
 def test_data_when_listed_holds_pairs_for_every_channel() -> None:
     assert {vector.channel for vector in VECTORS} == set(CHANNELS)
-    assert {path.name for path in DATA.iterdir() if path.is_dir()} == {*CHANNELS, "conversations"}
+    assert {path.name for path in DATA.iterdir() if path.is_dir()} == {
+        *CHANNELS,
+        "conversations",
+        "stream",
+    }
     for channel in CHANNELS:
         pairs = {path.stem for path in (DATA / channel).glob("*.json")}
         assert {path.stem for path in (DATA / channel).iterdir()} == pairs

@@ -1,0 +1,47 @@
+"""The stream's vectors: one message each; what is refused names the field that is at fault."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.wire.stream import answer_from_bytes, bytes_from_message, request_from_bytes
+from catoptra_protocol.wire.stream_answers import Answer
+from catoptra_protocol.wire.stream_requests import Request
+
+VECTORS = sorted((Path(__file__).parent / "data/stream").glob("*.bytes"))
+
+
+def read(data: bytes) -> Request | Answer | None:
+    """Return the message, whoever sends its kind."""
+    return request_from_bytes(data) if b"ask_" in data[:12] else answer_from_bytes(data)
+
+
+@pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.stem)
+def test_message_when_read_is_what_it_means(path: Path) -> None:
+    vector = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    if "refused" in vector:
+        with pytest.raises(RemoteProtocolError, match=vector["refused"]):
+            read(path.read_bytes())
+    else:
+        message = read(path.read_bytes())
+        assert as_json(message) == vector["meaning"]
+
+
+def as_json(message: Request | Answer | None) -> object:
+    """Return a message with JSON's types."""
+    if message is None:
+        return None
+    fields = {"kind": message.KIND, **dataclasses.asdict(message)}
+    return json.loads(json.dumps(fields, default=lambda member: member.value))
+
+
+def test_frame_when_written_has_the_vector_s_bytes() -> None:
+    data = next(path for path in VECTORS if path.stem == "frame").read_bytes()
+    message = answer_from_bytes(data)
+    assert message is not None
+    assert bytes_from_message(message) == data
