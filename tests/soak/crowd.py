@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import socket
 import struct
 import time
@@ -39,8 +38,8 @@ async def controller(address: Address, number: int, tally: Tally) -> None:
     """Spawn a robot, drive every second one in circles, note when its status comes."""
     reader, writer = await asyncio.open_connection(address.host, address.control_port)
     protocol = ControlClient()
-    angle = 0.4 * number
-    place = (1.9 * math.cos(angle), 1.2 * math.sin(angle), 0.0)
+    row, column = divmod(number, 9)
+    place = (1.1 * (column - 4), 0.95 * (row - 3.5), 0.0)  # a grid over the laboratory
     writer.write(protocol.send(Init("USARBot.OmniP2AT", f"Soak{number}", place)))
     if number % 2:
         writer.write(protocol.send(Drive(1.0, 0.4)))

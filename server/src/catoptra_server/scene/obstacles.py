@@ -50,13 +50,12 @@ class Obstacles:
         ]
         return np.concatenate((*found, self.moving)) if found else self.moving
 
-    def with_boxes(self, boxes: Sequence[OrientedBox]) -> Obstacles:
-        """Return these obstacles and, beside them, upright boxes seen from above."""
-        outlines = [_outline(box) for box in boxes]
+    def with_outlines(self, outlines: Sequence[Floats]) -> Obstacles:
+        """Return these obstacles and, beside them, outlines of upright boxes."""
         return replace(self, moving=np.concatenate(outlines)) if outlines else self
 
 
-def _outline(box: OrientedBox) -> Floats:
+def box_outline(box: OrientedBox) -> Floats:
     """Return the (2, 3, 2) triangles of an upright box from above."""
     half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])

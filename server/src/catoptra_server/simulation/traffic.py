@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
-import numpy as np
-
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import SceneMesh
-from catoptra_server.scene.obstacles import CLEARANCE_M, Obstacles, obstacles_between
+from catoptra_server.scene.obstacles import CLEARANCE_M, Obstacles, box_outline, obstacles_between
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 
 # The mirror rises above the viewpoint; anything lower than this above it is in the way.
 _MIRROR_ABOVE_VIEWPOINT_M = 0.1
-# A tick moves no robot farther than this: what is farther off than both bodies and this is no
-# obstacle. 100 rad/s on a wheel of 1 m would be 2 m a tick.
-_FARTHEST_TICK_M = 2.0
+# No tick is longer: what a robot cannot reach in it is no obstacle.
+_LONGEST_TICK_S = 0.05
+
+
+class _Stand(NamedTuple):
+    """Where a robot stands: its box, that box from above, its centre and half its diagonal."""
+
+    box: OrientedBox
+    outline: Floats
+    x_m: float
+    y_m: float
+    reach_m: float
+
+    @classmethod
+    def of(cls, robot: SpawnedRobot) -> _Stand:
+        box = robot.box
+        x, y, _ = box.world_from_box.translation.tolist()
+        return cls(box, box_outline(box), x, y, 0.5 * math.hypot(*box.size_m[:2]))
 
 
 class Traffic:
@@ -29,35 +45,38 @@ class Traffic:
             for height in set(heights.values())
         }
         self._scenery = {name: of_height[height] for name, height in heights.items()}
-        self._boxes: dict[SpawnedRobot, OrientedBox] = {}
+        self._stands: dict[SpawnedRobot, _Stand] = {}
 
     def box(self, robot: SpawnedRobot) -> OrientedBox:
         """Return a robot's box where it stands now."""
-        if robot not in self._boxes:
-            self._boxes[robot] = robot.box
-        return self._boxes[robot]
+        return self._stand(robot).box
+
+    def _stand(self, robot: SpawnedRobot) -> _Stand:
+        if robot not in self._stands:
+            self._stands[robot] = _Stand.of(robot)
+        return self._stands[robot]
 
     def forget(self, robot: SpawnedRobot) -> None:
         """Take note that a robot moved, or left."""
-        self._boxes.pop(robot, None)
+        self._stands.pop(robot, None)
 
     def around(self, robot: SpawnedRobot, robots: Iterable[SpawnedRobot]) -> Obstacles:
         """Return what may stop a robot in one tick."""
         scenery = self._scenery[robot.description.class_name]
         if not robot.is_rolling:  # nothing stops what stands
             return scenery
-        others = [self.box(other) for other in robots if other is not robot]
-        return scenery.with_boxes(_near(self.box(robot), others)) if others else scenery
+        others = (self._stand(other) for other in robots if other is not robot)
+        own, drive = self._stand(robot), robot.description.drive
+        reach_m = own.reach_m + _LONGEST_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
+        return scenery.with_outlines(
+            [
+                other.outline
+                for other in others
+                if math.hypot(other.x_m - own.x_m, other.y_m - own.y_m) <= reach_m + other.reach_m
+            ]
+        )
 
 
 def _height_m(description: RobotDescription) -> float:
     tallest = max(description.viewpoint_height_m, description.drive.body_m[2])
     return tallest + _MIRROR_ABOVE_VIEWPOINT_M
-
-
-def _near(own: OrientedBox, others: Sequence[OrientedBox]) -> list[OrientedBox]:
-    places = np.array([other.world_from_box.translation[:2] for other in others])
-    reaches = np.array([np.hypot(*other.size_m[:2]) for other in others])
-    away = np.linalg.norm(places - own.world_from_box.translation[:2], axis=1)
-    near = away <= 0.5 * (reaches + np.hypot(*own.size_m[:2])) + _FARTHEST_TICK_M
-    return [other for other, is_near in zip(others, near, strict=True) if is_near]
