@@ -42,7 +42,7 @@ class Scene:
     posted: list[Request] = field(default_factory=list)
     mailbox: Mailbox | None = None
 
-    def ask(self) -> None:
+    def ask(self, newer_than: int) -> None:
         """Draw at once."""
         self.drawn += 1
         rgb = np.full((self.height, self.width, 3), self.drawn % 256, dtype=np.uint8)

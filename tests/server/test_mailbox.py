@@ -28,8 +28,9 @@ class Asked:
     def __init__(self) -> None:
         self.count = 0
 
-    def __call__(self) -> None:
+    def __call__(self, newer_than: int) -> None:
         self.count += 1
+        self.newer_than = newer_than
 
 
 def run(scene: Callable[[Mailbox, Asked], Awaitable[None]], *, ahead: bool = True) -> None:
@@ -127,5 +128,19 @@ def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
         mailbox.put(frame(1))
         assert (await stays).sequence == 1
         assert gone.cancelled()
+
+    run(scene)
+
+
+def test_frame_when_waited_for_is_asked_for_once_however_many_come() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(frame(7, drawn_s=1e9))
+        assert (await mailbox.newer_than(6)).sequence == 7
+        assert asked.newer_than == 7  # the next one, ahead
+        task = asyncio.create_task(mailbox.newer_than(7))
+        await let_it_wait(task)
+        assert asked.newer_than == 7  # the same one again: it is drawn only once
+        mailbox.put(frame(8))
+        assert (await task).sequence == 8
 
     run(scene)

@@ -175,14 +175,12 @@ class _SimulationThread:
         self._simulation: Simulation | None = None
         self._error: Exception | None = None
         self.plans: dict[str, str] = {}
-        self.mailbox = Mailbox(
-            lambda: self._post_frame_wanted(), ahead=options.clock is Clock.REALTIME
-        )
+        self.mailbox = Mailbox(self._post_frame_wanted, ahead=options.clock is Clock.REALTIME)
         self._thread = threading.Thread(target=self._main, name="simulation")
 
-    def _post_frame_wanted(self) -> None:
+    def _post_frame_wanted(self, newer_than: int) -> None:
         if self._simulation is not None:
-            self._simulation.post(FrameWanted())
+            self._simulation.post(FrameWanted(newer_than))
 
     async def start(self) -> Simulation:
         """Start the thread; return once the renderer is ready, or raise why it is not."""

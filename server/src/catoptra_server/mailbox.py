@@ -17,11 +17,11 @@ from catoptra_server.simulation.loop import TICK_S
 
 
 class Mailbox:
-    """The slot. `ask` is called, from the loop, when somebody wants a new frame drawn."""
+    """The slot. `ask` is called, from the loop, when a frame newer than a number is wanted."""
 
     def __init__(
         self,
-        ask: Callable[[], None],
+        ask: Callable[[int], None],
         *,
         ahead: bool,
         monotonic: Callable[[], float] = time.monotonic,
@@ -50,10 +50,10 @@ class Mailbox:
         """
         frame = self._waiting_frame(sequence)
         if frame is None:
-            self._ask()
+            self._ask(self._newest.sequence if self._newest else 0)
             frame = await asyncio.shield(self._arrival)
         if self._ahead:
-            self._ask()
+            self._ask(frame.sequence)
         return frame
 
     def _waiting_frame(self, sequence: int) -> Frame | None:

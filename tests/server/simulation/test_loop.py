@@ -255,6 +255,22 @@ def test_frame_when_asked_for_after_a_step_shows_the_new_place() -> None:
     assert frame.world_from_robot.translation[0] == pytest.approx(0.26)
 
 
+def test_frame_when_wanted_while_it_is_drawn_is_not_drawn_twice() -> None:
+    view, drawn = FakeView(), []
+
+    def wanted_meanwhile(frame: Frame) -> None:
+        """Stand for a client that asks for frame 1 while it is drawn."""
+        drawn.append(frame)
+        simulation.post(FrameWanted(newer_than=0))
+        simulation.post(FrameWanted(newer_than=0))
+        simulation.post(Stop())
+
+    simulation = simulation_of(put_frame=wanted_meanwhile, view=view)
+    simulation.post(FrameWanted(newer_than=0))
+    simulation.run()
+    assert [frame.sequence for frame in drawn] == [1]
+
+
 def test_frames_when_wanted_again_are_numbered() -> None:
     frames = frames_of(3, FrameWanted(), view=FakeView())
     assert [frame.sequence for frame in frames] == [1, 2, 3]

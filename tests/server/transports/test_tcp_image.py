@@ -29,7 +29,7 @@ class Camera:
         self.mailbox: Mailbox | None = None
         self._shape = (height, width, 3)
 
-    def ask(self) -> None:
+    def ask(self, newer_than: int) -> None:
         self.drawn += 1
         rgb = np.full(self._shape, self.drawn % 256, dtype=np.uint8)
         rgb[0, 0] = (10, 20, 30)

@@ -118,8 +118,8 @@ class Simulation:
                 self._fleet.obey(client, command, self._time_s)
             case Left(client):
                 self._fleet.remove(client)
-            case FrameWanted():
-                self._frame_wanted = True
+            case FrameWanted(newer_than):
+                self._frame_wanted |= self._sequence <= newer_than
 
     def _step(self, client: Client, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the answer ends with the client's sensors and RES."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -37,7 +38,9 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class FrameWanted:
-    """Somebody waits for a frame."""
+    """Somebody waits for a frame with a larger sequence number; one that is drawn will do."""
+
+    newer_than: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,6 @@ place that a point light reaches, is it computed, for those rays.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from embreex import rtcore_scene
@@ -19,8 +17,6 @@ from catoptra_server.render.trace.packed_light import Float32s, LightScale, Pack
 from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
-
-Hits = dict[str, npt.NDArray[Any]]  # of Embree, a row a ray: primID, u, v, tfar
 
 # Looks beside the indices of textures: light that is the same all over a triangle, and light that
 # only point lights make vary.
@@ -74,14 +70,26 @@ class EmbreeScene:
         if not self._varies:
             known: Packed = table.take(self._query(origins, directions), mode="wrap")
             return known
+        return self._varying_light(origins, directions, table, scale)
+
+    def _varying_light(
+        self, origins: Float32s, directions: Float32s, table: Packed, scale: LightScale
+    ) -> Packed:
+        """Return the light of rays, computed anew where it varies over a triangle."""
         hit = self._embree.run(origins, directions, output=True)
         light: Packed = table.take(hit["primID"], mode="wrap")
         look = self._look.take(hit["primID"], mode="wrap")
-        for index in range(_POINT_LIT, len(self._textures)):
+        for index in range(_POINT_LIT if self._has_point_lights else 0, len(self._textures)):
             rays = np.flatnonzero(look == index)
             if len(rays):
-                part = {name: hit[name].take(rays) for name in ("primID", "u", "v", "tfar")}
-                radiance = self._varying_radiance(index, part, origins[rays], directions[rays])
+                triangle = hit["primID"].take(rays)
+                radiance: Float32s = self._radiance.take(triangle, axis=1)
+                if self._has_point_lights:
+                    along = hit["tfar"].take(rays)[:, None] * directions[rays]
+                    radiance += self._point_radiance(triangle, origins[rays] + along + self.origin)
+                if index >= 0:
+                    u, v = self._uv(triangle, hit["u"].take(rays), hit["v"].take(rays))
+                    radiance *= self._textures[index].value(u, v)
                 light[rays] = scale.packed(radiance)
         return light
 
@@ -89,20 +97,6 @@ class EmbreeScene:
         """Return (n,) whether some triangle is met before each ray's distance."""
         answer = self._embree.run(origins, directions, dists=distance, query="OCCLUDED")
         return np.asarray(answer >= 0)
-
-    def _varying_radiance(
-        self, look: int, hit: Hits, origins: Float32s, directions: Float32s
-    ) -> Float32s:
-        """Return the (3, n) radiance of hits of one look, at the places where the rays hit."""
-        triangle = hit["primID"]
-        radiance: Float32s = self._radiance.take(triangle, axis=1)
-        if self._has_point_lights:
-            points = origins + hit["tfar"][:, None] * directions + self.origin
-            radiance += self._point_radiance(triangle, points)
-        if look >= 0:
-            u, v = self._uv(triangle, hit["u"], hit["v"])
-            radiance *= self._textures[look].value(u, v)
-        return radiance
 
     def _query(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
         hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
