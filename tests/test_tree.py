@@ -60,7 +60,13 @@ DOORS = {
     "msgpack": ("protocol/wire/envelope.py",),
     "matplotlib": ("server/figures/style.py", "client/experiment/pictures/style.py"),
     "rich": ("server/figures", "client/__main__.py", "client/experiment"),
-    "socket": ("client/robot.py", "client/images.py", "client/stream.py", "server/transports"),
+    "socket": (
+        "client/tcp.py",
+        "client/robot.py",
+        "client/images.py",
+        "client/stream.py",
+        "server/transports",
+    ),
 }
 # The wire is sans-I/O: bytes and text alone.
 NOT_FOR_THE_WIRE = {"socket", "asyncio", "time", "select", "selectors", "threading", "random"}

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from catoptra_client.frame import Frame, Pixels, rgb_from_file
+from catoptra_client.tcp import connected, peer_address
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.wire.image import (
     ImageFrameReader,
@@ -49,7 +50,7 @@ class ImageStream:
     ) -> None:
         """Take over a connected socket. `clock` gives `Frame.received_s`."""
         self._socket = connection
-        self._peer = _address(connection)
+        self._peer = peer_address(connection)
         self._clock = clock
         self._reader = ImageFrameReader()
         self._received: deque[WireFrame] = deque()
@@ -61,7 +62,7 @@ class ImageStream:
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5003, timeout_s: float = 5.0) -> Self:
         """Return a stream on which nothing has been asked for yet."""
-        return cls(_connected(host, port, timeout_s), timeout_s=timeout_s)
+        return cls(connected(host, port, timeout_s, server="image"), timeout_s=timeout_s)
 
     def close(self) -> None:
         """End the connection."""
@@ -159,24 +160,6 @@ def _rgb_from_raw(payload: bytes) -> Pixels:
     bgr = rows[:, : 3 * width].reshape(height, width, 3)
     # cvtColor takes a tenth of the time of a reversed copy, but refuses a picture without pixels.
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8) if bgr.size else bgr.copy()
-
-
-def _connected(host: str, port: int, timeout_s: float) -> socket.socket:
-    try:
-        connection = socket.create_connection((host, port), timeout=timeout_s)
-    except OSError as error:
-        raise ConnectionLostError(
-            f"no image server at {host}:{port} ({error}): start catoptra-server, and check "
-            "--host and --image-port"
-        ) from error
-    # A request has two bytes: it must not wait for the acknowledgement of the last one.
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return connection
-
-
-def _address(connection: socket.socket) -> str:
-    host, port = connection.getpeername()[:2]
-    return f"{host}:{port}"
 
 
 __all__ = ["Frame", "ImageStream", "Pixels", "rgb_from_wire"]

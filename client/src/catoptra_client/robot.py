@@ -15,6 +15,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
+from catoptra_client.tcp import connected, peer_address
 from catoptra_protocol.camera_conf import camera_from_pairs
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError, LocalProtocolError
 from catoptra_protocol.optics.camera import OmniCamera
@@ -64,7 +65,7 @@ class Robot:
     ) -> None:
         """Take over a connected socket. `clock` counts seconds and measures the timeouts."""
         self._socket = connection
-        self._peer = _address(connection)
+        self._peer = peer_address(connection)
         self._timeout_s = timeout_s
         self._clock = clock
         self._protocol = ControlClient()
@@ -74,7 +75,7 @@ class Robot:
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0) -> Self:
         """Return a robot still to be spawned, once the server has greeted."""
-        robot = cls(_connected(host, port, timeout_s), timeout_s=timeout_s)
+        robot = cls(connected(host, port, timeout_s, server="control"), timeout_s=timeout_s)
         try:
             robot._wait(Greeting, "a greeting (is this the control port?)")
         except CatoptraError:
@@ -275,24 +276,6 @@ class _SilentError(ConnectionLostError):
 
 
 _STEP_DONE = "the result of STEP (is it Catoptra, run with --clock lockstep?)"
-
-
-def _connected(host: str, port: int, timeout_s: float) -> socket.socket:
-    try:
-        connection = socket.create_connection((host, port), timeout=timeout_s)
-    except OSError as error:
-        raise ConnectionLostError(
-            f"no control server at {host}:{port} ({error}): start catoptra-server, and check "
-            "--host and --control-port"
-        ) from error
-    # Commands are short and urgent: they must not wait for the acknowledgement of the last one.
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return connection
-
-
-def _address(connection: socket.socket) -> str:
-    host, port = connection.getpeername()[:2]
-    return f"{host}:{port}"
 
 
 def _is_of_a_robot(report: Report) -> bool:

@@ -1,0 +1,26 @@
+"""Opening a TCP connection: to a server, and to none."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from catoptra_client.tcp import connected, peer_address
+from catoptra_protocol.errors import ConnectionLostError
+
+
+def test_connection_when_made_sends_at_once_and_knows_its_peer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with connected("127.0.0.1", port, 5.0, server="image") as connection:
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            assert peer_address(connection) == f"127.0.0.1:{port}"
+
+
+@pytest.mark.parametrize("kind", ["control", "image"])
+def test_connection_when_nobody_listens_names_the_server_and_the_option(kind: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(ConnectionLostError, match=f"no {kind} server at .*--{kind}-port"):
+        connected("127.0.0.1", port, 5.0, server=kind)
