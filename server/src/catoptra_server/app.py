@@ -203,9 +203,8 @@ class _SimulationThread:
     def _main(self) -> None:
         try:
             self._run()
-        except (
-            Exception
-        ) as error:  # the top of a thread: hand it to whoever waits, or end the server
+        # The top of a thread: hand whatever it is to who waits for it, or end the server.
+        except Exception as error:
             self._loop.call_soon_threadsafe(self._failed, error)
 
     def _failed(self, error: Exception) -> None:
