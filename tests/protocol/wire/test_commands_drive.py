@@ -10,7 +10,8 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.commands import command_from_message, line_from_command
 from catoptra_protocol.wire.commands_drive import (
     Drive,
-    DriveJoint,
+    DriveJoints,
+    JointCommand,
     LinkCommand,
     MisPkg,
     MultiDrive,
@@ -19,7 +20,7 @@ from catoptra_protocol.wire.commands_drive import (
 from catoptra_protocol.wire.grammar import parse_message
 from catoptra_protocol.wire.limits import MAX_NAME_CHARS
 
-Motion = DriveJoint | MultiDrive | MisPkg
+Motion = DriveJoints | MultiDrive | MisPkg
 
 
 def read(line: str) -> object:
@@ -27,10 +28,14 @@ def read(line: str) -> object:
 
 
 WRITTEN: list[tuple[Motion, str]] = [
-    (DriveJoint("FRFlipper", 1.5), "DRIVE {Name FRFlipper} {Value 1.5}"),
+    (DriveJoints((JointCommand("FRFlipper", 1.5),)), "DRIVE {Name FRFlipper} {Value 1.5}"),
     (
-        DriveJoint("Arm", -0.5, Order.RELATIVE_ANGLE, 0.25),
+        DriveJoints((JointCommand("Arm", -0.5, Order.RELATIVE_ANGLE, 0.25),)),
         "DRIVE {Name Arm} {Steer 0.25} {Order 10} {Value -0.5}",
+    ),
+    (
+        DriveJoints((JointCommand("A", 1.0), JointCommand("B", -2.0, Order.SPEED))),
+        "DRIVE {Name A} {Value 1.0} {Name B} {Order 1} {Value -2.0}",
     ),
     (MultiDrive((("A", 1.0), ("B", -2.0))), "MULTIDRIVE {A 1.0} {B -2.0}"),
     (MultiDrive(()), "MULTIDRIVE"),
@@ -54,6 +59,15 @@ def test_drive_when_it_names_a_side_is_the_wheels() -> None:
     assert read("DRIVE {Light true}") == Drive(light=True)
 
 
+def test_drive_when_blocks_precede_a_lone_joint_gives_them_to_it() -> None:
+    assert read("DRIVE {Order 1} {Value 2} {Name A}") == DriveJoints((JointCommand("A", 2.0, 1),))
+
+
+def test_drive_when_a_joint_repeats_a_block_takes_the_first_of_each_joint() -> None:
+    line = "DRIVE {Name A} {Value 1} {Value 9} {Name B} {Value 2}"
+    assert read(line) == DriveJoints((JointCommand("A", 1.0), JointCommand("B", 2.0)))
+
+
 def test_multi_drive_when_a_name_is_too_long_cuts_it() -> None:
     command = read("MULTIDRIVE {" + "n" * 999 + " 1}")
     assert command == MultiDrive((("n" * MAX_NAME_CHARS, 1.0),))
@@ -71,8 +85,11 @@ def test_multi_drive_when_a_joint_has_two_words_is_refused() -> None:
 NAMES = st.text("abcXYZ_09", min_size=1, max_size=9)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 LINKS = st.builds(LinkCommand, st.integers(-9, 99), st.none() | NUMBERS, st.integers(-3, 12))
+JOINTS = st.builds(
+    JointCommand, NAMES, st.none() | NUMBERS, st.integers(-3, 12), st.none() | NUMBERS
+)
 MOTIONS = (
-    st.builds(DriveJoint, NAMES, st.none() | NUMBERS, st.integers(-3, 12), st.none() | NUMBERS)
+    st.builds(DriveJoints, st.lists(JOINTS, min_size=1).map(tuple))
     | st.builds(MultiDrive, st.lists(st.tuples(NAMES, NUMBERS)).map(tuple))
     | st.builds(MisPkg, NAMES, st.lists(LINKS).map(tuple), st.none() | NUMBERS, st.none() | NUMBERS)
 )

@@ -6,8 +6,8 @@ import dataclasses
 
 import pytest
 
-from catoptra_protocol.wire.commands import Drive, Init, MisPkg, MultiDrive, Trace
-from catoptra_protocol.wire.commands_drive import LinkCommand
+from catoptra_protocol.wire.commands import Drive, DriveJoints, Init, MisPkg, MultiDrive, Trace
+from catoptra_protocol.wire.commands_drive import JointCommand, LinkCommand, Order
 from catoptra_protocol.wire.reports import (
     GroundTruthReading,
     MissionPackageStatus,
@@ -139,6 +139,17 @@ def test_scan_when_the_other_moved_sees_it_where_it_is() -> None:
     assert isinstance(scan, RangeScan)
     # The scanner sits 0.1 m ahead; the other's rear is 0.15 m behind its middle.
     assert scan.ranges_m[90] == pytest.approx(x_of(other) - 0.15 - 0.1)
+
+
+def test_joints_when_driven_in_one_line_all_move() -> None:
+    fleet = fleet_of()
+    client = spawned(fleet, "P2AT", 0.0)
+    joints = (JointCommand("CameraPan", 0.1), JointCommand("CameraTilt", -0.1, Order.SPEED))
+    fleet.obey(client, DriveJoints(joints), 0.0)
+    run(fleet, 1.0)
+    status = last(client, MissionPackageStatus)
+    assert isinstance(status, MissionPackageStatus)
+    assert [link.value for link in status.links] == pytest.approx([0.1, -0.1])
 
 
 def test_bodies_when_asked_for_leave_one_robot_out() -> None:

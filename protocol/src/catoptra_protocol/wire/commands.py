@@ -15,7 +15,8 @@ from typing import ClassVar
 from catoptra_protocol.wire import command_fields as fields
 from catoptra_protocol.wire.commands_drive import (
     Drive,
-    DriveJoint,
+    DriveJoints,
+    JointCommand,
     LinkCommand,
     MisPkg,
     MultiDrive,
@@ -139,7 +140,7 @@ class Step:
 Command = (
     Init
     | Drive
-    | DriveJoint
+    | DriveJoints
     | MultiDrive
     | MisPkg
     | Set
@@ -190,11 +191,12 @@ __all__ = [
     "COMMANDS",
     "Command",
     "Drive",
-    "DriveJoint",
+    "DriveJoints",
     "GetConf",
     "GetGeo",
     "GetStartPoses",
     "Init",
+    "JointCommand",
     "LinkCommand",
     "MisPkg",
     "MultiDrive",

@@ -62,35 +62,36 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveJoint:
+class JointCommand:
     """Move one joint of the robot: to a value of the order's kind (see `Order`), and steer it.
 
-    The order is as sent: none of `Order` means nothing.
+    The order is as sent: none of `Order` means nothing. Without a value the joint stays.
     """
-
-    WORD: ClassVar[str] = "DRIVE"
 
     name: str
     value: float | None = None
     order: int = Order.ANGLE
     steer: float | None = None
 
+
+@dataclass(frozen=True, slots=True)
+class DriveJoints:
+    """Move joints of the robot, one or several, in this order."""
+
+    WORD: ClassVar[str] = "DRIVE"
+
+    joints: tuple[JointCommand, ...]
+
     @classmethod
-    def from_message(cls, message: Message) -> DriveJoint:
-        """Return the command of a parsed line."""
-        return cls(
-            name=fields.name(message, "Name") or "",
-            value=fields.number(message, "Value"),
-            order=fields.integer(message, "Order") or 0,
-            steer=fields.number(message, "Steer"),
-        )
+    def from_message(cls, message: Message) -> DriveJoints:
+        """Return the command of a parsed line; the blocks of a lone joint may precede its name."""
+        named = groups(message, "Name")
+        runs = [message] if len(named) == 1 else named
+        return cls(tuple(map(_joint_command, runs)))
 
     def blocks(self) -> Pairs:
         """Return the blocks to send."""
-        order = int(self.order) or None  # the default needs no block
-        return fields.given(
-            ("Name", self.name), ("Steer", self.steer), ("Order", order), ("Value", self.value)
-        )
+        return tuple(pair for joint in self.joints for pair in _joint_blocks(joint))
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,12 +151,28 @@ class MisPkg:
         return (*head, *links, *fields.given(("Gripper", self.gripper), ("Seq", self.sequence)))
 
 
-def drive_from_message(message: Message) -> Drive | DriveJoint:
-    """Return what a DRIVE says: a joint's if it names one and speaks of no side."""
+def drive_from_message(message: Message) -> Drive | DriveJoints:
+    """Return what a DRIVE says: of joints if it names one and speaks of no side."""
     sides = (message.get("Left"), message.get("Right"))
     if fields.name(message, "Name") and sides == (None, None):
-        return DriveJoint.from_message(message)
+        return DriveJoints.from_message(message)
     return Drive.from_message(message)
+
+
+def _joint_command(group: Message) -> JointCommand:
+    return JointCommand(
+        name=fields.name(group, "Name") or "",
+        value=fields.number(group, "Value"),
+        order=fields.integer(group, "Order") or 0,
+        steer=fields.number(group, "Steer"),
+    )
+
+
+def _joint_blocks(joint: JointCommand) -> Pairs:
+    order = int(joint.order) or None  # the default needs no block
+    return fields.given(
+        ("Name", joint.name), ("Steer", joint.steer), ("Order", order), ("Value", joint.value)
+    )
 
 
 def _link_command(group: Message) -> LinkCommand:

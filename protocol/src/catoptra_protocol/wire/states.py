@@ -10,7 +10,7 @@ from enum import Enum, auto
 from catoptra_protocol.wire.commands import (
     Command,
     Drive,
-    DriveJoint,
+    DriveJoints,
     GetConf,
     GetGeo,
     GetStartPoses,
@@ -43,7 +43,7 @@ SERVED: dict[ControlState, dict[type[Command], ControlState]] = {
     },
     ControlState.SPAWNED: {
         Drive: ControlState.SPAWNED,
-        DriveJoint: ControlState.SPAWNED,
+        DriveJoints: ControlState.SPAWNED,
         MultiDrive: ControlState.SPAWNED,
         MisPkg: ControlState.SPAWNED,
         Set: ControlState.SPAWNED,

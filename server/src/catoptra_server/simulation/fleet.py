@@ -12,7 +12,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.commands import (
     Command,
     Drive,
-    DriveJoint,
+    DriveJoints,
     GetConf,
     GetGeo,
     GetStartPoses,
@@ -121,8 +121,9 @@ class Fleet:
         match command:
             case Drive():
                 robot.obey(command, time_s)
-            case DriveJoint(name, value, order):
-                robot.drive_joint(name, value, order)
+            case DriveJoints(joints):
+                for joint in joints:
+                    robot.drive_joint(joint.name, joint.value, joint.order)
             case MultiDrive(joints):
                 for name, value in joints:
                     robot.drive_joint(name, value, 0)
