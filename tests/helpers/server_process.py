@@ -14,6 +14,7 @@ from pathlib import Path
 
 from catoptra_client.images import ImageStream
 from catoptra_client.robot import Robot
+from catoptra_client.stream import StreamClient
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy
 
 # Only a broken test waits so long.
@@ -40,6 +41,10 @@ class RunningServer:
     def images(self) -> ImageStream:
         """Return a connection to the image port."""
         return ImageStream.connect(port=self.image_port, timeout_s=DEADLINE_S)
+
+    def stream(self) -> StreamClient:
+        """Return a connection to the stream."""
+        return StreamClient.connect(port=self.stream_port, timeout_s=DEADLINE_S)
 
     def end(self, number: signal.Signals = signal.SIGTERM) -> int:
         """Send a signal; return the exit status."""

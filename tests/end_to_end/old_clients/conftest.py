@@ -34,9 +34,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, room: Path) -> Iterator[Run
     """Serve a P2AT and a small OmniP2AT, for the clients of one module."""
     folder = tmp_path_factory.mktemp("old_clients")
     p2at = str(ROBOTS / "p2at.ini")
-    with running_server(
-        folder, "--robot", p2at, robot=small_robot(folder), world=room
-    ) as running:
+    with running_server(folder, "--robot", p2at, robot=small_robot(folder), world=room) as running:
         yield running
         assert running.end() == 0
         assert "Traceback" not in running.log.read_text()

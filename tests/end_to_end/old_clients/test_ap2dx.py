@@ -17,9 +17,9 @@ class Ap2dx:
     """One robot, and what was understood of it.
 
     Each turn reads one raw byte past the buffer and throws it away, then a whole line from the
-    buffer: so the first letters of whatever stands at the head of the socket get lost. Lines are cut
-    at "} {", and their pieces are known by their places. How the program tells one damaged line from
-    another is not known; here a line is of the type that its second piece names.
+    buffer: so the first letters of whatever stands at the head of the socket get lost. Lines are
+    cut at "} {", and their pieces are known by their places. How the program tells one damaged line
+    from another is not known; here a line is of the type that its second piece names.
     """
 
     port: int

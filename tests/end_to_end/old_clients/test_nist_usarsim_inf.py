@@ -47,7 +47,7 @@ class UsarsimInf:
         return not any(self._waiting.values())
 
     def drive(self, linear_m_s: float, angular_rad_s: float) -> str:
-        """Send a twist, positive angular counter-clockwise, as wheel speeds from the robot's GEO."""
+        """Send a twist, angular counter-clockwise, as wheel speeds by the robot's GEO."""
         geometry = self.answers["GEO", "Robot", "robot1"]
         radius, track = (_number(geometry, key) for key in ("WheelRadius", "WheelSeparation"))
         left = (linear_m_s - 0.5 * track * angular_rad_s) / radius

@@ -1,4 +1,4 @@
-"""Player's USARSim driver: lines that end in LF CR, vectors with spaces, a world with y to the left.
+"""Player's USARSim driver: lines end in LF CR, vectors have spaces, y is to the left.
 
 What it asks of the server's lines: no longer than its buffer of 4096 bytes, keys by exact name.
 """
@@ -64,8 +64,10 @@ class PlayerDriver:
     def laser(self) -> tuple[float, float, list[float]]:
         """Return angle_min, resolution, and the ranges in the order in which they came."""
         line = self.report("RangeScanner")
-        return -0.5 * _numbers(line, "FOV")[0], _numbers(line, "Resolution")[0], _numbers(
-            line, "Range"
+        return (
+            -0.5 * _numbers(line, "FOV")[0],
+            _numbers(line, "Resolution")[0],
+            _numbers(line, "Range"),
         )
 
     def camera_fov(self) -> float:
@@ -111,7 +113,7 @@ def test_scan_when_stored_unreversed_has_the_left_wall_on_the_left(player: Playe
     angles = [angle_min + index * resolution for index in range(len(ranges))]
     # The walls of the room: 3 m on the right, 2 m on the left, 4 m ahead of the robot.
     for angle, distance in ((-0.5 * math.pi, 3.0), (0.0, 4.0 - 0.144), (0.5 * math.pi, 2.0)):
-        nearest = min(range(len(ranges)), key=lambda i: abs(angles[i] - angle))  # noqa: B023
+        nearest = min(range(len(ranges)), key=lambda i: abs(angles[i] - angle))
         assert ranges[nearest] == pytest.approx(distance, abs=0.05)
 
 

@@ -36,7 +36,9 @@ def test_robot_when_spawned_with_a_roll_of_pi_stands_upright_and_drives(wire: Li
     locations = []
     while len(locations) < 6:
         if "{Type GroundTruth}" in (line := wire.line()):
-            numbers = line.replace("}", ",").replace("{Location ", ",").replace("{Orientation ", ",")
+            numbers = (
+                line.replace("}", ",").replace("{Location ", ",").replace("{Orientation ", ",")
+            )
             x, y, z, roll, pitch, yaw = map(float, filter(_is_number, numbers.split(",")))
             assert (roll, pitch, yaw) == pytest.approx((0.0, 0.0, 0.5), abs=0.011)
             assert -0.2 < z < 0.0
