@@ -14,6 +14,7 @@ from catoptra_protocol.wire.numbers import (
     boolean_from_text,
     exact,
     fixed,
+    is_number,
     number_from_text,
     numbers_from_text,
     unreal_angle,
@@ -173,3 +174,11 @@ def test_numbers_from_text_when_read_are_as_many_as_there_are(
     text: str, numbers: tuple[float, ...]
 ) -> None:
     assert numbers_from_text(text) == numbers
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("1.5", True), ("-.5", True), ("1.5m", False), ("", False), ("True", False), ("1e999", False)],
+)
+def test_number_when_asked_whether_it_is_one_must_be_whole(text: str, expected: bool) -> None:
+    assert is_number(text) is expected

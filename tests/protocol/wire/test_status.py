@@ -12,9 +12,15 @@ from catoptra_protocol.wire.status import VehicleStatus
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_status_when_written_and_read_is_the_same(dialect: Dialect) -> None:
-    status = VehicleStatus(12.25, 1188, light=True)
+    joints = (("FRFlipper", -0.5), ("Arm", 1.25))
+    status = VehicleStatus(12.25, 1188, light=True, joints=joints)
     line = line_from_report(status, dialect).decode().rstrip()
     assert VehicleStatus.from_message(parse_message(line)) == status
+
+
+def test_status_when_a_further_field_is_no_number_skips_it() -> None:
+    line = "STA {Type GroundVehicle} {Time 1.00} {Battery 9} {Mood bright} {Odd 1x} {Tail .5}"
+    assert VehicleStatus.from_message(parse_message(line)).joints == (("Tail", 0.5),)
 
 
 def test_view_when_written_is_in_ut2004_alone() -> None:

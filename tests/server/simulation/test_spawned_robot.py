@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.wire.commands import Drive
-from catoptra_protocol.wire.reports import GroundTruthReading, OdometryReading, VehicleStatus
-from catoptra_server.robot.description import RobotDescription
+from catoptra_protocol.wire.reports import (
+    EncoderReadings,
+    GroundTruthReading,
+    OdometryReading,
+    VehicleStatus,
+)
+from catoptra_server.robot.description import MissionPackageDescription, RobotDescription
+from catoptra_server.robot.mission_package import ON_CHASSIS, LinkDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.obstacles import obstacles_between
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
-from helpers.robots import ODOMETRY, p2at, walled_world
+from helpers.robots import ENCODER, ODOMETRY, p2at, walled_world
 
 FREE = obstacles_between(build_scene(walled_world()), low_m=0.03, high_m=1.0)
 TICK_S = 0.02
@@ -181,3 +188,30 @@ def test_geometry_when_of_the_robot_is_the_reference_p2at() -> None:
     geometry = spawned().own_geometry()
     assert geometry.dimensions_m == (0.5238, 0.4968, 0.2913)
     assert (geometry.wheel_radius_m, geometry.wheel_separation_m) == (0.13, 0.4712)
+
+
+FLIPPERS = MissionPackageDescription(
+    "JointParts",
+    tuple(
+        LinkDescription(
+            name, ON_CHASSIS, (0.2, y_m, 0.0), (0.0, 0.5 * math.pi, 0.5 * math.pi), 1.0, 20.0
+        )
+        for name, y_m in (("FRFlipper", 0.1), ("FLFlipper", -0.1))
+    ),
+)
+
+
+def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
+    encoder = dataclasses.replace(ENCODER, name="ECFlipper", shaft="frflipper")
+    robot = spawned(p2at(joint_parts=FLIPPERS, sensors=(encoder,)))
+    robot.drive_joint("frflipper", 0.5, 0)
+    driven(robot, 100)
+    counted, status = robot.all_readings(2.0)
+    assert isinstance(counted, EncoderReadings)
+    assert isinstance(status, VehicleStatus)
+    assert status.joints == (("FRFlipper", 0.5), ("FLFlipper", 0.0))
+    assert counted.items == (("ECFlipper", 28),)
+
+
+def test_flippers_when_asked_for_are_no_package() -> None:
+    assert spawned(p2at(joint_parts=FLIPPERS)).parts("MisPkg") == []

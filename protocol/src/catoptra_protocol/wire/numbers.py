@@ -68,6 +68,12 @@ def number_from_text(text: str) -> float:
     return value if math.isfinite(value) else 0.0
 
 
+def is_number(text: str) -> bool:
+    """Return whether the whole text is a finite number."""
+    found = _NUMBER.fullmatch(text)
+    return found is not None and math.isfinite(float(found.group(1)))
+
+
 def vector_from_text(text: str) -> Vector:
     """Return three numbers separated by a comma, a comma and spaces, or spaces.
 

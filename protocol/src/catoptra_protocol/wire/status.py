@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
-from catoptra_protocol.wire.numbers import boolean, fixed
+from catoptra_protocol.wire.numbers import boolean, fixed, is_number
+
+_OWN = frozenset(
+    ("time", "type", "battery", "view", "frontsteer", "rearsteer", "lighttoggle", "lightintensity")
+)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1."""
+    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1.
+
+    joints: those of the robot itself, such as flippers, as (name, radians).
+    """
 
     WORD: ClassVar[str] = "STA"
 
@@ -22,16 +30,18 @@ class VehicleStatus:
     vehicle_type: str = "GroundVehicle"
     light: bool = False
     view: int = -1
+    joints: tuple[tuple[str, float], ...] = ()
 
     @classmethod
     def from_message(cls, message: Message) -> VehicleStatus:
-        """Return the status of a parsed line; UDK's has no View."""
+        """Return the status of a parsed line; UDK's has no View. Further numbers are joints."""
         return cls(
             time_s=fields.number(message, "Time"),
             battery_s=fields.integer(message, "Battery"),
             vehicle_type=fields.text(message, "Type"),
             light=fields.boolean(message, "LightToggle"),
             view=fields.integer(message, "View", default=-1),
+            joints=tuple(_joints(message)),
         )
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
@@ -46,6 +56,7 @@ class VehicleStatus:
             ("Time", fixed(self.time_s, 2)),
             ("FrontSteer", fixed(0.0)),
             ("RearSteer", fixed(0.0)),
+            *self._joint_pairs(),
             ("LightToggle", boolean(self.light)),
             ("LightIntensity", "100" if self.light else "0"),
             ("Battery", str(int(self.battery_s))),
@@ -62,4 +73,14 @@ class VehicleStatus:
             ("LightIntensity", "100"),
             ("FrontSteer", "0"),
             ("RearSteer", "0"),
+            *self._joint_pairs(),
         )
+
+    def _joint_pairs(self) -> Pairs:
+        return tuple((name, fixed(angle_rad)) for name, angle_rad in self.joints)
+
+
+def _joints(message: Message) -> Iterator[tuple[str, float]]:
+    for name, value in message.pairs:
+        if name and name.lower() not in _OWN and is_number(value):
+            yield name, fields.number(Message(message.word, ((name, value),)), name)

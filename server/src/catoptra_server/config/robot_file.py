@@ -3,7 +3,7 @@
 A robot is a `[USARBot.X]` section that has a SteeringType, or whose class is one of USARSim's own:
 the original files leave wheels and body to the class's source (`robot/known_bases`). Sensors are
 classes: their own sections hold their defaults. What each list means is in `sensor_items`,
-`cameras`, `packages` and `omni_camera`.
+`cameras`, `packages`, `joint_parts` and `omni_camera`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TypedDict
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.cameras import is_camera, read_camera
 from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.joint_parts import read_joint_parts
 from catoptra_server.config.omni_camera import read_omni_camera
 from catoptra_server.config.packages import read_packages
 from catoptra_server.config.sensor_items import is_sensor, read_sensor, report_unknown_class
@@ -78,6 +79,7 @@ def _robot(file: IniFile, section: Settings) -> RobotDescription:
         battery_s=section.number("batteryLife", 1200.0, at_least=0.0),
         cameras=tuple(read_camera(file, section, struct) for struct in cameras),
         packages=read_packages(file, section),
+        joint_parts=read_joint_parts(section),
     )
 
 

@@ -100,7 +100,7 @@ class CameraDescription:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotDescription:
-    """One robot class, such as USARBot.OmniP2AT."""
+    """One robot class, such as USARBot.OmniP2AT. joint_parts: its own joints, such as flippers."""
 
     class_name: str
     drive: DriveBase
@@ -110,6 +110,7 @@ class RobotDescription:
     battery_s: float
     cameras: tuple[CameraDescription, ...] = ()
     packages: tuple[MissionPackageDescription, ...] = ()
+    joint_parts: MissionPackageDescription | None = None
 
     @property
     def model_name(self) -> str:
@@ -117,11 +118,11 @@ class RobotDescription:
         return self.class_name.rpartition(".")[2]
 
     def robot_from_part(self, name: str, joints: Mapping[str, float]) -> Pose:
-        """Return where a link of a package carries what is mounted on it; else the chassis.
+        """Return where a link or a joint carries what is mounted on it; else the chassis.
 
         joints: radians by lower-case link name.
         """
-        for package in self.packages:
+        for package in (*self.packages, *filter(None, (self.joint_parts,))):
             for number, link in enumerate(package.links, 1):
                 if link.name.lower() == name.lower():
                     return package.robot_from_link(number, joints)

@@ -31,6 +31,10 @@ class MissionPackage:
         """Return radians of each joint by its link's name in lower case."""
         return {joint.link.name.lower(): joint.angle_rad for joint in self._joints}
 
+    def named_angles(self) -> list[tuple[str, float]]:
+        """Return each joint's name, as the file spells it, and radians, in order."""
+        return [(joint.link.name, joint.angle_rad) for joint in self._joints]
+
     def number_of(self, name: str) -> int | None:
         """Return the link of a name, its own or `Package_LinkN`; None if it is none of ours."""
         for number, link in enumerate(self._is.links, 1):

@@ -49,6 +49,8 @@ class SpawnedRobot:
         self.camera = camera
         self.cameras = [PerspectiveCameraSensor(c, description) for c in description.cameras]
         self.packages = [MissionPackage(package) for package in description.packages]
+        parts = description.joint_parts
+        self._joint_parts = [MissionPackage(parts)] if parts else []
         self.sensors: list[Sensor] = build_sensors(
             description.sensors, description.drive, lambda part: RandomStream.of(seed, name, part)
         )
@@ -79,8 +81,9 @@ class SpawnedRobot:
 
     @property
     def joints(self) -> dict[str, float]:
-        """Return radians of all packages' joints by link name in lower case."""
-        return {name: angle for p in self.packages for name, angle in p.angles().items()}
+        """Return radians of its own and all packages' joints by link name in lower case."""
+        chains = (*self._joint_parts, *self.packages)
+        return {name: angle for chain in chains for name, angle in chain.angles().items()}
 
     def is_alive(self, time_s: float) -> bool:
         """Return whether the battery still has some: without, no command is obeyed."""
@@ -99,8 +102,8 @@ class SpawnedRobot:
         self._light = self._light if drive.light is None else drive.light
 
     def drive_joint(self, name: str, value: float | None, order: int) -> None:
-        """Command a joint by its link's name; a name that no package has is ignored."""
-        for package in self.packages:
+        """Command a joint by its link's name; a name that no joint has is ignored."""
+        for package in (*self._joint_parts, *self.packages):
             number = package.number_of(name)
             if number is not None and value is not None:
                 package.command(number, value, order)
@@ -118,7 +121,7 @@ class SpawnedRobot:
         if not self.is_alive(time_s):
             self._body = dataclasses.replace(self._body, spin=WheelSpin())
         else:
-            for package in self.packages:
+            for package in (*self._joint_parts, *self.packages):
                 package.move(duration_s)
         self._body, way = driven(self._body, duration_s, obstacles=obstacles, stream=self._slip)
         move = Move(way, self._body.tick, duration_s, self._body.pose)
@@ -150,7 +153,8 @@ class SpawnedRobot:
 
     def _status(self, time_s: float) -> VehicleStatus:
         left_s = max(0, int(self._battery_ends_s - time_s))
-        return VehicleStatus(time_s, left_s, light=self._light)
+        joints = tuple(joint for chain in self._joint_parts for joint in chain.named_angles())
+        return VehicleStatus(time_s, left_s, light=self._light, joints=joints)
 
     def parts(self, type_: str) -> list[Part]:
         """Return all parts of a type, in any case, in the order of their reports."""
