@@ -27,6 +27,7 @@ from catoptra_server.robot.description import (
     RfidDescription,
     RobotDescription,
     SonarDescription,
+    TachometerDescription,
     TouchDescription,
     VictimSensorDescription,
 )
@@ -55,12 +56,16 @@ SCANNER = RangeScannerDescription(
 SONAR = SonarDescription("F1", 0.2, AHEAD, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0)
 INS = InsDescription("INS", 0.2, AHEAD)
 ENCODER = EncoderDescription("ECLeft", 0.2, AHEAD, shaft="left", resolution_rad=0.01745)
+TACHOMETER = TachometerDescription("TachTest", 0.2, AHEAD)
 TOUCH = TouchDescription("Touch", 0.2, AHEAD, diameter_m=0.01)
 RFID = RfidDescription("RFID", 0.2, AHEAD, max_range_m=2.0)
 VICTIMS = VictimSensorDescription("VictSensor", 0.2, AHEAD, fov_rad=1.0, max_range_m=5.0)
 GPS = GpsDescription("GPS", 0.2, AHEAD)
 # One of each kind.
-SENSORS = (SONAR, SCANNER, INS, ODOMETRY, ENCODER, TOUCH, RFID, VICTIMS, TRUTH, GPS)
+SENSORS = (
+    *(SONAR, SCANNER, INS, ODOMETRY, ENCODER, TACHOMETER),
+    *(TOUCH, RFID, VICTIMS, TRUTH, GPS),
+)
 CAMERA = OmniCameraDescription(
     name="OmniCam",
     camera=camera_with_rim_inscribed(

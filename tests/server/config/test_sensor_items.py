@@ -11,9 +11,11 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.description import (
     EncoderDescription,
     InsDescription,
+    Mount,
     RangeScannerDescription,
     SensorDescription,
     SonarDescription,
+    TachometerDescription,
 )
 from helpers.configs import ROBOTS
 
@@ -61,7 +63,8 @@ def test_scanner_when_its_line_would_be_too_long_for_clients_is_refused(tmp_path
         ("ECRight", "", "right"),
         ("ECPan", "", "CameraPan"),
         ("ECTilt", "", "CameraTilt"),
-        ("W2", "", "right"),
+        ("EncTestW0", "", "right"),
+        ("W3", "", "left"),
         ("E1", "LeftFWheel", "left"),
         ("Other", "", "other"),
     ],
@@ -90,3 +93,10 @@ def test_p2at_when_read_has_the_sixteen_sonars_of_the_reference() -> None:
     assert [s.name for s in sonars] == [f"{side}{n}" for side in "FR" for n in range(1, 9)]
     assert sonars[1].mount.position_m == (0.185, -0.115, 0.0)
     assert sonars[1].mount.rotation_rad == (0.0, 0.0, -0.8727)
+
+
+def test_tachometer_when_of_the_real_line_tells_four_wheels(tmp_path: Path) -> None:
+    item = "AddParts=(ItemClass=class'USARSensor.Tachometer',ItemName=\"TachTest\",Position=(X=0))"
+    assert read(tmp_path, item) == TachometerDescription("TachTest", 0.2, Mount(), wheels=4)
+    two = read(tmp_path, item, "[USARSensor.Tachometer]\nScanInterval=0.5\nWheels=2\n")
+    assert two == TachometerDescription("TachTest", 0.5, Mount(), wheels=2)

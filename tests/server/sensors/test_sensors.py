@@ -52,6 +52,7 @@ def test_sensors_when_built_are_in_the_order_of_ut2004_s_cycle() -> None:
         "INS",
         "Odometry",
         "Encoder",
+        "Tachometer",
         "Touch",
         "RFID",
         "VictSensor",

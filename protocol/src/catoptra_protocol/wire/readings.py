@@ -20,6 +20,7 @@ from catoptra_protocol.wire.readings_gps import GpsReading
 from catoptra_protocol.wire.readings_items import (
     EncoderReadings,
     RfidReading,
+    TachometerReading,
     TouchReadings,
     VictimPart,
     VictimReading,
@@ -136,6 +137,7 @@ Reading = (
     | InsReading
     | OdometryReading
     | EncoderReadings
+    | TachometerReading
     | TouchReadings
     | RfidReading
     | VictimReading
@@ -156,6 +158,7 @@ _SENSORS: dict[str, Callable[[Message], Reading]] = {
     "ins": InsReading.from_message,
     "odometry": OdometryReading.from_message,
     "encoder": EncoderReadings.from_message,
+    "tachometer": TachometerReading.from_message,
     "touch": TouchReadings.from_message,
     "rfid": RfidReading.from_message,
     "victsensor": VictimReading.from_message,
@@ -187,6 +190,7 @@ __all__ = [
     "Reading",
     "RfidReading",
     "SonarReadings",
+    "TachometerReading",
     "TouchReadings",
     "VictimPart",
     "VictimReading",

@@ -1,4 +1,4 @@
-"""SEN of what counts, touches and recognises: encoders, touch sensors, RFID, victims."""
+"""SEN of what counts, touches and recognises: encoders, tachometers, switches, RFID, victims."""
 
 from __future__ import annotations
 
@@ -33,6 +33,39 @@ class EncoderReadings:
         head = (*_time(self.time_s, dialect), ("Type", "Encoder"))
         items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
+
+
+@dataclass(frozen=True, slots=True)
+class TachometerReading:
+    """How fast each driven wheel spins, and what it has turned: rad/s and rad, in one order."""
+
+    WORD: ClassVar[str] = "SEN"
+
+    time_s: float
+    name: str
+    velocities_rad_s: tuple[float, ...] = ()
+    positions_rad: tuple[float, ...] = ()
+
+    @classmethod
+    def from_message(cls, message: Message) -> TachometerReading:
+        """Return the reading of a parsed line; UDK's first one may hold no wheels."""
+        return cls(
+            time_s=fields.number(message, "Time"),
+            name=fields.text(message, "Name"),
+            velocities_rad_s=_optional_numbers(message, "Vel"),
+            positions_rad=_optional_numbers(message, "Pos"),
+        )
+
+    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        pairs = (
+            ("Time", fixed(self.time_s)),
+            ("Type", "Tachometer"),
+            ("Name", self.name),
+            ("Vel", vector(self.velocities_rad_s)),
+            ("Pos", vector(self.positions_rad)),
+        )
+        return (Message(self.WORD, tuple(pair for pair in pairs if pair[1])),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +154,10 @@ class VictimReading:
         status = (("Status", self.status),) if self.status else ()
         parts = (pair for part in self.parts for pair in _part_pairs(part))
         return (Message(self.WORD, (*head, *status, *parts)),)
+
+
+def _optional_numbers(message: Message, name: str) -> tuple[float, ...]:
+    return () if message.get(name) is None else fields.numbers(message, name)
 
 
 def _time(time_s: float | None, dialect: Dialect) -> Pairs:

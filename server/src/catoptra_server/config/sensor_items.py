@@ -24,6 +24,7 @@ from catoptra_server.robot.description import (
     RfidDescription,
     SensorDescription,
     SonarDescription,
+    TachometerDescription,
     TouchDescription,
     VictimSensorDescription,
 )
@@ -149,17 +150,17 @@ def _ins(item: SensorItem) -> SensorDescription:
     )
 
 
-# What an encoder counts is in its Parent, or else in its name: ECLeft, ECPan. W1 and W3 of UDK's
-# robots are taken for the left wheels, for no source says which is which.
+# What an encoder counts is in its Parent, or else in its name: ECLeft, ECPan; or W and a wheel's
+# number, as in UDK: 0 front right, 1 front left, 2 back right, 3 back left. Source: P3AT.uc.
 _SHAFTS = {
     "left": "left",
     "right": "right",
     "tilt": "CameraTilt",
     "pan": "CameraPan",
+    "w0": "right",
     "w1": "left",
-    "w3": "left",
     "w2": "right",
-    "w4": "right",
+    "w3": "left",
 }
 
 
@@ -174,6 +175,11 @@ def _encoder(item: SensorItem) -> SensorDescription:
         resolution_rad=item.section.number("Resolution", 0.01745, at_least=1e-6, at_most=6.3),
         noise_rad=item.number("Noise", 0.0, 10.0),
     )
+
+
+def _tachometer(item: SensorItem) -> SensorDescription:
+    wheels = item.section.integer("Wheels", 4, at_least=1, at_most=64)
+    return TachometerDescription(item.name, item.interval_s, item.mount, wheels)
 
 
 def _touch(item: SensorItem) -> SensorDescription:
@@ -217,6 +223,7 @@ _READERS: dict[str, Callable[[SensorItem], SensorDescription]] = {
     "ins": _ins,
     "encodersensor": _encoder,
     "encoder": _encoder,
+    "tachometer": _tachometer,
     "touchsensor": _touch,
     "touch": _touch,
     "rfidsensor": _rfid,

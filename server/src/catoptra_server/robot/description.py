@@ -25,6 +25,7 @@ from catoptra_server.robot.sensor_descriptions import (
     RfidDescription,
     SensorDescription,
     SonarDescription,
+    TachometerDescription,
     TouchDescription,
     VictimSensorDescription,
 )
@@ -152,6 +153,7 @@ __all__ = [
     "RobotDescription",
     "SensorDescription",
     "SonarDescription",
+    "TachometerDescription",
     "TextureClient",
     "TouchDescription",
     "VictimSensorDescription",

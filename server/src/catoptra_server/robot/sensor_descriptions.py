@@ -103,6 +103,16 @@ class EncoderDescription:
 
 
 @dataclass(frozen=True, slots=True)
+class TachometerDescription:
+    """Tells spin and turned angle of so many driven wheels, right and left in turn, front first."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    wheels: int = 4
+
+
+@dataclass(frozen=True, slots=True)
 class TouchDescription:
     """A contact switch of a diameter at its mount, which looks along the mount's x."""
 
@@ -149,6 +159,7 @@ SensorDescription = (
     | InsDescription
     | OdometryDescription
     | EncoderDescription
+    | TachometerDescription
     | TouchDescription
     | RfidDescription
     | VictimSensorDescription

@@ -21,6 +21,7 @@ from catoptra_server.robot.description import (
     RfidDescription,
     SensorDescription,
     SonarDescription,
+    TachometerDescription,
     TouchDescription,
     VictimSensorDescription,
 )
@@ -33,6 +34,7 @@ from catoptra_server.sensors.range_scanner import RangeScannerSensor
 from catoptra_server.sensors.rfid import RfidSensor
 from catoptra_server.sensors.sensor import Moment, Move, Part, Sensor
 from catoptra_server.sensors.sonar import SonarRing
+from catoptra_server.sensors.tachometer import TachometerSensor
 from catoptra_server.sensors.touch import TouchSensors
 from catoptra_server.sensors.victim_sensor import VictimSensor
 
@@ -42,6 +44,7 @@ _SENSORS: dict[type, Callable[..., Sensor]] = {
     InsDescription: InsSensor,
     OdometryDescription: OdometrySensor,
     EncoderDescription: EncoderBank,
+    TachometerDescription: TachometerSensor,
     TouchDescription: TouchSensors,
     RfidDescription: RfidSensor,
     VictimSensorDescription: VictimSensor,

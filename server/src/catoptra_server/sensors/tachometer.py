@@ -1,0 +1,58 @@
+"""A tachometer: how fast the driven wheels spin. UDK's; its order is that of the P3AT's wheels.
+
+Vel is the spin of the last tick, where UDK tells the mean since its last report: so a reading does
+not depend on who else has read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from catoptra_protocol.wire.reports import IntervalConfiguration, TachometerReading
+from catoptra_server.random_streams import RandomStream
+from catoptra_server.robot.description import DriveBase, TachometerDescription
+from catoptra_server.sensors.mounted_part import MountedPart
+from catoptra_server.sensors.sensor import Moment, Move, Part
+
+_RIGHT_AND_LEFT = (1, 0)  # front right, front left, back right, back left. Source: P3AT.uc
+
+
+class TachometerSensor:
+    """Follow the wheels of both sides: what they turn, and how fast they did so last."""
+
+    type = "Tachometer"
+
+    def __init__(
+        self, description: TachometerDescription, base: DriveBase, stream: RandomStream
+    ) -> None:
+        self.name = description.name
+        self.interval_s = description.interval_s
+        self._is = description
+        self._wheel_radius_m = base.wheel_radius_m
+        self._spins_rad_s = (0.0, 0.0)  # left, right
+        self._turned_rad = (0.0, 0.0)
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Return the sensor."""
+        told = IntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._is.mount, told),)
+
+    def follow(self, move: Move) -> None:
+        """Turn the wheels."""
+        left = move.way.left_m / self._wheel_radius_m
+        right = move.way.right_m / self._wheel_radius_m
+        self._spins_rad_s = (left / move.duration_s, right / move.duration_s)
+        self._turned_rad = (self._turned_rad[0] + left, self._turned_rad[1] + right)
+
+    def reading(self, moment: Moment) -> TachometerReading:
+        """Return rad/s and radians of each wheel; forward is positive."""
+        return TachometerReading(
+            time_s=moment.time_s,
+            name=self.name,
+            velocities_rad_s=self._of_wheels(self._spins_rad_s),
+            positions_rad=self._of_wheels(self._turned_rad),
+        )
+
+    def _of_wheels(self, sides: tuple[float, float]) -> tuple[float, ...]:
+        return tuple(sides[_RIGHT_AND_LEFT[wheel % 2]] for wheel in range(self._is.wheels))
