@@ -43,9 +43,10 @@ bench: $(READY) ## Measure frames per second on this machine; writes out/bench/b
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
 
-conformance: $(READY) ## Play the conformance conversations to a live server: ADDRESS=host:port [IMAGE=host:port]
-	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003]"; exit 2; }
-	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE))
+conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
+	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
+	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
+	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
 fuzz: $(READY) ## Feed a million broken and random inputs to every parser
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_wire --cases 1000000 --seed 1

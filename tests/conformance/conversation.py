@@ -1,12 +1,11 @@
-"""Hold a conversation with a live server as a data file tells, and say where it went wrong.
+"""Hold a conversation on the control or image port as a data file tells.
 
-A file lists steps; what each holds is told at its function below. Lines of the server that a step
-does not wait for are skipped, since reports come at any time. Blocking sockets, one at a time.
+What each step holds is told at its function below. Lines of the server that a step does not wait
+for are skipped, since reports come at any time. Blocking sockets, one at a time.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import socket
 import struct
@@ -15,34 +14,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from string import Template
-from typing import Any
 
+from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.wire.grammar import LineReader, parse_message
 from catoptra_protocol.wire.image import ImageFrameReader, ImageType, WireFrame, raw_size
 from catoptra_protocol.wire.jpeg import jpeg_size
+from conformance.script import WITHIN_S, Address, Conversation, Step, UnexpectedError
 
-WITHIN_S = 10.0  # of a server that works, however busy its machine is
 _READ_BYTES = 64 * 1024
-
-Step = dict[str, Any]  # as JSON holds it
-Address = tuple[str, int]
-
-
-class UnexpectedError(Exception):
-    """The server did not do what a step expects."""
-
-
-@dataclass(frozen=True, slots=True)
-class Conversation:
-    """One file: what it shows, the port, whether a server must pass it, and its steps."""
-
-    name: str
-    why: str
-    port: str
-    required: bool
-    steps: tuple[Step, ...]
 
 
 @dataclass(slots=True)
@@ -100,26 +80,15 @@ class Stage:
         return self.line
 
 
-def read_conversation(path: Path) -> Conversation:
-    """Return the conversation of a file."""
-    document = json.loads(path.read_text(encoding="utf-8"))
-    steps = tuple(document["steps"])
-    unknown = {key for step in steps for key in step} - set(STEPS) - _SETTINGS
-    if unknown or set(document) - {"why", "port", "required", "steps"}:
-        raise ValueError(f"{path}: unknown keys {sorted(unknown) or sorted(document)}")
-    required = document.get("required", True)
-    return Conversation(path.stem, document["why"], document["port"], required, steps)
-
-
 def hold(conversation: Conversation, address: Address, words: dict[str, str]) -> str:
     """Hold the conversation; return an empty text, or what went wrong and at which step."""
     with ExitStack() as ends:
         stage = Stage(address, dict(words), conversation.port == "image", ends)
         for number, step in enumerate(conversation.steps, 1):
             try:
-                for key in step.keys() - _SETTINGS:
+                for key in step.keys() - SETTINGS:
                     STEPS[key](stage, step)
-            except (UnexpectedError, OSError) as error:
+            except (UnexpectedError, CatoptraError, OSError) as error:
                 return f"step {number} ({next(iter(step))}): {error}"
     return ""
 
@@ -236,4 +205,4 @@ STEPS: dict[str, Callable[[Stage, Step], None]] = {
     "close": _close,
     "reset": _reset,
 }
-_SETTINGS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}
+SETTINGS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}

@@ -10,32 +10,59 @@ from pathlib import Path
 
 import pytest
 
-from conformance.conversation import STEPS, Conversation, hold, read_conversation
-from conformance.play import CONVERSATIONS, Verdict, conversations, main, table
+from conformance import conversation, stream_conversation
+from conformance.conversation import hold
+from conformance.play import CONVERSATIONS, HOLD, KEYS, Verdict, conversations, main, table
+from conformance.script import Conversation, read_conversation
 from helpers.server_process import running_server
 
 ALL = conversations()
 
 
+@pytest.mark.parametrize(
+    ("of_server", "of_player"),
+    [
+        (("--image-type", "GOOD"), ()),
+        (("--dialect", "udk", "--image-type", "RAW"), ("--dialect", "udk")),
+        (("--legacy-images",), ("--legacy-images",)),
+    ],
+    ids=["plain", "udk", "legacy"],
+)
 def test_our_server_when_all_conversations_are_played_passes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    of_server: tuple[str, ...],
+    of_player: tuple[str, ...],
 ) -> None:
-    with running_server(tmp_path, "--image-type", "GOOD") as server:
-        control, image = f"127.0.0.1:{server.control_port}", f"127.0.0.1:{server.image_port}"
-        status = main([control, "--image", image])
+    with running_server(tmp_path, *of_server) as server:
+        control, image, stream = (
+            f"127.0.0.1:{port}"
+            for port in (server.control_port, server.image_port, server.stream_port)
+        )
+        status = main([control, "--image", image, "--stream", stream, *of_player])
     assert status == 0, capsys.readouterr().out
 
 
 def test_conversations_when_read_use_every_kind_of_step() -> None:
-    assert {key for one in ALL for step in one.steps for key in step} >= set(STEPS)
-    assert {one.port for one in ALL} == {"control", "image"}
+    keys = {key for one in ALL for step in one.steps for key in step}
+    assert keys >= {*conversation.STEPS, *stream_conversation.STEPS}
+    assert {one.port for one in ALL} == set(HOLD)
+
+
+def test_conversations_when_for_one_kind_of_server_are_left_out_for_others() -> None:
+    udk = {one.name for one in ALL if one.fits("udk", "legacy")}
+    usual = {one.name for one in ALL if one.fits("ut2004", "plain")}
+    assert {"udk_status", "image_legacy_first", "greeting", "stream_status"} <= udk
+    assert {"ut2004_status", "image_whole", "greeting", "stream_status"} <= usual
+    assert not {"ut2004_status", "image_whole"} & udk
+    assert not {"udk_status", "image_legacy_first"} & usual
 
 
 def test_conversation_when_it_has_an_unknown_key_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "wrong.json"
     path.write_text('{"why": "", "port": "control", "steps": [{"expcet": []}]}')
     with pytest.raises(ValueError, match="expcet"):
-        read_conversation(path)
+        read_conversation(path, KEYS)
 
 
 @contextmanager

@@ -10,25 +10,27 @@ import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.wire.stream import answer_from_bytes, bytes_from_message, request_from_bytes
-from catoptra_protocol.wire.stream_answers import Answer
-from catoptra_protocol.wire.stream_requests import Request
+from catoptra_protocol.wire.stream_answers import ANSWERS, Answer
+from catoptra_protocol.wire.stream_requests import REQUESTS, Request
 
 VECTORS = sorted((Path(__file__).parent / "data/stream").glob("*.bytes"))
 
 
-def read(data: bytes) -> Request | Answer | None:
-    """Return the message, whoever sends its kind."""
-    return request_from_bytes(data) if b"ask_" in data[:12] else answer_from_bytes(data)
+def read(data: bytes, sender: str) -> Request | Answer | None:
+    """Return the message of a `client` or of a `server`."""
+    return request_from_bytes(data) if sender == "client" else answer_from_bytes(data)
 
 
 @pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.stem)
 def test_message_when_read_is_what_it_means(path: Path) -> None:
     vector = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    assert set(vector) <= {"why", "meaning", "refused", "from"}
+    sender = vector.get("from", "client" if path.stem.startswith("ask_") else "server")
     if "refused" in vector:
         with pytest.raises(RemoteProtocolError, match=vector["refused"]):
-            read(path.read_bytes())
+            read(path.read_bytes(), sender)
     else:
-        message = read(path.read_bytes())
+        message = read(path.read_bytes(), sender)
         assert as_json(message) == vector["meaning"]
 
 
@@ -38,6 +40,11 @@ def as_json(message: Request | Answer | None) -> object:
         return None
     fields = {"kind": message.KIND, **dataclasses.asdict(message)}
     return json.loads(json.dumps(fields, default=lambda member: member.value))
+
+
+def test_vectors_when_listed_have_one_of_every_kind() -> None:
+    meanings = (json.loads(path.with_suffix(".json").read_text())["meaning"] for path in VECTORS)
+    assert {meaning["kind"] for meaning in meanings if meaning} == {*REQUESTS, *ANSWERS}
 
 
 def test_frame_when_written_has_the_vector_s_bytes() -> None:
