@@ -25,6 +25,14 @@ class Room:
         ways = (np.copysign(self._half, along) - origins) / along
         return np.where(level, np.inf, ways).min(axis=-1)
 
+    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the distances, and the inward normals of the walls."""
+        distances = self.distances(origins, directions)
+        places = (origins + distances[:, None] * directions) / self._half
+        wall = np.abs(places).argmax(axis=1)
+        normals = -np.sign(np.take_along_axis(places, wall[:, None], axis=1)) * np.eye(3)[wall]
+        return distances, normals
+
 
 def room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
     """Return the same room as a world, its walls 0.1 m thick."""

@@ -17,3 +17,16 @@ def test_distances_when_a_body_is_nearer_are_to_it() -> None:
 
 def test_distances_when_there_is_nothing_are_infinite() -> None:
     assert np.isinf(EMPTY.distances(np.zeros(3), RAYS)).all()
+
+
+def test_hits_when_a_body_is_nearer_have_its_normal() -> None:
+    around = Surroundings(Room(), [box_at(2.0, 0.0)])
+    distances, normals = around.hits(np.zeros(3), RAYS)
+    assert distances.tolist() == [1.8, 3.0]
+    np.testing.assert_array_equal(normals, [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def test_hits_when_there_is_nothing_are_infinite_and_without_normal() -> None:
+    distances, normals = EMPTY.hits(np.zeros(3), RAYS)
+    assert np.isinf(distances).all()
+    assert not normals.any()

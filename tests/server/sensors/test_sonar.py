@@ -7,9 +7,12 @@ import math
 
 import pytest
 
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import Mount, SonarDescription
+from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors.sonar import SonarRing
 from helpers.robots import BASE, SONAR
 from helpers.rooms import box_at, in_room
@@ -65,3 +68,45 @@ def test_parts_when_asked_are_the_sonars() -> None:
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}\r\n"
     )
+
+
+# A wall 4 m ahead that is met at the angle by which the sonar is turned.
+@pytest.mark.parametrize(
+    ("turn_rad", "limit_rad", "range_m"),
+    [
+        (0.1, 0.05, 4.0),  # the cone reaches the wall's nearest point, met at a right angle
+        (0.6, 0.5 * math.pi, 3.0 / math.sin(0.75)),  # no limit: the wall aside, met obliquely
+        (0.6, 0.5, 4.0 / math.cos(0.45)),  # the cone's other edge
+        (0.6, 0.3, 4.0 / math.cos(0.6)),  # the axis alone
+    ],
+)
+def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
+    turn_rad: float, limit_rad: float, range_m: float
+) -> None:
+    sonar = dataclasses.replace(
+        CENTRED,
+        mount=Mount((0.0, 0.0, 0.0), (0.0, 0.0, turn_rad)),
+        beam_rad=0.3,
+        cones=30,
+        rays=64,
+        max_incidence_rad=limit_rad,
+    )
+    ((_, told_m),) = ring(sonar).reading(in_room()).items
+    # 30 rings and 64 rays sample the angle of incidence to a few milliradians.
+    assert told_m == pytest.approx(range_m, abs=2e-3)
+
+
+def test_echo_when_a_box_is_met_obliquely_is_lost() -> None:
+    turned = OrientedBox(Pose.from_rpy((2.0, 0.3, 0.0), (0.0, 0.0, 0.8)), (0.4, 0.4, 0.4))
+    wide = dataclasses.replace(CENTRED, beam_rad=0.6)
+    strict = dataclasses.replace(wide, max_incidence_rad=0.2)
+    ((_, all_m),), ((_, facing_m),) = (
+        ring(s).reading(in_room(turned)).items for s in (wide, strict)
+    )
+    assert all_m < 2.0 < 3.9 < facing_m
+
+
+def test_configuration_when_of_udk_tells_the_limit() -> None:
+    (part,) = ring(dataclasses.replace(CENTRED, max_incidence_rad=0.1745329252)).parts
+    line = line_from_report(part.configuration(), Dialect.UDK)
+    assert b"{maxAngleOfIncidence 0.1745} {tracesPerCone 8} {numberOfCones 3}" in line

@@ -7,6 +7,7 @@ says, what that leaves open our table: the defaults of UDK's DefaultUSAR.ini.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -137,6 +138,7 @@ def _sonar(item: SensorItem) -> SensorDescription:
         noise_m=item.number("Noise", 0.0, 10.0),
         cones=item.section.integer("NumberOfCones", 3, at_least=0, at_most=64),
         rays=item.section.integer("TracesPerCone", 8, at_least=1, at_most=256),
+        max_incidence_rad=item.number("MaxAngleOfIncidence", 0.5 * math.pi, 3.1416),
     )
 
 

@@ -5,6 +5,7 @@ Noises are standard deviations of Gaussian noise, drawn anew for each reading un
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from catoptra_server.robot.mount import Mount
@@ -58,7 +59,8 @@ class RangeScannerDescription:
 class SonarDescription:
     """One sonar that looks along its mount's x. beam_rad: the cone's full angle. noise: metres.
 
-    The cone is sampled by its axis and `cones` rings of `rays` rays.
+    The cone is sampled by its axis and `cones` rings of `rays` rays. A ray off the axis that meets
+    a surface at more than `max_incidence_rad` from its normal brings no echo.
     """
 
     name: str
@@ -70,6 +72,7 @@ class SonarDescription:
     noise_m: float = 0.0
     cones: int = 3
     rays: int = 8
+    max_incidence_rad: float = 0.5 * math.pi
 
 
 @dataclass(frozen=True, slots=True)

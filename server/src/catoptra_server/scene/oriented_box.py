@@ -39,6 +39,35 @@ def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Flo
     return _nearest(start, np.where(np.abs(along) < _LEVEL, _LEVEL, along), half)
 
 
+def box_hits(
+    boxes: Sequence[OrientedBox], origins: Floats, directions: Floats
+) -> tuple[Floats, Floats]:
+    """Return `box_distances`, and the (n, 3) unit normals of what is met; 0 where nothing is.
+
+    From inside a box the normal faces the ray. Box by box: it is rarely asked for.
+    """
+    nearest, normals = np.full(len(directions), np.inf), np.zeros(directions.shape)
+    for box in boxes:
+        distances = box_distances([box], origins, directions)
+        is_nearer = distances < nearest
+        nearest = np.where(is_nearer, distances, nearest)
+        normals[is_nearer] = _box_normals(box, origins, directions)[is_nearer]
+    return nearest, normals
+
+
+def _box_normals(box: OrientedBox, origins: Floats, directions: Floats) -> Floats:
+    """Return (n, 3) normals of the faces by which rays that meet a box enter it."""
+    rotation = box.world_from_box.rotation
+    start = (origins - box.world_from_box.translation) @ rotation
+    along = directions @ rotation
+    along = np.where(np.abs(along) < _LEVEL, _LEVEL, along)
+    enter = (-np.copysign(0.5 * np.array(box.size_m), along) - start) / along
+    face = enter.argmax(axis=1)
+    rows = np.arange(len(directions))
+    normals: Floats = -np.sign(along[rows, face])[:, None] * rotation.T[face]
+    return np.where(enter[rows, face, None] > 0.0, normals, -directions)
+
+
 def _in_boxes(rotations: Floats, vectors: Floats) -> Floats:
     """Return (3, k, n) components of (n, 3) vectors along the axes of k boxes."""
     count = len(rotations)

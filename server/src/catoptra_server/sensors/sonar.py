@@ -36,6 +36,10 @@ class SonarRing:
         )
         self._first_ray = np.cumsum([0, *counts[:-1]])
         self._noise_m = np.array([description.noise_m for description in descriptions])
+        limits = np.repeat([one.max_incidence_rad for one in descriptions], counts)
+        limits[self._first_ray] = math.pi  # the axis always brings an echo. Source: SonarSensor.uc
+        self._least_cosine = np.cos(np.minimum(limits, 0.5 * math.pi))
+        self._least_cosine[limits >= 0.5 * math.pi] = -1.0
 
     @property
     def parts(self) -> Sequence[Part]:
@@ -47,11 +51,7 @@ class SonarRing:
 
     def reading(self, moment: Moment) -> SonarReadings:
         """Return the shortest distance in each cone, with noise, within each sonar's limits."""
-        pose = moment.world_from_robot
-        distances = moment.around.distances(
-            pose.points(self._starts_in_robot), pose.directions(self._rays_in_robot)
-        )
-        ranges: Floats = np.minimum.reduceat(distances, self._first_ray)
+        ranges: Floats = np.minimum.reduceat(self._echoes(moment), self._first_ray)
         if self._noise_m.any():
             noise = self._stream.at(moment.tick).standard_normal(len(ranges))
             ranges = ranges + self._noise_m * noise
@@ -62,6 +62,17 @@ class SonarRing:
         )
         names = (sonar.name for sonar in self._are)
         return SonarReadings(moment.time_s, tuple(zip(names, told.tolist(), strict=True)))
+
+    def _echoes(self, moment: Moment) -> Floats:
+        """Return (n,) metres of each ray; inf where nothing is met, or at too flat an angle."""
+        pose = moment.world_from_robot
+        starts = pose.points(self._starts_in_robot)
+        rays = pose.directions(self._rays_in_robot)
+        if not np.any(self._least_cosine > 0.0):  # no limit: no normals
+            return moment.around.distances(starts, rays)
+        distances, normals = moment.around.hits(starts, rays)
+        cosines = np.abs(np.sum(normals * rays, axis=1))
+        return np.where(cosines >= self._least_cosine, distances, np.inf)
 
 
 def _cone_in_robot(sonar: SonarDescription) -> Floats:
@@ -76,7 +87,7 @@ def _part(sonar: SonarDescription) -> MountedPart:
         min_range_m=sonar.min_range_m,
         beam_angle_rad=sonar.beam_rad,
         scan_interval_s=sonar.interval_s,
-        max_angle_of_incidence_rad=0.5 * math.pi,  # an echo comes back from any surface
+        max_angle_of_incidence_rad=sonar.max_incidence_rad,
         traces_per_cone=sonar.rays,
         number_of_cones=sonar.cones,
     )

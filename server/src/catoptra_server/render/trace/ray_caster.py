@@ -24,6 +24,7 @@ class EmbreeRayCaster:
     """
 
     def __init__(self, scene: SceneMesh) -> None:
+        self._normals = scene.normals
         self._is_empty = len(scene) == 0
         if self._is_empty:  # Embree commits no empty scene
             return
@@ -40,3 +41,14 @@ class EmbreeRayCaster:
         starts = (origins - self._origin).astype(np.float32)
         met = self._embree.run(starts, directions.astype(np.float32), query="DISTANCE")
         return np.where(met < _NOTHING_M, met, np.inf).astype(np.float64)
+
+    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the distances, and (n, 3) unit normals by the winding; 0 where nothing is met."""
+        if self._is_empty:
+            return self.distances(origins, directions), np.zeros(directions.shape)
+        starts = (origins - self._origin).astype(np.float32)
+        rays = directions.astype(np.float32)
+        found = self._embree.run(starts, rays, query="INTERSECT", output=True)
+        met, is_met = found["tfar"], found["primID"] >= 0
+        normals = np.where(is_met[:, None], self._normals[found["primID"]], 0.0)
+        return np.where(is_met, met, np.inf).astype(np.float64), normals
