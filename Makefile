@@ -49,7 +49,7 @@ conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port 
 	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
 fuzz: $(READY) ## Feed a million broken and random inputs to every parser
-	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_wire --cases 1000000 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz --cases 1000000 --seed 1
 
 soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/soak/run.py

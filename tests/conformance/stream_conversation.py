@@ -112,7 +112,7 @@ def _ask(stage: Stage, step: Step) -> None:
         for request in requests:
             peer.socket.send(msgpack.packb(request))
         reasons = [
-            _differs({"kind": "", "id": request["id"], **answer}, _next_answer(peer))
+            _differs({**answer, "id": answer.get("id", request["id"])}, _next_answer(peer))
             for request, answer in zip(requests, _listed(step["answer"]), strict=True)
         ]
         if not any(reasons):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from conformance.fuzz_wire import BrokenError, Parser, fuzz, main, parsers
+from conformance.fuzz import fuzz, main, parsers
+from conformance.fuzz_parser import BrokenError, Parser
 
 
 def test_fuzz_when_run_with_few_cases_passes(capsys: pytest.CaptureFixture[str]) -> None:
