@@ -176,6 +176,7 @@ def _wish(file: IniFile, mirror: Settings, capture: Settings) -> RenderWish:
         samples=capture.integer("Samples", 0, at_most=16),
         face_size_px=max(client.size_px for client in _texture_clients(file)),
         face_samples=capture.integer("FaceSamples", 0, at_most=8),
+        stride_px=capture.integer("TraceStride", 0, at_most=64),
     )
 
 

@@ -23,3 +23,4 @@ class RenderWish:
     samples: int = 0
     face_size_px: int = 0
     face_samples: int = 0
+    stride_px: int = 0

@@ -175,7 +175,7 @@ def test_picture_when_drawn_again_is_the_same_and_read_only() -> None:
         one, _, again = (view.draw(e) for e in (VIEW, Exposure(Pose.identity()), VIEW))
     np.testing.assert_array_equal(one.rgb, again.rgb)
     assert not one.rgb.flags.writeable
-    assert set(one.stage_ms) == {"trace"}
+    assert set(one.stage_ms) == {"cells", "trace"}
     assert one.stage_ms["trace"] > 0.0
 
 

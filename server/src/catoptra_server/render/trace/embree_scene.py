@@ -6,6 +6,9 @@ place that a point light reaches, is it computed, for those rays.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 import numpy.typing as npt
 from embreex import rtcore_scene
@@ -25,6 +28,16 @@ _POINT_LIT = -1
 
 # A triangle that nothing reaches, for a scene without any: Embree commits no empty one.
 _NOWHERE = np.full((1, 3, 3), 1e6)
+
+
+class Places(Protocol):
+    """Where light is asked for, of some of a number of rays."""
+
+    def points(self, rays: npt.NDArray[np.intp]) -> Floats:
+        """Return (n, 3) places in Embree's coordinates."""
+
+    def uv(self, rays: npt.NDArray[np.intp]) -> tuple[Float32s, Float32s]:
+        """Return the two (n,) texture coordinates."""
 
 
 class EmbreeScene:
@@ -50,7 +63,7 @@ class EmbreeScene:
         self._has_point_lights = bool(shading.point_lights(world.lights))
         self._look = self._looks()
         self._varies = bool((self._look != _CONSTANT).any())
-        self._query(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
+        self.met(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
 
     def _looks(self) -> npt.NDArray[np.int16]:
         """Return (n + 1,) what varies over each triangle: its texture, or one of two more."""
@@ -68,39 +81,56 @@ class EmbreeScene:
     ) -> Packed:
         """Return the (n,) packed light of what each ray meets."""
         if not self._varies:
-            known: Packed = table.take(self._query(origins, directions), mode="wrap")
+            known: Packed = table.take(self.met(origins, directions), mode="wrap")
             return known
-        return self._varying_light(origins, directions, table, scale)
-
-    def _varying_light(
-        self, origins: Float32s, directions: Float32s, table: Packed, scale: LightScale
-    ) -> Packed:
-        """Return the light of rays, computed anew where it varies over a triangle."""
         hit = self._embree.run(origins, directions, output=True)
-        light: Packed = table.take(hit["primID"], mode="wrap")
-        look = self._look.take(hit["primID"], mode="wrap")
+        places = _Hits(
+            origins=origins,
+            directions=directions,
+            triangle=hit["primID"],
+            u=hit["u"],
+            v=hit["v"],
+            distance=hit["tfar"],
+            uv_frames=self._uv_frames,
+        )
+        return self.place_light(hit["primID"], places, table=table, scale=scale)
+
+    def place_light(
+        self,
+        triangle: npt.NDArray[np.int32],
+        places: Places,
+        *,
+        table: Packed,
+        scale: LightScale,
+    ) -> Packed:
+        """Return the (n,) packed light of places on (n,) triangles; -1 is the background."""
+        light: Packed = table.take(triangle, mode="wrap")
+        look = self._look.take(triangle, mode="wrap")
         for index in range(_POINT_LIT if self._has_point_lights else 0, len(self._textures)):
             rays = np.flatnonzero(look == index)
             if len(rays):
-                triangle = hit["primID"].take(rays)
-                radiance: Float32s = self._radiance.take(triangle, axis=1)
+                of = triangle.take(rays)
+                radiance: Float32s = self._radiance.take(of, axis=1)
                 if self._has_point_lights:
-                    along = hit["tfar"].take(rays)[:, None] * directions[rays]
-                    radiance += self._point_radiance(triangle, origins[rays] + along + self.origin)
+                    radiance += self._point_radiance(of, places.points(rays) + self.origin)
                 if index >= 0:
-                    u, v = self._uv(triangle, hit["u"].take(rays), hit["v"].take(rays))
-                    radiance *= self._textures[index].value(u, v)
+                    radiance *= self._textures[index].value(*places.uv(rays))
                 light[rays] = scale.packed(radiance)
         return light
+
+    def varies(self, triangle: npt.NDArray[np.int32]) -> Bools:
+        """Return (n,) whether light varies over triangles; -1 is the background."""
+        return np.asarray(self._look.take(triangle, mode="wrap") != _CONSTANT)
+
+    def met(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
+        """Return the (n,) triangle that each ray meets, -1 for none."""
+        hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
+        return hits
 
     def hidden(self, origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
         """Return (n,) whether some triangle is met before each ray's distance."""
         answer = self._embree.run(origins, directions, dists=distance, query="OCCLUDED")
         return np.asarray(answer >= 0)
-
-    def _query(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
-        hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
-        return hits
 
     def _point_radiance(self, triangle: npt.NDArray[np.int32], points: Floats) -> Float32s:
         """Return the (3, n) radiance that point lights add at (n, 3) points of (n,) triangles."""
@@ -108,11 +138,29 @@ class EmbreeScene:
         irradiance[self._scene.unlit[triangle]] = 0.0
         return (self._scene.albedo[triangle] * irradiance).T.astype(np.float32)
 
-    def _uv(
-        self, triangle: npt.NDArray[np.int32], u: Float32s, v: Float32s
-    ) -> tuple[Float32s, Float32s]:
-        """Return the two (n,) texture coordinates at barycentric (u, v) of corners 1 and 2."""
-        a, b, au, bu, av, bv = self._uv_frames.take(triangle, axis=1)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hits:
+    """What Embree says of rays, and what follows from it for some of them."""
+
+    origins: Float32s
+    directions: Float32s
+    triangle: npt.NDArray[np.int32]
+    u: Float32s
+    v: Float32s
+    distance: Float32s
+    uv_frames: Float32s
+
+    def points(self, rays: npt.NDArray[np.intp]) -> Floats:
+        """Return the places that are met."""
+        along = self.distance.take(rays)[:, None] * self.directions[rays]
+        points: Floats = (self.origins[rays] + along).astype(np.float64)
+        return points
+
+    def uv(self, rays: npt.NDArray[np.intp]) -> tuple[Float32s, Float32s]:
+        """Return the two texture coordinates at barycentric (u, v) of corners 1 and 2."""
+        u, v = self.u.take(rays), self.v.take(rays)
+        a, b, au, bu, av, bv = self.uv_frames.take(self.triangle.take(rays), axis=1)
         return a + u * au + v * av, b + u * bu + v * bv
 
 

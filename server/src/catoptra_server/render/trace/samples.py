@@ -6,7 +6,7 @@ it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,16 @@ class RaySamples:
     pixels: npt.NDArray[np.intp]
     directions: npt.NDArray[np.float32]
     on_mirror: Bools
+
+    def only(self, chosen: Bools) -> RaySamples:
+        """Return the rays of the (p,) chosen pixels."""
+        rays = np.repeat(chosen, self.per_pixel)
+        return replace(
+            self,
+            pixels=self.pixels[chosen],
+            directions=self.directions[rays],
+            on_mirror=self.on_mirror[rays],
+        )
 
 
 def omni_samples(camera: OmniCamera, plan: RenderPlan) -> RaySamples:

@@ -1,0 +1,201 @@
+"""A picture of a mirror camera that traces only where something begins or ends.
+
+A ray through every corner of the cells, then: cells whose corners see one surface, with no outline
+in front of it, are filled; the rays of all others are traced one by one. What is filled is what
+rays would bring: see `outlines` for the proof and tests/cost/questions/sparse_rays.py for the cost.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_server.render.renderer import Exposure, Image, RenderedImage
+from catoptra_server.render.trace.cells import CellGrid
+from catoptra_server.render.trace.cluster_marks import covered_cells
+from catoptra_server.render.trace.moving_bodies import PlacedBody
+from catoptra_server.render.trace.outlines import Outlines
+from catoptra_server.render.trace.packed_light import Float32s
+from catoptra_server.render.trace.pixel_law import PixelLaw
+from catoptra_server.render.trace.ray_colours import Colours, Placement, RayColours
+from catoptra_server.render.trace.ray_view import PIXEL, ray_chunks
+from catoptra_server.render.trace.seen_surfaces import PlanePlaces, SeenSurfaces, SurfacePlanes
+from catoptra_server.render.trace.surfaces import NO_SURFACE
+
+# Samples of a task: see ray_view.
+_SAMPLES_PER_TASK = 20_000
+_NODE_TASKS = 4
+_OUTLINE_TASKS = 4
+_NO_RAYS = np.zeros(0, dtype=np.intp)
+
+Cells = npt.NDArray[np.intp]
+Task = Callable[[], None]
+
+
+class CellView:
+    """The prepared cells of one picture."""
+
+    def __init__(
+        self,
+        planes: SurfacePlanes,
+        colours: RayColours,
+        grid: CellGrid,
+        law: PixelLaw,
+        pool: ThreadPoolExecutor,
+    ) -> None:
+        self._planes = planes
+        self._colours = colours
+        self._grid = grid
+        self._law = law
+        self._pool = pool
+        self._chunks = ray_chunks(grid.others)
+        self._node_parts = np.array_split(np.arange(len(grid.nodes)), _NODE_TASKS)
+        ends = planes.surfaces.outlines
+        self._outlines = [
+            Outlines(ends[part::_OUTLINE_TASKS], law, grid) for part in range(_OUTLINE_TASKS)
+        ]
+        of_surface = colours.of_triangles(planes.surfaces.triangle)
+        of_surface[NO_SURFACE] = 0
+        self._colour_of_surface = of_surface.view(PIXEL).reshape(-1)
+        self._varies = colours.scene.varies(planes.surfaces.triangle)
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        """Return the picture of an exposure."""
+        begin = time.perf_counter()
+        placement = self._colours.placed(exposure)
+        seen = self._planes.seen(exposure.world_from_mirror)
+        surface = self._surface_of_cells(exposure, placement, seen)
+        rgb = self._filled(surface)
+        middle = time.perf_counter()
+        tasks = (
+            *self._traced(surface, placement, rgb),
+            *self._varying(surface, seen, placement, rgb),
+        )
+        list(self._pool.map(_run, tasks))
+        rgb.setflags(write=False)
+        end = time.perf_counter()
+        return RenderedImage(rgb, {"cells": 1e3 * (middle - begin), "trace": 1e3 * (end - middle)})
+
+    def _surface_of_cells(
+        self, exposure: Exposure, placement: Placement, seen: SeenSurfaces
+    ) -> npt.NDArray[np.int32]:
+        """Return the (rows * columns,) surface that fills each cell, NO_SURFACE if none does."""
+        at_nodes = self._surface_at_nodes(placement)
+        surface = self._grid.first_node(at_nodes)
+        fillable = self._grid.agreeing(at_nodes) & seen.usable.take(surface)
+        vectors = seen.inverse_distance.take(np.where(fillable, surface, NO_SURFACE), axis=0)
+        pose = exposure.world_from_mirror
+        for cells in self._pool.map(lambda part: part.passed(pose, vectors), self._outlines):
+            fillable[cells] = False
+        surfaces = self._planes.surfaces
+        if len(surfaces.cluster_centre):
+            fillable &= ~covered_cells(
+                surfaces.cluster_centre,
+                surfaces.cluster_radius_m,
+                pose=pose,
+                law=self._law,
+                grid=self._grid,
+            )
+        for body in placement.bodies:
+            fillable[self._near(body, placement.rotation)] = False
+        return np.where(fillable, surface, NO_SURFACE)
+
+    def _surface_at_nodes(self, placement: Placement) -> npt.NDArray[np.int32]:
+        grid = self._grid
+        found = np.full((grid.rows + 1) * (grid.columns + 1), NO_SURFACE, dtype=np.int32)
+
+        def look(part: Cells) -> None:
+            directions = grid.node_rays[part] @ placement.rotation
+            origins = np.broadcast_to(placement.origin, directions.shape)
+            triangle = self._colours.scene.met(origins, directions)
+            found[grid.nodes[part]] = self._planes.surfaces.of_triangle.take(triangle, mode="wrap")
+
+        list(self._pool.map(look, self._node_parts))
+        return found
+
+    def _near(self, body: PlacedBody, rotation: Float32s) -> Cells:
+        """Return the cells that a body may be seen in."""
+        grid = self._grid
+        cosine = grid.middle @ (rotation @ body.axis)
+        reach = np.arccos(np.clip(body.cosine, -1.0, 1.0)) + grid.reach_rad
+        near = (body.cosine <= -1.0) | (np.arccos(np.clip(cosine, -1.0, 1.0)) <= reach)
+        cells: Cells = np.flatnonzero(grid.row_of >= 0)[near]
+        return cells
+
+    def _filled(self, surface: npt.NDArray[np.int32]) -> Image:
+        """Return the picture with all filled cells in their surface's colour."""
+        grid, size = self._grid, self._grid.others
+        rgb = np.zeros((size.height_px, size.width_px, 3), dtype=np.uint8)
+        colours = self._colour_of_surface.take(surface).reshape(grid.rows, grid.columns)
+        wide = np.repeat(colours, grid.side_px, axis=1).view(np.uint8)
+        covered = rgb[: grid.rows * grid.side_px, : grid.columns * grid.side_px]
+        covered.reshape(grid.rows, grid.side_px, -1)[:] = wide[:, None]
+        return rgb
+
+    def _traced(
+        self, surface: npt.NDArray[np.int32], placement: Placement, rgb: Image
+    ) -> Iterator[Task]:
+        """Yield tasks that trace the pixels of all cells without a surface, and all others."""
+        grid = self._grid
+        rows = grid.row_of[(surface == NO_SURFACE) & (grid.row_of >= 0)]
+
+        def trace(part: Cells) -> None:
+            directions = grid.directions.take(part, axis=0).reshape(-1, 3)
+            found = self._colours.of_rays(directions, placement, off_mirror=_NO_RAYS)
+            self._scatter(part, found, rgb)
+
+        for chunk in self._chunks:
+            yield partial(chunk.draw, rgb, self._colours, placement)
+        for part in self._parts(rows):
+            yield partial(trace, part)
+
+    def _varying(
+        self,
+        surface: npt.NDArray[np.int32],
+        seen: SeenSurfaces,
+        placement: Placement,
+        rgb: Image,
+    ) -> Iterator[Task]:
+        """Yield tasks that compute the pixels of filled cells whose light is not constant."""
+        grid = self._grid
+        cells = np.flatnonzero(self._varies.take(surface))
+        triangles = self._planes.surfaces.triangle
+
+        def compute(part: Cells) -> None:
+            of = surface.take(part)
+            rows = grid.row_of.take(part)
+            directions = grid.directions.take(rows, axis=0)
+            places = PlanePlaces(
+                directions=directions,
+                turned=placement.rotation,
+                viewpoint=placement.origin,
+                inverse_distance=seen.inverse_distance.take(of, axis=0),
+                uv_vectors=seen.uv.take(of, axis=0),
+            )
+            triangle = np.repeat(triangles.take(of), directions.shape[1])
+            self._scatter(rows, self._colours.of_places(triangle, places), rgb)
+
+        for part in self._parts(cells):
+            yield partial(compute, part)
+
+    def _parts(self, rows: Cells) -> list[Cells]:
+        """Return rows of cells in parts of a task each."""
+        samples = len(rows) * self._grid.directions.shape[1]
+        return np.array_split(rows, -(-samples // _SAMPLES_PER_TASK)) if len(rows) else []
+
+    def _scatter(self, rows: Cells, found: Colours, rgb: Image) -> None:
+        """Write the pixels of rows of cells into a picture."""
+        pixels = self._grid.pixels.take(rows, axis=0).reshape(-1)
+        rgb.reshape(-1).view(PIXEL)[pixels] = found.view(PIXEL).reshape(-1)
+
+    def close(self) -> None:
+        """Nothing is held that the renderer does not hold."""
+
+
+def _run(task: Task) -> None:
+    task()

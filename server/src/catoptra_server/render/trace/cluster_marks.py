@@ -1,0 +1,66 @@
+"""Which cells of a picture the spheres around clusters of small triangles may cover.
+
+Each sphere's rectangle of cells is added to a table of differences; two running sums give all at
+once, however large they are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.render.trace.cells import CellGrid
+from catoptra_server.render.trace.pixel_law import PIXEL_ERROR_PX, PixelLaw
+
+
+def covered_cells(
+    centre: Floats, radius_m: Floats, *, pose: Pose, law: PixelLaw, grid: CellGrid
+) -> Bools:
+    """Return (rows * columns,) which cells (k,) spheres in the world may cover."""
+    towards = (centre - pose.translation) @ pose.rotation
+    distance = np.linalg.norm(towards, axis=-1)
+    if (distance <= radius_m).any():
+        return np.ones(grid.rows * grid.columns, dtype=bool)
+    unit = towards / distance[:, None]
+    reach = np.arcsin(radius_m / distance)
+    incidence = np.arccos(np.clip(unit[:, 2], -1.0, 1.0))
+    seen = np.flatnonzero(incidence - reach <= law.rim_rad)
+    unit, reach, incidence = unit[seen], reach[seen], incidence[seen]
+    # A middle beyond the rim is moved to it: what it covers there is within twice its reach.
+    beyond = incidence > law.rim_rad
+    unit[beyond] = _at_incidence(unit[beyond], law.rim_rad)
+    reach[beyond] *= 2.0
+    reach_px = reach * law.pixels_per_radian(incidence + reach) + PIXEL_ERROR_PX
+    u, v = law.pixels(*unit.T.astype(np.float32))
+    return _rectangles(u.astype(float), v.astype(float), reach_px, grid)
+
+
+def _at_incidence(unit: Floats, incidence_rad: float) -> Floats:
+    """Return (n, 3) directions of the same azimuths at an incidence angle."""
+    level = unit[:, :2] / np.maximum(np.linalg.norm(unit[:, :2], axis=-1, keepdims=True), 1e-12)
+    height = np.full((len(unit), 1), math.cos(incidence_rad))
+    return np.hstack((math.sin(incidence_rad) * level, height))
+
+
+def _rectangles(u: Floats, v: Floats, reach_px: Floats, grid: CellGrid) -> Bools:
+    """Return which cells squares of half side `reach_px` around pixels touch."""
+    left, right = _span(u, reach_px, grid.side_px, grid.columns)
+    top, bottom = _span(v, reach_px, grid.side_px, grid.rows)
+    change = np.zeros((grid.rows + 1, grid.columns + 1), dtype=np.int32)
+    for row, column, by in ((top, left, 1), (top, right, -1), (bottom, left, -1)):
+        np.add.at(change, (row, column), by)
+    np.add.at(change, (bottom, right), 1)
+    covered: Bools = change.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].reshape(-1) > 0
+    return covered
+
+
+def _span(
+    at: Floats, reach_px: Floats, side_px: int, count: int
+) -> tuple[np.ndarray[tuple[int]], np.ndarray[tuple[int]]]:
+    """Return the first cell and the one after the last that intervals touch, within 0..count."""
+    first = np.clip((at - reach_px) / side_px, 0.0, count).astype(np.int64)
+    after = np.clip(np.floor((at + reach_px) / side_px) + 1.0, 0.0, count).astype(np.int64)
+    return first, np.maximum(after, first)

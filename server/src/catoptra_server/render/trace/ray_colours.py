@@ -1,0 +1,78 @@
+"""From rays to the colours of pixels: the part that all of trace's views share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.trace.embree_scene import EmbreeScene, Places
+from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody, body_hits
+from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
+
+Colours = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """An exposure as rays need it: turned directions are `mirror @ rotation`, from `origin`."""
+
+    rotation: Float32s
+    origin: Float32s
+    bodies: tuple[PlacedBody, ...]
+
+
+class RayColours:
+    """A scene's light at a number of samples a pixel."""
+
+    def __init__(self, scene: EmbreeScene, bodies: BodyScenes, samples_per_pixel: int) -> None:
+        self.scene = scene
+        self._bodies = bodies
+        self._scale = LightScale.for_samples(samples_per_pixel)
+        self._table = scene.light_table(self._scale)
+
+    def placed(self, exposure: Exposure) -> Placement:
+        """Return what does not change within an exposure."""
+        pose = exposure.world_from_mirror
+        return Placement(
+            pose.rotation.T.astype(np.float32),
+            (pose.translation - self.scene.origin).astype(np.float32),
+            self._bodies.placed(exposure.bodies, pose.translation, self._scale),
+        )
+
+    def of_rays(
+        self, directions: Float32s, placement: Placement, *, off_mirror: npt.NDArray[np.intp]
+    ) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+        directions = directions @ placement.rotation
+        origins = np.broadcast_to(placement.origin, directions.shape)
+        light = self.scene.hit_light(origins, directions, table=self._table, scale=self._scale)
+        if placement.bodies:
+            self._add_bodies(light, directions, placement)
+        light[off_mirror] = 0
+        return self._encoded(light)
+
+    def of_places(self, triangle: npt.NDArray[np.int32], places: Places) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
+        light = self.scene.place_light(triangle, places, table=self._table, scale=self._scale)
+        return self._encoded(light)
+
+    def of_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
+        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
+        light = self._table.take(triangle, mode="wrap") * np.uint64(self._scale.samples)
+        return self._scale.colours(light)
+
+    def _encoded(self, light: Packed) -> Colours:
+        return self._scale.colours(self._scale.pixel_sums(light))
+
+    def _add_bodies(self, light: Packed, directions: Float32s, placement: Placement) -> None:
+        """Replace the light of rays that meet a body which the scene does not hide."""
+        rays, distance, of_bodies = body_hits(placement.bodies, directions, self._scale)
+        if not len(rays):
+            return
+        along = directions[rays]
+        origins = np.broadcast_to(placement.origin, along.shape)
+        hidden = self.scene.hidden(origins, along, distance)
+        light[rays[~hidden]] = of_bodies[~hidden]

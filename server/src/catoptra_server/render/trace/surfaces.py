@@ -1,0 +1,190 @@
+"""The flat surfaces of a scene, their outlines, and the clusters of all that is too small for them.
+
+What a picture shows changes from one surface to the next only where an outline is seen. So a place
+in the picture that no outline passes and whose surroundings are one surface is that surface
+throughout: `cells` fills it without rays. Small triangles have too many outlines for that; a sphere
+around each cluster of them says where rays cannot be spared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.scene.meshes import SceneMesh
+
+Indices = npt.NDArray[np.int32]
+
+# Rows of every table of surfaces before those of the scene: what is part of no surface, and the
+# background.
+NO_SURFACE, BACKGROUND = 0, 1
+_FIRST = 2
+
+# Triangles with outlines of their own, and clusters, at most, where a scene allows it: a thousand
+# of either cost about 0.1 ms a frame (tests/cost/questions/sparse_rays.py).
+_MOST = 4000
+# Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad.
+_SAME_NORMAL = 1.0 - 5e-11
+_SAME_UV = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The surfaces of a scene: connected coplanar triangles of one look.
+
+    of_triangle: (n + 1,) the surface of each triangle; the last is that of a ray that meets none.
+    triangle: (s,) one triangle of each surface, -1 for none. centre (s, 3), reach_m (s,): a sphere
+    around it. outlines: (e, 2, 3) ends of the lines where surfaces end. clusters: (k, 3) middles
+    and (k,) radii of spheres around triangles of no surface. World frame, metres, float64.
+    """
+
+    of_triangle: Indices
+    triangle: Indices
+    centre: Floats
+    reach_m: Floats
+    outlines: Floats
+    cluster_centre: Floats
+    cluster_radius_m: Floats
+
+
+def surfaces_of(scene: SceneMesh) -> Surfaces:
+    """Return the surfaces of a scene."""
+    size = _clusters_side(scene)
+    large = np.flatnonzero(_longest_edge(scene.corners) > size)
+    small = np.flatnonzero(_longest_edge(scene.corners) <= size)
+    pairs, outlines = _shared_and_outer_edges(scene, large)
+    label, representative = _connected(len(large), pairs)
+    of_triangle = np.full(len(scene) + 1, NO_SURFACE, dtype=np.int32)
+    of_triangle[large] = label + _FIRST
+    of_triangle[-1] = BACKGROUND
+    centre, reach = _spheres(scene.corners[large], label, len(representative))
+    cluster_centre, cluster_radius = _clusters(scene.corners[small], size)
+    none = np.zeros((_FIRST, 3))
+    return Surfaces(
+        of_triangle=of_triangle,
+        triangle=np.append([-1, -1], large[representative]).astype(np.int32),
+        centre=np.concatenate((none, centre)),
+        reach_m=np.append([0.0, 0.0], reach),
+        outlines=outlines,
+        cluster_centre=cluster_centre,
+        cluster_radius_m=cluster_radius,
+    )
+
+
+def _longest_edge(corners: Floats) -> Floats:
+    """Return the (n,) length of each triangle's longest edge."""
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest: Floats = np.sqrt(np.square(edges).sum(axis=-1).max(axis=-1, initial=0.0))
+    return longest
+
+
+def _clusters_side(scene: SceneMesh) -> float:
+    """Return the side of clusters, metres: the least that leaves few enough of all; 0 = none."""
+    if len(scene) <= _MOST:
+        return 0.0
+    longest = np.sort(_longest_edge(scene.corners))
+    # Not so small that the numbers of the cubes leave 63 bits.
+    extent = float(np.ptp(scene.corners.reshape(-1, 3), axis=0).max())
+    side = max(float(longest[-_MOST]), 1e-5 * extent)
+    middles = scene.corners.mean(axis=1)
+    while len(np.unique(_voxels(middles, side))) > _MOST:
+        side *= 1.5
+    return side
+
+
+def _voxels(points: Floats, side: float) -> npt.NDArray[np.int64]:
+    """Return the (n,) number of the cube that each of (n, 3) points lies in."""
+    cell = np.floor((points - points.min(axis=0, initial=np.inf)) / side).astype(np.int64)
+    count = cell.max(axis=0, initial=0) + 1
+    numbers: npt.NDArray[np.int64] = (cell[:, 0] * count[1] + cell[:, 1]) * count[2] + cell[:, 2]
+    return numbers
+
+
+def _clusters(corners: Floats, side: float) -> tuple[Floats, Floats]:
+    """Return the (k, 3) middles and (k,) radii of spheres around clusters of triangles."""
+    if not len(corners):
+        return np.zeros((0, 3)), np.zeros(0)
+    _, cluster = np.unique(_voxels(corners.mean(axis=1), side), return_inverse=True)
+    return _spheres(corners, cluster, int(cluster.max()) + 1)
+
+
+def _spheres(corners: Floats, group: npt.NDArray[np.integer], groups: int) -> tuple[Floats, Floats]:
+    """Return (g, 3) middles and (g,) radii of spheres around groups of (n, 3, 3) triangles."""
+    if not groups:
+        return np.zeros((0, 3)), np.zeros(0)
+    order = np.argsort(group, kind="stable")
+    starts = np.searchsorted(group[order], np.arange(groups))
+    lowest = np.minimum.reduceat(corners.min(axis=1)[order], starts)
+    highest = np.maximum.reduceat(corners.max(axis=1)[order], starts)
+    middles: Floats = 0.5 * (lowest + highest)
+    reach = np.linalg.norm(corners - middles[group][:, None], axis=-1).max(axis=-1)
+    radii: Floats = np.maximum.reduceat(reach[order], starts)
+    return middles, radii
+
+
+def _shared_and_outer_edges(
+    scene: SceneMesh, large: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.intp], Floats]:
+    """Return which two large triangles continue each other, (p, 2), and all other edges."""
+    if not len(large):
+        return np.zeros((0, 2), np.intp), np.zeros((0, 2, 3))
+    points, corner = np.unique(scene.corners[large].reshape(-1, 3), axis=0, return_inverse=True)
+    triangles = corner.reshape(-1, 3)
+    ends = np.sort(np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1), axis=-1)
+    edge, owner, count = np.unique(
+        ends.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(owner.reshape(-1), kind="stable")
+    first = np.cumsum(count) - count
+    twice = np.flatnonzero(count == 2)
+    pairs = np.stack((order[first[twice]] // 3, order[first[twice] + 1] // 3), axis=-1)
+    continued = _continue_each_other(scene, large[pairs])
+    outer = np.delete(edge, twice[continued], axis=0)
+    return pairs[continued], points[outer]
+
+
+def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools:
+    """Return which (p, 2) neighbours lie in one plane and look as if they were one."""
+    a, b = pairs[:, 0], pairs[:, 1]
+    alike: Bools = np.einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
+    alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
+    alike &= scene.unlit[a] == scene.unlit[b]
+    alike &= scene.texture_index[a] == scene.texture_index[b]
+    textured = np.flatnonzero(alike & (scene.texture_index[a] >= 0))
+    offset, gradient = uv_planes(scene, a[textured])
+    there = np.einsum("pci,pki->pck", scene.corners[b[textured]], gradient) + offset[:, None]
+    alike[textured] = (np.abs(there - scene.uv[b[textured]]) < _SAME_UV).all(axis=(1, 2))
+    return alike
+
+
+def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floats, Floats]:
+    """Return uv of triangles' planes: (n, 2) at the origin, (n, 2, 3) gradients over the world."""
+    corners, uv = scene.corners[triangle], scene.uv[triangle]
+    edges = corners[:, 1:] - corners[:, :1]
+    # The dual of the two edges within their plane; a triangle without area has none.
+    gram = np.einsum("nai,nbi->nab", edges, edges)
+    area = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
+    adjugate = np.stack((gram[:, 1, 1], -gram[:, 0, 1], -gram[:, 1, 0], gram[:, 0, 0]), axis=-1)
+    inverse = adjugate.reshape(-1, 2, 2) / np.where(area > 0.0, area, 1.0)[:, None, None]
+    dual = np.einsum("nab,nbi->nai", inverse, edges)
+    gradient = np.einsum("nak,nai->nki", uv[:, 1:] - uv[:, :1], dual)
+    offset = uv[:, 0] - np.einsum("nki,ni->nk", gradient, corners[:, 0])
+    return offset, gradient
+
+
+def _connected(count: int, pairs: npt.NDArray[np.intp]) -> tuple[Indices, npt.NDArray[np.intp]]:
+    """Return the (count,) group of each element joined by (p, 2) pairs, and one of each group."""
+    label = np.arange(count)
+    while True:
+        least = label.copy()
+        np.minimum.at(least, pairs[:, 0], label[pairs[:, 1]])
+        np.minimum.at(least, pairs[:, 1], label[pairs[:, 0]])
+        least = least[least]  # halves the length of chains
+        if (least == label).all():
+            break
+        label = least
+    representative, group = np.unique(label, return_inverse=True)
+    return group.astype(np.int32), representative

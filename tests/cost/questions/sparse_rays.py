@@ -1,0 +1,110 @@
+"""How much faster is a picture whose uniform cells are filled without rays, and is it the same?
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/questions/sparse_rays.py
+
+Prints, for 640 x 640 px, the median milliseconds of frames along a path for each side of cells
+(1: every ray is traced), frames of all sides taking turns; then how many pixels differ from every
+ray being traced, over all those poses, and by how many grey levels at most. Decided by it: the
+default of RenderPlan.stride_px.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+
+import numpy as np
+from scenes import CORRIDOR, FIELD, balls, camera, fence
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.plan.render_plan import RendererKind, RenderWish, plan_from_wish
+from catoptra_server.render.renderer import Exposure, View
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+
+STRIDES = (1, 2, 4, 6, 8)
+WARM_UP_FRAMES = 5
+
+
+def worlds() -> dict[str, World]:
+    """Return what is measured, with few triangles and with many, in few and in many places."""
+    return {
+        "field": read_world(FIELD)[0],
+        "corridor": read_world(CORRIDOR)[0],
+        "fence": fence(),
+        "balls": balls(),
+        "million in 30 balls": balls(sectors=200, rings=84),
+        "million in 500 balls": balls(500),
+    }
+
+
+def poses(frames: int) -> list[Pose]:
+    """Return viewpoints on a path through the middle of a world, 0.6 m above the floor."""
+    t = np.linspace(0.0, 12.0, frames)
+    return [
+        Pose.from_rpy((1.5 * np.sin(a), 0.6 * np.cos(1.3 * a), -0.6), (0.0, 0.0, 0.5 * a))
+        for a in t
+    ]
+
+
+def drawn(view: View, pose: Pose) -> tuple[float, np.ndarray[tuple[int, int, int]]]:
+    begin = time.perf_counter()
+    image = view.draw(Exposure(pose)).rgb
+    return 1e3 * (time.perf_counter() - begin), image.astype(np.int16)
+
+
+def report(world: World, samples: int, frames: int) -> None:
+    scene = build_scene(world)
+    begin = time.perf_counter()
+    trace = TraceRenderer(scene, world)
+    ready_s = time.perf_counter() - begin
+    views = {}
+    for stride in STRIDES:
+        wish = RenderWish(samples=samples, stride_px=stride)
+        plan = plan_from_wish(wish, camera(), kind=RendererKind.TRACE, why="measured")
+        views[stride] = trace.prepare(camera(), plan)
+    for view in views.values():
+        for pose in poses(WARM_UP_FRAMES):
+            view.draw(Exposure(pose))
+    times: dict[int, list[float]] = {stride: [] for stride in STRIDES}
+    different, most = dict.fromkeys(STRIDES, 0), dict.fromkeys(STRIDES, 0)
+    for pose in poses(frames):
+        whole = None
+        for stride, view in views.items():
+            took, image = drawn(view, pose)
+            times[stride].append(took)
+            whole = image if whole is None else whole
+            apart = np.abs(image - whole).max(axis=-1)
+            different[stride] += np.count_nonzero(apart)
+            most[stride] = max(most[stride], int(apart.max()))
+    print(
+        f"  {world.name}, {len(scene)} triangles, {samples} x {samples}, ready in {ready_s:.1f} s"
+    )
+    for stride in STRIDES:
+        median = statistics.median(times[stride])
+        share = different[stride] / frames / 640**2
+        print(
+            f"    {stride:2} px {median:7.1f} ms  x {median / statistics.median(times[1]):.2f}"
+            f"   differ {share:.1e} of the pixels, by {most[stride]} at most"
+        )
+    trace.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--frames", type=int, default=40)
+    parser.add_argument("--samples", type=int, nargs="*", default=[1, 2])
+    parser.add_argument("worlds", nargs="*", default=[])
+    arguments = parser.parse_args()
+    for title, world in worlds().items():
+        if title in arguments.worlds or not arguments.worlds:
+            print(title)
+            for samples in arguments.samples:
+                report(world, samples, arguments.frames)
+
+
+if __name__ == "__main__":
+    main()
