@@ -10,6 +10,7 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.description import (
     EncoderDescription,
+    GroundTruthDescription,
     InsDescription,
     Mount,
     RangeScannerDescription,
@@ -100,3 +101,45 @@ def test_tachometer_when_of_the_real_line_tells_four_wheels(tmp_path: Path) -> N
     assert read(tmp_path, item) == TachometerDescription("TachTest", 0.2, Mount(), wheels=4)
     two = read(tmp_path, item, "[USARSensor.Tachometer]\nScanInterval=0.5\nWheels=2\n")
     assert two == TachometerDescription("TachTest", 0.5, Mount(), wheels=2)
+
+
+def test_ins_when_of_the_real_section_has_its_precision(tmp_path: Path) -> None:
+    section = "[USARSensor.INS]\nPrecision=1000\nbWithTimeStamp=false\n"
+    ins = read(tmp_path, "AddParts=(ItemClass=class'USARSensor.INS',ItemName=\"I\")", section)
+    assert isinstance(ins, InsDescription)
+    assert (ins.precision, ins.is_timed) == (1000.0, False)
+
+
+def test_scanner_when_of_the_real_section_turns_as_it_says(tmp_path: Path) -> None:
+    item = "AddParts=(ItemClass=class'USARSensor.RangeScanner',ItemName=\"S\")"
+    scanner = read(tmp_path, item, "[USARSensor.RangeScanner]\nbPitch=true\nbYaw=false\n")
+    assert isinstance(scanner, RangeScannerDescription)
+    assert (scanner.turns_in_yaw, scanner.turns_in_pitch) == (False, True)
+
+
+def test_sonar_when_of_the_real_section_has_its_cones_and_angles(tmp_path: Path) -> None:
+    section = (
+        "[USARSensor.SonarSensor]\nbeamAngle=0.349;\nmaxAngleOfIncidence=0.1745329252;\n"
+        "numberOfCones=10\ntracesPerCone=16;\n"
+    )
+    item = "AddParts=(ItemClass=class'USARSensor.SonarSensor',ItemName=\"F1\")"
+    sonar = read(tmp_path, item, section)
+    assert isinstance(sonar, SonarDescription)
+    assert (sonar.beam_rad, sonar.cones, sonar.rays) == (0.349, 10, 16)
+    assert sonar.max_incidence_rad == 0.1745329252
+
+
+def test_ground_truth_when_not_fixed_to_the_platform_is_of_the_sensor(tmp_path: Path) -> None:
+    item = "AddParts=(ItemClass=class'USARSensor.GroundTruth',ItemName=\"G\")"
+    truth = read(tmp_path, item, "[USARSensor.GroundTruth]\nFixedToPlatform=false\n")
+    assert truth == GroundTruthDescription("G", 0.2, 2, Mount(), is_of_robot=False)
+
+
+@pytest.mark.parametrize("class_", ["Odometry", "Encoder", "Touch", "INS", "GPS"])
+@pytest.mark.parametrize("is_timed", [True, False])
+def test_time_stamp_when_configured_is_of_its_class(
+    tmp_path: Path, class_: str, is_timed: bool
+) -> None:
+    item = f"AddParts=(ItemClass=class'USARSensor.{class_}',ItemName=\"S\")"
+    sensor = read(tmp_path, item, f"[USARSensor.{class_}]\nbWithTimeStamp={is_timed}\n")
+    assert sensor.is_timed is is_timed  # type: ignore[union-attr] # these classes have it

@@ -7,7 +7,7 @@ import pytest
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
-from catoptra_server.robot.description import GroundTruthDescription
+from catoptra_server.robot.description import GroundTruthDescription, Mount
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import Rolled
 from catoptra_server.sensors import Moment, Move
@@ -47,3 +47,12 @@ def test_configuration_when_asked_has_its_period_as_captured() -> None:
     assert line_from_report(part.configuration()) == (
         b"CONF {Type GroundTruth} {Name GroundTruth} {ScanInterval 0.20}\r\n"
     )
+
+
+def test_reading_when_not_of_the_robot_is_where_the_sensor_is() -> None:
+    mount = Mount((0.0, 0.0, -0.5), (0.0, 0.0, 0.25))
+    description = GroundTruthDescription("GroundTruth", 0.2, 2, mount, is_of_robot=False)
+    sensor = GroundTruthSensor(description, BASE, RandomStream.of(1, "GroundTruth"))
+    reading = sensor.reading(Moment(0.0, 0, Pose.from_rpy((1.0, 2.0, -0.3), (0.0, 0.0, 0.5))))
+    assert reading.location_m == pytest.approx((1.0, 2.0, -0.8))
+    assert reading.rotation_rad == pytest.approx((0.0, 0.0, 0.75))

@@ -67,3 +67,42 @@ def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
     reading = sensor.reading(Moment(0.0, 0, POSE))
     assert reading.location_m[:2] == pytest.approx((5.0, 6.0))
     assert reading.rotation_rad[2] == pytest.approx(3.0)
+
+
+def walked(sensor: InsSensor, way_m: float, turn_rad: float, *, ticks: int) -> tuple[float, ...]:
+    """Return the errors of x, y and yaw after a way that goes out and a turn, in so many ticks."""
+    for tick in range(ticks + 1):
+        done = tick / ticks
+        pose = PlanarPose(done * way_m, 0.0, done * turn_rad)
+        sensor.follow(Move(Rolled(1.0, 1.0), tick, 0.02, pose))
+    pose = Pose.from_rpy((way_m, 0.0, 0.0), (0.0, 0.0, turn_rad))
+    reading = sensor.reading(Moment(0.0, ticks, pose))
+    place = pose.points(np.array(INS.mount.position_m))
+    return (
+        reading.location_m[0] - place[0],
+        reading.location_m[1] - place[1],
+        reading.rotation_rad[2] - turn_rad,
+    )
+
+
+def test_bias_when_precise_to_a_thousand_is_up_to_half_a_millimetre_a_metre() -> None:
+    errors = [walked(sensor_of(s, precision=1000.0), 2.0, 0.5, ticks=10) for s in range(300)]
+    # Uniform: 2 m make at most 1 mm, 0.5 rad at most 0.25 microradians.
+    assert np.abs(errors).max(axis=0) == pytest.approx((1e-3, 1e-3, 2.5e-7), rel=0.05)
+    assert np.mean(errors, axis=0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
+
+
+def test_bias_when_the_way_is_cut_finer_is_the_same() -> None:
+    coarse, fine = (walked(sensor_of(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64))
+    assert coarse == pytest.approx(fine)
+    assert coarse[0] != 0.0
+
+
+@pytest.mark.parametrize("changes", [{"precision": 0.0}, {"precision": 9.0, "is_drifting": False}])
+def test_bias_when_not_asked_for_is_none(changes: dict[str, object]) -> None:
+    assert walked(sensor_of(**changes), 2.0, 0.5, ticks=4) == pytest.approx((0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("is_timed", "time_s"), [(True, 1.5), (False, None)])
+def test_time_when_asked_for_is_told(is_timed: bool, time_s: float | None) -> None:
+    assert sensor_of(is_timed=is_timed).reading(Moment(1.5, 0, POSE)).time_s == time_s

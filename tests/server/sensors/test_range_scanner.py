@@ -13,7 +13,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.description import RangeScannerDescription
+from catoptra_server.robot.description import Mount, RangeScannerDescription
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.sensors import Moment
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
@@ -94,3 +94,25 @@ def test_configuration_when_asked_spells_paning_as_ut2004() -> None:
 
 def test_room_when_seen_from_its_middle_is_as_wide_as_it_is() -> None:
     assert Room().distances(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))[0] == 4.0
+
+
+TILTING = dataclasses.replace(
+    SCANNER, mount=Mount(), turns_in_yaw=False, turns_in_pitch=True, resolution_rad=math.pi / 4
+)
+
+
+def test_scan_when_turned_in_pitch_goes_from_the_ceiling_to_the_floor() -> None:
+    # 1 m above the middle of a room of 4 m in height and 8 m in length; z is down.
+    told = ranges(in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), scanner(TILTING))
+    expected = [1.0, math.sqrt(2.0), 4.0, 3.0 * math.sqrt(2.0), 3.0]
+    np.testing.assert_allclose(told, expected, atol=1e-9)
+
+
+def test_scan_when_turned_in_nothing_looks_ahead_only() -> None:
+    still = dataclasses.replace(TILTING, turns_in_pitch=False)
+    assert set(ranges(in_room(), scanner(still))) == {4.0}
+
+
+def test_configuration_when_turned_in_pitch_tells_so() -> None:
+    (part,) = scanner(TILTING).parts
+    assert b"{Paning False} {Tilting True}" in line_from_report(part.configuration())

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.sensors.ranging import cone, fan, limited
+from catoptra_server.sensors.ranging import beams, cone, fan, limited
 
 
 @pytest.mark.parametrize(
@@ -26,9 +26,16 @@ def test_fan_when_of_a_real_scanner_has_its_beams(
     assert len(fan(fov_rad, resolution_rad)) == count
 
 
-def test_fan_when_made_goes_from_the_right_to_the_left() -> None:
-    beams = fan(math.pi, math.pi / 180.0)
-    np.testing.assert_allclose(beams[[0, 90, 180]], [[0, 1, 0], [1, 0, 0], [0, -1, 0]], atol=1e-12)
+def test_fan_when_turned_in_yaw_goes_from_the_right_to_the_left() -> None:
+    angles = fan(math.pi, math.pi / 180.0)
+    told = beams(yaw_rad=angles, pitch_rad=0.0 * angles)
+    np.testing.assert_allclose(told[[0, 90, 180]], [[0, 1, 0], [1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+
+def test_fan_when_turned_in_pitch_goes_from_above_to_below() -> None:
+    angles = fan(math.pi, math.pi / 180.0)
+    told = beams(yaw_rad=0.0 * angles, pitch_rad=angles)
+    np.testing.assert_allclose(told[[0, 90, 180]], [[0, 0, -1], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
 @pytest.mark.parametrize(("rings", "rays"), [(0, 8), (1, 4), (3, 8)])

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from enum import Enum
 
+from catoptra_protocol.wire.grammar import Pairs
+from catoptra_protocol.wire.numbers import fixed
+
 
 class Dialect(Enum):
     """How a server writes its lines."""
@@ -31,3 +34,10 @@ UDK_GLUED = frozenset(
         "CameraFov",
     }
 )
+
+
+def udk_time(time_s: float | None, dialect: Dialect) -> Pairs:
+    """Return the Time of readings that UT2004 sends without one: UDK's, if it is known."""
+    if dialect is not Dialect.UDK or time_s is None:
+        return ()
+    return (("Time", fixed(time_s)),)

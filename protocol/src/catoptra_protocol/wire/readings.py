@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.dialect import Dialect, udk_time
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.numbers import Vector, fixed, vector
 from catoptra_protocol.wire.readings_gps import GpsReading
@@ -53,22 +53,24 @@ class OdometryReading:
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
-        is_timed = dialect is Dialect.UDK and self.time_s is not None
-        time = (("Time", fixed(self.time_s or 0.0)),) if is_timed else ()
         pose = vector((self.x_m, self.y_m, self.yaw_rad))
         own: Pairs = (("Type", "Odometry"), ("Name", self.name), ("Pose", pose))
-        return (Message(self.WORD, (*time, *own)),)
+        return (Message(self.WORD, (*udk_time(self.time_s, dialect), *own)),)
 
 
 @dataclass(frozen=True, slots=True)
 class InsReading:
-    """The pose that inertial navigation believes in, in the world frame. It carries no time."""
+    """The pose that inertial navigation believes in, in the world frame.
+
+    UDK prints its time, if there is one: by default there is none.
+    """
 
     WORD: ClassVar[str] = "SEN"
 
     name: str
     location_m: Vector
     rotation_rad: Vector
+    time_s: float | None = None
 
     @classmethod
     def from_message(cls, message: Message) -> InsReading:
@@ -77,11 +79,13 @@ class InsReading:
             name=fields.text(message, "Name"),
             location_m=fields.vector(message, "Location"),
             rotation_rad=fields.vector(message, "Orientation"),
+            time_s=fields.optional_number(message, "Time"),
         )
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects but for the range of the angles."""
+        """Return the line, the same in both dialects but for time and the range of the angles."""
         pairs = (
+            *udk_time(self.time_s, dialect),
             ("Type", "INS"),
             ("Name", self.name),
             ("Location", vector(self.location_m, 2)),

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.dialect import Dialect, udk_time
 from catoptra_protocol.wire.grammar import Message, Pairs
 
 _UNITS_PER_DEGREE = 600_000  # of 1e-4 minutes, the last place that is printed
@@ -15,7 +15,10 @@ _UNITS_PER_DEGREE = 600_000  # of 1e-4 minutes, the last place that is printed
 
 @dataclass(frozen=True, slots=True)
 class GpsReading:
-    """Where on Earth the receiver is; north and east are positive. Without a fix: nowhere."""
+    """Where on Earth the receiver is; north and east are positive. Without a fix: nowhere.
+
+    UDK prints its time, if there is one: by default there is none.
+    """
 
     WORD: ClassVar[str] = "SEN"
 
@@ -24,26 +27,30 @@ class GpsReading:
     longitude_deg: float = 0.0
     fix: bool = False
     satellites: int = 0
+    time_s: float | None = None
 
     @classmethod
     def from_message(cls, message: Message) -> GpsReading:
         """Return the reading of a parsed line."""
         name, satellites = fields.text(message, "Name"), fields.integer(message, "Satellites")
+        time_s = fields.optional_number(message, "Time")
         if not fields.boolean(message, "Fix"):
-            return cls(name, satellites=satellites)
+            return cls(name, satellites=satellites, time_s=time_s)
         return cls(
             name=name,
             latitude_deg=_degrees(message, "Latitude", "NS"),
             longitude_deg=_degrees(message, "Longitude", "EW"),
             fix=True,
             satellites=satellites,
+            time_s=time_s,
         )
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Return the line, the same in both dialects but for the time."""
         place = () if not self.fix else self._place()
         fix = (("Fix", str(int(self.fix))), ("Satellites", str(self.satellites)))
-        return (Message(self.WORD, (("Type", "GPS"), ("Name", self.name), *place, *fix)),)
+        head = (*udk_time(self.time_s, dialect), ("Type", "GPS"), ("Name", self.name))
+        return (Message(self.WORD, (*head, *place, *fix)),)
 
     def _place(self) -> Pairs:
         latitude = _degrees_and_minutes(self.latitude_deg, "NS")

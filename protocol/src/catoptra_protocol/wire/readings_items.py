@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.dialect import Dialect
+from catoptra_protocol.wire.dialect import Dialect, udk_time
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.items import items_from_message, messages_from_items
 from catoptra_protocol.wire.numbers import Vector, boolean, fixed, vector
@@ -30,7 +30,7 @@ class EncoderReadings:
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, or in UDK a line each."""
-        head = (*_time(self.time_s, dialect), ("Type", "Encoder"))
+        head = (*udk_time(self.time_s, dialect), ("Type", "Encoder"))
         items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
 
@@ -86,7 +86,7 @@ class TouchReadings:
 
     def messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, or in UDK a line each."""
-        head = (*_time(self.time_s, dialect), ("Type", "Touch"))
+        head = (*udk_time(self.time_s, dialect), ("Type", "Touch"))
         items = ((("Name", name), ("Touch", boolean(is_on))) for name, is_on in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
 
@@ -158,11 +158,6 @@ class VictimReading:
 
 def _optional_numbers(message: Message, name: str) -> tuple[float, ...]:
     return () if message.get(name) is None else fields.numbers(message, name)
-
-
-def _time(time_s: float | None, dialect: Dialect) -> Pairs:
-    is_printed = dialect is Dialect.UDK and time_s is not None
-    return (("Time", fixed(time_s or 0.0)),) if is_printed else ()
 
 
 def _part_pairs(part: VictimPart) -> Pairs:

@@ -51,6 +51,10 @@ class SensorItem:
         """Return a number of its class that is not negative."""
         return self.section.number(key, default, at_least=0.0, at_most=at_most)
 
+    def is_timed(self, default: bool) -> bool:
+        """Return whether UDK's readings of its class carry a time. Others than these always do."""
+        return self.section.boolean("bWithTimeStamp", default)
+
 
 def class_of(struct: Settings) -> str:
     """Return the class of an item without its package, in lower case."""
@@ -95,12 +99,14 @@ def _odometry(item: SensorItem) -> SensorDescription:
         turn_noise_rad=item.number("TurnNoise", 0.0, 10.0),
         heading_noise_rad=item.number("HeadingNoise", 0.0, 10.0),
         mount=item.mount,
+        is_timed=item.is_timed(True),
     )
 
 
 def _ground_truth(item: SensorItem) -> SensorDescription:
     decimals = item.section.integer("Decimals", 2, at_least=0, at_most=12)
-    return GroundTruthDescription(item.name, item.interval_s, decimals, item.mount)
+    is_of_robot = item.section.boolean("FixedToPlatform", True)
+    return GroundTruthDescription(item.name, item.interval_s, decimals, item.mount, is_of_robot)
 
 
 def _scanner(
@@ -122,6 +128,8 @@ def _scanner(
             min_range_m=item.number("MinRange", 0.1),
             max_range_m=item.number("MaxRange", max_range_m),
             noise_m=item.number("Noise", 0.0, 10.0),
+            turns_in_yaw=section.boolean("bYaw", True),
+            turns_in_pitch=section.boolean("bPitch", False),
         )
 
     return read
@@ -149,6 +157,8 @@ def _ins(item: SensorItem) -> SensorDescription:
         mount=item.mount,
         noise=item.number("Noise", 0.0, 10.0),
         is_drifting=item.section.boolean("Drifting", True),
+        precision=item.number("Precision", 0.0, 1e9),
+        is_timed=item.is_timed(False),
     )
 
 
@@ -176,6 +186,7 @@ def _encoder(item: SensorItem) -> SensorDescription:
         shaft=shafts[0] if shafts else spoken,
         resolution_rad=item.section.number("Resolution", 0.01745, at_least=1e-6, at_most=6.3),
         noise_rad=item.number("Noise", 0.0, 10.0),
+        is_timed=item.is_timed(True),
     )
 
 
@@ -186,7 +197,8 @@ def _tachometer(item: SensorItem) -> SensorDescription:
 
 def _touch(item: SensorItem) -> SensorDescription:
     diameter_m = item.number("Diameter", 0.01, 10.0)
-    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m)
+    is_timed = item.is_timed(True)
+    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m, is_timed)
 
 
 def _rfid(item: SensorItem) -> SensorDescription:
@@ -204,7 +216,13 @@ def _victim_sensor(item: SensorItem) -> SensorDescription:
 
 
 def _gps(item: SensorItem) -> SensorDescription:
-    return GpsDescription(item.name, item.interval_s, item.mount, item.number("Noise", 0.0))
+    return GpsDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        noise_m=item.number("Noise", 0.0),
+        is_timed=item.is_timed(False),
+    )
 
 
 _LMS200 = _scanner(3.14159, 0.01745, 20.0)

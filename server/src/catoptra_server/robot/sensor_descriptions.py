@@ -1,6 +1,7 @@
 """What a robot file says of each kind of sensor: frozen data in SI units.
 
 Noises are standard deviations of Gaussian noise, drawn anew for each reading unless stated.
+is_timed: whether readings that UT2004 sends without a time carry one in UDK.
 """
 
 from __future__ import annotations
@@ -29,21 +30,26 @@ class OdometryDescription:
     turn_noise_rad: float = 0.0
     heading_noise_rad: float = 0.0
     mount: Mount = field(default_factory=Mount)
+    is_timed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class GroundTruthDescription:
-    """The robot's true pose, printed with `decimals`."""
+    """The true pose, printed with `decimals`: of the robot, or of where the sensor is mounted."""
 
     name: str
     interval_s: float
     decimals: int
     mount: Mount = field(default_factory=Mount)
+    is_of_robot: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class RangeScannerDescription:
-    """A laser scanner in its mount's x-y plane, such as the SICK LMS200. noise: metres."""
+    """A laser scanner such as the SICK LMS200. noise: metres.
+
+    It turns in yaw, in its mount's x-y plane; in pitch, in the x-z plane; in both, or not at all.
+    """
 
     name: str
     interval_s: float
@@ -53,6 +59,8 @@ class RangeScannerDescription:
     min_range_m: float
     max_range_m: float
     noise_m: float = 0.0
+    turns_in_yaw: bool = True
+    turns_in_pitch: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +88,9 @@ class InsDescription:
     """An inertial navigation system.
 
     noise: metres and radians. Drifting, its errors are random walks that have this standard
-    deviation after 1 s, standing or not; else it is noise of each reading alone.
+    deviation after 1 s, standing or not; else it is noise of each reading alone. precision:
+    drifting, each metre adds up to half of 1 / precision metres to x and y, and each radian up to
+    half of 1 / precision^2 radians to yaw, the same all a robot's life; 0 = nothing.
     """
 
     name: str
@@ -88,6 +98,8 @@ class InsDescription:
     mount: Mount
     noise: float = 0.0
     is_drifting: bool = True
+    precision: float = 0.0
+    is_timed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +115,7 @@ class EncoderDescription:
     shaft: str
     resolution_rad: float
     noise_rad: float = 0.0
+    is_timed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +136,7 @@ class TouchDescription:
     interval_s: float
     mount: Mount
     diameter_m: float
+    is_timed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +168,7 @@ class GpsDescription:
     interval_s: float
     mount: Mount
     noise_m: float = 0.0
+    is_timed: bool = False
 
 
 SensorDescription = (

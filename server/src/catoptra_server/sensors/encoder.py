@@ -59,7 +59,8 @@ class EncoderBank:
             (encoder.name, self._ticks(encoder, moment, encoder.noise_rad * error))
             for encoder, error in zip(self._are, noise, strict=True)
         )
-        return EncoderReadings(items, moment.time_s)
+        is_timed = all(encoder.is_timed for encoder in self._are)
+        return EncoderReadings(items, moment.time_s if is_timed else None)
 
     def _ticks(self, encoder: EncoderDescription, moment: Moment, error_rad: float) -> int:
         turned = self._angle(encoder, moment) - self._zero_rad[encoder.name] + error_rad

@@ -67,14 +67,15 @@ class GpsSensor:
         place = moment.world_from_robot.points(self._robot_from_receiver.translation)
         satellites = int(np.isinf(moment.around.distances(place, _SKY)).sum())
         origin = moment.around.gps_origin
+        time_s = moment.time_s if self._is.is_timed else None
         if origin is None or satellites < _ENOUGH_SATELLITES:
-            return GpsReading(self.name, satellites=satellites if origin else 0)
+            return GpsReading(self.name, satellites=satellites if origin else 0, time_s=time_s)
         north_m, east_m = float(place[0]), float(place[1])
         if self._is.noise_m:
             noise = self._is.noise_m * self._stream.at(moment.tick).standard_normal(2)
             north_m, east_m = north_m + float(noise[0]), east_m + float(noise[1])
         latitude, longitude = degrees_at(origin, north_m, east_m)
-        return GpsReading(self.name, latitude, longitude, fix=True, satellites=satellites)
+        return GpsReading(self.name, latitude, longitude, True, satellites, time_s)
 
 
 def degrees_at(origin: GpsOrigin, north_m: float, east_m: float) -> tuple[float, float]:

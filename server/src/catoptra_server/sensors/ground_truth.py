@@ -33,8 +33,10 @@ class GroundTruthSensor:
         """Ignore the wheels: the truth is where the robot is."""
 
     def reading(self, moment: Moment) -> GroundTruthReading:
-        """Return the true pose of the chassis, wherever the sensor is mounted."""
+        """Return the true pose of the chassis, or of the sensor itself."""
         pose = moment.world_from_robot
+        if not self._is.is_of_robot:
+            pose = pose @ self._is.mount.parent_from_item()
         x, y, z = (float(value) for value in pose.translation)
         return GroundTruthReading(
             moment.time_s, self.name, (x, y, z), pose.rpy(), self._is.decimals

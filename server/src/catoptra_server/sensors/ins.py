@@ -1,7 +1,9 @@
 """Inertial navigation: the pose in the world, with errors that grow while time passes.
 
-USARSim's own drift is not documented: ours are random walks of position and heading, the simplest
-model of integrated white noise. Their variance grows with time, however it is cut into ticks.
+Noise makes random walks of position and heading, the simplest model of integrated white noise.
+Their variance grows with time, however it is cut into ticks. UDK's Precision is a steady error of
+each metre and of each radian, drawn once for a robot. Source: INS.uc, whose noise too grows with
+the way alone; ours also while the robot stands, as a real one's does.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from catoptra_protocol.wire.numbers import Vector
 from catoptra_protocol.wire.reports import InsReading, IntervalConfiguration
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase, InsDescription
+from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import Moment, Move, Part
 
@@ -31,6 +34,8 @@ class InsSensor:
         self._stream = stream
         self._robot_from_ins = description.mount.parent_from_item()
         self._error = (0.0, 0.0, 0.0)  # x, y in metres, yaw in radians
+        self._bias = _bias(description, stream)  # m/m, m/m, rad/rad
+        self._before: PlanarPose | None = None
 
     @property
     def parts(self) -> Sequence[Part]:
@@ -40,11 +45,25 @@ class InsSensor:
 
     def follow(self, move: Move) -> None:
         """Let the errors walk on, if they drift."""
-        if not (self._is.is_drifting and self._is.noise):
+        if not self._is.is_drifting:
             return
-        scale = self._is.noise * math.sqrt(move.duration_s)
-        x, y, yaw = (scale * float(n) for n in self._stream.at(move.tick).standard_normal(3))
-        self._error = (self._error[0] + x, self._error[1] + y, self._error[2] + yaw)
+        if any(self._bias):
+            self._add_bias(move.pose)
+        if self._is.noise:
+            scale = self._is.noise * math.sqrt(move.duration_s)
+            x, y, yaw = (scale * float(n) for n in self._stream.at(move.tick).standard_normal(3))
+            self._add(x, y, yaw)
+
+    def _add_bias(self, pose: PlanarPose) -> None:
+        """Add the steady error of the way since the last tick; the first tick only remembers."""
+        before, self._before = self._before or pose, pose
+        way_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+        turn_rad = wrap_angle(pose.yaw_rad - before.yaw_rad)
+        self._add(self._bias[0] * way_m, self._bias[1] * way_m, self._bias[2] * turn_rad)
+
+    def _add(self, x_m: float, y_m: float, yaw_rad: float) -> None:
+        x, y, yaw = self._error
+        self._error = (x + x_m, y + y_m, yaw + yaw_rad)
 
     def correct(self, location_m: Vector, rotation_rad: Vector, truth: Pose) -> None:
         """Take a pose of the sensor for true: SET POSE. Only the level errors follow from it."""
@@ -60,7 +79,9 @@ class InsSensor:
         roll, pitch, yaw = pose.rpy()
         off_x, off_y, off_yaw = self._error if self._is.is_drifting else self._jitter(moment)
         location, rotation = (x + off_x, y + off_y, z), (roll, pitch, wrap_angle(yaw + off_yaw))
-        return InsReading(self.name, location, rotation)
+        return InsReading(
+            self.name, location, rotation, moment.time_s if self._is.is_timed else None
+        )
 
     def _jitter(self, moment: Moment) -> Vector:
         """Return the error of one reading: noise, on top of what SET POSE left."""
@@ -69,3 +90,15 @@ class InsSensor:
         noise = self._stream.at(moment.tick).standard_normal(3)
         x, y, yaw = (e + self._is.noise * float(n) for e, n in zip(self._error, noise, strict=True))
         return x, y, yaw
+
+
+# No robot lives so many ticks: its bias shares no number with its noise.
+_NEVER = 2**63
+
+
+def _bias(description: InsDescription, stream: RandomStream) -> Vector:
+    """Return the steady errors of x and y in a metre and of yaw in a radian."""
+    if not description.precision:
+        return 0.0, 0.0, 0.0
+    x, y, yaw = stream.at(_NEVER).uniform(-0.5, 0.5, 3) / description.precision
+    return float(x), float(y), float(yaw) / description.precision

@@ -56,6 +56,5 @@ class OdometrySensor:
 
     def reading(self, moment: Moment) -> OdometryReading:
         """Return the believed pose."""
-        return OdometryReading(
-            self.name, self._pose.x_m, self._pose.y_m, self._pose.yaw_rad, time_s=moment.time_s
-        )
+        pose, time_s = self._pose, moment.time_s if self._is.is_timed else None
+        return OdometryReading(self.name, pose.x_m, pose.y_m, pose.yaw_rad, time_s)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.wire.reports import RangeScan, RangeScannerConfiguration
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase, RangeScannerDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.ranging import fan, limited
+from catoptra_server.sensors.ranging import beams, fan, limited
 from catoptra_server.sensors.sensor import Moment, Move, Part
 
 
@@ -25,9 +26,7 @@ class RangeScannerSensor:
         self._is = description
         self._stream = stream
         self._robot_from_scanner = description.mount.parent_from_item()
-        self._fan_in_robot = self._robot_from_scanner.directions(
-            fan(description.fov_rad, description.resolution_rad)
-        )
+        self._fan_in_robot = self._robot_from_scanner.directions(_fan(description))
 
     @property
     def parts(self) -> Sequence[Part]:
@@ -38,6 +37,8 @@ class RangeScannerSensor:
             min_range_m=self._is.min_range_m,
             resolution_rad=self._is.resolution_rad,
             fov_rad=self._is.fov_rad,
+            panning=self._is.turns_in_yaw,
+            tilting=self._is.turns_in_pitch,
         )
         return (MountedPart(self.type, self.name, self._is.mount, told),)
 
@@ -60,3 +61,13 @@ class RangeScannerSensor:
             fov_rad=self._is.fov_rad,
             ranges_m=tuple(told.tolist()),
         )
+
+
+def _fan(scanner: RangeScannerDescription) -> Floats:
+    """Return (n, 3) beams; turned in both angles at once they lie on a slant. Source: UDK's."""
+    angles = fan(scanner.fov_rad, scanner.resolution_rad)
+    still = 0.0 * angles
+    return beams(
+        yaw_rad=angles if scanner.turns_in_yaw else still,
+        pitch_rad=angles if scanner.turns_in_pitch else still,
+    )

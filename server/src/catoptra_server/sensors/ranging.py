@@ -1,4 +1,4 @@
-"""What laser and sonar have in common: directions of a fan and of a cone, and limits of a range."""
+"""What laser and sonar have in common: a fan's angles, a cone's directions, a range's limits."""
 
 from __future__ import annotations
 
@@ -13,13 +13,19 @@ _STEP_TOLERANCE = 1e-3
 
 
 def fan(fov_rad: float, resolution_rad: float) -> Floats:
-    """Return (n, 3) unit directions in the x-y plane from the right (+fov / 2) to the left.
+    """Return (n,) angles from +fov / 2, right or up, to -fov / 2, left or down.
 
     Both ends are included: 180 degrees in steps of one are 181 beams.
     """
     count = math.floor(fov_rad / resolution_rad + _STEP_TOLERANCE) + 1
-    yaw = 0.5 * fov_rad - resolution_rad * np.arange(count)
-    return np.stack((np.cos(yaw), np.sin(yaw), np.zeros(count)), axis=-1)
+    angles: Floats = 0.5 * fov_rad - resolution_rad * np.arange(count)
+    return angles
+
+
+def beams(*, yaw_rad: Floats, pitch_rad: Floats) -> Floats:
+    """Return (n, 3) unit directions that are turned from x by pitch, up, and yaw, to the right."""
+    level = np.cos(pitch_rad)
+    return np.stack((level * np.cos(yaw_rad), level * np.sin(yaw_rad), -np.sin(pitch_rad)), axis=-1)
 
 
 def cone(angle_rad: float, *, rings: int, rays: int) -> Floats:

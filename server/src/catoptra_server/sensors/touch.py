@@ -53,7 +53,8 @@ class TouchSensors:
         )
         pressed = np.any((distances <= self._reach_m).reshape(-1, _RAYS), axis=1)
         names = (description.name for description in self._are)
-        return TouchReadings(tuple(zip(names, pressed.tolist(), strict=True)), moment.time_s)
+        time_s = moment.time_s if all(description.is_timed for description in self._are) else None
+        return TouchReadings(tuple(zip(names, pressed.tolist(), strict=True)), time_s)
 
 
 # The middle of a switch and four places on its edge.
