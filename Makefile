@@ -48,8 +48,9 @@ conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port 
 	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
 	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
-fuzz: $(READY) ## Feed a million broken and random inputs to every parser
+fuzz: $(READY) ## Feed the parsers a million broken inputs, then let strangers loose on a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz --cases 1000000 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_live --seconds 30 --seed 1
 
 soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/soak/run.py

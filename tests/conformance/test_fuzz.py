@@ -17,7 +17,7 @@ def test_fuzz_when_repeated_feeds_the_same() -> None:
     tallies = []
     for _ in range(2):
         them = parsers()
-        fuzz(them, 2000, 7, lambda done: None)
+        fuzz(them, 6000, 7, lambda done: None)
         tallies.append([(one.name, one.accepted, one.refused) for one in them])
     assert tallies[0] == tallies[1]
     assert all(accepted for _, accepted, _ in tallies[0])

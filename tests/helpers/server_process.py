@@ -65,9 +65,16 @@ def small_robot(folder: Path) -> Path:
 
 @contextmanager
 def running_server(
-    folder: Path, *arguments: str, robot: Path | None = None, world: Path = FIELD
+    folder: Path,
+    *arguments: str,
+    robot: Path | None = None,
+    world: Path = FIELD,
+    within_s: float = DEADLINE_S,
 ) -> Iterator[RunningServer]:
-    """Start a server with a small picture; end it with the block if it still runs."""
+    """Start a server with a small picture; end it with the block if it still runs.
+
+    within_s: how long only a broken test takes.
+    """
     command = [
         *(sys.executable, "-m", "catoptra_server", "--world", str(world)),
         *("--robot", str(robot or small_robot(folder))),
@@ -79,7 +86,7 @@ def running_server(
         log.open("w") as messages,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages, text=True) as process,
     ):
-        watchdog = threading.Timer(DEADLINE_S, process.kill)
+        watchdog = threading.Timer(within_s, process.kill)
         watchdog.start()
         try:
             assert process.stdout is not None, "stdout is a pipe"
