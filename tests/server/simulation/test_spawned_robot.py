@@ -15,6 +15,7 @@ from catoptra_protocol.wire.reports import (
     OdometryReading,
     VehicleStatus,
 )
+from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import MissionPackageDescription, RobotDescription
 from catoptra_server.robot.mission_package import ON_CHASSIS, LinkDescription
 from catoptra_server.robot.pose import PlanarPose
@@ -215,3 +216,19 @@ def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
 
 def test_flippers_when_asked_for_are_no_package() -> None:
     assert spawned(p2at(joint_parts=FLIPPERS)).parts("MisPkg") == []
+
+
+@pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])
+def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
+    name: str, is_named_alike: bool
+) -> None:
+    odometry = dataclasses.replace(ODOMETRY, name=name, distance_noise_m=0.01)
+    robot = spawned(p2at(sensors=(odometry,)))
+    robot.obey(Drive(5.0, 5.0), 0.0)
+    driven(robot, 1)
+    reading = robot.all_readings(TICK_S)[0]
+    assert isinstance(reading, OdometryReading)
+    way_m = 5.0 * 0.13 * TICK_S
+    drawn = RandomStream.of(1, "R", name).at(1).standard_normal(3)[0]
+    told_m = way_m + 0.01 * math.sqrt(way_m) * drawn
+    assert (reading.x_m == pytest.approx(told_m)) is is_named_alike

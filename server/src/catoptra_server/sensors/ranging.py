@@ -18,8 +18,7 @@ def fan(fov_rad: float, resolution_rad: float) -> Floats:
     Both ends are included: 180 degrees in steps of one are 181 beams.
     """
     count = math.floor(fov_rad / resolution_rad + _STEP_TOLERANCE) + 1
-    angles: Floats = 0.5 * fov_rad - resolution_rad * np.arange(count)
-    return angles
+    return 0.5 * fov_rad - resolution_rad * np.arange(count, dtype=np.float64)
 
 
 def beams(*, yaw_rad: Floats, pitch_rad: Floats) -> Floats:

@@ -30,6 +30,9 @@ from catoptra_server.simulation.viewports import Viewports
 
 Look = Callable[[], Surroundings]
 
+# What the floor's random numbers are called.
+_FLOOR = "slip"
+
 
 class SpawnedRobot:
     """A robot of one client. Its random numbers depend on the seed and its name alone."""
@@ -52,10 +55,10 @@ class SpawnedRobot:
         parts = description.joint_parts
         self._joint_parts = [MissionPackage(parts)] if parts else []
         self.sensors: list[Sensor] = build_sensors(
-            description.sensors, description.drive, lambda part: RandomStream.of(seed, name, part)
+            description.sensors, description.drive, lambda part: RandomStream.of(seed, name, _numbers_of(part))
         )
         self._body = Body(description.drive, pose, WheelSpin())
-        self._slip = RandomStream.of(seed, name, "slip")
+        self._slip = RandomStream.of(seed, name, _FLOOR)
         intervals = [sensor.interval_s for sensor in self.sensors]
         self._schedule = Schedule([*intervals, description.status_interval_s], time_s)
         self._battery_ends_s = time_s + description.battery_s
@@ -184,3 +187,11 @@ class SpawnedRobot:
             wheel_separation_m=drive.wheel_separation_m,
             wheel_base_m=drive.wheel_base_m,
         )
+
+
+def _numbers_of(part: str) -> str:
+    """Return what a part's random numbers are called: like the part, unless the floor's are.
+
+    No part's name has a space.
+    """
+    return f"part {part}" if part == _FLOOR else part
