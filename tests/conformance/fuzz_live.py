@@ -80,8 +80,8 @@ def fuzz_live(folder: Path, *, seconds: float, seed: int) -> list[Verdict]:
             f"{strangers.connections} connections, {strangers.sent_bytes / 1e6:.1f} MB sent",
             strangers.connections >= 10 and strangers.sent_bytes > 100_000,
         ),
-        _judged_memory(memory_mb),
-        *_judged_guest(guest.saw),
+        judged_memory(memory_mb),
+        *judged_guest(guest.saw),
         Verdict(
             "told to end when they have left, it ends, and says nothing unforeseen",
             f"exit status {status}, {late_faults} tracebacks",
@@ -117,7 +117,8 @@ async def _play(
     return memory_mb
 
 
-def _judged_memory(memory_mb: list[float]) -> Verdict:
+def judged_memory(memory_mb: list[float]) -> Verdict:
+    """Judge sizes over time; the first is of before the strangers came."""
     growth_mb = max(memory_mb) - memory_mb[0]
     return Verdict(
         f"the server's memory grows by at most {GROWTH_MB:.0f} MB",
@@ -127,7 +128,8 @@ def _judged_memory(memory_mb: list[float]) -> Verdict:
     )
 
 
-def _judged_guest(guest: Tally) -> list[Verdict]:
+def judged_guest(guest: Tally) -> list[Verdict]:
+    """Judge what a guest saw: its cycle, and its frames."""
     periods = [later - earlier for earlier, later in pairwise(guest.status_s)]
     mean_s = statistics.fmean(periods) if periods else float("inf")
     late = sum(p > (1.0 + TOLERANCE) * PERIOD_S for p in periods) / max(1, len(periods))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from conformance.fuzz_live import Verdict, _judged_guest, _judged_memory, fuzz_live
+from conformance.fuzz_live import Verdict, judged_guest, judged_memory, fuzz_live
 from conformance.fuzz_peers import Tally
 
 
@@ -18,8 +18,8 @@ def test_server_when_strangers_send_garbage_to_all_ports_lives_and_serves_its_gu
 
 
 def test_memory_when_it_grows_beyond_the_bound_does_not_hold() -> None:
-    assert _judged_memory([80.0, 100.0, 90.0]).holds
-    assert not _judged_memory([80.0, 300.0, 90.0]).holds
+    assert judged_memory([80.0, 100.0, 90.0]).holds
+    assert not judged_memory([80.0, 300.0, 90.0]).holds
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def guest() -> Tally:
 
 def holds(guest: Tally) -> list[bool]:
     """Return whether cycle and frames hold."""
-    verdicts: list[Verdict] = _judged_guest(guest)
+    verdicts: list[Verdict] = judged_guest(guest)
     return [verdict.holds for verdict in verdicts]
 
 
