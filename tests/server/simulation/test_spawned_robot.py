@@ -229,6 +229,6 @@ def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
     reading = robot.all_readings(TICK_S)[0]
     assert isinstance(reading, OdometryReading)
     way_m = 5.0 * 0.13 * TICK_S
-    drawn = RandomStream.of(1, "R", name).at(1).standard_normal(3)[0]
+    drawn = float(RandomStream.of(1, "R", name).at(1).standard_normal(3)[0])
     told_m = way_m + 0.01 * math.sqrt(way_m) * drawn
     assert (reading.x_m == pytest.approx(told_m)) is is_named_alike

@@ -55,7 +55,9 @@ class SpawnedRobot:
         parts = description.joint_parts
         self._joint_parts = [MissionPackage(parts)] if parts else []
         self.sensors: list[Sensor] = build_sensors(
-            description.sensors, description.drive, lambda part: RandomStream.of(seed, name, _numbers_of(part))
+            description.sensors,
+            description.drive,
+            lambda part: RandomStream.of(seed, name, _numbers_of(part)),
         )
         self._body = Body(description.drive, pose, WheelSpin())
         self._slip = RandomStream.of(seed, name, _FLOOR)
