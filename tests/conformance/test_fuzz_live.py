@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from conformance.fuzz_live import Verdict, judged_guest, judged_memory, fuzz_live
+from conformance.fuzz_live import Verdict, fuzz_live, judged_guest, judged_memory
 from conformance.fuzz_peers import Tally
 
 
