@@ -22,15 +22,15 @@ from catoptra_server.render.trace.moving_bodies import PlacedBody
 from catoptra_server.render.trace.outlines import Outlines
 from catoptra_server.render.trace.packed_light import Float32s
 from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.ray_colours import Colours, Placement, RayColours
-from catoptra_server.render.trace.ray_view import PIXEL, ray_chunks
+from catoptra_server.render.trace.ray_colours import PIXEL, Colours, Placement, RayColours
+from catoptra_server.render.trace.ray_view import ray_chunks
 from catoptra_server.render.trace.seen_surfaces import PlanePlaces, SeenSurfaces, SurfacePlanes
 from catoptra_server.render.trace.surfaces import NO_SURFACE
 
 # Samples of a task: see ray_view.
 _SAMPLES_PER_TASK = 20_000
 _NODE_TASKS = 4
-_OUTLINE_TASKS = 4
+_OUTLINE_TASKS = 2
 _NO_RAYS = np.zeros(0, dtype=np.intp)
 
 Cells = npt.NDArray[np.intp]

@@ -67,7 +67,7 @@ class CellGrid:
             nodes=np.flatnonzero(valid),
             node_rays=corners[valid].astype(np.float32),
             row_of=row_of,
-            directions=rays[place[pixels]].reshape(len(cells), -1, 3),
+            directions=rays[place[pixels]].reshape(len(cells), side_px**2 * samples.per_pixel, 3),
             pixels=pixels,
             middle=middle.astype(np.float32),
             reach_rad=reach,

@@ -62,7 +62,7 @@ class EmbreeScene:
         self._uv_frames = _uv_frames(scene.uv)
         self._has_point_lights = bool(shading.point_lights(world.lights))
         self._look = self._looks()
-        self._varies = bool((self._look != _CONSTANT).any())
+        self.light_varies = bool((self._look != _CONSTANT).any())
         self.met(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
 
     def _looks(self) -> npt.NDArray[np.int16]:
@@ -80,7 +80,7 @@ class EmbreeScene:
         self, origins: Float32s, directions: Float32s, *, table: Packed, scale: LightScale
     ) -> Packed:
         """Return the (n,) packed light of what each ray meets."""
-        if not self._varies:
+        if not self.light_varies:
             known: Packed = table.take(self.met(origins, directions), mode="wrap")
             return known
         hit = self._embree.run(origins, directions, output=True)

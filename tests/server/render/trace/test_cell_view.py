@@ -1,0 +1,191 @@
+"""Filled cells against every ray being traced: the same picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.outlines import Outlines
+from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.description import (
+    Box,
+    Item,
+    Material,
+    PointLight,
+    Rectangle,
+    SphereBand,
+    World,
+)
+from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import TWO_ROBOTS, cube
+from helpers.pictures import level_differences
+from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room, smooth_texture
+
+CAMERA = omni_camera(width_px=240)
+
+
+def clutter(seed: int) -> World:
+    """Return a floor with thin bars, wires, confetti and boxes through each other, luminous."""
+    rng = np.random.default_rng(seed)
+
+    def item(name: str, shape: Box | Rectangle, reach: float, turns: float) -> Item:
+        place = (*rng.uniform(-reach, reach, 2), -rng.uniform(0.0, 1.5))
+        pose = Pose.from_rpy(place, tuple(rng.uniform(-turns, turns, 3)))
+        red, green, blue = rng.uniform(0.2, 1.0, 3)
+        return Item(name, shape, pose, Material((red, green, blue), unlit=True))
+
+    items = [Item("floor", Rectangle((9, 9)), Pose.identity(), Material((0.1, 0.2, 0.1)))]
+    items += [item(f"bar {i}", Box((0.004, 0.004, 1.5)), 3.0, 0.3) for i in range(40)]
+    items += [item(f"confetto {i}", Rectangle((0.01, 0.01)), 2.0, 3.0) for i in range(60)]
+    items += [item(f"box {i}", Box((0.6, 0.4, 0.02)), 3.0, 3.0) for i in range(20)]
+    return World("clutter", tuple(items), background=(0.3, 0.3, 0.4))
+
+
+def poses(count: int, seed: int = 3) -> list[Pose]:
+    """Return places above the floor, leaning a little."""
+    rng = np.random.default_rng(seed)
+    return [
+        Pose.from_rpy(
+            (*rng.uniform(-1.2, 1.2, 2), -rng.uniform(0.2, 0.9)),
+            (*rng.uniform(-0.1, 0.1, 2), rng.uniform(-3.0, 3.0)),
+        )
+        for _ in range(count)
+    ]
+
+
+def pictures(
+    world: World,
+    exposures: list[Exposure],
+    *,
+    stride_px: int,
+    camera: OmniCamera = CAMERA,
+    samples: int = 1,
+    threads: int = 2,
+) -> list[Image]:
+    renderer = TraceRenderer(build_scene(world), world, threads=threads)
+    plan = replace(raster_plan(camera, samples=samples), stride_px=stride_px)
+    view = renderer.prepare(camera, plan)
+    drawn = [view.draw(exposure).rgb for exposure in exposures]
+    renderer.close()
+    return drawn
+
+
+def worst(world: World, exposures: list[Exposure], **how: object) -> int:
+    """Return the greatest difference from tracing every ray, in grey levels."""
+    stride_px = how.pop("stride_px", 4)
+    filled = pictures(world, exposures, stride_px=stride_px, **how)  # type: ignore[arg-type]
+    traced = pictures(world, exposures, stride_px=1, **how)  # type: ignore[arg-type]
+    assert max(image.max() for image in traced) > 0
+    return max(int(level_differences(a, b).max()) for a, b in zip(filled, traced, strict=True))
+
+
+@pytest.mark.parametrize("stride_px", [2, 4, 7])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_thin_things_when_between_the_corners_of_cells_are_all_drawn(
+    seed: int, stride_px: int
+) -> None:
+    exposures = [Exposure(pose) for pose in poses(6)]
+    assert worst(clutter(seed), exposures, stride_px=stride_px) == 0
+
+
+def test_thin_things_when_outlines_were_not_followed_would_be_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nothing(*_: object) -> np.ndarray[tuple[int]]:
+        return np.zeros(0, dtype=np.int32)
+
+    monkeypatch.setattr(Outlines, "passed", nothing)
+    assert worst(clutter(1), [Exposure(pose) for pose in poses(2)]) > 50
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+def test_picture_when_of_several_samples_is_that_of_all_rays(samples: int) -> None:
+    exposures = [Exposure(pose) for pose in poses(3)]
+    assert worst(clutter(1), exposures, samples=samples) == 0
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        omni_camera(width_px=121, mirror=HyperbolicMirror(4.0, 0.1)),
+        omni_camera(width_px=90, mirror=ParabolicMirror(0.05), rim_deg=150.0),
+        omni_camera(width_px=90, rim_deg=60.0),
+        replace(omni_camera(width_px=100), up_azimuth_rad=0.7),
+        replace(omni_camera(width_px=100), width_px=131, height_px=83),
+        omni_camera(width_px=3),
+    ],
+    ids=["uneven, curved", "parabolic, wide", "narrow", "turned", "cut off", "smaller than a cell"],
+)
+def test_picture_when_of_another_camera_is_that_of_all_rays(camera: OmniCamera) -> None:
+    assert worst(clutter(2), [Exposure(pose) for pose in poses(3)], camera=camera) == 0
+
+
+def test_picture_when_of_small_triangles_is_that_of_all_rays() -> None:
+    ball = SphereBand(0.2, 0.0, 3.1, 60, 40)
+    balls = tuple(
+        Item(f"ball {i}", ball, Pose.from_rpy((1.0 + i, 0.3 * i, -0.3)), Material((0.2, 0.5, 0.9)))
+        for i in range(2)
+    )
+    world = room()
+    world = replace(world, items=(*world.items, *balls))
+    assert len(build_scene(world)) > 4000  # so that there are clusters
+    assert worst(world, [VIEW, Exposure(Pose.from_rpy((1.0, 0.0, -0.3)))]) == 0
+
+
+@pytest.mark.parametrize("lights", [(SKY, SUN), (SKY, LAMP)], ids=["texture", "lamp"])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(
+    tmp_path: Path, lights: tuple[PointLight, ...], samples: int
+) -> None:
+    world = room(lights=lights, texture=smooth_texture(tmp_path / "waves.png"))
+    exposures = [VIEW, *(Exposure(pose) for pose in poses(2))]
+    # Where on a triangle a pixel looks is rounded in another place: it may tip a level.
+    assert worst(world, exposures, samples=samples) <= 1
+
+
+def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:
+    near = Body(cube(0.3), Pose.from_rpy((0.5, 0.4, -0.5)))
+    speck = Body(cube(0.005), Pose.from_rpy((0.0, 0.6, -0.5)))
+    exposures = [
+        replace(VIEW, bodies=TWO_ROBOTS),
+        replace(VIEW, bodies=(near, speck)),
+        replace(VIEW, bodies=(Body(cube(3.0), VIEW.world_from_mirror),)),  # the camera is inside
+    ]
+    assert worst(room(), exposures) == 0
+
+
+def test_picture_when_nothing_is_there_is_background() -> None:
+    assert worst(World("w", (), background=(0.5, 0.5, 0.5)), [VIEW]) == 0
+
+
+def test_picture_when_drawn_by_more_threads_has_the_same_bytes() -> None:
+    one, three = (pictures(clutter(1), [VIEW], stride_px=4, threads=n)[0] for n in (1, 3))
+    assert one.tobytes() == three.tobytes()
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_room_when_drawn_needs_less_than_half_of_its_rays(
+    monkeypatch: pytest.MonkeyPatch, samples: int
+) -> None:
+    rays = 0
+    run = EmbreeScene.met
+
+    def counted(
+        scene: EmbreeScene, origins: np.ndarray[tuple[int]], directions: np.ndarray[tuple[int]]
+    ) -> object:
+        nonlocal rays
+        rays += len(directions)
+        return run(scene, origins, directions)
+
+    monkeypatch.setattr(EmbreeScene, "met", counted)
+    pictures(room(), [VIEW], stride_px=4, samples=samples)
+    assert 0 < rays < 0.5 * np.pi * 120.0**2 * samples**2
