@@ -8,39 +8,34 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import Face, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.plan.face_sizes import parts_by_density, parts_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 from helpers.shaders import evaluate
+from helpers.worlds import omni_camera
 
 SIZE = 672
 
 
-def make_atlas(faces: tuple[Face, ...]) -> Atlas:
-    return pack_atlas(faces, size=SIZE, limit_rad=math.pi, guard=GUARD_TEXELS, max_texels=4096)
+def make_atlas(limit_rad: float = math.pi - 1e-3) -> Atlas:
+    return pack_atlas(parts_of_size(limit_rad, SIZE), guard=GUARD_TEXELS, max_texels=4096)
 
 
 def shader_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -> Floats:
-    define = atlas_definitions(atlas)
     out = evaluate(
         context,
         "atlas_position.frag",
         include="include/atlas.glsl",
         inputs=(directions,),
         uniforms={
-            "face_centre": atlas.face_centres()[: dict(define)["FACES"]],
-            "texels_per_unit": 0.5 * SIZE,
+            "face_place": atlas.places(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
-        define=define,
+        define=atlas_definitions(atlas),
     )
     return out[:, :2] * (atlas.width, atlas.height)
-
-
-def twin_texels(atlas: Atlas, directions: Floats) -> Floats:
-    face = face_from_direction(directions)
-    return atlas.face_centres()[face] + face_coordinates(directions, face) * 0.5 * SIZE
 
 
 def random_directions(count: int) -> Floats:
@@ -49,10 +44,24 @@ def random_directions(count: int) -> Floats:
 
 
 def test_place_of_any_direction_equals_the_cube(context: moderngl.Context) -> None:
-    atlas = make_atlas(tuple(Face))
+    atlas = make_atlas()
     directions = random_directions(20_000)
-    difference = shader_texels(context, atlas, directions) - twin_texels(atlas, directions)
+    difference = shader_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
     # float32 places in a texture of 4000 texels: 4000 * 2^-23 and the rounding of the division.
+    assert np.abs(difference).max() < 2e-3
+
+
+@pytest.mark.parametrize("rim_deg", [90.0, 120.0, 140.0])
+def test_place_in_parts_of_their_own_density_equals_the_cube(
+    context: moderngl.Context, rim_deg: float
+) -> None:
+    camera = omni_camera(width_px=640, rim_deg=rim_deg)
+    parts = parts_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    atlas = pack_atlas(parts, guard=GUARD_TEXELS, max_texels=4096)
+    directions = random_directions(20_000)
+    seen = np.arccos(directions[:, 2] / np.linalg.norm(directions, axis=-1)) < camera.rim_rad
+    directions = directions[seen]
+    difference = shader_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
     assert np.abs(difference).max() < 2e-3
 
 
@@ -61,20 +70,22 @@ def test_place_of_any_direction_equals_the_cube(context: moderngl.Context) -> No
 def test_ties_on_edges_and_corners_go_to_the_same_face(
     context: moderngl.Context, corner: tuple[int, int, int], flattened: int | None
 ) -> None:
-    atlas = make_atlas(tuple(Face))
+    atlas = make_atlas()
     direction = np.array([corner], dtype=np.float64)
     if flattened is not None:
         direction[0, flattened] = 0.0
-    shown, expected = shader_texels(context, atlas, direction), twin_texels(atlas, direction)
+    shown, expected = (
+        shader_texels(context, atlas, direction),
+        atlas.texels_from_direction(direction),
+    )
     assert shown == pytest.approx(expected, abs=2e-3)
 
 
 def test_direction_beyond_five_faces_is_held_at_a_side_faces_edge(
     context: moderngl.Context,
 ) -> None:
-    faces = (Face.N, Face.E, Face.S, Face.W, Face.C)
-    atlas = make_atlas(faces)
+    atlas = make_atlas(math.radians(125.0))
     texel = shader_texels(context, atlas, np.array([[1.0, 0.0, -2.0], [0.0, 0.0, -1.0]]))
-    x, y = atlas.face_centres()[Face.N]
-    assert texel[0] == pytest.approx((x, y - 0.5 * SIZE), abs=2e-3)
+    x, y, _, rows = atlas.places()[Face.N]
+    assert texel[0] == pytest.approx((x, y - rows), abs=2e-3)
     assert np.isfinite(texel).all()

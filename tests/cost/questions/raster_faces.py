@@ -3,7 +3,7 @@
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/questions/raster_faces.py
 
 Prints the median and the least milliseconds of the faces of a 640 x 640 px picture in two scenes.
-Decided by it: RGBA16F in render/raster/passes.py, 256 triangles in chunks.py, the wait after each
+Decided by it: RGBA16F in render/raster/passes.py, 96 triangles in chunks.py, the wait after each
 stage in timing.py, and the plain clear in faces.py.
 """
 
@@ -19,7 +19,7 @@ import moderngl
 import numpy as np
 from scenes import EXPOSURE, camera, worlds
 
-from catoptra_protocol.optics.cube import faces_seen
+from catoptra_server.plan.face_sizes import parts_of_size
 from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
 from catoptra_server.render.raster import RasterRenderer, open_device, scene_buffers
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
@@ -91,7 +91,7 @@ def storage(context: moderngl.Context, scene: SceneBuffers) -> None:
 
 def chunk_sizes(world: World) -> None:
     """Compare sizes of chunks by whole frames."""
-    for size in (32, 128, TRIANGLES_A_CHUNK, 1024, 4096, 10**9):
+    for size in (32, TRIANGLES_A_CHUNK, 256, 1024, 4096, 10**9):
         with mock.patch.object(scene_buffers, "make_chunks", partial(make_chunks, size=size)):
             print(f"  {f'chunks of {size}':<36}{whole_frame(world)}")
 
@@ -115,10 +115,8 @@ def whole_frame(world: World) -> str:
 
 
 def make_atlas(size: int) -> Atlas:
-    rim = camera().rim_rad
-    return pack_atlas(
-        faces_seen(rim), size=size, limit_rad=rim, guard=GUARD_TEXELS, max_texels=16384
-    )
+    parts = parts_of_size(camera().rim_rad, size)
+    return pack_atlas(parts, guard=GUARD_TEXELS, max_texels=16384)
 
 
 def main() -> None:

@@ -32,6 +32,11 @@ def worlds() -> dict[str, World]:
     return {"field": read_world(FIELD)[0], "balls": balls()}
 
 
+def worlds_and_a_million() -> dict[str, World]:
+    """Return the same worlds, and 500 balls on a floor."""
+    return {**worlds(), "million": balls(500)}
+
+
 def balls(count: int = 30, *, sectors: int = 50, rings: int = 20) -> World:
     """Return balls on a floor, as they come 60 000 triangles, most of them a few pixels large."""
     rng = np.random.default_rng(1)

@@ -8,6 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube import FIVE_FACE_LIMIT_RAD, Face
+from catoptra_server.plan.face_sizes import largest_size_px
 from catoptra_server.plan.render_plan import (
     DEFAULT_FACE_SAMPLES,
     DEFAULT_SAMPLES,
@@ -32,9 +33,9 @@ def plan_of(wish: RenderWish, *, rim_deg: float = 120.0, width_px: int = 360) ->
 def test_plan_when_nothing_is_asked_has_a_texel_a_pixel() -> None:
     plan = plan_of(RenderWish())
     assert (plan.samples, plan.face_samples) == (DEFAULT_SAMPLES, DEFAULT_FACE_SAMPLES)
-    # optics.md 3.3: 365 texels a face for a 360 px picture.
-    assert plan.face_size_px >= 363
-    assert plan.face_size_px % 32 == 0
+    # 1.01 picture widths give a texel a pixel with square texels; with others it is a little less.
+    assert plan.face_size_px == 360
+    assert plan.face_size_px == largest_size_px(plan.face_parts)
     assert plan.faces == (Face.N, Face.E, Face.S, Face.W, Face.C)
 
 
@@ -42,6 +43,7 @@ def test_plan_when_numbers_are_asked_takes_them() -> None:
     plan = plan_of(RenderWish(PolygonSplit(8, 8), samples=3, face_size_px=100, face_samples=4))
     assert (plan.samples, plan.face_size_px, plan.face_samples) == (3, 100, 4)
     assert plan.surface == PolygonSplit(8, 8)
+    assert {(part.columns_per_unit, part.rows_per_unit) for part in plan.face_parts} == {(50, 50)}
 
 
 @pytest.mark.parametrize(("rim_deg", "faces"), [(120.0, 5), (125.26, 5), (125.27, 6), (150.0, 6)])
@@ -58,7 +60,7 @@ def test_plan_when_it_has_no_or_too_many_samples_is_refused(samples: int) -> Non
 @pytest.mark.parametrize(
     ("wish", "text"),
     [
-        (RenderWish(samples=1), "raster, per pixel, 1^2 samples, faces NESWC of 384 px: asked for"),
+        (RenderWish(samples=1), "raster, per pixel, 1^2 samples, faces NESWC of 360 px: asked for"),
         (RenderWish(PolygonSplit(32, 32)), "raster, 32 x 32 polygons (uv), 2^2 samples"),
     ],
 )

@@ -14,6 +14,7 @@ from enum import Enum
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face, faces_seen
+from catoptra_server.plan.face_sizes import FacePart, face_parts, largest_size_px
 from catoptra_server.robot.render_wish import PerPixel, RenderWish, Surface
 from catoptra_server.scene.mirror_mesh import PolygonSplit
 
@@ -40,8 +41,9 @@ class RendererKind(Enum):
 class RenderPlan:
     """How one camera is drawn.
 
-    samples: the image has samples^2 per pixel. face_size_px, face_samples, faces: of the virtual
-    cameras, raster only. reason: why this plan, in words, for the log.
+    samples: the image has samples^2 per pixel. face_size_px (of the finest part), face_samples,
+    faces, face_parts: of the virtual cameras, raster only. reason: why this plan, in words, for the
+    log.
     """
 
     renderer: RendererKind
@@ -50,6 +52,7 @@ class RenderPlan:
     face_size_px: int
     face_samples: int
     faces: tuple[Face, ...]
+    face_parts: tuple[FacePart, ...]
     reason: str
     stride_px: int = 1
 
@@ -79,6 +82,8 @@ DEFAULT_FACE_SAMPLES = 1
 # Of 2 to 8 px the fastest at one sample a pixel and at 2 x 2, in every scene measured:
 # tests/cost/questions/sparse_rays.py.
 DEFAULT_STRIDE_PX = 4
+# One texel a pixel: finer faces cost in proportion and gain little, measured likewise.
+DEFAULT_TEXELS_PER_PX = 1.0
 
 
 def wished_samples(wish: RenderWish) -> int:
@@ -90,15 +95,18 @@ def plan_from_wish(
     wish: RenderWish, camera: OmniCamera, *, kind: RendererKind, why: str
 ) -> RenderPlan:
     """Return the plan from explicit numbers; `why` says how the renderer was chosen."""
-    width = max(camera.width_px, camera.height_px)
+    limit_rad = highest_incidence(camera, wish.surface)
+    parts = face_parts(
+        camera, limit_rad, size_px=wish.face_size_px, texels_per_px=DEFAULT_TEXELS_PER_PX
+    )
     return RenderPlan(
         renderer=kind,
         surface=wish.surface,
         samples=wished_samples(wish),
-        # 1.01 image widths give one texel a pixel everywhere at any rim, rounded up to 32.
-        face_size_px=wish.face_size_px or 32 * -(-int(1.01 * width) // 32),
+        face_size_px=largest_size_px(parts),
         face_samples=wish.face_samples or DEFAULT_FACE_SAMPLES,
-        faces=faces_seen(highest_incidence(camera, wish.surface)),
+        faces=faces_seen(limit_rad),
+        face_parts=parts,
         reason=why,
         stride_px=wish.stride_px or DEFAULT_STRIDE_PX,
     )

@@ -1,17 +1,16 @@
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from catoptra_protocol.optics.cube import Face
+from catoptra_server.plan.face_sizes import parts_of_size
 from catoptra_server.render.raster.atlas import pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 
-FIVE = (Face.N, Face.E, Face.S, Face.W, Face.C)
 
-
-@pytest.mark.parametrize(("faces", "compared"), [(FIVE, 5), ((*FIVE, Face.U), 6)])
-def test_upward_face_is_compared_only_where_it_is_drawn(
-    faces: tuple[Face, ...], compared: int
-) -> None:
-    atlas = pack_atlas(faces, size=32, limit_rad=2.4, guard=2, max_texels=1024)
+@pytest.mark.parametrize(("limit_deg", "compared"), [(125.0, 5), (126.0, 6)])
+def test_upward_face_is_compared_only_where_it_is_drawn(limit_deg: float, compared: int) -> None:
+    parts = parts_of_size(math.radians(limit_deg), 32)
+    atlas = pack_atlas(parts, guard=2, max_texels=1024)
     assert atlas_definitions(atlas) == (("FACES", compared),)

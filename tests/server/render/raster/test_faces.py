@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
+from catoptra_server.plan.face_sizes import parts_of_size
 from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.atlas import GUARD_TEXELS
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.faces import DrawCounts
 from catoptra_server.render.renderer import Exposure, FaceCamera
@@ -29,9 +33,44 @@ def counts(renderer: RasterRenderer, rim_deg: float, exposure: Exposure = VIEW) 
     return view.face_counts
 
 
-def test_sixth_face_is_drawn_only_beyond_its_limit(renderer: RasterRenderer) -> None:
-    assert counts(renderer, 125.2).cells == 5
-    assert counts(renderer, 125.3).cells == 6
+@pytest.mark.parametrize(
+    ("rim_deg", "cells"),
+    [
+        (90.0, 5),
+        (100.0, 5),
+        (110.0, 5),
+        (120.0, 5),
+        (125.26, 5),
+        (125.27, 6),
+        (135.0, 6),
+        (150.0, 6),
+    ],
+)
+def test_sixth_face_is_drawn_only_beyond_its_limit(
+    renderer: RasterRenderer, rim_deg: float, cells: int
+) -> None:
+    assert counts(renderer, rim_deg).cells == cells
+
+
+@pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
+def test_only_texels_that_the_plan_gives_are_drawn(
+    renderer: RasterRenderer, rim_deg: float
+) -> None:
+    camera = omni_camera(width_px=96, rim_deg=rim_deg)
+    parts = raster_plan(camera).face_parts
+    # Whole texels, and the guard on both sides.
+    around = 2 * GUARD_TEXELS + 1
+    most = sum((part.size[0] + around) * (part.size[1] + around) for part in parts)
+    drawn = counts(renderer, rim_deg).texels
+    assert sum(part.texels for part in parts) < drawn <= most
+
+
+@pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
+def test_density_saves_a_fifth_of_the_texels_of_one_size(rim_deg: float) -> None:
+    camera = omni_camera(width_px=640, rim_deg=rim_deg)
+    of_one_size = parts_of_size(camera.rim_rad, math.ceil(1.01 * camera.width_px))
+    texels = sum(part.texels for part in raster_plan(camera).face_parts)
+    assert texels < 0.8 * sum(part.texels for part in of_one_size)
 
 
 def test_side_faces_are_not_drawn_for_a_mirror_that_looks_down_only(
@@ -41,8 +80,15 @@ def test_side_faces_are_not_drawn_for_a_mirror_that_looks_down_only(
 
 
 def test_lower_rim_costs_fewer_texels(renderer: RasterRenderer) -> None:
-    texels = [counts(renderer, rim).texels for rim in (30.0, 60.0, 90.0, 120.0, 130.0)]
-    assert texels == sorted(set(texels))
+    def texels(rim_deg: float) -> int:
+        camera = omni_camera(width_px=96, rim_deg=rim_deg)
+        view = renderer.prepare(camera, raster_plan(camera, face_size_px=96))
+        view.draw(VIEW)
+        view.close()
+        return view.face_counts.texels
+
+    of_rims = [texels(rim_deg) for rim_deg in (30.0, 60.0, 90.0, 120.0, 130.0)]
+    assert of_rims == sorted(set(of_rims))
 
 
 def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) -> None:

@@ -1,15 +1,16 @@
-"""Where the faces of the cube lie in one texture, and how each is projected there. Knows no GL.
+"""Where the parts of the cube's faces lie in one texture, and how each is projected there.
 
-One 2-D texture instead of a cube map: every face is drawn a few texels wider than 90 degrees, so
-that bilinear look-ups never cross a border and no seam exists; and only the part of a face that the
-mirror looks into has texels at all. Row 0 of the texture is the top of every face.
+Knows no GL. One 2-D texture instead of a cube map: every part is drawn a few texels wider than it
+is seen, so that bilinear look-ups never cross a border and no seam exists; and only what the mirror
+looks into has texels at all, as many as the plan gives it. Row 0 of the texture is the top of every
+part.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube import FACE_AXES, Face
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.plan.face_sizes import FacePart
 
 # A bilinear look-up reaches half a texel beyond its place; one more texel covers the rounding of
 # places in float32, and the second makes cells an even number of texels apart.
@@ -24,44 +26,14 @@ GUARD_TEXELS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
-    """A part of a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
-
-    left: float = -1.0
-    top: float = -1.0
-    right: float = 1.0
-    bottom: float = 1.0
-
-    @property
-    def is_empty(self) -> bool:
-        """Return whether nothing of the face is left."""
-        return self.left >= self.right or self.top >= self.bottom
-
-
-def seen_window(face: Face, limit_rad: float) -> Window:
-    """Return the smallest window of a face that holds all directions up to an incidence angle."""
-    if face is Face.U:
-        return Window()
-    if face is Face.C:
-        half = math.tan(limit_rad) if limit_rad < 0.25 * math.pi else 1.0
-        return Window(-half, -half, half, half)
-    # On a side face t = cot(theta) / cos(azimuth off its middle): smallest in the middle below the
-    # horizon, at the edge of the face, sqrt 2 farther, above it.
-    cotangent = 1.0 / math.tan(limit_rad)
-    highest = cotangent if cotangent > 0.0 else math.sqrt(2.0) * cotangent
-    return Window(top=max(highest, -1.0))
-
-
-@dataclass(frozen=True, slots=True)
 class Cell:
-    """A face's place in the atlas: a rectangle of texels with its guard band.
+    """A part's place in the atlas: a rectangle of texels with its guard band.
 
-    x, y, width, height: the rectangle. column, row: of its first texel, in the face's own grid of
-    `size` x `size` texels; negative in the guard band.
+    x, y, width, height: the rectangle. column, row: of its first texel, in a grid of texels that
+    counts from the middle of the face.
     """
 
-    face: Face
-    size: int
+    part: FacePart
     x: int
     y: int
     width: int
@@ -75,9 +47,10 @@ class Cell:
         return self.x, self.y, self.width, self.height
 
     @property
-    def centre(self) -> tuple[float, float]:
-        """Return the atlas texel position of the face's middle, s = t = 0."""
-        return self.x - self.column + 0.5 * self.size, self.y - self.row + 0.5 * self.size
+    def place(self) -> tuple[float, float, float, float]:
+        """Return (x, y) of the face's middle in the atlas, and texels a unit of s and of t."""
+        part = self.part
+        return self.x - self.column, self.y - self.row, part.columns_per_unit, part.rows_per_unit
 
     @property
     def clip_from_mirror(self) -> Floats:
@@ -85,84 +58,96 @@ class Cell:
 
         w is the distance along the face's axis. y grows with t: row 0 of the texture is the top.
         """
-        forward, right, down = FACE_AXES[self.face].T
-        centre_x, centre_y = self.centre
-        x = (self.size * right + (2.0 * (centre_x - self.x) - self.width) * forward) / self.width
-        y = (self.size * down + (2.0 * (centre_y - self.y) - self.height) * forward) / self.height
+        forward, right, down = FACE_AXES[self.part.face].T
+        columns, rows = 2.0 * self.part.columns_per_unit, 2.0 * self.part.rows_per_unit
+        x = (columns * right - (2.0 * self.column + self.width) * forward) / self.width
+        y = (rows * down - (2.0 * self.row + self.height) * forward) / self.height
         return np.stack((x, y, forward))
 
     @property
     def spread(self) -> float:
         """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
-        columns = max(-self.column, self.column + self.width - self.size)
-        rows = max(-self.row, self.row + self.height - self.size)
-        across = (1.0 + 2.0 * np.maximum((columns, rows), 0) / self.size) ** 2
-        return math.sqrt(1.0 + float(across.sum()))
+        across = max(-self.column, self.column + self.width) / self.part.columns_per_unit
+        along = max(-self.row, self.row + self.height) / self.part.rows_per_unit
+        return math.sqrt(1.0 + across**2 + along**2)
 
 
 @dataclass(frozen=True, slots=True)
 class Atlas:
-    """All cells, and the texture that holds them."""
+    """All cells, and the size of the texture that holds them."""
 
     cells: tuple[Cell, ...]
     width: int
     height: int
-    face_size: int
 
-    def face_centres(self) -> Floats:
-        """Return (6, 2) texel positions of the faces' middles; zero for a face without a cell."""
-        centres = np.zeros((len(Face), 2))
+    @property
+    def faces(self) -> int:
+        """Return how many faces a direction is compared with: U only where it is drawn."""
+        return len(Face) if any(cell.part.face is Face.U for cell in self.cells) else len(Face) - 1
+
+    def places(self) -> Floats:
+        """Return (faces, 4): Cell.place of each face, zero where it is not drawn."""
+        places = np.zeros((self.faces, 4))
         for cell in self.cells:
-            centres[cell.face] = cell.centre
-        return centres
+            places[cell.part.face] = cell.place
+        return places
+
+    def texels_from_direction(self, direction: Floats) -> Floats:
+        """Return (..., 2) atlas texel positions of (..., 3) directions in the mirror frame.
+
+        Twin of glsl/include/atlas.glsl: the largest forward wins, the first of equals; without the
+        upward face a direction beyond a side face's upper edge is held at that edge.
+        """
+        face = np.argmax(direction @ FACE_AXES[: self.faces, :, 0].T, axis=-1)
+        local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+        st = np.clip(local[..., 1:] / np.maximum(local[..., :1], 1e-30), -1.0, 1.0)
+        place = self.places()[face]
+        texels: Floats = place[..., :2] + st * place[..., 2:]
+        return texels
 
 
-def pack_atlas(
-    faces: tuple[Face, ...], *, size: int, limit_rad: float, guard: int, max_texels: int
-) -> Atlas:
-    """Return the atlas of those faces that are seen up to an incidence angle.
+def pack_atlas(parts: tuple[FacePart, ...], *, guard: int, max_texels: int) -> Atlas:
+    """Return an atlas of the parts in a texture of at most `max_texels` a side.
 
-    Cells stand side by side in as few rows as a texture of `max_texels` allows: one row wastes
-    nothing, and every texel of the atlas is cleared in every frame.
+    Cells stand in rows, the highest first; of all lengths of the first row that is taken which
+    wastes least, because every texel of the atlas is cleared in every frame.
     """
-    windows = {face: seen_window(face, limit_rad) for face in faces}
-    loose = [_cell(face, size, guard, w) for face, w in windows.items() if not w.is_empty]
-    widest = max(cell.width for cell in loose)
-    per_row = min(max_texels // widest, len(loose))
-    if per_row < 1:
-        raise DomainError(f"a face of {size} px is too large: this OpenGL ends at {max_texels} px")
-    rows = [loose[first : first + per_row] for first in range(0, len(loose), per_row)]
-    heights = [max(cell.height for cell in row) for row in rows]
-    if sum(heights) > max_texels:
-        raise DomainError(f"faces of {size} px do not fit a texture of {max_texels} px a side")
-    tops = accumulate(heights, initial=0)
-    cells = [cell for row, top in zip(rows, tops, strict=False) for cell in _placed(row, top)]
-    width = max(cell.x + cell.width for cell in cells)
-    return Atlas(tuple(cells), width, sum(heights), size)
+    loose = sorted((_cell(part, guard) for part in parts), key=lambda cell: -cell.height)
+    lengths = accumulate(cell.width for cell in loose)
+    packings = [tuple(_rows(loose, length)) for length in lengths if length <= max_texels]
+    sized = [(_extent(cells), cells) for cells in packings]
+    fitting = [((w, h), cells) for (w, h), cells in sized if max(w, h) <= max_texels]
+    if not fitting:
+        widest = max(max(cell.width, cell.height) for cell in loose)
+        raise DomainError(
+            f"faces of up to {widest} px are too large: this OpenGL ends at {max_texels} px a side"
+        )
+    (width, height), cells = min(fitting, key=lambda packed: math.prod(packed[0]))
+    return Atlas(cells, width, height)
 
 
-def _cell(face: Face, size: int, guard: int, window: Window) -> Cell:
-    """Return the cell of a window, not placed yet: whole texels that cover it, and the guard."""
-    columns = _texels(window.left, window.right, size)
-    rows = _texels(window.top, window.bottom, size)
-    return Cell(
-        face=face,
-        size=size,
-        x=0,
-        y=0,
-        width=columns[1] - columns[0] + 2 * guard,
-        height=rows[1] - rows[0] + 2 * guard,
-        column=columns[0] - guard,
-        row=rows[0] - guard,
-    )
+def _cell(part: FacePart, guard: int) -> Cell:
+    """Return the cell of a part, not placed yet: whole texels that cover it, and the guard."""
+    window = part.window
+    columns = _texels(window.left, window.right, part.columns_per_unit)
+    rows = _texels(window.top, window.bottom, part.rows_per_unit)
+    width, height = columns[1] - columns[0] + 2 * guard, rows[1] - rows[0] + 2 * guard
+    return Cell(part, 0, 0, width, height, columns[0] - guard, rows[0] - guard)
 
 
-def _texels(low: float, high: float, size: int) -> tuple[int, int]:
-    return math.floor(0.5 * (low + 1.0) * size), math.ceil(0.5 * (high + 1.0) * size)
+def _texels(low: float, high: float, per_unit: float) -> tuple[int, int]:
+    return math.floor(low * per_unit), math.ceil(high * per_unit)
 
 
-def _placed(row: list[Cell], y: int) -> Iterator[Cell]:
-    """Yield the cells of a row from left to right."""
-    lefts = accumulate((cell.width for cell in row), initial=0)
-    for cell, x in zip(row, lefts, strict=False):
-        yield Cell(cell.face, cell.size, x, y, cell.width, cell.height, cell.column, cell.row)
+def _rows(cells: Iterable[Cell], longest: int) -> Iterator[Cell]:
+    """Yield the cells side by side, in a new row wherever one would reach beyond `longest`."""
+    x = y = row_height = 0
+    for cell in cells:
+        if x + cell.width > longest:
+            x, y, row_height = 0, y + row_height, 0
+        yield replace(cell, x=x, y=y)
+        x, row_height = x + cell.width, max(row_height, cell.height)
+
+
+def _extent(cells: tuple[Cell, ...]) -> tuple[int, int]:
+    return max(cell.x + cell.width for cell in cells), max(cell.y + cell.height for cell in cells)

@@ -10,11 +10,10 @@ import threading
 from contextlib import ExitStack
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.render_plan import PerPixel, RenderPlan, highest_incidence
+from catoptra_server.plan.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.faces import DrawCounts, FacePass
@@ -61,9 +60,8 @@ class RasterRenderer:
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterView:
         """Return a view of the scene by an omnidirectional camera."""
         self._check_thread()
-        limit_rad = highest_incidence(camera, plan.surface)
         with self._device.context as context, ExitStack() as undo:
-            atlas = self._atlas(plan.faces, plan.face_size_px, limit_rad, GUARD_TEXELS)
+            atlas = pack_atlas(plan.face_parts, guard=GUARD_TEXELS, max_texels=self._max_texels)
             faces = FacePass(context, self._scene, atlas, plan.face_samples)
             undo.callback(faces.close)
             output = Output(context, camera.width_px, camera.height_px)
@@ -97,11 +95,6 @@ class RasterRenderer:
     @property
     def _max_texels(self) -> int:
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
-
-    def _atlas(self, faces: tuple[Face, ...], size: int, limit_rad: float, guard: int) -> Atlas:
-        return pack_atlas(
-            faces, size=size, limit_rad=limit_rad, guard=guard, max_texels=self._max_texels
-        )
 
     def _mirror_passes(
         self, camera: OmniCamera, plan: RenderPlan, faces: FacePass[Atlas], output: Output
