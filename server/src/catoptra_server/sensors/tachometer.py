@@ -40,10 +40,15 @@ class TachometerSensor:
 
     def follow(self, move: Move) -> None:
         """Turn the wheels."""
-        left = move.way.left_m / self._wheel_radius_m
-        right = move.way.right_m / self._wheel_radius_m
-        self._spins_rad_s = (left / move.duration_s, right / move.duration_s)
-        self._turned_rad = (self._turned_rad[0] + left, self._turned_rad[1] + right)
+        # In one division, as the way was made in one product: half of 1.0 prints as 0.5000.
+        m_per_rad_s = self._wheel_radius_m * move.duration_s
+        left, right = move.way.left_m / m_per_rad_s, move.way.right_m / m_per_rad_s
+        self._spins_rad_s = (left, right)
+        turned_left, turned_right = self._turned_rad
+        self._turned_rad = (
+            turned_left + left * move.duration_s,
+            turned_right + right * move.duration_s,
+        )
 
     def reading(self, moment: Moment) -> TachometerReading:
         """Return rad/s and radians of each wheel; forward is positive."""
