@@ -183,7 +183,8 @@ class Strangers:
         try:
             for _ in range(chance.randrange(_BURSTS_A_VISIT)):
                 data = b"".join(mutated(chance, given) for _ in range(_BURST))
-                writer.write(chance.choice(_HUGE) if chance.random() < 0.02 else data)
+                data = chance.choice(_HUGE) if chance.random() < 0.02 else data
+                writer.write(data)
                 self.sent_bytes += len(data)
                 # Who does not read its answers must be a trouble to nobody but itself.
                 with contextlib.suppress(TimeoutError):
