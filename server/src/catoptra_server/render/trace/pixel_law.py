@@ -1,7 +1,7 @@
 """The camera law for many points at once: a table over the direction's height, in float32.
 
-Good to a twentieth of a pixel, for deciding where rays are needed; what is shown comes from rays of
-the law itself, optics/camera.
+Good to a tenth of a pixel, for deciding where rays are needed; what is shown comes from rays of the
+law itself, optics/camera.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.packed_light import Float32s
 
-# What a pixel read from the table may be off, with the float32 of everything before: the radius
-# per unit of direction changes by at most 4 h over its height, 8192 steps lie within 1.5 of it.
+# What a pixel read from the table may be off on the mirror: half of it by the table's steps, which
+# are made fine enough, the rest by the float32 of everything before.
 PIXEL_ERROR_PX = 0.1
-_STEPS = 8192
+_FEWEST_STEPS = 4096
 # Lines that end beyond the rim are followed a little beyond it.
 _BEYOND_RIM_RAD = 0.1
 # Where the law ends, the picture is far away.
-_FAR_PX = 1e6
+_FAR_PX = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class PixelLaw:
     """The camera law in tables.
 
     axes (2, 2): pixel = centre + scale(z) * (axes @ (x, y)) of a unit direction (x, y, z).
-    scale: (steps + 1,) pixels at heights from `lowest` to 1. magnification: (steps + 1,) greatest
+    scale: (steps + 1,) pixels at heights from `lowest` to 1. magnification: (m + 1,) greatest
     pixels a radian up to incidence angles from 0 to `rim_rad` and a little beyond.
     """
 
@@ -47,19 +47,15 @@ class PixelLaw:
         # Before the antipode, where the mirrors' laws have ended.
         last = min(camera.rim_rad + _BEYOND_RIM_RAD, math.pi - 1e-3)
         lowest = math.cos(last)
-        theta = np.linspace(0.0, last, _STEPS + 1)
+        theta = np.linspace(0.0, last, _FEWEST_STEPS + 1)
         radius = _radius_px(camera, theta)
         sagittal = radius[1:] / np.sin(theta[1:])
         steepest = np.maximum(np.diff(radius) / np.diff(theta), sagittal)
-        heights = np.linspace(lowest, 1.0, _STEPS + 1)
-        angle = np.arccos(heights)
-        scale = np.append(_radius_px(camera, angle[:-1]) / np.sin(angle[:-1]), sagittal[0])
-        scale[0] = _FAR_PX
         ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
         return cls(
             centre_px=camera.centre_px,
             axes=np.array(((sa, -ca), (-ca, -sa)), dtype=np.float32),
-            scale=scale.astype(np.float32),
+            scale=_scale(camera, lowest),
             lowest=lowest,
             magnification=np.maximum.accumulate(np.append(steepest[0], steepest)),
             rim_rad=camera.rim_rad,
@@ -67,7 +63,7 @@ class PixelLaw:
 
     def pixels(self, x: Float32s, y: Float32s, z: Float32s) -> tuple[Float32s, Float32s]:
         """Return (n,) columns and rows of unit directions; far away where the law has ended."""
-        step = np.float32(_STEPS / (1.0 - self.lowest))
+        step = np.float32((len(self.scale) - 1) / (1.0 - self.lowest))
         index = ((z - np.float32(self.lowest)) * step + np.float32(0.5)).astype(np.int32)
         scale = self.scale.take(index, mode="clip")
         (ux, uy), (vx, vy) = self.axes
@@ -78,8 +74,25 @@ class PixelLaw:
     def pixels_per_radian(self, incidence_rad: Floats) -> Floats:
         """Return the greatest magnification up to an angle, in any direction; beyond all, all."""
         last = math.acos(self.lowest)
-        index = np.ceil(incidence_rad * (_STEPS / last)).astype(np.int64)
+        steps = len(self.magnification) - 1
+        index = np.ceil(incidence_rad * (steps / last)).astype(np.int64)
         return self.magnification.take(index, mode="clip")
+
+
+def _scale(camera: OmniCamera, lowest: float) -> Float32s:
+    """Return pixels per unit of a direction at heights from `lowest` to 1, in fine enough steps."""
+    steps = _FEWEST_STEPS
+    while True:
+        angle = np.arccos(np.linspace(lowest, 1.0, steps + 1)[:-1])
+        scale = _radius_px(camera, angle) / np.sin(angle)
+        seen = angle <= camera.rim_rad
+        # A height is at most half a step away from its entry.
+        error_px = 0.5 * np.abs(np.diff(scale[seen])) * np.sin(angle[seen][1:])
+        if error_px.max(initial=0.0) < 0.5 * PIXEL_ERROR_PX:
+            break
+        steps *= 2
+    scale[0] = _FAR_PX
+    return np.append(scale, scale[-1]).astype(np.float32)
 
 
 def _radius_px(camera: OmniCamera, theta: Floats) -> Floats:

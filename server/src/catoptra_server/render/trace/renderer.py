@@ -56,8 +56,10 @@ class TraceRenderer:
         samples = omni_samples(camera, plan)
         if plan.stride_px == 1 or not isinstance(plan.surface, PerPixel):
             return self._view(samples)
-        colours = RayColours(self._scene, self._bodies, samples.per_pixel)
         grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
+        if not len(grid.pixels):
+            return self._view(samples)
+        colours = RayColours(self._scene, self._bodies, samples.per_pixel)
         return CellView(self._planes, colours, grid, PixelLaw.of(camera), self._pool)
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RayView:

@@ -1,0 +1,66 @@
+"""The colours that rays bring back, by the short way and by the long one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.moving_bodies import BodyScenes
+from catoptra_server.render.trace.ray_colours import RayColours
+from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import cube_at
+from helpers.worlds import VIEW, room
+
+NONE = np.zeros(0, dtype=np.intp)
+
+
+def colours_of(samples: int) -> RayColours:
+    world = room()
+    return RayColours(EmbreeScene(build_scene(world), world), BodyScenes(world.lights), samples)
+
+
+def directions(count: int) -> np.ndarray[tuple[int, int]]:
+    found = np.random.default_rng(4).normal(size=(count, 3))
+    return (found / np.linalg.norm(found, axis=1, keepdims=True)).astype(np.float32)
+
+
+def test_ray_when_alone_in_its_pixel_is_as_several_of_the_same() -> None:
+    rays, one, four = directions(500), colours_of(1), colours_of(4)
+    alone = one.of_rays(rays, one.placed(VIEW), off_mirror=NONE)
+    together = four.of_rays(np.repeat(rays, 4, axis=0), four.placed(VIEW), off_mirror=NONE)
+    np.testing.assert_array_equal(alone, together)
+    assert len(np.unique(alone, axis=0)) > 5
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_ray_when_off_the_mirror_is_black(samples: int) -> None:
+    colours = colours_of(samples)
+    off = np.arange(4 * samples)
+    found = colours.of_rays(directions(10 * samples), colours.placed(VIEW), off_mirror=off)
+    assert (found[:4] == 0).all()
+    assert (found[4:] > 0).any(axis=1).all()
+
+
+def test_body_when_it_is_in_the_way_is_seen_and_only_there() -> None:
+    colours = colours_of(1)
+    ahead, behind = np.float32([[1, 0, 0]]), np.float32([[-1, 0, 0]])
+    exposure = Exposure(Pose.from_rpy((0.0, 0.0, -0.6)), (cube_at(0.5, 0.0, -0.6),))
+    placed = colours.placed(exposure)
+    rays = np.concatenate((ahead, behind))
+    assert colours.of_rays(rays, placed, off_mirror=NONE)[0].tolist() == [255, 0, 0]
+    assert colours.of_rays(rays, placed, off_mirror=NONE)[1].tolist() != [255, 0, 0]
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_triangles_when_they_fill_pixels_have_the_colour_of_their_rays(samples: int) -> None:
+    colours, rays = colours_of(samples), directions(200)
+    origins = np.broadcast_to(colours.placed(VIEW).origin, rays.shape)
+    turned = rays @ colours.placed(VIEW).rotation
+    triangle = colours.scene.met(origins, turned)
+    traced = colours.of_rays(
+        np.repeat(rays, samples, axis=0), colours.placed(VIEW), off_mirror=NONE
+    )
+    np.testing.assert_array_equal(colours.of_triangles(triangle), traced)
