@@ -115,6 +115,12 @@ def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None
     assert camera.wish.face_size_px == 512
 
 
+def test_trace_when_its_rays_are_told_apart_has_them_so(tmp_path: Path) -> None:
+    assert camera_of(OMNI_ROBOT).wish.stride_px == 0
+    every = edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
+    assert camera_of(every).wish.stride_px == 1
+
+
 BROKEN = [
     (Edit("K=11.546", "K=2"), "Catoptra.HyperbolicMirror.K", "k > 2"),
     (Edit("K=11.546", "K=1.9"), "K", "of at least 2"),
@@ -137,6 +143,7 @@ BROKEN = [
     (Edit("ResolutionX=360", "ResolutionX=0"), "ResolutionX", "from 1 to 8192"),
     (Edit("ResolutionX=360", "ResolutionX=10000"), "ResolutionX", "from 1 to 8192"),
     (Edit("Samples=2", "Samples=17"), "Samples", "from 0 to 16"),
+    (Edit("Samples=2", "TraceStride=65"), "TraceStride", "from 0 to 64"),
     (Edit("Polygons=0", "Polygons=3"), "Catoptra.HyperbolicMirror.Polygons", "at least 4"),
     (Edit("Polygons=0", "Rings=0\nSectors=8"), "Catoptra.HyperbolicMirror.Sectors", "at least 3"),
     (Edit("Interpolation=uv", "Interpolation=cubic"), "Interpolation", "one of uv, position"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -70,7 +71,34 @@ def test_plan_when_printed_says_what_and_why(wish: RenderWish, text: str) -> Non
 
 def test_plan_when_traced_does_not_speak_of_faces() -> None:
     plan = plan_from_wish(RenderWish(), CAMERA, kind=RendererKind.TRACE, why="exact")
-    assert str(plan) == "trace, per pixel, 2^2 samples: exact"
+    sparse = "rays 4 px apart and wherever an outline passes"
+    assert str(plan) == f"trace, per pixel, 2^2 samples, {sparse}: exact"
+
+
+@pytest.mark.parametrize(
+    ("wish", "stride_px"),
+    [
+        (RenderWish(), 4),
+        (RenderWish(stride_px=1), 1),
+        (RenderWish(stride_px=7), 7),
+        (RenderWish(PolygonSplit(8, 8), stride_px=7), 1),
+    ],
+)
+def test_plan_when_the_mirror_is_exact_has_rays_apart(wish: RenderWish, stride_px: int) -> None:
+    plan = plan_from_wish(wish, CAMERA, kind=RendererKind.TRACE, why="exact")
+    assert plan.stride_px == stride_px
+    assert ("apart" in str(plan)) == (stride_px > 1)
+
+
+def test_plan_when_of_polygons_with_rays_apart_is_refused() -> None:
+    with pytest.raises(DomainError, match="every ray"):
+        replace(plan_of(RenderWish(PolygonSplit(8, 8))), stride_px=2)
+
+
+@pytest.mark.parametrize("stride_px", [-1, 65])
+def test_plan_when_its_rays_are_too_far_apart_is_refused(stride_px: int) -> None:
+    with pytest.raises(DomainError, match="1 to 64 px"):
+        plan_of(RenderWish(stride_px=stride_px))
 
 
 def test_incidence_when_per_pixel_ends_at_the_rim() -> None:

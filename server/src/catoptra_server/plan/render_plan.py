@@ -43,7 +43,8 @@ class RenderPlan:
 
     samples: the image has samples^2 per pixel. face_size_px (of the finest part), face_samples,
     faces, face_parts: of the virtual cameras, raster only. reason: why this plan, in words, for the
-    log.
+    log. stride_px: trace sends rays this far apart first, and those between only where something
+    begins or ends there; nothing is lost by it (render/trace/outlines.py). 1: every ray at once.
     """
 
     renderer: RendererKind
@@ -59,6 +60,10 @@ class RenderPlan:
     def __post_init__(self) -> None:
         if not 1 <= self.samples <= 16:
             raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
+        if not 1 <= self.stride_px <= 64:
+            raise DomainError(f"rays must be 1 to 64 px apart, not {self.stride_px}")
+        if self.stride_px > 1 and not isinstance(self.surface, PerPixel):
+            raise DomainError("a polygon mirror needs every ray: stride_px must be 1")
 
     def __str__(self) -> str:
         match self.surface:
@@ -66,11 +71,13 @@ class RenderPlan:
                 surface = "per pixel"
             case PolygonSplit(sectors, rings, interpolation):
                 surface = f"{sectors} x {rings} polygons ({interpolation.value})"
-        faces = ""
+        how = ""
         if self.renderer is RendererKind.RASTER:
             names = "".join(face.name for face in self.faces)
-            faces = f", faces {names} of {self.face_size_px} px"
-        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{faces}: {self.reason}"
+            how = f", faces {names} of {self.face_size_px} px"
+        elif self.stride_px > 1:
+            how = f", rays {self.stride_px} px apart and wherever an outline passes"
+        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{how}: {self.reason}"
 
 
 # Samples along a pixel's side where nothing is asked: 2 x 2 removes most of the jaggies and still
@@ -79,8 +86,8 @@ DEFAULT_SAMPLES = 2
 # More cost three times the frame on software OpenGL and gain a sixth of the error: measured in
 # tests/cost/questions/raster_faces.py.
 DEFAULT_FACE_SAMPLES = 1
-# Of 2 to 8 px the fastest at one sample a pixel and at 2 x 2, in every scene measured:
-# tests/cost/questions/sparse_rays.py.
+# Of 2, 4, 6 and 8 px within a tenth of the fastest at one sample a pixel and at 2 x 2, in nearly
+# every scene of tests/cost/questions/sparse_rays.py.
 DEFAULT_STRIDE_PX = 4
 # One texel a pixel: finer faces cost in proportion and gain little, measured likewise.
 DEFAULT_TEXELS_PER_PX = 1.0
@@ -108,8 +115,15 @@ def plan_from_wish(
         faces=faces_seen(limit_rad),
         face_parts=parts,
         reason=why,
-        stride_px=wish.stride_px or DEFAULT_STRIDE_PX,
+        stride_px=_stride_px(wish),
     )
+
+
+def _stride_px(wish: RenderWish) -> int:
+    """Return how far apart trace's first rays are; a polygon mirror's law is not smooth enough."""
+    if not isinstance(wish.surface, PerPixel):
+        return 1
+    return wish.stride_px or DEFAULT_STRIDE_PX
 
 
 def highest_incidence(camera: OmniCamera, surface: Surface) -> float:

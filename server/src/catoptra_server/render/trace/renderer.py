@@ -1,17 +1,19 @@
-"""The trace renderer: rays of a view in chunks over a few threads. Embree releases the GIL.
+"""The trace renderer: a scene in Embree, and views of it on a few threads. Embree releases the GIL.
 
 A sample's light is looked up by the triangle that it meets; samples are summed in linear light and
-encoded last, by one more look-up: a frame costs little more than its rays.
+encoded last, by one more look-up: a frame costs little more than its rays. `ray_view` traces them
+all; `cell_view` those of a mirror camera that are not known beforehand.
 """
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.plan.render_plan import PerPixel, RenderPlan
+from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, View
 from catoptra_server.render.trace.cell_view import CellView
 from catoptra_server.render.trace.cells import CellGrid
@@ -39,8 +41,7 @@ class TraceRenderer:
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
         self._scene = EmbreeScene(scene, world)
         self._bodies = BodyScenes(world.lights)
-        self._planes = SurfacePlanes(scene)
-        self._triangles = len(scene)
+        self._mesh = scene
 
     @property
     def body_meshes(self) -> int:
@@ -49,12 +50,17 @@ class TraceRenderer:
 
     def describe(self) -> str:
         """Return what draws, for logs."""
-        return f"trace: Embree, {self._threads} threads, {self._triangles} triangles"
+        return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
+
+    @cached_property
+    def _planes(self) -> SurfacePlanes:
+        """Return the scene's surfaces: 1.5 s of work for a million triangles, if asked for."""
+        return SurfacePlanes(self._mesh)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
         """Return a view of the scene by an omnidirectional camera."""
         samples = omni_samples(camera, plan)
-        if plan.stride_px == 1 or not isinstance(plan.surface, PerPixel):
+        if plan.stride_px == 1:
             return self._view(samples)
         grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
         if not len(grid.pixels):
