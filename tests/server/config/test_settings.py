@@ -186,3 +186,11 @@ def test_unknown_when_a_key_was_asked_for_leaves_it_out(ask: Callable[[Settings]
     settings = section("A=1")
     ask(settings)
     assert settings.unknown() == []
+
+
+def test_keys_when_passed_over_are_not_reported() -> None:
+    settings = section("A=1", "B=2")
+    settings.number("A")
+    assert [entry.key for entry in settings.unknown()] == ["B"]
+    settings.pass_over()
+    assert settings.unknown() == []

@@ -50,11 +50,12 @@ def read_joint_parts(robot: Settings) -> MissionPackageDescription | None:
 
 
 def _is_hinge(part: Settings) -> bool:
-    for key in (*_OF_THE_ENGINE, "PartName", "Parent", "ParentPos", "ParentAxis"):
+    for key in _OF_THE_ENGINE:
         part.text(key, "")
     class_ = part.text("JointClass").rpartition(".")[2].lower()
     if class_ not in _HINGES:
         log.info("%s: %s is no hinge: it has no joint here", part.where, part.text("PartName", ""))
+        part.pass_over()
     return class_ in _HINGES
 
 

@@ -32,7 +32,10 @@ _AXIS_TOLERANCE_RAD = 1e-3
 def read_omni_camera(file: IniFile, section: Settings) -> OmniCameraDescription | None:
     """Return the camera of a robot's section; None where CamTexActors names none."""
     clients = section.structs("CamTexActors")
-    if not clients or not clients[0].text("ItemName"):  # as in USARSim: no name, no camera
+    if not clients:
+        return None
+    if not clients[0].text("ItemName"):  # as in USARSim: no name, no camera
+        clients[0].pass_over()
         return None
     viewpoint = clients[0]
     viewpoint.text("ItemClass", "")

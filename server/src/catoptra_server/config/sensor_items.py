@@ -9,17 +9,16 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.mounting import mount_of
+from catoptra_server.config.sensor_item import SensorItem
 from catoptra_server.config.settings import Settings
 from catoptra_server.robot.description import (
     EncoderDescription,
     GpsDescription,
     GroundTruthDescription,
     InsDescription,
-    Mount,
     OdometryDescription,
     RangeScannerDescription,
     RfidDescription,
@@ -31,29 +30,6 @@ from catoptra_server.robot.description import (
 )
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class SensorItem:
-    """One item: its struct, where it is mounted, and the section of its class."""
-
-    struct: Settings
-    name: str
-    mount: Mount
-    section: Settings
-
-    @property
-    def interval_s(self) -> float:
-        """Return the period of its class."""
-        return self.section.number("ScanInterval", 0.2, at_least=0.01, at_most=60.0)
-
-    def number(self, key: str, default: float, at_most: float = 1e4) -> float:
-        """Return a number of its class that is not negative."""
-        return self.section.number(key, default, at_least=0.0, at_most=at_most)
-
-    def is_timed(self, default: bool) -> bool:
-        """Return whether UDK's readings of its class carry a time. Others than these always do."""
-        return self.section.boolean("bWithTimeStamp", default)
 
 
 def class_of(struct: Settings) -> str:
@@ -85,6 +61,7 @@ def report_unknown_class(struct: Settings) -> None:
         struct.text("ItemClass"),
         struct.text("ItemName", "it"),
     )
+    struct.pass_over()
 
 
 def _odometry(item: SensorItem) -> SensorDescription:

@@ -69,6 +69,10 @@ class Settings:
         """Return whether any key was asked for."""
         return bool(self._asked)
 
+    def pass_over(self) -> None:
+        """Take every key for known: what holds them has no meaning here, or was reported whole."""
+        self._asked.update(self._entries)
+
     def unknown(self) -> list[Entry]:
         """Return the entries whose key nobody asked for, members of structs among them."""
         own = [
