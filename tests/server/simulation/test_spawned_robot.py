@@ -8,16 +8,17 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.wire.commands import Drive
+from catoptra_protocol.wire.commands import Drive, LinkCommand, MisPkg
 from catoptra_protocol.wire.reports import (
     EncoderReadings,
     GroundTruthReading,
+    MissionPackageStatus,
     OdometryReading,
     VehicleStatus,
 )
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import MissionPackageDescription, RobotDescription
-from catoptra_server.robot.mission_package import ON_CHASSIS, LinkDescription
+from catoptra_server.robot.mission_package import KNOWN_PACKAGES, ON_CHASSIS, LinkDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.obstacles import obstacles_between
@@ -232,3 +233,14 @@ def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
     drawn = float(RandomStream.of(1, "R", name).at(1).standard_normal(3)[0])
     told_m = way_m + 0.01 * math.sqrt(way_m) * drawn
     assert (reading.x_m == pytest.approx(told_m)) is is_named_alike
+
+
+def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> None:
+    robot = spawned(p2at(packages=(KNOWN_PACKAGES["camerapantilt"],), sensors=()))
+    links = (LinkCommand(2, 0.05),)
+    robot.drive_package(MisPkg("CameraPanTilt", links, gripper=1.0, sequence=3.0))
+    robot.drive_package(MisPkg("CameraPanTilt", gripper=0.0))
+    driven(robot, 50)
+    status, _ = robot.all_readings(1.0)
+    assert isinstance(status, MissionPackageStatus)
+    assert [link.value for link in status.links] == [0.0, 0.05]
