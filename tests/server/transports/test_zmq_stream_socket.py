@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import tempfile
+from pathlib import Path
 
 import pytest
 
 from catoptra_server.transports.zmq_stream_socket import RouterSocket, Sent
 from helpers.loopback import HOST, play
 from helpers.stream_peer import raw_peer
+from helpers.zmtp import LONG, MORE, bytes_sent_for_ever, frame, handshaken
+
+# More than the kernel keeps of a connection that is not read: a few megabytes.
+ENDLESS_BYTES = 32_000_000
+ENDLESS = {
+    "small parts": frame(bytes(30), MORE) * 3000,
+    "largest parts": frame(bytes(8 * 1024), LONG | MORE) * 10,
+}
 
 
 class Router:
@@ -97,5 +107,71 @@ def test_host_when_a_name_is_resolved() -> None:
     async def scene() -> None:
         with Router("localhost") as router:
             assert router.socket.port > 0
+
+    play(scene())
+
+
+@pytest.mark.parametrize("block", ENDLESS.values(), ids=ENDLESS)
+def test_peers_when_their_messages_never_end_are_cut_off_and_another_is_served(
+    block: bytes,
+) -> None:
+    async def scene() -> None:
+        with Router() as router, raw_peer(router.socket.port) as peer:
+            port = router.socket.port
+            attacks = asyncio.gather(*(asyncio.to_thread(_attack, port, block) for _ in range(4)))
+            served = 0
+            while served < 50 or not attacks.done():
+                await peer.send(b"ping")
+                identity, parts = await router.received.get()
+                assert parts == [b"ping"]
+                assert router.socket.send(identity, [b"pong"]) is Sent.YES
+                assert await peer.socket.recv_multipart() == [b"pong"]
+                served += 1
+            assert max(await attacks) < ENDLESS_BYTES
+
+    play(scene())
+
+
+def _attack(port: int, block: bytes) -> int:
+    """Never end a message; return how many bytes of it went until the connection was ended."""
+    return bytes_sent_for_ever(port, block, at_most=ENDLESS_BYTES)
+
+
+def test_peers_when_they_break_off_inside_a_message_leave_nothing_to_others() -> None:
+    async def scene() -> None:
+        with Router() as router, raw_peer(router.socket.port) as peer:
+            for _ in range(10):
+                with await asyncio.to_thread(handshaken, router.socket.port) as rude:
+                    rude.sendall(frame(b"half", MORE))
+            await peer.send(b"whole")
+            _, parts = await router.received.get()
+            assert parts == [b"whole"]
+
+    play(scene())
+
+
+def test_socket_when_closed_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    async def scene() -> None:
+        with Router():
+            (folder,) = tmp_path.iterdir()
+            assert folder.stat().st_mode & 0o077 == 0
+        assert list(tmp_path.iterdir()) == []
+
+    play(scene())
+
+
+def test_socket_when_its_private_end_cannot_be_had_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("deep" * 30)  # longer than the address of a Unix socket may be
+    deep.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+
+    async def scene() -> None:
+        with pytest.raises(OSError, match="set TMPDIR to a short path"):
+            RouterSocket(HOST, 0, print)
+        assert list(deep.iterdir()) == []
 
     play(scene())

@@ -1,21 +1,26 @@
 """The stream's ROUTER socket on the asyncio loop: the server's one door to ZeroMQ.
 
 It never blocks and never queues without bound: what a peer does not take is not sent, what a peer
-sends too fast waits in that peer's own TCP connection.
+sends too fast waits in that peer's own TCP connection. ZeroMQ alone cannot hold the second promise
+against a message that never ends, so the public port is a turnstile's, and the ROUTER sits behind.
 """
 
 from __future__ import annotations
 
 import asyncio
 import errno
-import logging
-import socket
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from enum import Enum, auto
+from tempfile import TemporaryDirectory
 
 import zmq
 
-log = logging.getLogger(__name__)
+from catoptra_server.transports.zmq_stream_turnstile import (
+    MOST_CONNECTIONS,
+    Turnstile,
+    listening_socket,
+)
 
 # Messages that wait for one peer, beside what its TCP connection holds. A peer that keeps to one
 # request a time never has more than one frame, one answer and some pulses there.
@@ -48,21 +53,19 @@ class RouterSocket:
     def __init__(self, host: str, port: int, received: Received) -> None:
         self._loop = asyncio.get_running_loop()
         self._received = received
-        self._context = zmq.Context(io_threads=1)
-        try:
-            self._socket = _bound(self._context, host, port)
-        except BaseException:
-            self._context.term()
-            raise
+        with ExitStack() as kept:
+            listener = kept.enter_context(listening_socket(host, port))
+            self.port: int = listener.getsockname()[1]
+            # A directory of 0700: nobody else gets round the turnstile.
+            path = kept.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
+            context = zmq.Context(io_threads=1)
+            kept.callback(context.destroy, linger=0)
+            self._socket = _bound(context, f"ipc://{path}")
+            kept.callback(Turnstile(listener, path).close)
+            self._let_go = kept.pop_all().close
         self._reading: asyncio.Handle | None = None
         self._loop.add_reader(self._socket.FD, self._read)
         self._read_soon()
-
-    @property
-    def port(self) -> int:
-        """Return the port that it listens on."""
-        endpoint = self._socket.get_string(zmq.LAST_ENDPOINT)
-        return int(endpoint.rpartition(":")[2])
 
     def send(self, peer: bytes, parts: Sequence[bytes]) -> Sent:
         """Send a message at once, or not at all."""
@@ -91,7 +94,7 @@ class RouterSocket:
         self._loop.remove_reader(self._socket.FD)
         if self._reading is not None:
             self._reading.cancel()
-        self._context.destroy(linger=0)
+        self._let_go()
 
     def _read_soon(self) -> None:
         if self._reading is None:
@@ -111,9 +114,10 @@ class RouterSocket:
         self._read_soon()
 
 
-def _bound(context: zmq.Context[zmq.Socket[bytes]], host: str, port: int) -> zmq.Socket[bytes]:
+def _bound(context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> zmq.Socket[bytes]:
     """Return the socket; all limits are set before it is bound, later they would not count."""
     router = context.socket(zmq.ROUTER)
+    router.set(zmq.BACKLOG, MOST_CONNECTIONS)
     router.set(zmq.SNDHWM, _WAITING_FOR_PEER)
     router.set(zmq.RCVHWM, _WAITING_FROM_PEER)
     router.set(zmq.MAXMSGSIZE, _LARGEST_PART_BYTES)
@@ -122,22 +126,8 @@ def _bound(context: zmq.Context[zmq.Socket[bytes]], host: str, port: int) -> zmq
     router.set(zmq.HEARTBEAT_TIMEOUT, _GIVE_UP_AFTER_MS)
     router.set(zmq.LINGER, 0)
     try:
-        family, address = _resolved(host, port)
-        router.set(zmq.IPV6, int(family == socket.AF_INET6))
-        router.bind(f"tcp://{address}:{port or '*'}")
+        router.bind(endpoint)
     except zmq.ZMQError as error:
-        router.close()
-        raise OSError(error.errno, f"stream port {host}:{port}: {error.strerror}") from error
-    except BaseException:
-        router.close()
-        raise
+        said = f"{endpoint}: {error.strerror}: set TMPDIR to a short path that can be written"
+        raise OSError(error.errno, said) from error
     return router
-
-
-def _resolved(host: str, port: int) -> tuple[int, str]:
-    """Return family and numeric address of a host; ZeroMQ binds to no names."""
-    flags = socket.AI_PASSIVE
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=flags)
-    family, _, _, _, address = found[0]
-    numeric = str(address[0])
-    return family, f"[{numeric}]" if family == socket.AF_INET6 else numeric
