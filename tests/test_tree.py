@@ -53,7 +53,7 @@ DOORS = {
     "trimesh": ("server/scene/mesh_files.py",),
     "PIL": ("server/scene/meshes.py", "server/figures"),
     "cv2": (
-        *("server/encode.py", "client/unwarp.py", "client/landmarks", "client/images.py"),
+        *("server/imaging/encode.py", "client/unwarp.py", "client/landmarks", "client/images.py"),
         "client/frame.py",
     ),
     "zmq": ("server/transports/zmq_stream_socket.py", "client/stream_socket.py"),

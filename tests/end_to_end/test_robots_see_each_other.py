@@ -11,10 +11,11 @@ import pytest
 from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.wire.commands import Init
 from catoptra_server.app import read_setup
-from catoptra_server.plan.render_plan import RendererKind, plan_from_wish
+from catoptra_server.imaging.views import Views
+from catoptra_server.plan.render_plan import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation import Fleet
-from helpers.robots import FakeClient
+from helpers.robots import FakeClient, shown
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SETUP = read_setup(
@@ -26,24 +27,26 @@ SETUP = read_setup(
 @pytest.fixture
 def fleet():
     """Yield a fleet of the field whose first robot stands in the middle, looking along x."""
-    assert ROBOT.omni_camera is not None
-    renderer = TraceRenderer(SETUP.scene, SETUP.world)
-    camera = ROBOT.omni_camera.camera
-    plan = plan_from_wish(ROBOT.omni_camera.wish, camera, kind=RendererKind.TRACE, why="test")
-    views = {ROBOT.class_name: renderer.prepare(camera, plan)}
-    fleet = Fleet(SETUP.robots, SETUP.world, SETUP.scene, views=views, seed=0)
+    fleet = Fleet(SETUP.robots, SETUP.world, SETUP.scene, seed=0)
     fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seeing", (0.0, 0.0, 0.0)), 0.0)
-    yield fleet
-    renderer.close()
+    return fleet
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Yield traced views of the field."""
+    views = Views(TraceRenderer(SETUP.scene, SETUP.world), RendererKind.TRACE, "test")
+    yield views
+    views.close()
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -140.0])
-def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, bearing_deg):
-    before = fleet.picture()[0].rgb.astype(int)
+def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, views, bearing_deg):
+    before = shown(fleet, views).rgb.astype(int)
     bearing = math.radians(bearing_deg)
     place = (1.2 * math.cos(bearing), 1.2 * math.sin(bearing), 0.0)
     fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seen", place), 0.0)
-    changed = np.abs(fleet.picture()[0].rgb.astype(int) - before).max(axis=-1) > 8
+    changed = np.abs(shown(fleet, views).rgb.astype(int) - before).max(axis=-1) > 8
     assert ROBOT.omni_camera is not None
     # Its chassis, 1.2 m away and 0.45 m below the viewpoint.
     chassis, _ = pixel_from_direction(
@@ -57,10 +60,10 @@ def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, bearing_d
     assert np.hypot(columns - chassis[0], rows - chassis[1]).max() < 60.0
 
 
-def test_picture_when_the_other_robot_left_is_as_before(fleet):
-    before = fleet.picture()[0].rgb.copy()
+def test_picture_when_the_other_robot_left_is_as_before(fleet, views):
+    before = shown(fleet, views).rgb.copy()
     other = FakeClient()
     fleet.obey(other, Init(ROBOT.class_name, "Seen", (1.0, 0.0, 0.0)), 0.0)
-    assert not np.array_equal(fleet.picture()[0].rgb, before)
+    assert not np.array_equal(shown(fleet, views).rgb, before)
     fleet.remove(other)
-    assert np.array_equal(fleet.picture()[0].rgb, before)
+    assert np.array_equal(shown(fleet, views).rgb, before)

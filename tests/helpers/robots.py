@@ -13,6 +13,9 @@ from catoptra_protocol.optics.camera import camera_with_rim_inscribed
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.wire.reports import Report
+from catoptra_server.imaging.drawing import developed
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.shot import SCREEN, Channel, Eye, OmniEye, Shot, Take
 from catoptra_server.render.renderer import Exposure, RenderedImage
 from catoptra_server.robot.description import (
     DriveBase,
@@ -33,6 +36,7 @@ from catoptra_server.robot.description import (
 )
 from catoptra_server.robot.render_wish import RenderWish
 from catoptra_server.scene.description import Box, Item, Material, StartPlace, World
+from catoptra_server.simulation.fleet import Fleet
 
 BASE = DriveBase(
     wheel_radius_m=0.13,
@@ -155,3 +159,35 @@ class FakeView:
     def close(self) -> None:
         """Take note."""
         self.closed = True
+
+
+class FakeViews:
+    """Views of which every eye is drawn by one fake view, at the eye's own size if it has one."""
+
+    def __init__(self, view: FakeView | None = None) -> None:
+        self.view = view or FakeView()
+        self.takes: list[Take] = []
+
+    def draw(self, take: Take) -> RenderedImage:
+        """Return the next picture."""
+        self.takes.append(take)
+        image = self.view.draw(take.exposure)
+        eye = take.eye.camera if isinstance(take.eye, OmniEye) else take.eye
+        rgb = np.full((eye.height_px, eye.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
+        return RenderedImage(rgb, image.stage_ms)
+
+    def plan(self, eye: Eye) -> str:
+        """Return a plan that can be printed."""
+        return "fake plan"
+
+    def close(self) -> None:
+        """Close the view."""
+        self.view.close()
+
+
+def shown(fleet: Fleet, views: Any = None, channel: Channel = SCREEN) -> Frame:
+    """Return what a channel shows now, drawn at once."""
+    scenery = fleet.scenery(channel)
+    assert scenery is not None
+    shot = Shot(channel, 1, 0.0, 0.0, scenery)
+    return developed(shot, views or FakeViews(), monotonic=lambda: 0.0)

@@ -11,9 +11,10 @@ import numpy as np
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.stream_answers import StartRecord
-from catoptra_server.encode import Frame
-from catoptra_server.mailbox import Mailbox
-from catoptra_server.simulation import Request
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.shot import SCREEN, CameraChannel, Caption, Channel
+from catoptra_server.mailbox import Mailboxes
+from catoptra_server.simulation import Drawn, FrameWanted, Request
 from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
 from catoptra_server.transports.zmq_stream_facts import CameraFacts, StreamFacts
 from helpers.loopback import HOST
@@ -40,27 +41,47 @@ class Scene:
     height: int = 6
     drawn: int = 0
     posted: list[Request] = field(default_factory=list)
-    mailbox: Mailbox | None = None
+    mailboxes: Mailboxes | None = None
 
-    def ask(self, newer_than: int) -> None:
-        """Draw at once."""
+    def post(self, request: Request) -> None:
+        """Draw at once what is wanted; keep what else is posted."""
+        match request:
+            case FrameWanted(channel=channel):
+                self._draw(channel)
+            case Drawn():
+                pass
+            case _:
+                self.posted.append(request)
+
+    def _draw(self, channel: Channel) -> None:
+        assert self.mailboxes is not None
+        known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "Omni")}
+        if channel not in {SCREEN, *known}:
+            self.mailboxes.refuse(channel)
+            return
         self.drawn += 1
-        rgb = np.full((self.height, self.width, 3), self.drawn % 256, dtype=np.uint8)
         pose = Pose.from_rpy((0.01 * self.drawn, 0.0, -0.2))
         frame = Frame(
-            *(self.drawn, "Omni", 0.1 * self.drawn, pose, rgb, {"trace": 2.0}, 0.0, 0.0),
-            robot="OmniP2AT",
-            class_name="USARBot.OmniP2AT",
+            sequence=self.drawn,
+            time_s=0.1 * self.drawn,
+            rgb=np.full((self.height, self.width, 3), self.drawn % 256, dtype=np.uint8),
+            exposed_s=0.0,
+            finished_s=0.0,
+            channel=channel,
+            caption=Caption(
+                *("OmniP2AT", "USARBot.OmniP2AT", "Omni", pose, MOUNT, tuple(LAW.items()))
+            ),
+            stage_ms={"trace": 2.0},
+            plan="traced",
         )
-        assert self.mailbox is not None
-        self.mailbox.put(frame)
+        self.mailboxes.put(frame)
 
 
 @asynccontextmanager
 async def streaming(scene: Scene) -> AsyncIterator[StreamServer]:
     """Serve a scene on a free port."""
-    scene.mailbox = Mailbox(scene.ask, ahead=False)
+    scene.mailboxes = Mailboxes(scene.post, ahead=False)
     async with serve_stream(
-        HOST, 0, mailbox=scene.mailbox, post=scene.posted.append, facts=FACTS
+        HOST, 0, mailboxes=scene.mailboxes, post=scene.post, facts=FACTS
     ) as server:
         yield server

@@ -8,8 +8,7 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.encode import Frame
+from catoptra_server.imaging.frame import Frame
 from catoptra_server.mailbox import Mailbox
 
 NOW_S = 1000.0
@@ -19,7 +18,7 @@ def frame(sequence: int, *, age_s: float = 0.0, drawn_s: float = 0.0) -> Frame:
     """Return a frame that was finished some time ago."""
     rgb = np.zeros((1, 1, 3), dtype=np.uint8)
     finished_s = NOW_S - age_s
-    return Frame(sequence, "", 0.0, Pose.identity(), rgb, {}, drawn_s, finished_s)
+    return Frame(sequence, 0.0, rgb, finished_s, finished_s, drawn_s=drawn_s)
 
 
 class Asked:
@@ -54,7 +53,7 @@ def test_frame_when_none_is_there_is_asked_for_and_waited_for() -> None:
         task = asyncio.create_task(mailbox.newer_than(0))
         await let_it_wait(task)
         assert asked.count == 1
-        mailbox.put(frame(1))
+        mailbox.arrived(frame(1))
         assert (await task).sequence == 1
         assert asked.count == 2  # the next one, ahead
 
@@ -65,7 +64,7 @@ def test_frame_when_many_wait_comes_to_all() -> None:
     async def scene(mailbox: Mailbox, asked: Asked) -> None:
         tasks = [asyncio.create_task(mailbox.newer_than(0)) for _ in range(5)]
         await let_it_wait(tasks[-1])
-        mailbox.put(frame(1))
+        mailbox.arrived(frame(1))
         assert {(await task).sequence for task in tasks} == {1}
 
     run(scene)
@@ -85,12 +84,12 @@ def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
     waiting: Frame, last: int, taken: bool
 ) -> None:
     async def scene(mailbox: Mailbox, asked: Asked) -> None:
-        mailbox.put(waiting)
+        mailbox.arrived(waiting)
         await asyncio.sleep(0)
         task = asyncio.create_task(mailbox.newer_than(last))
         await asyncio.sleep(0)
         assert task.done() is taken
-        mailbox.put(frame(6))
+        mailbox.arrived(frame(6))
         assert (await task).sequence == (5 if taken else 6)
 
     run(scene)
@@ -98,11 +97,11 @@ def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
 
 def test_waiting_frame_when_in_lockstep_is_never_taken() -> None:
     async def scene(mailbox: Mailbox, asked: Asked) -> None:
-        mailbox.put(frame(5, drawn_s=1e9))
+        mailbox.arrived(frame(5, drawn_s=1e9))
         await asyncio.sleep(0)
         task = asyncio.create_task(mailbox.newer_than(0))
         await let_it_wait(task)
-        mailbox.put(frame(6))
+        mailbox.arrived(frame(6))
         assert (await task).sequence == 6
         assert asked.count == 1  # nothing ahead: time stands still
 
@@ -112,7 +111,7 @@ def test_waiting_frame_when_in_lockstep_is_never_taken() -> None:
 def test_frames_when_several_arrive_leave_the_newest() -> None:
     async def scene(mailbox: Mailbox, asked: Asked) -> None:
         for sequence in (1, 2, 3):
-            mailbox.put(frame(sequence, drawn_s=1e9))
+            mailbox.arrived(frame(sequence, drawn_s=1e9))
         await asyncio.sleep(0)
         assert (await mailbox.newer_than(0)).sequence == 3
 
@@ -125,7 +124,7 @@ def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
         await let_it_wait(stays)
         gone.cancel()
         await let_it_wait(stays)
-        mailbox.put(frame(1))
+        mailbox.arrived(frame(1))
         assert (await stays).sequence == 1
         assert gone.cancelled()
 
@@ -134,13 +133,13 @@ def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
 
 def test_frame_when_waited_for_is_asked_for_once_however_many_come() -> None:
     async def scene(mailbox: Mailbox, asked: Asked) -> None:
-        mailbox.put(frame(7, drawn_s=1e9))
+        mailbox.arrived(frame(7, drawn_s=1e9))
         assert (await mailbox.newer_than(6)).sequence == 7
         assert asked.newer_than == 7  # the next one, ahead
         task = asyncio.create_task(mailbox.newer_than(7))
         await let_it_wait(task)
         assert asked.newer_than == 7  # the same one again: it is drawn only once
-        mailbox.put(frame(8))
+        mailbox.arrived(frame(8))
         assert (await task).sequence == 8
 
     run(scene)

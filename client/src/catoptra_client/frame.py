@@ -14,6 +14,7 @@ import numpy.typing as npt
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.wire.image import ImageType
 from catoptra_protocol.wire.jpeg import jpeg_size
 from catoptra_protocol.wire.limits import MAX_IMAGE_PIXELS
@@ -45,7 +46,7 @@ class Frame:
     camera_name: str | None = None
     time_s: float | None = None
     world_from_robot: Pose | None = None
-    camera: OmniCamera | None = None
+    camera: OmniCamera | PerspectiveCamera | None = None
     robot_from_mirror: Pose | None = None
     stage_ms: Mapping[str, float] | None = None
     age_s: float | None = None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_client.frame import Frame, Pixels, rgb_from_file
-from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.camera_conf import any_camera_from_pairs
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.wire.image import ImageType
 from catoptra_protocol.wire.stream_answers import FrameHeader, Placement
 from catoptra_protocol.wire.stream_requests import Encoding
@@ -19,12 +20,12 @@ class CameraLaws:
 
     def __init__(self) -> None:
         self._pairs: dict[str, str] | None = None
-        self._camera: OmniCamera | None = None
+        self._camera: OmniCamera | PerspectiveCamera | None = None
 
-    def camera(self, pairs: dict[str, str] | None) -> OmniCamera | None:
+    def camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
         """Return the camera of a header's pairs; None where no camera is shown."""
         if pairs != self._pairs:
-            self._camera = camera_from_pairs(tuple(pairs.items()))[0] if pairs else None
+            self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
             self._pairs = pairs
         return self._camera
 

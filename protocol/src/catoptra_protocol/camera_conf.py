@@ -14,6 +14,7 @@ import math
 
 from catoptra_protocol.errors import DomainError, RemoteProtocolError
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
 
 Pairs = tuple[tuple[str, str], ...]
@@ -23,6 +24,9 @@ _MIRROR_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
     "hyperbolic": (("MirrorK", "k"), ("MirrorC", "c_m")),
     "parabolic": (("MirrorHorizonRadius", "horizon_radius_m"),),
 }
+
+# The value of Projection in an ordinary camera's law; an omnidirectional one names its Mirror.
+_PERSPECTIVE = "perspective"
 
 # Sides of a picture are 16-bit numbers in a RAW frame; maps made from the law have one entry a
 # pixel, so a client must not believe more.
@@ -68,6 +72,27 @@ def camera_from_pairs(pairs: Pairs) -> tuple[OmniCamera, float]:
     except DomainError as error:
         raise RemoteProtocolError(f"CONF of a camera that cannot be: {error}") from error
     return camera, _number(pairs, "ViewpointHeight")
+
+
+def pairs_from_perspective(camera: PerspectiveCamera) -> Pairs:
+    """Return the law of an ordinary camera; the stream's frames carry it."""
+    return (
+        ("Projection", _PERSPECTIVE),
+        ("Width", str(camera.width_px)),
+        ("Height", str(camera.height_px)),
+        ("HorizontalFov", _text(camera.fov_rad)),
+    )
+
+
+def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
+    """Return the camera of either kind. Raises RemoteProtocolError naming the field at fault."""
+    if dict(pairs).get("Projection") != _PERSPECTIVE:
+        return camera_from_pairs(pairs)[0]
+    sides = _side_px(pairs, "Width"), _side_px(pairs, "Height")
+    try:
+        return PerspectiveCamera(*sides, _number(pairs, "HorizontalFov"))
+    except DomainError as error:
+        raise RemoteProtocolError(f"a camera that cannot be: {error}") from error
 
 
 def _pairs_from_mirror(mirror: CentralMirror) -> Pairs:

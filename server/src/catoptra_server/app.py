@@ -1,8 +1,7 @@
 """The application: from two files and some options to listening sockets, and to a clean end.
 
-One thread owns the renderer and the simulation clock; this thread's asyncio loop owns all sockets.
-The renderer is made in the simulation's thread, because an OpenGL context belongs to the thread
-that made it.
+Three threads: one owns the simulation's clock and robots, one the renderer, and this one's asyncio
+loop all sockets.
 """
 
 from __future__ import annotations
@@ -10,10 +9,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
-import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from catoptra_protocol.wire.dialect import Dialect
@@ -21,10 +20,12 @@ from catoptra_protocol.wire.reports import Greeting
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.world_file import read_world
-from catoptra_server.mailbox import Mailbox
-from catoptra_server.plan.render_plan import plan_from_wish, wished_samples
+from catoptra_server.imaging.drawing import Drawing
+from catoptra_server.imaging.shot import OmniEye
+from catoptra_server.imaging.views import Views
+from catoptra_server.mailbox import Mailboxes
+from catoptra_server.plan.render_plan import wished_samples
 from catoptra_server.render.choice import choose_renderer
-from catoptra_server.render.renderer import View
 from catoptra_server.robot.description import (
     GpsDescription,
     RangeScannerDescription,
@@ -36,11 +37,12 @@ from catoptra_server.robot.description import (
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh, build_scene
 from catoptra_server.sensors.sight import RayCaster
-from catoptra_server.simulation import Clock, Fleet, FrameWanted, Simulation, Stop
+from catoptra_server.simulation import Clock, Fleet, Request, Simulation, Stop
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from catoptra_server.transports.zmq_stream import serve_stream
 from catoptra_server.transports.zmq_stream_facts import facts_of
+from catoptra_server.workers import Worker
 
 log = logging.getLogger(__name__)
 
@@ -61,6 +63,7 @@ class Options:
     threads: int = 0
     clock: Clock = Clock.REALTIME
     seed: int = 0
+    frame_skip: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,30 +103,24 @@ def _report_unknown(file: IniFile) -> None:
 async def serve(options: Options, announce: Callable[[Listening], None]) -> None:
     """Serve until SIGINT or SIGTERM.
 
-    Raises CatoptraError or OSError if it cannot start, and what ended the simulation if that did.
+    Raises CatoptraError or OSError if it cannot start, and what ended one of its threads.
     """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     setup = await asyncio.to_thread(read_setup, options.robots, options.world)
-    simulation_thread = _SimulationThread(setup, options, loop, on_end=stop.set)
-    simulation = await simulation_thread.start()
-    try:
-        await _listen(setup, options, simulation, simulation_thread, announce, stop)
-    finally:
-        await simulation_thread.stop()
+    server = _Server(setup, options, on_failure=stop.set)
+    async with server.running():
+        await _listen(server, announce, stop)
 
 
 async def _listen(
-    setup: Setup,
-    options: Options,
-    simulation: Simulation,
-    thread: _SimulationThread,
-    announce: Callable[[Listening], None],
-    stop: asyncio.Event,
+    server: _Server, announce: Callable[[Listening], None], stop: asyncio.Event
 ) -> None:
     """Keep all ports open until told to stop."""
+    setup, options, mailboxes = server.setup, server.options, server.mailboxes
+    post = server.simulation.post
     greeting = Greeting("BotDeathMatch", setup.world.name)
     async with (
         serve_control(
@@ -131,18 +128,18 @@ async def _listen(
             options.control_port,
             greeting=greeting,
             dialect=options.dialect,
-            post=simulation.post,
+            post=post,
         ) as control,
         serve_images(
-            options.host, options.image_port, mailbox=thread.mailbox, options=options.images
+            options.host, options.image_port, mailboxes=mailboxes, options=options.images
         ) as images,
         serve_stream(
             options.host,
             options.stream_port,
-            mailbox=thread.mailbox,
-            post=simulation.post,
+            mailboxes=mailboxes,
+            post=post,
             facts=facts_of(
-                setup.robots, setup.world, clock=options.clock.value, plans=thread.plans
+                setup.robots, setup.world, clock=options.clock.value, plans=server.plans
             ),
         ) as stream,
     ):
@@ -156,105 +153,83 @@ def _port(server: asyncio.Server) -> int:
     return port
 
 
-class _SimulationThread:
-    """The thread that owns renderer and simulation, from the making of both to their end."""
+class _Server:
+    """Simulation and drawing, each in its thread, and the mailboxes between them and the sockets.
 
-    def __init__(
-        self,
-        setup: Setup,
-        options: Options,
-        loop: asyncio.AbstractEventLoop,
-        *,
-        on_end: Callable[[], None],
-    ) -> None:
-        self._setup = setup
-        self._options = options
-        self._loop = loop
-        self._on_end = on_end
-        self._started: asyncio.Future[Simulation] = loop.create_future()
-        self._simulation: Simulation | None = None
-        self._error: Exception | None = None
+    plans: how each class's omnidirectional camera is drawn, by class name; known once it runs.
+    """
+
+    def __init__(self, setup: Setup, options: Options, *, on_failure: Callable[[], None]) -> None:
+        self.setup = setup
+        self.options = options
         self.plans: dict[str, str] = {}
-        self.mailbox = Mailbox(self._post_frame_wanted, ahead=options.clock is Clock.REALTIME)
-        self._thread = threading.Thread(target=self._main, name="simulation")
+        is_realtime = options.clock is Clock.REALTIME
+        self.mailboxes = Mailboxes(self._post, ahead=is_realtime)
+        drawing = Drawing(self.mailboxes.put)
+        self.simulation = Simulation(
+            _fleet(setup, options),
+            clock=options.clock,
+            draw=drawing.draw if is_realtime else drawing.draw_and_wait,
+            refuse=self.mailboxes.refuse,
+            frame_skip=options.frame_skip,
+        )
+        self._workers = (
+            Worker(
+                "drawing",
+                partial(drawing.run, self._views),
+                stop=drawing.stop,
+                on_failure=on_failure,
+            ),
+            Worker(
+                "simulation",
+                self.simulation.run,
+                stop=partial(self._post, Stop()),
+                on_failure=on_failure,
+            ),
+        )
 
-    def _post_frame_wanted(self, newer_than: int) -> None:
-        if self._simulation is not None:
-            self._simulation.post(FrameWanted(newer_than))
+    def _post(self, request: Request) -> None:
+        self.simulation.post(request)
 
-    async def start(self) -> Simulation:
-        """Start the thread; return once the renderer is ready, or raise why it is not."""
-        self._thread.start()
-        try:
-            self._simulation = await self._started
-        except BaseException:
-            self._thread.join()
-            raise
-        return self._simulation
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Run both threads; what waits for pictures ends before who draws them."""
+        async with AsyncExitStack() as started:
+            for worker in self._workers:
+                await worker.start()
+                started.push_async_callback(worker.stop)
+            yield
 
-    async def stop(self) -> None:
-        """End the simulation and wait for its thread; raise what ended it, if it was not this."""
-        if self._simulation is not None:
-            self._simulation.post(Stop())
-        await asyncio.to_thread(self._thread.join)
-        if self._error is not None:
-            raise self._error
-
-    def _main(self) -> None:
-        try:
-            self._run()
-        # The top of a thread: hand whatever it is to who waits for it, or end the server.
-        except Exception as error:
-            self._loop.call_soon_threadsafe(self._failed, error)
-
-    def _failed(self, error: Exception) -> None:
-        if self._started.done():
-            log.critical("the simulation ended: %s", error)
-            self._error = error
-            self._on_end()
-        else:
-            self._started.set_exception(error)
-
-    def _run(self) -> None:
-        with ExitStack() as cleanup:
-            views = self._views(cleanup)
-            setup, options = self._setup, self._options
-            fleet = Fleet(
-                setup.robots,
-                setup.world,
-                setup.scene,
-                views=views,
-                seed=options.seed,
-                caster=_caster(setup),
-            )
-            simulation = Simulation(fleet, clock=options.clock, put_frame=self.mailbox.put)
-            self._loop.call_soon_threadsafe(self._started.set_result, simulation)
-            simulation.run()
-
-    def _views(self, cleanup: ExitStack) -> dict[str, View]:
-        """Return the view of each class's omni camera, freed with their one renderer."""
-        setup, options = self._setup, self._options
+    def _views(self) -> Views | None:
+        """Return the views of this server, those of each class's omni camera prepared."""
+        setup, options = self.setup, self.options
+        if not any(robot.omni_camera or robot.cameras for robot in setup.robots):
+            log.info("no robot has a camera: nothing will be drawn")
+            return None
         omnis = {r.class_name: r.omni_camera for r in setup.robots if r.omni_camera is not None}
-        if not omnis:
-            log.info("no robot has an omnidirectional camera: nothing will be drawn")
-            return {}
         choice = choose_renderer(
             options.renderer,
             setup.scene,
             setup.world,
             threads=options.threads,
-            samples=max(wished_samples(omni.wish) for omni in omnis.values()),
+            samples=max((wished_samples(omni.wish) for omni in omnis.values()), default=0),
         )
-        cleanup.callback(choice.renderer.close)
         log.info("%s", choice.renderer.describe())
-        views = {}
+        views = Views(choice.renderer, choice.kind, choice.reason)
         for name, omni in omnis.items():
-            plan = plan_from_wish(omni.wish, omni.camera, kind=choice.kind, why=choice.reason)
-            log.info("plan of %s: %s", name, plan)
-            self.plans[name] = str(plan)
-            views[name] = choice.renderer.prepare(omni.camera, plan)
-            cleanup.callback(views[name].close)
+            self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish)))
         return views
+
+
+def _fleet(setup: Setup, options: Options) -> Fleet:
+    return Fleet(
+        setup.robots,
+        setup.world,
+        setup.scene,
+        seed=options.seed,
+        caster=_caster(setup),
+        multi_view=options.images.multi_view,
+    )
 
 
 # What needs rays. A scene that nothing measures is not committed a second time.

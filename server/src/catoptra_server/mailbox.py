@@ -1,4 +1,4 @@
-"""One slot between the drawing thread and the sockets' loop: the newest frame wins.
+"""One slot a channel between the drawing thread and the sockets' loop: the newest frame wins.
 
 The drawing thread puts; coroutines wait for a frame newer than their last one. A frame waits in the
 slot only while it is younger than a tick, or than a new one would take to draw: older than that, a
@@ -11,9 +11,17 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from functools import partial
+from weakref import WeakValueDictionary
 
-from catoptra_server.encode import Frame
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.shot import Channel
+from catoptra_server.simulation import Drawn, FrameWanted, Request
 from catoptra_server.simulation.loop import TICK_S
+
+
+class NothingShownError(Exception):
+    """A channel shows nothing: there is no such robot or camera (any more)."""
 
 
 class Mailbox:
@@ -33,17 +41,23 @@ class Mailbox:
         self._newest: Frame | None = None
         self._arrival: asyncio.Future[Frame] = self._loop.create_future()
 
-    def put(self, frame: Frame) -> None:
-        """Put a frame; called by the drawing thread."""
-        self._loop.call_soon_threadsafe(self._arrived, frame)
-
-    def _arrived(self, frame: Frame) -> None:
+    def arrived(self, frame: Frame) -> None:
+        """Take a frame; who waits gets it."""
         self._newest = frame
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_result(frame)
 
+    def refused(self) -> None:
+        """Disappoint who waits."""
+        self._newest = None
+        waiting, self._arrival = self._arrival, self._loop.create_future()
+        waiting.set_exception(NothingShownError())
+        waiting.exception()  # seen, also where nobody waits
+
     async def newer_than(self, sequence: int) -> Frame:
         """Return a frame that is newer than a sequence number and fresh.
+
+        Raises NothingShownError where there is nothing to show.
 
         When drawing ahead, the next one is asked for at once, so that it is drawn while this one
         travels: a client that keeps asking gets one after the other without a pause.
@@ -63,3 +77,42 @@ class Mailbox:
         # Within one tick a new frame would show the very same world.
         fresh_for_s = max(frame.drawn_s, TICK_S)
         return frame if self._monotonic() - frame.finished_s <= fresh_for_s else None
+
+
+class Mailboxes:
+    """The mailboxes of all channels that somebody watches; one that nobody holds is gone."""
+
+    def __init__(self, post: Callable[[Request], None], *, ahead: bool) -> None:
+        self._post = post
+        self._ahead = ahead
+        self._loop = asyncio.get_running_loop()
+        self._boxes: WeakValueDictionary[Channel, Mailbox] = WeakValueDictionary()
+
+    def of(self, channel: Channel) -> Mailbox:
+        """Return a channel's mailbox."""
+        box = self._boxes.get(channel)
+        if box is None:
+            box = self._boxes[channel] = Mailbox(partial(self._ask, channel), ahead=self._ahead)
+        return box
+
+    def _ask(self, channel: Channel, newer_than: int) -> None:
+        self._post(FrameWanted(newer_than, channel))
+
+    def put(self, frame: Frame) -> None:
+        """Put a frame into its channel's mailbox; called by the drawing thread."""
+        self._post(Drawn(frame.channel))
+        self._loop.call_soon_threadsafe(self._arrived, frame)
+
+    def refuse(self, channel: Channel) -> None:
+        """Disappoint who waits for a channel; called by the simulation thread."""
+        self._loop.call_soon_threadsafe(self._refused, channel)
+
+    def _arrived(self, frame: Frame) -> None:
+        box = self._boxes.get(frame.channel)
+        if box is not None:
+            box.arrived(frame)
+
+    def _refused(self, channel: Channel) -> None:
+        box = self._boxes.get(channel)
+        if box is not None:
+            box.refused()

@@ -20,7 +20,7 @@ from helpers.robots import p2at
 
 def spawned(description: RobotDescription) -> SpawnedRobot:
     pose = PlanarPose(0.0, 0.0, 0.0)
-    return SpawnedRobot(description, pose, name="R", seed=1, time_s=0.0, camera=None)
+    return SpawnedRobot(description, pose, name="R", seed=1, time_s=0.0)
 
 
 @cache

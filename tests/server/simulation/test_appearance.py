@@ -12,7 +12,7 @@ from helpers.robots import p2at
 
 def robot(x_m: float) -> SpawnedRobot:
     place = PlanarPose(x_m, 0.5, 1.0)
-    return SpawnedRobot(p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0, camera=None)
+    return SpawnedRobot(p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
 
 
 def test_bodies_stand_where_their_robots_do():

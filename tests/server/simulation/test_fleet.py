@@ -17,6 +17,7 @@ from catoptra_protocol.wire.commands import (
     Init,
 )
 from catoptra_protocol.wire.reports import (
+    CameraConfiguration,
     Configuration,
     Geometry,
     GroundTruthReading,
@@ -27,21 +28,19 @@ from catoptra_protocol.wire.reports import (
     VehicleStatus,
     line_from_report,
 )
+from catoptra_server.imaging.shot import CameraChannel
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.simulation.fleet import Fleet
-from helpers.robots import CAMERA, FakeClient, FakeView, p2at, walled_world
+from helpers.robots import CAMERA, FakeClient, FakeViews, p2at, shown, walled_world
 
 INIT = Init("USARBot.OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
 
 
-def fleet_of(
-    description: RobotDescription | None = None, *, view: FakeView | None = None, wall_m: float = 50
-) -> Fleet:
+def fleet_of(description: RobotDescription | None = None, *, wall_m: float = 50) -> Fleet:
     world = walled_world(wall_m)
     described = description or p2at()
-    views = {described.class_name: view} if view else {}
-    return Fleet([described], world, build_scene(world), views=views, seed=1)
+    return Fleet([described], world, build_scene(world), seed=1)
 
 
 def spawned(fleet: Fleet, init: Init = INIT) -> FakeClient:
@@ -167,10 +166,10 @@ def test_question_when_nothing_matches_has_the_empty_form(
 
 
 def test_getconf_when_of_the_camera_gives_its_law_back() -> None:
-    fleet = fleet_of(view=FakeView())
+    fleet = fleet_of()
     (configuration,) = answers(fleet, spawned(fleet), GetConf("camera", "OMNICAM"))
-    assert isinstance(configuration, Configuration)
-    camera, height_m = camera_from_pairs(configuration.pairs)
+    assert isinstance(configuration, CameraConfiguration)
+    camera, height_m = camera_from_pairs(configuration.others)
     assert camera.mirror == CAMERA.camera.mirror
     assert height_m == pytest.approx(0.6, abs=1e-12)
 
@@ -218,25 +217,44 @@ def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
 
 
 def test_picture_when_there_is_no_robot_is_black_and_of_the_camera_s_size() -> None:
-    image, name, _ = fleet_of(view=FakeView()).picture()
-    assert (image.rgb.shape, name, image.rgb.any()) == ((6, 8, 3), "", False)
+    frame = shown(fleet_of())
+    assert (frame.rgb.shape, frame.caption.camera, frame.rgb.any()) == ((6, 8, 3), "", False)
 
 
 def test_picture_when_there_are_robots_is_of_the_one_here_longest() -> None:
-    view = FakeView()
-    fleet = fleet_of(view=view)
+    views, fleet = FakeViews(), fleet_of()
     spawned(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
     spawned(fleet)
-    _, name, world_from_robot = fleet.picture()
-    assert name == "OmniCam"
-    assert world_from_robot.translation[:2].tolist() == [1.0, 2.0]
-    viewpoint = view.exposures[0].world_from_mirror.translation
+    is_ = shown(fleet, views).caption
+    assert (is_.camera, is_.robot) == ("OmniCam", "R")
+    assert is_.world_from_robot.translation[:2].tolist() == [1.0, 2.0]
+    viewpoint = views.takes[0].exposure.world_from_mirror.translation
     assert viewpoint == pytest.approx((1.0, 2.0, -0.6))
+
+
+def test_picture_when_a_robot_is_named_is_that_one_s() -> None:
+    fleet = fleet_of()
+    spawned(fleet)
+    spawned(fleet, dataclasses.replace(INIT, name="Other", location_m=(3.0, 2.0, 0.0)))
+    for camera in ("", "OmniCam", "omnicam"):
+        is_ = shown(fleet, channel=CameraChannel("Other", camera)).caption
+        assert (is_.robot, is_.camera, is_.world_from_robot.translation[0]) == (
+            "Other",
+            "OmniCam",
+            3,
+        )
+
+
+@pytest.mark.parametrize("channel", [CameraChannel("Nobody", ""), CameraChannel("R", "Periscope")])
+def test_picture_when_there_is_no_such_robot_or_camera_is_none(channel: CameraChannel) -> None:
+    fleet = fleet_of()
+    spawned(fleet)
+    assert fleet.scenery(channel) is None
 
 
 def test_picture_when_the_robot_has_no_camera_is_black() -> None:
     fleet = fleet_of(p2at(omni_camera=None))
     client = spawned(fleet)
-    image, name, _ = fleet.picture()
-    assert (name, image.rgb.any()) == ("", False)
+    frame = shown(fleet)
+    assert (frame.caption.camera, frame.rgb.any()) == ("", False)
     assert answers(fleet, client, GetConf("Camera")) == [Configuration("Camera")]

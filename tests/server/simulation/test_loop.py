@@ -24,11 +24,22 @@ from catoptra_protocol.wire.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.encode import Frame
+from catoptra_server.imaging.drawing import developed
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.shot import Shot
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.simulation import Asked, Clock, Fleet, FrameWanted, Left, Simulation, Stop
-from helpers.robots import CAMERA, FakeClient, FakeView, noisy_p2at, p2at, walled_world
+from catoptra_server.simulation import (
+    Asked,
+    Clock,
+    Drawn,
+    Fleet,
+    FrameWanted,
+    Left,
+    Simulation,
+    Stop,
+)
+from helpers.robots import CAMERA, FakeClient, FakeView, FakeViews, noisy_p2at, p2at, walled_world
 
 INIT = Init("OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
 
@@ -44,9 +55,17 @@ def simulation_of(
 ) -> Simulation:
     world = walled_world()
     described = description or p2at()
-    views = {described.class_name: view or FakeView()}
-    fleet = Fleet([described], world, build_scene(world), views=views, seed=seed)
-    return Simulation(fleet, clock=clock, put_frame=put_frame, monotonic=monotonic)
+    fleet, views = Fleet([described], world, build_scene(world), seed=seed), FakeViews(view)
+
+    def draw(shot: Shot) -> None:
+        frame = developed(shot, views, monotonic=monotonic)
+        simulation.post(Drawn(shot.channel))
+        put_frame(frame)
+
+    simulation = Simulation(
+        fleet, clock=clock, draw=draw, refuse=lambda channel: None, monotonic=monotonic
+    )
+    return simulation
 
 
 def conversation(
@@ -243,7 +262,7 @@ def test_frame_when_wanted_by_many_is_drawn_once() -> None:
     view, client = FakeView(), FakeClient()
     (frame,) = frames_of(1, Asked(client, INIT), *(5 * [FrameWanted()]), view=view)
     assert len(view.exposures) == 1
-    assert (frame.sequence, frame.camera, frame.time_s) == (1, "OmniCam", 0.0)
+    assert (frame.sequence, frame.caption.camera, frame.time_s) == (1, "OmniCam", 0.0)
     np.testing.assert_array_equal(frame.rgb, 1)
 
 
@@ -252,7 +271,7 @@ def test_frame_when_asked_for_after_a_step_shows_the_new_place() -> None:
     asked = [Asked(client, c) for c in (INIT, Drive(2.0, 2.0), Step(1.0))]
     (frame,) = frames_of(1, *asked, FrameWanted(), view=view)
     assert frame.time_s == 1.0
-    assert frame.world_from_robot.translation[0] == pytest.approx(0.26)
+    assert frame.caption.world_from_robot.translation[0] == pytest.approx(0.26)
 
 
 def test_frame_when_wanted_while_it_is_drawn_is_not_drawn_twice() -> None:

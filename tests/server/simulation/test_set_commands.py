@@ -25,9 +25,7 @@ CAMERA = CameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)
 def driven() -> SpawnedRobot:
     """Return a robot that has gone 0.26 m."""
     description = p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), cameras=(CAMERA,))
-    robot = SpawnedRobot(
-        description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0, camera=None
-    )
+    robot = SpawnedRobot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
     free = obstacles_between(build_scene(walled_world()), low_m=0.03, high_m=1.0)
     robot.obey(Drive(2.0, 2.0), 0.0)
     for tick in range(1, 51):

@@ -31,7 +31,7 @@ TICK_S = 0.02
 
 def spawned(description: RobotDescription | None = None, *, time_s: float = 0.0) -> SpawnedRobot:
     pose = PlanarPose(0.0, 0.0, 0.0)
-    return SpawnedRobot(description or p2at(), pose, name="R", seed=1, time_s=time_s, camera=None)
+    return SpawnedRobot(description or p2at(), pose, name="R", seed=1, time_s=time_s)
 
 
 def driven(robot: SpawnedRobot, ticks: int, *, since: int = 0) -> None:

@@ -37,7 +37,7 @@ CLASSES = (
 
 def fleet_of() -> Fleet:
     world = walled_world()
-    return Fleet(CLASSES, world, build_scene(world), views={}, seed=1)
+    return Fleet(CLASSES, world, build_scene(world), seed=1)
 
 
 def spawned(fleet: Fleet, class_: str, x_m: float, y_m: float = 0.0) -> FakeClient:
@@ -66,7 +66,7 @@ def shipped(seed: int = 1) -> tuple[Fleet, FakeClient]:
     """Return a fleet of the shipped P2AT, noise and all, in walls that Embree measures."""
     world = walled_world(3.0)
     scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
-    fleet = Fleet(robots, world, scene, views={}, seed=seed, caster=EmbreeRayCaster(scene))
+    fleet = Fleet(robots, world, scene, seed=seed, caster=EmbreeRayCaster(scene))
     client = spawned(fleet, "P2AT", 0.0)
     fleet.obey(client, Drive(2.0, 2.0), 0.0)
     run(fleet, 2.0)

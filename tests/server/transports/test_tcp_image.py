@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from catoptra_client.images import rgb_from_wire
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.image import ImageFrameReader, ImageType, WireFrame
-from catoptra_server.encode import Frame
-from catoptra_server.mailbox import Mailbox
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.mailbox import Mailboxes
+from catoptra_server.simulation import FrameWanted, Request
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from helpers.loopback import HOST, connect, connect_deaf, play, reset
 
@@ -26,25 +26,25 @@ class Camera:
 
     def __init__(self, width: int = 8, height: int = 6) -> None:
         self.drawn = 0
-        self.mailbox: Mailbox | None = None
+        self.mailboxes: Mailboxes | None = None
         self._shape = (height, width, 3)
 
-    def ask(self, newer_than: int) -> None:
+    def post(self, request: Request) -> None:
+        if not isinstance(request, FrameWanted):
+            return
         self.drawn += 1
         rgb = np.full(self._shape, self.drawn % 256, dtype=np.uint8)
         rgb[0, 0] = (10, 20, 30)
-        assert self.mailbox is not None
-        self.mailbox.put(
-            Frame(self.drawn, "", 0.0, Pose.identity(), rgb, {}, drawn_s=0.0, finished_s=0.0)
-        )
+        assert self.mailboxes is not None
+        self.mailboxes.put(Frame(self.drawn, 0.0, rgb, 0.0, 0.0, channel=request.channel))
 
 
 @asynccontextmanager
 async def serving(
     camera: Camera, options: ImageOptions = RAW, *, ahead: bool = False
 ) -> AsyncIterator[asyncio.Server]:
-    camera.mailbox = Mailbox(camera.ask, ahead=ahead)
-    async with serve_images(HOST, 0, mailbox=camera.mailbox, options=options) as server:
+    camera.mailboxes = Mailboxes(camera.post, ahead=ahead)
+    async with serve_images(HOST, 0, mailboxes=camera.mailboxes, options=options) as server:
         yield server
 
 

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 
+from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective
 from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.wire.configurations import Tile as WireTile
 from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
+from catoptra_server.imaging.multi_view import Tile
+from catoptra_server.imaging.shot import Take
+from catoptra_server.render.renderer import Exposure
 from catoptra_server.robot.description import CameraDescription, RobotDescription
+from catoptra_server.scene.bodies import Body
 
 
 class PerspectiveCameraSensor:
-    """One robot's camera; it looks along x from where its mount carries it."""
+    """One robot's camera; it looks along x from where its mount carries it.
+
+    tile: its place in a multi-view, where there is one.
+    """
 
     type = "Camera"
 
     def __init__(self, description: CameraDescription, robot: RobotDescription) -> None:
         self.name = description.name
         self.description = description
+        self.tile: Tile | None = None
         self._robot = robot
         self.fov_rad = description.fov_rad
 
@@ -33,8 +45,39 @@ class PerspectiveCameraSensor:
         mount = self.description.mount
         return self._robot.robot_from_part(mount.parent, joints) @ mount.parent_from_item()
 
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return width and height of its own picture."""
+        return self.description.width_px, self.description.height_px
+
+    @property
+    def frame_interval_s(self) -> float:
+        """Return 0: it is drawn as fast as it can be."""
+        return 0.0
+
+    def camera_in(self, tile: Tile | None) -> PerspectiveCamera:
+        """Return the camera at a tile's size; at its own without one."""
+        width, height = (tile.width_px, tile.height_px) if tile else self.size_px
+        return PerspectiveCamera(width, height, self.fov_rad)
+
+    def take(
+        self,
+        world_from_robot: Pose,
+        bodies: tuple[Body, ...] = (),
+        *,
+        joints: Mapping[str, float],
+        tile: Tile | None = None,
+    ) -> Take:
+        """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
+        exposure = Exposure(world_from_robot @ self.robot_from_camera(joints), bodies)
+        return Take(self.camera_in(tile), exposure)
+
+    def law(self, tile: Tile | None = None) -> Pairs:
+        """Return the camera law, enough to give every pixel its direction."""
+        return pairs_from_perspective(self.camera_in(tile))
+
     def configuration(self) -> CameraConfiguration:
-        """Return its fields of view; without a tile: that is the image server's to give."""
+        """Return its fields of view, and its tile if it has one."""
         is_ = self.description
         return CameraConfiguration(
             name=self.name,
@@ -42,6 +85,7 @@ class PerspectiveCameraSensor:
             min_fov_deg=math.degrees(is_.min_fov_rad),
             max_fov_deg=math.degrees(is_.max_fov_rad),
             fov_deg=math.degrees(self.fov_rad),
+            tile=WireTile(*dataclasses.astuple(self.tile)) if self.tile else None,
         )
 
     def geometry(self) -> GeometryItem:

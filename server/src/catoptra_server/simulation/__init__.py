@@ -8,6 +8,7 @@ from catoptra_server.simulation.loop import Clock, Simulation
 from catoptra_server.simulation.requests import (
     Asked,
     Client,
+    Drawn,
     FrameWanted,
     Left,
     Request,
@@ -18,6 +19,7 @@ __all__ = [
     "Asked",
     "Client",
     "Clock",
+    "Drawn",
     "Fleet",
     "FrameWanted",
     "Left",

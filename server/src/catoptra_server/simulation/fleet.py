@@ -1,14 +1,11 @@
-"""All robots that are alive, one for each client: spawning, commands, motion, pictures."""
+"""All robots that are alive, one for each client: spawning, commands, motion, what is shown."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.commands import (
     Command,
     Drive,
@@ -23,16 +20,18 @@ from catoptra_protocol.wire.commands import (
     SetViewports,
 )
 from catoptra_protocol.wire.reports import Report, StartPose, StartPoses
-from catoptra_server.render.renderer import RenderedImage, View
+from catoptra_server.imaging.multi_view import TileLayout
+from catoptra_server.imaging.shot import CameraChannel, Channel, Scenery, ScreenChannel
 from catoptra_server.robot.description import RobotDescription
+from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
 from catoptra_server.simulation.answers import configurations, geometries
 from catoptra_server.simulation.appearance import Appearance
 from catoptra_server.simulation.requests import Client
+from catoptra_server.simulation.screen import Screen, own_scenery, watched
 from catoptra_server.simulation.set_commands import obey_set
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 from catoptra_server.simulation.spawning import class_named, free_name, spawn_pose
@@ -40,13 +39,14 @@ from catoptra_server.simulation.traffic import Traffic
 
 log = logging.getLogger(__name__)
 
-_BLACK_PX = (360, 360)
+# Width and height of the screen of robots without an omnidirectional camera, while none is there.
+_BLACK_PX = (320, 240)
 
 
 class Fleet:
     """The robots of one world, of one or several classes. Only the simulation thread may call it.
 
-    views: of the omni camera of each class that has one, by class name.
+    multi_view: the screen's tiles; None: the screen shows one robot's viewports.
     """
 
     def __init__(
@@ -55,34 +55,22 @@ class Fleet:
         world: World,
         scene: SceneMesh,
         *,
-        views: Mapping[str, View],
         seed: int,
         caster: RayCaster | None = None,
+        multi_view: TileLayout | None = None,
     ) -> None:
         self._classes = tuple(descriptions)
         self._world = world
-        self._views = views
         self._seed = seed
         self._caster = caster or Nothing()
         self._robots: dict[Client, SpawnedRobot] = {}
         self._traffic = Traffic(scene, self._classes)
         self._appearance = Appearance(self._classes)
-
-    @property
-    def frame_interval_s(self) -> float:
-        """Return the shortest time between two exposures of the watched camera."""
-        watched = self.watched()
-        described = [watched.description] if watched else self._classes
-        cameras = [d.omni_camera for d in described if d.omni_camera]
-        return cameras[0].frame_interval_s if cameras else 0.0
+        self._screen = Screen(multi_view, black_px=_black_px(self._classes))
 
     def robot_of(self, client: Client) -> SpawnedRobot | None:
         """Return a client's robot, if it has one."""
         return self._robots.get(client)
-
-    def watched(self) -> SpawnedRobot | None:
-        """Return the robot whose camera is watched: the one with a camera here longest."""
-        return next((r for r in self._robots.values() if r.camera is not None), None)
 
     def others(self, except_robot: SpawnedRobot | None) -> list[SpawnedRobot]:
         """Return all robots but one: those that its cameras see."""
@@ -97,6 +85,7 @@ class Fleet:
         robot = self._robots.pop(client, None)
         if robot is not None:
             self._traffic.forget(robot)
+            self._screen.forget(robot)
             log.info("robot %s left", robot.name)
 
     def obey(self, client: Client, command: Command, time_s: float) -> None:
@@ -150,20 +139,12 @@ class Fleet:
         name = free_name(
             init.name or description.model_name, {r.name for r in self._robots.values()}
         )
-        camera = self._camera(description)
-        robot = SpawnedRobot(
-            description, pose, name=name, seed=self._seed, time_s=time_s, camera=camera
-        )
+        robot = SpawnedRobot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
+        self._screen.welcome(robot)
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
-        client.deliver(robot.due_readings(time_s, partial(self.look, robot)))
-
-    def _camera(self, description: RobotDescription) -> OmniCameraSensor | None:
-        view = self._views.get(description.class_name)
-        if description.omni_camera is None or view is None:
-            return None
-        height_m = description.viewpoint_height_m
-        return OmniCameraSensor(description.omni_camera, view, viewpoint_height_m=height_m)
+        tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
+        client.deliver([*robot.due_readings(time_s, partial(self.look, robot)), *tiled])
 
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
@@ -200,19 +181,29 @@ class Fleet:
             if reports:
                 client.deliver(reports)
 
-    def picture(self) -> tuple[RenderedImage, str, Pose]:
-        """Return the picture of the watched camera, its name, and world_from_robot.
+    def scenery(self, channel: Channel) -> Scenery | None:
+        """Return what a channel shows now; None: no such robot or camera."""
+        robots = list(self._robots.values())
+        match channel:
+            case ScreenChannel(tile):
+                return self._screen.scenery(robots, self._bodies_of, tile=tile)
+            case CameraChannel(name, camera_name):
+                robot = _named(robots, name)
+                camera = robot and robot.camera_named(camera_name)
+                return own_scenery(robot, camera, self._bodies_of) if robot and camera else None
 
-        Without a camera the picture is black, as USARSim's is before a robot comes.
-        """
-        robot = self.watched()
-        if robot is None or robot.camera is None:
-            return self._black(), "", Pose.identity()
-        pose = robot.world_from_robot
-        seen = self._appearance.bodies(self.others(robot))
-        return robot.camera.expose(pose, seen), robot.camera.name, pose
+    def _bodies_of(self, robot: SpawnedRobot) -> tuple[Body, ...]:
+        return self._appearance.bodies(self.others(robot))
 
-    def _black(self) -> RenderedImage:
-        cameras = [d.omni_camera.camera for d in self._classes if d.omni_camera]
-        size = (cameras[0].height_px, cameras[0].width_px) if cameras else _BLACK_PX
-        return RenderedImage(np.zeros((*size, 3), dtype=np.uint8), {})
+
+def _named(robots: Sequence[SpawnedRobot], name: str) -> SpawnedRobot | None:
+    """Return a robot by its name; by an empty one the robot that is watched."""
+    if not name:
+        return watched(robots)
+    return next((robot for robot in robots if robot.name == name), None)
+
+
+def _black_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
+    """Return width and height of the screen before there is a robot."""
+    cameras = [d.omni_camera.camera for d in classes if d.omni_camera]
+    return (cameras[0].width_px, cameras[0].height_px) if cameras else _BLACK_PX

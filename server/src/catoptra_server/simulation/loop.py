@@ -1,15 +1,14 @@
-"""The simulation: one thread that owns the clock, the robots and the renderer.
+"""The simulation: one thread that owns the clock and the robots.
 
-Others talk to it by posting requests; it answers by calling `Client` methods and by putting frames.
-A camera that nobody asked is not drawn. Time runs in ticks of fixed length: with the wall clock
-(realtime), or only when a client asks for a step (lockstep), and then the same seed and commands
-give the same bytes.
+Others talk to it by posting requests; it answers by calling `Client` methods and by handing over
+shots to be drawn elsewhere. A camera that nobody asked is not drawn. Time runs in ticks of fixed
+length: with the wall clock (realtime), or only when a client asks for a step (lockstep), and then
+the same seed and commands give the same bytes.
 """
 
 from __future__ import annotations
 
 import logging
-import math
 import queue
 import time
 from collections.abc import Callable
@@ -17,11 +16,13 @@ from enum import Enum
 
 from catoptra_protocol.wire.commands import Step
 from catoptra_protocol.wire.reports import Report, Result
-from catoptra_server.encode import Frame
+from catoptra_server.imaging.shot import Channel, Scenery, ScreenChannel, Shot
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.reels import Reel, Reels
 from catoptra_server.simulation.requests import (
     Asked,
     Client,
+    Drawn,
     FrameWanted,
     Left,
     Request,
@@ -49,26 +50,32 @@ class Clock(Enum):
 
 
 class Simulation:
-    """The loop of the simulation thread; only `post` may be called by others."""
+    """The loop of the simulation thread; only `post` may be called by others.
+
+    draw: takes a shot; whoever draws it posts Drawn. refuse: told of a channel that shows nothing.
+    frame_skip: the screen is exposed at most every so many ticks of the wall clock.
+    """
 
     def __init__(
         self,
         fleet: Fleet,
         *,
         clock: Clock,
-        put_frame: Callable[[Frame], None],
+        draw: Callable[[Shot], object],
+        refuse: Callable[[Channel], None],
+        frame_skip: int = 1,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._fleet = fleet
         self._clock = clock
-        self._put_frame = put_frame
+        self._draw = draw
+        self._refuse = refuse
+        self._skip_s = frame_skip * TICK_S if frame_skip > 1 else 0.0
         self._monotonic = monotonic
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._time_ns = 0
         self._started_s = 0.0
-        self._frame_wanted = False
-        self._sequence = 0
-        self._last_exposure_s = -math.inf
+        self._reels = Reels()
 
     @property
     def _time_s(self) -> float:
@@ -79,19 +86,20 @@ class Simulation:
         """Hand over a request; from any thread."""
         self._requests.put(request)
 
-    def run(self) -> None:
-        """Serve requests and let time pass, until Stop."""
+    def run(self, ready: Callable[[], None] = lambda: None) -> None:
+        """Say that it is ready, serve requests and let time pass, until Stop."""
+        ready()
         self._started_s = self._monotonic()
         while True:
             for request in self._next_requests():
                 if isinstance(request, Stop):
-                    log.info("drew %d frames in %.1f s", self._sequence, self._time_s)
+                    log.info("%d shots in %.1f s", self._reels.total(), self._time_s)
                     return
                 self._serve(request)
             if self._clock is Clock.REALTIME:
                 self._catch_up()
-            if self._frame_wanted and self._camera_is_due():
-                self._expose()
+            for channel, reel in self._reels.due(self._time_s):
+                self._expose(channel, reel)
 
     def _next_requests(self) -> list[Request]:
         """Return all requests that wait; block until the next tick if there is none."""
@@ -105,10 +113,8 @@ class Simulation:
 
     def _idle_s(self) -> float | None:
         if self._clock is Clock.LOCKSTEP:
-            return None if not self._frame_wanted else 0.0
-        until_tick = self._started_s + self._time_s + TICK_S - self._monotonic()
-        due_now = self._frame_wanted and self._camera_is_due()
-        return 0.0 if due_now else max(0.0, until_tick)
+            return None  # whatever was due is exposed
+        return max(0.0, self._started_s + self._time_s + TICK_S - self._monotonic())
 
     def _serve(self, request: Request) -> None:
         match request:
@@ -118,8 +124,10 @@ class Simulation:
                 self._fleet.obey(client, command, self._time_s)
             case Left(client):
                 self._fleet.remove(client)
-            case FrameWanted(newer_than):
-                self._frame_wanted |= self._sequence <= newer_than
+            case FrameWanted(newer_than, channel):
+                self._reels.want(channel, newer_than)
+            case Drawn(channel):
+                self._reels.drawn(channel)
 
     def _step(self, client: Client, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the answer ends with the client's sensors and RES."""
@@ -151,32 +159,18 @@ class Simulation:
         self._fleet.move(duration_ns / _NS_PER_S, self._time_s)
         self._fleet.report_due(self._time_s)
 
-    def _camera_is_due(self) -> bool:
-        interval = self._fleet.frame_interval_s
-        return (
-            self._clock is Clock.LOCKSTEP or self._time_s >= self._last_exposure_s + interval - 1e-9
-        )
+    def _expose(self, channel: Channel, reel: Reel) -> None:
+        """Capture what a channel shows now and have it drawn."""
+        scenery = self._fleet.scenery(channel)
+        if scenery is None:
+            self._reels.forget(channel)
+            self._refuse(channel)
+            return
+        sequence = reel.expose(self._time_s, interval_s=self._interval_s(channel, scenery))
+        self._draw(Shot(channel, sequence, self._time_s, self._monotonic(), scenery))
 
-    def _expose(self) -> None:
-        """Draw the watched camera and put the frame."""
-        self._frame_wanted = False
-        self._last_exposure_s = self._time_s
-        self._sequence += 1
-        begin = self._monotonic()
-        image, name, pose = self._fleet.picture()
-        end = self._monotonic()
-        watched = self._fleet.watched()
-        self._put_frame(
-            Frame(
-                sequence=self._sequence,
-                camera=name,
-                time_s=self._time_s,
-                world_from_robot=pose,
-                rgb=image.rgb,
-                stage_ms=image.stage_ms,
-                drawn_s=end - begin,
-                finished_s=end,
-                robot=watched.name if watched else "",
-                class_name=watched.description.class_name if watched else "",
-            )
-        )
+    def _interval_s(self, channel: Channel, scenery: Scenery) -> float:
+        if self._clock is Clock.LOCKSTEP:
+            return 0.0
+        on_screen = isinstance(channel, ScreenChannel)
+        return max(scenery.interval_s, self._skip_s if on_screen else 0.0)

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from catoptra_protocol.wire.commands import Command
 from catoptra_protocol.wire.reports import Report
+from catoptra_server.imaging.shot import SCREEN, Channel
 
 
 class Client(Protocol):
@@ -38,9 +39,17 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class FrameWanted:
-    """Somebody waits for a frame with a larger sequence number; one that is drawn will do."""
+    """Somebody waits for a channel's frame with a larger sequence number; one drawn will do."""
 
     newer_than: float = math.inf
+    channel: Channel = SCREEN
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A channel's shot has become a frame: the next one may be taken."""
+
+    channel: Channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,4 +57,4 @@ class Stop:
     """End the simulation."""
 
 
-Request = Asked | Left | FrameWanted | Stop
+Request = Asked | Left | FrameWanted | Drawn | Stop

@@ -21,6 +21,7 @@ from catoptra_server.robot.skid_steer import WheelSpin
 from catoptra_server.scene.obstacles import Obstacles
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors import Moment, Move, Part, Sensor, build_sensors
+from catoptra_server.sensors.camera import Camera
 from catoptra_server.sensors.mission_package import MissionPackage
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
@@ -35,7 +36,10 @@ _FLOOR = "slip"
 
 
 class SpawnedRobot:
-    """A robot of one client. Its random numbers depend on the seed and its name alone."""
+    """A robot of one client. Its random numbers depend on the seed and its name alone.
+
+    view: the tile of its first camera in a multi-view, -1 without.
+    """
 
     def __init__(
         self,
@@ -45,11 +49,10 @@ class SpawnedRobot:
         name: str,
         seed: int,
         time_s: float,
-        camera: OmniCameraSensor | None,
     ) -> None:
         self.name = name
         self.description = description
-        self.camera = camera
+        self.camera = _omni_camera(description)
         self.cameras = [PerspectiveCameraSensor(c, description) for c in description.cameras]
         self.packages = [MissionPackage(package) for package in description.packages]
         parts = description.joint_parts
@@ -65,8 +68,8 @@ class SpawnedRobot:
         self._schedule = Schedule([*intervals, description.status_interval_s], time_s)
         self._battery_ends_s = time_s + description.battery_s
         self._light = False
-        omni = [camera.name] if camera else []
-        self.viewports = Viewports([*omni, *(c.name for c in self.cameras)])
+        self.viewports = Viewports([camera.name for camera in self.all_cameras])
+        self.view = -1
 
     @property
     def world_from_robot(self) -> Pose:
@@ -83,6 +86,16 @@ class SpawnedRobot:
         """Return the body as others see and touch it: a box that stands on the floor."""
         size_m = self.description.drive.body_m
         return OrientedBox(self._body.pose.at_height(0.5 * size_m[2]), size_m)
+
+    @property
+    def all_cameras(self) -> list[Camera]:
+        """Return its cameras, the omnidirectional one first."""
+        return [*([self.camera] if self.camera else []), *self.cameras]
+
+    def camera_named(self, name: str) -> Camera | None:
+        """Return a camera by its name in any case, if it has it; the first by an empty name."""
+        named = (c for c in self.all_cameras if name.lower() in ("", c.name.lower()))
+        return next(named, None)
 
     @property
     def joints(self) -> dict[str, float]:
@@ -159,13 +172,12 @@ class SpawnedRobot:
     def _status(self, time_s: float) -> VehicleStatus:
         left_s = max(0, int(self._battery_ends_s - time_s))
         joints = tuple(joint for chain in self._joint_parts for joint in chain.named_angles())
-        return VehicleStatus(time_s, left_s, light=self._light, joints=joints)
+        return VehicleStatus(time_s, left_s, light=self._light, view=self.view, joints=joints)
 
     def parts(self, type_: str) -> list[Part]:
         """Return all parts of a type, in any case, in the order of their reports."""
-        omni: list[Part] = [self.camera] if self.camera else []
         reporting = (part for sensor in self.sensors for part in sensor.parts)
-        parts: list[Part] = [*reporting, *omni, *self.cameras, *self.packages]
+        parts: list[Part] = [*reporting, *self.all_cameras, *self.packages]
         return [part for part in parts if part.type.lower() == type_.lower()]
 
     def own_configuration(self) -> VehicleConfiguration:
@@ -189,6 +201,13 @@ class SpawnedRobot:
             wheel_separation_m=drive.wheel_separation_m,
             wheel_base_m=drive.wheel_base_m,
         )
+
+
+def _omni_camera(description: RobotDescription) -> OmniCameraSensor | None:
+    omni = description.omni_camera
+    if omni is None:
+        return None
+    return OmniCameraSensor(omni, viewpoint_height_m=description.viewpoint_height_m)
 
 
 def _numbers_of(part: str) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from catoptra_protocol.wire.commands import SetViewports
 from catoptra_protocol.wire.reports import Viewport, ViewportsResult
 from catoptra_protocol.wire.results import DISABLED, FAILED, MISSING, OK, VIEWPORTS
+from catoptra_server.imaging.multi_view import ViewportConfig
 
-_CONFIGS = ("SingleView", "QuadView")
+_CONFIGS = tuple(config.value for config in ViewportConfig)
 # How clients switch a viewport off.
 _OFF = ("disable", "disabled", "none")
 
@@ -24,6 +25,16 @@ class Viewports:
         self._config = _CONFIGS[0]
         first = [Viewport(name) for name in self._cameras[:1]]
         self._viewports = (*first, *[Viewport()] * (VIEWPORTS - len(first)))
+
+    @property
+    def config(self) -> ViewportConfig:
+        """Return how the picture is divided."""
+        return ViewportConfig(self._config)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Return the camera of each viewport by name; one that shows none has another word."""
+        return tuple(viewport.camera for viewport in self._viewports)
 
     def obey(self, command: SetViewports, time_s: float) -> ViewportsResult:
         """Take over what is named; a viewport that is not named stays as it is."""

@@ -35,7 +35,7 @@ from catoptra_protocol.wire.stream_requests import (
     AskStatus,
     Request,
 )
-from catoptra_server.mailbox import Mailbox
+from catoptra_server.mailbox import Mailboxes
 from catoptra_server.simulation import Request as SimulationRequest
 from catoptra_server.transports.zmq_stream_facts import StreamFacts, placement
 from catoptra_server.transports.zmq_stream_frames import FrameSlot
@@ -59,11 +59,11 @@ class StreamServer:
         host: str,
         port: int,
         *,
-        mailbox: Mailbox,
+        mailboxes: Mailboxes,
         post: Callable[[SimulationRequest], None],
         facts: StreamFacts,
     ) -> None:
-        self._mailbox = mailbox
+        self._mailboxes = mailboxes
         self._post = post
         self._facts = facts
         self._peers: dict[bytes, StreamPeer] = {}
@@ -125,7 +125,7 @@ class StreamServer:
         def send(parts: list[bytes]) -> Sent:
             return self._send(identity, parts)
 
-        slot = FrameSlot(send, self._mailbox, self._facts.cameras)
+        slot = FrameSlot(send, self._mailboxes)
         peer = self._peers[identity] = StreamPeer(send, self._post, slot)
         log.info("stream client %s came", identity.hex())
         return peer
@@ -174,12 +174,12 @@ async def serve_stream(
     host: str,
     port: int,
     *,
-    mailbox: Mailbox,
+    mailboxes: Mailboxes,
     post: Callable[[SimulationRequest], None],
     facts: StreamFacts,
 ) -> AsyncIterator[StreamServer]:
     """Listen for clients of the stream until the block ends. Raises OSError without the port."""
-    server = StreamServer(host, port, mailbox=mailbox, post=post, facts=facts)
+    server = StreamServer(host, port, mailboxes=mailboxes, post=post, facts=facts)
     pulses = asyncio.create_task(_pulses(server))
     try:
         yield server

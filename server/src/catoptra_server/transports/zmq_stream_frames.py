@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from catoptra_protocol.wire.stream import SCHEMA_VERSION, bytes_from_message
 from catoptra_protocol.wire.stream_answers import FrameHeader, Refused
 from catoptra_protocol.wire.stream_requests import AskFrame
-from catoptra_server.encode import Frame
-from catoptra_server.mailbox import Mailbox
-from catoptra_server.transports.zmq_stream_facts import CameraFacts, CameraKey, placement
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel
+from catoptra_server.mailbox import Mailbox, Mailboxes, NothingShownError
+from catoptra_server.transports.zmq_stream_facts import placement
 from catoptra_server.transports.zmq_stream_socket import Sent
 
 Send = Callable[[list[bytes]], Sent]
+
+# Channels whose last frame a subscriber is remembered by; one more, and the first counts anew.
+_REMEMBERED_CHANNELS = 8
 
 
 class FrameSlot:
@@ -26,19 +30,18 @@ class FrameSlot:
     def __init__(
         self,
         send: Send,
-        mailbox: Mailbox,
-        cameras: Mapping[CameraKey, CameraFacts],
+        mailboxes: Mailboxes,
         *,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._send = send
-        self._mailbox = mailbox
-        self._cameras = cameras
+        self._mailboxes = mailboxes
         self._monotonic = monotonic
         self._task: asyncio.Task[None] | None = None
         self._asked: AskFrame | None = None
+        self._channel: Channel = SCREEN
+        self._watched: dict[Channel, tuple[Mailbox, int]] = {}  # the last sent at the end
         self._last_id = 0
-        self._last_sequence = 0
         self.sent = 0
         self.missed = 0
         self.dropped = 0
@@ -49,28 +52,43 @@ class FrameSlot:
             return
         self._last_id = request.id
         self._asked = request
+        channel = _channel(request)
+        if channel != self._channel:
+            self.close()
+        self._channel = channel
         if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._serve())
+            self._task = asyncio.create_task(self._serve(channel))
 
     def close(self) -> None:
-        """Forget what was asked."""
+        """Wait no longer for what was asked."""
         if self._task is not None:
             self._task.cancel()
+            self._task = None
 
-    async def _serve(self) -> None:
+    async def _serve(self, channel: Channel) -> None:
+        """Answer what is asked of one channel, until nothing is."""
         while self._asked is not None:
-            frame = await self._mailbox.newer_than(self._last_sequence)
-            request, self._asked = self._asked, None
-            if request.robot not in ("", frame.robot) or request.camera not in ("", frame.camera):
-                self._send([bytes_from_message(_other_camera(request, frame))])
+            mailbox, last = self._watched.pop(channel, (self._mailboxes.of(channel), 0))
+            try:
+                frame = await mailbox.newer_than(last)
+            except NothingShownError:
+                request, self._asked = self._asked, None
+                self._send([bytes_from_message(_nothing_shown(request))])
                 continue
+            request, self._asked = self._asked, None
             payload = await asyncio.to_thread(frame.payload, request.encoding)
-            self._send_frame(frame, request, payload)
+            self._watch(channel, mailbox, frame.sequence)
+            self._send_frame(frame, request, payload, last=last)
 
-    def _send_frame(self, frame: Frame, request: AskFrame, payload: bytes) -> None:
-        if self._last_sequence:
-            self.missed += frame.sequence - self._last_sequence - 1
-        self._last_sequence = frame.sequence
+    def _watch(self, channel: Channel, mailbox: Mailbox, sequence: int) -> None:
+        """Remember what was sent of a channel, and of a few others: who looks about, comes back."""
+        while len(self._watched) >= _REMEMBERED_CHANNELS:
+            self._watched.pop(next(iter(self._watched)))
+        self._watched[channel] = (mailbox, sequence)
+
+    def _send_frame(self, frame: Frame, request: AskFrame, payload: bytes, *, last: int) -> None:
+        if last:  # a robot that came anew under its old name begins to count anew
+            self.missed += max(0, frame.sequence - last - 1)
         header = self._header(frame, request)
         if self._send([bytes_from_message(header), payload]) is Sent.YES:
             self.sent += 1
@@ -79,34 +97,38 @@ class FrameSlot:
             self._last_id = 0  # it may ask again for what it did not take
 
     def _header(self, frame: Frame, request: AskFrame) -> FrameHeader:
-        facts = self._cameras.get((frame.class_name, frame.camera))
+        is_, mount = frame.caption, frame.caption.robot_from_camera
         height_px, width_px = frame.rgb.shape[:2]
         return FrameHeader(
             version=SCHEMA_VERSION,
             id=request.id,
-            robot=frame.robot,
-            class_name=frame.class_name,
-            camera=frame.camera,
+            robot=is_.robot,
+            class_name=is_.class_name,
+            camera=is_.camera,
             sequence=frame.sequence,
             time_s=frame.time_s,
-            world_from_robot=placement(frame.world_from_robot),
-            robot_from_mirror=placement(facts.robot_from_mirror) if facts else None,
-            camera_law=dict(facts.law) if facts else None,
-            plan=frame.plan or (facts.plan if facts else None),
+            world_from_robot=placement(is_.world_from_robot),
+            robot_from_mirror=placement(mount) if mount else None,
+            camera_law=dict(is_.law) if is_.law else None,
+            plan=frame.plan,
             error_bound_px=frame.error_bound_px,
             stage_ms={name: float(value) for name, value in frame.stage_ms.items()},
             encoding=request.encoding,
             width_px=width_px,
             height_px=height_px,
-            age_s=self._monotonic() - (frame.finished_s - frame.drawn_s),
+            age_s=self._monotonic() - frame.exposed_s,
             missed=self.missed,
             dropped=self.dropped,
         )
 
 
-def _other_camera(request: AskFrame, frame: Frame) -> Refused:
-    shown = f"{frame.camera!r} of robot {frame.robot!r}" if frame.robot else "none: no robot"
-    return Refused(
-        request.id,
-        f"no camera {request.camera!r} of robot {request.robot!r} is shown; shown is {shown}",
-    )
+def _channel(request: AskFrame) -> Channel:
+    """Return what to draw: what the screen shows, unless somebody's camera is named."""
+    named = request.robot or request.camera
+    return CameraChannel(request.robot, request.camera) if named else SCREEN
+
+
+def _nothing_shown(request: AskFrame) -> Refused:
+    robot = f"robot {request.robot!r}" if request.robot else "the robot on the screen"
+    camera = f"camera {request.camera!r}" if request.camera else "camera"
+    return Refused(request.id, f"there is no {camera} of {robot}")

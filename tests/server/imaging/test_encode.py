@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import struct
-import threading
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from catoptra_client.images import rgb_from_wire
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.image import ImageType, WireFrame
-from catoptra_server import encode
-from catoptra_server.encode import Frame, cropped, encoded_payload
+from catoptra_server.imaging.encode import cropped, encoded_payload
 
 JPEGS = [t for t in ImageType if t is not ImageType.RAW]
 
@@ -23,10 +20,6 @@ def picture(width: int, height: int) -> npt.NDArray[np.uint8]:
     v, u = np.mgrid[:height, :width]
     rgb = np.stack((u * 255 // max(width - 1, 1), v * 255 // max(height - 1, 1), (u + v) % 256), -1)
     return rgb.astype(np.uint8)
-
-
-def frame_of(rgb: npt.NDArray[np.uint8]) -> Frame:
-    return Frame(1, "OmniCam", 0.0, Pose.identity(), rgb, {}, drawn_s=0.0, finished_s=0.0)
 
 
 def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
@@ -58,26 +51,6 @@ def test_jpeg_when_of_better_quality_is_larger() -> None:
     sizes = [len(encoded_payload(noise, image_type)) for image_type in JPEGS]
     assert sizes == sorted(sizes, reverse=True)
     assert len(set(sizes)) == len(JPEGS)
-
-
-def test_payload_when_asked_for_by_threads_at_once_is_encoded_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    calls: list[ImageType] = []
-
-    def counted(rgb: npt.NDArray[np.uint8], image_type: ImageType) -> bytes:
-        calls.append(image_type)
-        return b"payload"
-
-    monkeypatch.setattr(encode, "encoded_payload", counted)
-    frame = frame_of(picture(4, 4))
-    threads = [threading.Thread(target=frame.payload, args=(ImageType.RAW,)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    frame.payload(ImageType.BAD)
-    assert calls == [ImageType.RAW, ImageType.BAD]
 
 
 @pytest.mark.parametrize(

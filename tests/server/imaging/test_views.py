@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.render.perspective_views import PerspectiveViews
+from catoptra_server.imaging.shot import OmniEye, Take
+from catoptra_server.imaging.views import Views
+from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 from catoptra_server.render.renderer import Exposure, RenderedImage
+from helpers.robots import CAMERA
 
 HERE = Exposure(Pose.identity())
 
@@ -24,9 +28,16 @@ class CountingRenderer:
         self.log.append(f"prepare {camera.width_px}")
         return CountingView(self.log, camera)
 
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        self.log.append(f"prepare omni {camera.width_px}")
+        return CountingView(self.log, camera)
+
+    def close(self) -> None:
+        self.log.append("close renderer")
+
 
 class CountingView:
-    def __init__(self, log: list[str], camera: PerspectiveCamera) -> None:
+    def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
         self._log, self._camera = log, camera
 
     def draw(self, exposure: Exposure) -> RenderedImage:
@@ -37,13 +48,13 @@ class CountingView:
         self._log.append(f"close {self._camera.width_px}")
 
 
-def views_of(renderer: Any, *, capacity: int = 16) -> PerspectiveViews:
-    return PerspectiveViews(renderer, 2, capacity=capacity)
+def views_of(renderer: Any, *, capacity: int = 16) -> Views:
+    return Views(renderer, RendererKind.TRACE, "test", capacity=capacity)
 
 
-def draw(views: PerspectiveViews, *widths: int) -> None:
+def draw(views: Views, *widths: int) -> None:
     for width in widths:
-        views.draw(PerspectiveCamera(width, 10, 1.0), HERE)
+        views.draw(Take(PerspectiveCamera(width, 10, 1.0), HERE))
 
 
 def test_nothing_is_prepared_before_it_is_drawn() -> None:
@@ -71,5 +82,13 @@ def test_close_frees_all() -> None:
     views = views_of(renderer)
     draw(views, 20, 30)
     views.close()
-    assert renderer.log[-2:] == ["close 20", "close 30"]
+    assert renderer.log[-3:] == ["close 20", "close 30", "close renderer"]
     assert len(views) == 0
+
+
+def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
+    renderer = CountingRenderer()
+    views, eye = views_of(renderer), OmniEye(CAMERA.camera, CAMERA.wish)
+    assert "test" in str(views.plan(eye))
+    views.draw(Take(eye, HERE))
+    assert renderer.log == ["prepare omni 8"]

@@ -5,8 +5,8 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel
-from catoptra_server.encode import cropped
-from catoptra_server.multi_view import (
+from catoptra_server.imaging.encode import cropped
+from catoptra_server.imaging.multi_view import (
     Tile,
     TileLayout,
     ViewportConfig,

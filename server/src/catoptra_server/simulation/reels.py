@@ -1,0 +1,65 @@
+"""What is wanted of each channel, what is being drawn, and when it may be exposed again.
+
+A channel has one shot under way at a time: what is drawn is never older than one drawing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from catoptra_server.imaging.shot import Channel
+
+# Two times that differ by less than this are the same tick.
+_SAME_TIME_S = 1e-9
+
+
+class Reel:
+    """One channel's shots: how many there were, and whether another one is wanted."""
+
+    def __init__(self) -> None:
+        self.sequence = 0
+        self.is_wanted = False
+        self.is_drawing = False
+        self._next_s = -math.inf
+
+    def is_due(self, time_s: float) -> bool:
+        """Return whether a shot is wanted and may be taken."""
+        return self.is_wanted and not self.is_drawing and time_s >= self._next_s - _SAME_TIME_S
+
+    def expose(self, time_s: float, *, interval_s: float) -> int:
+        """Take note of a shot; return its sequence number."""
+        self.is_wanted = False
+        self.is_drawing = True
+        self._next_s = time_s + interval_s
+        self.sequence += 1
+        return self.sequence
+
+
+class Reels:
+    """The reels of all channels that somebody asked for."""
+
+    def __init__(self) -> None:
+        self._reels: dict[Channel, Reel] = {}
+
+    def want(self, channel: Channel, newer_than: float) -> None:
+        """Take note that a shot is wanted, unless a newer one is drawn already."""
+        reel = self._reels.setdefault(channel, Reel())
+        reel.is_wanted |= reel.sequence <= newer_than
+
+    def drawn(self, channel: Channel) -> None:
+        """Take note that a channel's shot is a frame now."""
+        if channel in self._reels:
+            self._reels[channel].is_drawing = False
+
+    def forget(self, channel: Channel) -> None:
+        """Forget a channel that nothing shows any more."""
+        self._reels.pop(channel, None)
+
+    def due(self, time_s: float) -> Iterator[tuple[Channel, Reel]]:
+        """Iterate over what is to be exposed now."""
+        return iter([(c, reel) for c, reel in self._reels.items() if reel.is_due(time_s)])
+
+    def total(self) -> int:
+        """Return how many shots were taken of the channels that are there."""
+        return sum(reel.sequence for reel in self._reels.values())

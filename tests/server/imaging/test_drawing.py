@@ -1,0 +1,111 @@
+"""Shots become frames in another thread: in order, composed, and nobody waits for what failed."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import CancelledError
+
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.imaging.drawing import Drawing, developed
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.imaging.multi_view import TileLayout, multi_view
+from catoptra_server.imaging.shot import SCREEN, Scenery, Shot, Take
+from catoptra_server.render.renderer import Exposure, RenderedImage
+from helpers.robots import FakeView, FakeViews
+
+TAKE = Take(PerspectiveCamera(4, 3, 1.0), Exposure(Pose.identity()))
+SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
+
+
+def shot_of(*takes: Take | None, layout: TileLayout = SINGLE, sequence: int = 1) -> Shot:
+    return Shot(SCREEN, sequence, 0.5, 2.0, Scenery(layout, takes))
+
+
+class _Broken(FakeView):
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        raise ValueError("the lamp is broken")
+
+
+def drawing_thread(drawing: Drawing, views: FakeViews) -> threading.Thread:
+    def main() -> None:
+        try:
+            drawing.run(lambda: views, lambda: None)
+        except ValueError:
+            pass  # the server's worker hands it on
+
+    thread = threading.Thread(target=main)
+    thread.start()
+    return thread
+
+
+def test_frame_when_of_one_tile_is_the_picture_itself() -> None:
+    frame = developed(shot_of(TAKE), FakeViews(), monotonic=lambda: 3.0)
+    assert frame.rgb.shape == (3, 4, 3)
+    assert (frame.time_s, frame.exposed_s, frame.finished_s) == (0.5, 2.0, 3.0)
+    assert (frame.plan, frame.stage_ms) == ("fake plan", {"fake": 1.0})
+
+
+def test_frame_when_of_several_tiles_is_composed_and_its_times_are_sums() -> None:
+    layout = multi_view(2, 1, width_px=4, height_px=3)
+    frame = developed(shot_of(TAKE, TAKE, layout=layout), FakeViews(), monotonic=lambda: 0.0)
+    assert frame.rgb[0, :, 0].tolist() == [1, 1, 1, 1, 2, 2, 2, 2]
+    assert frame.stage_ms == {"fake": 2.0}
+
+
+def test_frame_when_a_tile_is_nobody_s_is_black_there_and_draws_nothing() -> None:
+    views, layout = FakeViews(), multi_view(2, 1, width_px=4, height_px=3)
+    frame = developed(shot_of(None, TAKE, layout=layout), views, monotonic=lambda: 0.0)
+    assert frame.rgb[0, :, 0].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert len(views.takes) == 1
+
+
+def test_frame_when_there_are_no_views_is_black() -> None:
+    frame = developed(shot_of(TAKE), None, monotonic=lambda: 0.0)
+    assert (frame.rgb.shape, frame.rgb.any(), frame.plan) == ((3, 4, 3), False, None)
+
+
+def test_drawing_when_told_to_stop_first_draws_what_was_handed_over() -> None:
+    frames = list[Frame]()
+    drawing, views = Drawing(frames.append), FakeViews()
+    for sequence in (1, 2, 3):
+        drawing.draw(shot_of(TAKE, sequence=sequence))
+    drawing.stop()
+    drawing_thread(drawing, views).join()
+    assert [frame.sequence for frame in frames] == [1, 2, 3]
+    assert views.view.closed
+
+
+def test_shot_when_waited_for_is_put_before_the_wait_ends() -> None:
+    frames = list[Frame]()
+    drawing = Drawing(frames.append)
+    thread = drawing_thread(drawing, FakeViews())
+    drawing.draw_and_wait(shot_of(TAKE))
+    assert len(frames) == 1
+    drawing.stop()
+    thread.join()
+
+
+def test_shot_when_drawing_fails_raises_that_and_later_ones_are_cancelled() -> None:
+    drawing, views = Drawing(lambda frame: None), FakeViews(_Broken())
+    thread = drawing_thread(drawing, views)
+    with pytest.raises(ValueError, match="the lamp is broken"):
+        drawing.draw_and_wait(shot_of(TAKE))
+    thread.join()
+    with pytest.raises(CancelledError):
+        drawing.draw_and_wait(shot_of(TAKE))
+    assert views.view.closed
+
+
+def test_shots_when_drawing_never_began_are_cancelled() -> None:
+    drawing = Drawing(lambda frame: None)
+    waiting = drawing.draw(shot_of(TAKE))
+
+    def refuse() -> FakeViews:
+        raise ValueError("no renderer today")
+
+    with pytest.raises(ValueError, match="no renderer"):
+        drawing.run(refuse, lambda: None)
+    assert waiting.cancelled()
