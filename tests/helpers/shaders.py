@@ -26,14 +26,13 @@ def evaluate(
     inputs: tuple[Floats, ...],
     uniforms: Mapping[str, npt.ArrayLike] | None = None,
     define: Definitions = (),
-    slots: Mapping[str, str] | None = None,
     texture: moderngl.Texture | None = None,
 ) -> Floats:
     """Return (n, 4) outputs of a main function for (n, <= 4) inputs `input_0`, `input_1`, ...
 
     texture: bound as `albedo_texture`. Everything goes through float32.
     """
-    functions = source(include, define, slots) if include else VERSION
+    functions = source(include, define) if include else VERSION
     program = context.program(
         vertex_shader=source("cover.vert"),
         fragment_shader="\n".join((functions, (_MAINS / main).read_text(encoding="utf-8"))),

@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
-from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
-from catoptra_server.render.raster.mirror_per_pixel import law_of, polygon_around_rim
-from helpers.worlds import omni_camera
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.mirror_per_pixel import polygon_around_rim
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+from helpers.worlds import omni_camera, raster_plan
 
 # Off centre, not square, cut by the image: nothing of the mirror may be left out.
 OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 40.0, 2.0, 0.4)
@@ -29,20 +32,11 @@ def test_polygon_holds_every_sample_that_sees_the_mirror(camera: OmniCamera) -> 
     assert (beyond <= 0.0).all()
 
 
-def test_every_central_mirror_has_a_shader() -> None:
-    assert {law_of(_example(kind))[0] for kind in MIRRORS} == {
-        f"include/{kind}.glsl" for kind in MIRRORS
-    }
-
-
-def _example(kind: str) -> CentralMirror:
-    arguments = {"hyperbolic": (11.546, 0.2), "parabolic": (0.03,)}
-    return MIRRORS[kind](*arguments[kind])
-
-
-def test_mirror_without_a_shader_is_refused() -> None:
-    with pytest.raises(DomainError, match="no shader for the law of a object"):
-        law_of(cast(CentralMirror, object()))
+def test_more_samples_than_a_texture_holds_are_refused(device: GlDevice) -> None:
+    camera = omni_camera(width_px=1100)
+    renderer = RasterRenderer(build_scene(World("empty", ())), World("empty", ()), device=device)
+    with pytest.raises(DomainError, match=r"16\^2 samples of 1100 x 1100 px are too many"):
+        renderer.prepare(camera, raster_plan(camera, samples=16, face_size_px=32))
 
 
 def test_polygon_follows_the_image_centre() -> None:

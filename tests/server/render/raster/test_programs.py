@@ -30,16 +30,10 @@ def test_source_puts_version_and_definitions_first() -> None:
     assert lines[:2] == ["#version 330 core", "#define SAMPLES 3"]
 
 
-def test_source_resolves_includes_and_slots_to_the_end() -> None:
-    slots = {"mirror_law": "include/parabolic.glsl"}
-    text = source("mirror_per_pixel.frag", (("SAMPLES", 1), ("FACES", 5)), slots)
+def test_source_resolves_includes_to_the_end() -> None:
+    text = source("mirror_polygons.frag", (("FACES", 5),))
     assert "#include" not in text
-    assert text.count("float tangent_per_ratio(float ratio_squared)\n{") == 1
-
-
-def test_source_without_its_slot_is_refused() -> None:
-    with pytest.raises(KeyError, match="mirror_law"):
-        source("mirror_per_pixel.frag")
+    assert text.count("vec2 atlas_position(vec3 direction)\n{") == 1
 
 
 def test_program_is_built_once_and_counted(device: GlDevice) -> None:

@@ -23,6 +23,8 @@ from catoptra_server.plan.face_sizes import FacePart
 # A bilinear look-up reaches half a texel beyond its place; one more texel covers the rounding of
 # places in float32, and the second makes cells an even number of texels apart.
 GUARD_TEXELS = 2
+# In a texture up to this side a place in float32 is good to 2^-12 texels.
+PRECISE_TEXELS = 2**13
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,19 +100,23 @@ class Atlas:
         Twin of glsl/include/atlas.glsl: the largest forward wins, the first of equals; without the
         upward face a direction beyond a side face's upper edge is held at that edge.
         """
-        face = np.argmax(direction @ FACE_AXES[: self.faces, :, 0].T, axis=-1)
-        local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
-        st = np.clip(local[..., 1:] / np.maximum(local[..., :1], 1e-30), -1.0, 1.0)
-        place = self.places()[face]
-        texels: Floats = place[..., :2] + st * place[..., 2:]
-        return texels
+        flat = direction.reshape(-1, 3)
+        face = np.argmax(flat @ FACE_AXES[: self.faces, :, 0].T, axis=-1)
+        texels = np.empty((len(flat), 2))
+        for axes, index, place in zip(FACE_AXES, Face, self.places(), strict=False):
+            own = face == index
+            local = flat[own] @ axes
+            st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
+            texels[own] = place[:2] + st * place[2:]
+        return texels.reshape(*direction.shape[:-1], 2)
 
 
 def pack_atlas(parts: tuple[FacePart, ...], *, guard: int, max_texels: int) -> Atlas:
     """Return an atlas of the parts in a texture of at most `max_texels` a side.
 
     Cells stand in rows, the highest first; of all lengths of the first row that is taken which
-    wastes least, because every texel of the atlas is cleared in every frame.
+    wastes least, because every texel of the atlas is cleared in every frame. An atlas so large that
+    float32 places lose their precision is kept as square as it can be.
     """
     loose = sorted((_cell(part, guard) for part in parts), key=lambda cell: -cell.height)
     lengths = accumulate(cell.width for cell in loose)
@@ -122,7 +128,9 @@ def pack_atlas(parts: tuple[FacePart, ...], *, guard: int, max_texels: int) -> A
         raise DomainError(
             f"faces of up to {widest} px are too large: this OpenGL ends at {max_texels} px a side"
         )
-    (width, height), cells = min(fitting, key=lambda packed: math.prod(packed[0]))
+    (width, height), cells = min(
+        fitting, key=lambda packed: (max(PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
+    )
     return Atlas(cells, width, height)
 
 

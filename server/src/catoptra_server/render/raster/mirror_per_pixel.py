@@ -1,4 +1,4 @@
-"""The mirror's picture by its own law, in every sample of every pixel."""
+"""The mirror's picture by its own law, in every sample of every pixel, looked up where it says."""
 
 from __future__ import annotations
 
@@ -6,45 +6,19 @@ import math
 
 import moderngl
 import numpy as np
-import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
 from catoptra_server.render.raster.faces import FacePass
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_uniform
+from catoptra_server.render.raster.mirror_places import mirror_places
+from catoptra_server.render.raster.programs import Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 
 # Sides of the polygon around the rim circle: it covers 1.3 % more than the disc, a square 27 %;
 # more sides cost more in half-empty blocks of fragments than they save on llvmpipe.
 _RIM_SIDES = 16
-
-
-def law_of(mirror: CentralMirror) -> tuple[str, dict[str, float]]:
-    """Return the GLSL file of a mirror's law and its uniforms. A new central mirror adds a case."""
-    match mirror:
-        case HyperbolicMirror():
-            return "include/hyperbolic.glsl", {
-                "mirror_kappa_s": mirror.kappa * mirror.s,
-                "mirror_inverse_s2": 1.0 / mirror.s**2,
-            }
-        case ParabolicMirror():
-            return "include/parabolic.glsl", {}
-    raise DomainError(f"raster has no shader for the law of a {type(mirror).__name__}")
-
-
-def camera_uniforms(camera: OmniCamera) -> dict[str, npt.ArrayLike]:
-    """Return the uniforms of include/omni_camera.glsl, its mirror's law included, by name."""
-    return {
-        "camera_centre_px": camera.centre_px,
-        "camera_inverse_h": 1.0 / camera.horizon_radius_px,
-        "camera_rim_t": camera.rim_t,
-        "camera_up": (math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)),
-        **law_of(camera.mirror)[1],
-    }
 
 
 def polygon_around_rim(camera: OmniCamera) -> Floats:
@@ -75,26 +49,40 @@ class PerPixelMirror:
         self._context = context
         self._faces = faces
         self._target = target
-        self._uniforms = camera_uniforms(camera)
-        define = (("SAMPLES", samples), *atlas_definitions(faces.atlas))
-        slots = (("mirror_law", law_of(camera.mirror)[0]),)
-        self._program = programs.get(
-            ProgramSpec("mirror_per_pixel", "mirror_per_pixel", define, slots)
-        )
+        define = (("SAMPLES", samples),)
+        self._program = programs.get(ProgramSpec("mirror_per_pixel", "mirror_per_pixel", define))
+        self._program["places"] = 1
+        self._places = _places(context, camera, faces.atlas, samples)
         self._corners = context.buffer(polygon_around_rim(camera).astype(np.float32).tobytes())
         self._vertices = context.vertex_array(self._program, [(self._corners, "2f", "position")])
 
     def draw(self, exposure: Exposure) -> None:
-        """Fill the target. Views share the program, so its uniforms are set for every picture."""
-        for name, value in self._uniforms.items():
-            set_uniform(self._program, name, value)
-        use_atlas(self._program, self._faces.atlas, self._faces.texture)
+        """Fill the target."""
+        self._faces.texture.use(0)
+        self._places.use(1)
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.clear()
         self._vertices.render(moderngl.TRIANGLE_FAN)
 
     def close(self) -> None:
-        """Free the polygon."""
+        """Free the polygon and the places."""
+        self._places.release()
         self._vertices.release()
         self._corners.release()
+
+
+def _places(
+    context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
+) -> moderngl.Texture:
+    """Return the texture of the samples' places. Raises DomainError where none is that large."""
+    size = (samples * camera.width_px, samples * camera.height_px)
+    limit = context.info["GL_MAX_TEXTURE_SIZE"]
+    if max(size) > limit:
+        raise DomainError(
+            f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "
+            f"OpenGL ends at {limit} px a side"
+        )
+    texture = context.texture(size, 2, mirror_places(camera, atlas, samples), dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

@@ -1,14 +1,12 @@
 """Shader programs out of the files of `glsl/`, compiled when first asked for.
 
-The loader knows two kinds of line beside GLSL: `#include "path"`, a file under `glsl/`, and
-`#include <slot>`, a file that the program's specification names for that slot. What a variant
-switches on is defined under the version line.
+The loader knows one kind of line beside GLSL: `#include "path"`, a file under `glsl/`. What a
+variant switches on is defined under the version line.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -17,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 _ROOT = files("catoptra_server") / "glsl"
-_INCLUDE = re.compile(r'^#include (?:"(?P<path>[\w./]+)"|<(?P<slot>\w+)>)$', re.MULTILINE)
+_INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)
 
 VERSION = "#version 330 core"
 
@@ -26,16 +24,15 @@ Definitions = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True, slots=True)
 class ProgramSpec:
-    """A program: its two files without suffix, what it defines, and the files for its slots."""
+    """A program: its two files without suffix, and what it defines."""
 
     vertex: str
     fragment: str
     define: Definitions = ()
-    slots: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
         parts = [self.fragment, *(f"{name}={value}" for name, value in self.define)]
-        return " ".join((*parts, *(path for _, path in self.slots)))
+        return " ".join(parts)
 
 
 class Programs:
@@ -54,8 +51,8 @@ class Programs:
         """Return the program of a specification, compiled the first time."""
         if spec not in self._built:
             self._built[spec] = self._context.program(
-                vertex_shader=source(f"{spec.vertex}.vert", spec.define, dict(spec.slots)),
-                fragment_shader=source(f"{spec.fragment}.frag", spec.define, dict(spec.slots)),
+                vertex_shader=source(f"{spec.vertex}.vert", spec.define),
+                fragment_shader=source(f"{spec.fragment}.frag", spec.define),
             )
         return self._built[spec]
 
@@ -67,12 +64,12 @@ def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> 
     uniform.write(np.asarray(values, dtype=np.float32).tobytes())
 
 
-def source(path: str, define: Definitions = (), slots: Mapping[str, str] | None = None) -> str:
+def source(path: str, define: Definitions = ()) -> str:
     """Return the full text of a shader: version, definitions, the file with its includes."""
     head = [VERSION, *(f"#define {name} {value}" for name, value in define)]
-    return "\n".join((*head, _included(path, slots or {})))
+    return "\n".join((*head, _included(path)))
 
 
-def _included(path: str, slots: Mapping[str, str]) -> str:
+def _included(path: str) -> str:
     text = (_ROOT / path).read_text(encoding="utf-8")
-    return _INCLUDE.sub(lambda line: _included(line["path"] or slots[line["slot"]], slots), text)
+    return _INCLUDE.sub(lambda line: _included(line["path"]), text)

@@ -1,0 +1,138 @@
+"""The places that the mirror's shader looks up against the float64 camera law."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_from_direction,
+)
+from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.plan.face_sizes import parts_by_density, parts_of_size
+from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
+from catoptra_server.render.raster.mirror_places import places_of
+from helpers.shaders import evaluate
+from helpers.worlds import omni_camera
+
+TOLERANCE_PX = 1e-3
+MAX_TEXELS = 16384
+
+# name, mirror, rim: below the asymptote, which is at 91.3 degrees for k = 2.001 and 102.6 for 2.1.
+MIRRORS: list[tuple[str, CentralMirror, float]] = [
+    ("a plane, nearly", HyperbolicMirror(2.001, 0.2), 80.0),
+    ("strongly curved", HyperbolicMirror(2.1, 0.2), 100.0),
+    ("curved", HyperbolicMirror(4.0, 0.2), 120.0),
+    ("the paper's", HyperbolicMirror(11.546, 0.2321), 120.0),
+    ("the paper's, high rim", HyperbolicMirror(11.546, 0.2321), 150.0),
+    ("nearly parabolic", HyperbolicMirror(1e3, 0.2), 120.0),
+    ("hardly hyperbolic", HyperbolicMirror(1e6, 0.2), 120.0),
+    ("parabolic", ParabolicMirror(0.03), 135.0),
+]
+CASES = [pytest.param(mirror, rim, id=name) for name, mirror, rim in MIRRORS]
+
+
+def atlas_by_density(camera: OmniCamera) -> Atlas:
+    parts = parts_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    return pack_atlas(parts, guard=GUARD_TEXELS, max_texels=MAX_TEXELS)
+
+
+def looked_up(
+    context: moderngl.Context, camera: OmniCamera, atlas: Atlas, pixels: Floats
+) -> tuple[Floats, Bools]:
+    """Return (n, 3) directions of the places that a shader reads, and which see the mirror.
+
+    What the sampler makes of a place is the device's own: llvmpipe multiplies by the atlas' size in
+    float32, graphics cards count 256 steps from texel to texel.
+    """
+    out = evaluate(
+        context,
+        "looked_up.frag",
+        include=None,
+        inputs=(places_of(camera, atlas, pixels).astype(np.float64),),
+    )
+    return directions_of(atlas, out[:, :2] * (atlas.width, atlas.height)), out[:, 3] > 0.5
+
+
+def directions_of(atlas: Atlas, texels: Floats) -> Floats:
+    """Return the (n, 3) directions, not unit, of (n, 2) texel positions; zero outside of cells."""
+    directions = np.zeros((len(texels), 3))
+    for cell in atlas.cells:
+        low = np.array((cell.x, cell.y))
+        inside = ((texels >= low) & (texels < low + np.array((cell.width, cell.height)))).all(
+            axis=-1
+        )
+        place = np.array(cell.place)
+        st = (texels[inside] - place[:2]) / place[2:]
+        local = np.column_stack((np.ones(len(st)), st))
+        directions[inside] = local @ FACE_AXES[cell.part.face].T
+    return directions
+
+
+def grid(camera: OmniCamera) -> Floats:
+    """Return some 60 000 pixel centres over the whole image, and the exact image centre."""
+    step = max(1, camera.width_px // 240)
+    along = np.arange(0, camera.width_px, step) + 0.5
+    pixels = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    return np.concatenate((pixels, [camera.centre_px]))
+
+
+def largest_error_px(context: moderngl.Context, camera: OmniCamera, atlas: Atlas) -> float:
+    pixels = grid(camera)
+    direction, valid = looked_up(context, camera, atlas, pixels)
+    back, inside = pixel_from_direction(camera, direction)
+    both = valid & inside
+    assert both.mean() > 0.7, "a disc fills more of its square"
+    return float(np.linalg.norm(back - pixels, axis=-1)[both].max())
+
+
+@pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
+@pytest.mark.parametrize("width_px", [360, 1024, 4096])
+def test_place_over_the_image_returns_to_its_pixel(
+    context: moderngl.Context, mirror: CentralMirror, rim_deg: float, width_px: int
+) -> None:
+    camera = omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
+    assert largest_error_px(context, camera, atlas_by_density(camera)) < TOLERANCE_PX
+
+
+def test_place_next_to_the_asymptote_of_nearly_a_plane_is_known_to_be_coarser(
+    context: moderngl.Context,
+) -> None:
+    # A radian is 45 000 px there, and so is a face: more than float32 tells apart to 1e-3.
+    camera = omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=90.0)
+    assert largest_error_px(context, camera, atlas_by_density(camera)) < 2e-3
+
+
+@pytest.mark.parametrize("face_size_px", [64, 512, 2048])
+def test_place_on_faces_of_a_wished_size_returns_to_its_pixel(
+    context: moderngl.Context, face_size_px: int
+) -> None:
+    camera = omni_camera(width_px=1024)
+    parts = parts_of_size(camera.rim_rad, face_size_px)
+    atlas = pack_atlas(parts, guard=GUARD_TEXELS, max_texels=MAX_TEXELS)
+    assert largest_error_px(context, camera, atlas) < TOLERANCE_PX
+
+
+@pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
+def test_samples_have_a_place_exactly_where_the_law_sees_the_mirror(
+    context: moderngl.Context, mirror: CentralMirror, rim_deg: float
+) -> None:
+    camera = omni_camera(mirror=mirror, width_px=360, rim_deg=rim_deg)
+    _, valid = looked_up(context, camera, atlas_by_density(camera), grid(camera))
+    _, expected = direction_from_pixel(camera, grid(camera))
+    assert np.array_equal(valid, expected)
+
+
+def test_direction_follows_the_azimuth_that_points_up(context: moderngl.Context) -> None:
+    camera = OmniCamera(HyperbolicMirror(11.546, 0.2), 320, 200, (140.25, 96.5), 60.0, 1.9, 0.7)
+    pixels = np.random.default_rng(2).uniform((0.0, 0.0), (320.0, 200.0), (5000, 2))
+    direction, valid = looked_up(context, camera, atlas_by_density(camera), pixels)
+    expected, _ = direction_from_pixel(camera, pixels)
+    unit = direction[valid] / np.linalg.norm(direction[valid], axis=-1, keepdims=True)
+    # 2^-24 of an atlas of 700 texels, of 1 / 60 radians each where the image is coarsest.
+    assert np.abs(unit - expected[valid]).max() < 2e-6
