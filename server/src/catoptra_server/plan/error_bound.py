@@ -18,10 +18,10 @@ What it includes, each a part with a name:
 The parts add up, but for the rim: where polygons end too early nothing is shown that could be
 displaced too, so the whole is at least the rim's part, not more by it.
 
-What it does not include: the samples' own spacing, which is `sampling` and adds `edge_px` to what
-can be measured in a frame (`marker_px` is both); things smaller than four of a face's texels; the
-float32 corners of the scene, a part in 1.7e7 of the distance from the middle of the scene; the
-scene's own polygons; grey levels.
+What it does not include: the samples' own spacing, which is `sampling` and comes on top of what is
+measured in a frame (`marker_px` is both, for the centroid of a disc); things smaller than four of a
+face's texels; the float32 corners of the scene, a part in 1.7e7 of the distance from the middle of
+the scene; the scene's own polygons; grey levels.
 
 To add a part: a function that returns a GeometricError, and its line in `_parts`.
 """
@@ -62,8 +62,8 @@ class ErrorBound:
 
     @property
     def marker_px(self) -> float:
-        """Return how far off a marker's outline or middle may be measured in a frame."""
-        return self.geometric.max_px + self.sampling.edge_px
+        """Return how far off a marker's middle may be measured in a frame; from one pixel on."""
+        return self.geometric.max_px + self.sampling.centroid_px
 
     def as_dict(self) -> dict[str, float]:
         """Return the numbers by name, for a header. A part is `<name>_px`; absent where unused."""
@@ -74,6 +74,7 @@ class ErrorBound:
             "max_deg": geometric.max_deg,
             "rms_deg": geometric.rms_deg,
             "edge_px": sampling.edge_px,
+            "marker_px": self.marker_px,
         }
         if sampling.texels is not None:
             numbers["texels_per_px_min"] = sampling.texels.min_per_px
@@ -124,7 +125,7 @@ def _parts(camera: OmniCamera, plan: RenderPlan) -> tuple[_Part, ...]:
         corners = corner_error(camera, plan.samples)
         parts.append(("corners", corners, "they stand on 256ths of the drawn pixels"))
     why = "float32 law and places in the atlas" if is_raster else "float32 rays, turned"
-    return (*parts, ("rounding", rounding_error(camera, plan.renderer), why))
+    return (*parts, ("rounding", rounding_error(camera, plan), why))
 
 
 def _polygons(camera: OmniCamera, split: PolygonSplit) -> _Part:
@@ -133,8 +134,10 @@ def _polygons(camera: OmniCamera, split: PolygonSplit) -> _Part:
 
 
 def _faces(camera: OmniCamera, plan: RenderPlan) -> _Part:
-    error = face_lookup_error(
-        camera, face_size_px=plan.face_size_px, face_samples=plan.face_samples
-    )
+    error = face_lookup_error(camera, plan.face_parts, face_samples=plan.face_samples)
     moved = edge_texels(plan.face_samples)
-    return "faces", error, f"edges move by {moved:.2f} of {plan.face_size_px} texels a face"
+    return (
+        "faces",
+        error,
+        f"edges move by {moved:.2f} texels, the finest {plan.face_size_px} a face",
+    )

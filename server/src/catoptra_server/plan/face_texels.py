@@ -1,9 +1,10 @@
 """How large the texels of the cube's faces are in the image, and how large at the viewpoint.
 
-A face is flat and the mirror is not, so a texel of the middle of a face takes more of the image
-than one of its corner. What a texel is to the image follows from two derivatives: of the image by
-the direction (the mirror's law) and of the face's plane by the direction. All numbers here are for
-faces of 2 x 2 units, which is their size in s and t; a texel is 2 / face size of such a unit.
+A face is flat and the mirror is not, and parts of faces have texels of their own, so every place of
+the image has another size of texel. It follows from two derivatives: of the image by the direction
+(the mirror's law), and of the place on a face's plane by the direction. Turned into texels and
+pixels they are a 2 x 2 matrix a place; its singular values are the pixels that a texel spans in the
+directions in which it spans most and least.
 """
 
 from __future__ import annotations
@@ -15,53 +16,57 @@ from functools import lru_cache
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES, face_from_direction
+from catoptra_protocol.optics.cube import FACE_AXES, Face, face_from_direction
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.plan.face_sizes import FacePart
 from catoptra_server.plan.image_scale import ImageScale, image_scale
 
-# Azimuths from the middle of a side face to its edge; the other seven eighths of the turn repeat.
+# From the middle of the forward face to its right edge: the other side faces have the same parts,
+# each with a left half like its right one, so the other seven eighths of the turn repeat.
 _AZIMUTHS = np.linspace(0.0, 0.25 * math.pi, 33)
+# Places on the border of two parts are in both: rounding must not put them into neither.
+_BORDER = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class FaceScale:
-    """Of the units of the faces over the image: how large they are, and how many a pixel spans.
+class FaceTexels:
+    """Of the texels over the image: how large they are, and how many there are to a pixel.
 
-    max, rms: in the direction in which a unit is largest at its place. min, median and max number
-    of units a pixel: in the direction with fewest, in the mean of both, in that with most.
+    max, rms: in the direction in which a texel is largest at its place. min, median and max number
+    a pixel: in the direction with fewest, in the mean of both, in that with most.
     """
 
-    max_px_per_unit: float
-    rms_px_per_unit: float
-    max_rad_per_unit: float
-    rms_rad_per_unit: float
-    min_units_per_px: float
-    median_units_per_px: float
-    max_units_per_px: float
+    max_px: float
+    rms_px: float
+    max_rad: float
+    rms_rad: float
+    min_per_px: float
+    median_per_px: float
+    max_per_px: float
 
 
 @lru_cache(maxsize=64)
-def face_scale(camera: OmniCamera) -> FaceScale:
-    """Return the scales over the part of the mirror that the image shows."""
+def face_texels(camera: OmniCamera, parts: tuple[FacePart, ...]) -> FaceTexels:
+    """Return the texels of parts of faces over what the image shows of the mirror."""
     scale = image_scale(camera)
     weight = np.broadcast_to(scale.weight[:, None], (len(scale.t), len(_AZIMUTHS)))
-    by_angle = _units_per_rad(scale)
+    by_angle = _texels_per_rad(scale, parts)
     by_pixel = by_angle / np.stack((scale.along, scale.across), axis=-1)[:, None, None]
     fewest, most = _singular_values(by_pixel)
     fewest_by_angle, _ = _singular_values(by_angle)
-    return FaceScale(
-        max_px_per_unit=float(1.0 / fewest.min()),
-        rms_px_per_unit=_rms(1.0 / fewest, weight),
-        max_rad_per_unit=float(1.0 / fewest_by_angle.min()),
-        rms_rad_per_unit=_rms(1.0 / fewest_by_angle, weight),
-        min_units_per_px=float(fewest.min()),
-        median_units_per_px=_median(np.sqrt(fewest * most), weight),
-        max_units_per_px=float(most.max()),
+    return FaceTexels(
+        max_px=float(1.0 / fewest.min()),
+        rms_px=_rms(1.0 / fewest, weight),
+        max_rad=float(1.0 / fewest_by_angle.min()),
+        rms_rad=_rms(1.0 / fewest_by_angle, weight),
+        min_per_px=float(fewest.min()),
+        median_per_px=_median(np.sqrt(fewest * most), weight),
+        max_per_px=float(most.max()),
     )
 
 
-def _units_per_rad(scale: ImageScale) -> Floats:
-    """Return (rings, azimuths, 2, 2) derivatives of (s, t) by an angle along and across a ring."""
+def _texels_per_rad(scale: ImageScale, parts: tuple[FacePart, ...]) -> Floats:
+    """Return (rings, azimuths, 2, 2): texels (rows) an angle along and across a ring (columns)."""
     t, azimuth = np.meshgrid(scale.t, _AZIMUTHS, indexing="ij")
     cosine = (1.0 - t) * (1.0 + t) / (1.0 + t * t)
     sine = 2.0 * t / (1.0 + t * t)
@@ -69,14 +74,34 @@ def _units_per_rad(scale: ImageScale) -> Floats:
     direction = np.stack((sine * ca, sine * sa, cosine), axis=-1)
     along = np.stack((cosine * ca, cosine * sa, -sine), axis=-1)
     across = np.stack((-sa, ca, np.zeros_like(sa)), axis=-1)
-    axes = FACE_AXES[face_from_direction(direction)]
-    local = np.einsum("...i,...ij->...j", direction, axes)
-    steps = np.einsum("...ki,...ij->...jk", np.stack((along, across), axis=-2), axes)
-    forward = local[..., :1, None]
-    # (s, t) = local[1:] / local[0]; the quotient rule.
-    sideways = local[..., 1:, None] / forward
-    derivative: Floats = (steps[..., 1:, :] - sideways * steps[..., :1, :]) / forward
-    return derivative
+    face = face_from_direction(direction)
+    local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+    steps = np.einsum("k...i,...ij->...jk", np.stack((along, across)), FACE_AXES[face])
+    # (s, t) = local[1:] / local[0], and the quotient rule.
+    place = local[..., 1:] / local[..., :1]
+    by_angle = (steps[..., 1:, :] - place[..., None] * steps[..., :1, :]) / local[..., :1, None]
+    texels: Floats = by_angle * _texels_per_unit(face, place, parts)[..., None]
+    return texels
+
+
+def _texels_per_unit(
+    face: np.ndarray[tuple[int, ...], np.dtype[np.intp]],
+    place: Floats,
+    parts: tuple[FacePart, ...],
+) -> Floats:
+    """Return (..., 2) columns and rows a unit at (..., 2) places on (...) faces: the fewest of any
+    part that has the place."""
+    density = np.full(place.shape, np.inf)
+    for part in parts:
+        window = part.window
+        low = np.array((window.left, window.top)) - _BORDER
+        high = np.array((window.right, window.bottom)) + _BORDER
+        inside = (face == part.face) & ((place >= low) & (place <= high)).all(axis=-1)
+        of_part = np.array((part.columns_per_unit, part.rows_per_unit))
+        density[inside] = np.minimum(density[inside], of_part)
+    missing = sorted({Face(f).name for f in face[~np.isfinite(density).all(axis=-1)].tolist()})
+    assert not missing, f"the mirror looks at places of {missing} that no part of the plan has"
+    return density
 
 
 def _singular_values(matrices: Floats) -> tuple[Floats, Floats]:

@@ -9,7 +9,9 @@ From a grid to a bound: the error vanishes at the corners, and in between it is 
 sum a_ij w_i w_j of the barycentric weights, up to terms that fall with the next power of the
 facet's size. What a linear interpolation between grid places 1/k apart leaves of such a form is the
 same form again, k^2 times smaller. So the largest error of all is at most that of the grid divided
-by 1 - 1/k^2. Source of the quadratic: optics notes, 3.1.
+by 1 - 1/k^2. What is not quadratic, such as the kinks where a coarse facet looks past the mirror's
+asymptote, is of first order in 1/k and by a facet's angle smaller: pi / S of 1/k is added for it.
+Source of the quadratic: optics notes, 3.1.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ def facet_error(camera: OmniCamera, split: PolygonSplit) -> GeometricError:
     area = area * quadrature * seen.within
     error_px = _distance_px(camera, seen.place_px, looked_up)
     error_rad = _angle_rad(camera, seen.place_px, looked_up)
-    reserve = 1.0 / (1.0 - 1.0 / steps**2)
+    reserve = (1.0 + math.pi / split.sectors / steps) / (1.0 - 1.0 / steps**2)
     return GeometricError(
         max_px=reserve * float(error_px[seen.near].max()),
         rms_px=_rms(error_px, area),

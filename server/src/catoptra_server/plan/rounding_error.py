@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.geometric_error import GeometricError
+from catoptra_server.plan.face_sizes import FacePart
+from catoptra_server.plan.face_texels import face_texels
+from catoptra_server.plan.geometric_error import GeometricError, summed
 from catoptra_server.plan.image_scale import image_scale
-from catoptra_server.plan.render_plan import RendererKind
+from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 
 _U = 2.0**-24
 # Of the largest: rounding errors of a handful of operations rarely agree. Seen: 0.51 u of 2.44 u in
@@ -27,16 +29,21 @@ TRACE_ULPS = 3.0
 # The shader evaluates the law itself: about ten operations from the pixel to the direction, all of
 # them relatively exact, each at most 1 u. Seen: 4.2 u to 4.4 u between k = 2.1 and 1e6.
 SHADER_ULPS = 8.0
-# Then the place in the atlas, in parts of an atlas up to 6 faces wide: dividing by the width,
-# rounding, multiplying again, each 6 n u texels of 2 / n radians.
-_ATLAS_ULPS = 36.0
+# Then the place in the atlas, as a part of its width: dividing by the width, rounding, multiplying
+# again by the sampler, each at most 1 u of a width.
+_ATLAS_ULPS = 3.0
 # Corners of polygons stand on 256ths of the drawn picture's pixels: half a step along both sides.
 _CORNER_PX = math.sqrt(2.0) / 512.0
 
 
-def rounding_error(camera: OmniCamera, renderer: RendererKind) -> GeometricError:
+def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Return the displacement by float32 directions and places."""
-    ulps = TRACE_ULPS if renderer is RendererKind.TRACE else SHADER_ULPS + _ATLAS_ULPS
+    if plan.renderer is RendererKind.TRACE:
+        return _of_directions(camera, TRACE_ULPS)
+    return summed((_of_directions(camera, SHADER_ULPS), _of_atlas_places(camera, plan.face_parts)))
+
+
+def _of_directions(camera: OmniCamera, ulps: float) -> GeometricError:
     scale = image_scale(camera)
     angle_rad = ulps * _U
     return GeometricError(
@@ -44,6 +51,18 @@ def rounding_error(camera: OmniCamera, renderer: RendererKind) -> GeometricError
         rms_px=_RMS_OF_MAX * angle_rad * scale.rms_px_per_rad,
         max_deg=math.degrees(angle_rad),
         rms_deg=_RMS_OF_MAX * math.degrees(angle_rad),
+    )
+
+
+def _of_atlas_places(camera: OmniCamera, parts: tuple[FacePart, ...]) -> GeometricError:
+    """Return the displacement in an atlas that is as wide as it can be: all parts side by side."""
+    moved = _ATLAS_ULPS * _U * sum(max(part.size) for part in parts)
+    texels = face_texels(camera, parts)
+    return GeometricError(
+        max_px=moved * texels.max_px,
+        rms_px=_RMS_OF_MAX * moved * texels.rms_px,
+        max_deg=math.degrees(moved * texels.max_rad),
+        rms_deg=_RMS_OF_MAX * math.degrees(moved * texels.rms_rad),
     )
 
 

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_server.plan.image_scale import image_scale, shows_whole_rim, visible_radii_px
+from helpers.worlds import PAPER_MIRROR, omni_camera
+
+CAMERA = omni_camera(width_px=360)
+CROPPED = OmniCamera(PAPER_MIRROR, 200, 100, (-30.0, 40.0), 103.0, math.radians(120.0))
+
+
+def numeric_scales(camera: OmniCamera, theta: float) -> tuple[float, float]:
+    """Return px a radian along and across the radius, by differences of the law."""
+    step = 1e-6
+    ring = np.array((math.sin(theta), 0.0, math.cos(theta)))
+    along = np.array((math.cos(theta), 0.0, -math.sin(theta)))
+    across = np.array((0.0, 1.0, 0.0))
+    (forth, back), _ = pixel_from_direction(camera, ring + np.outer((step, -step), along))
+    (right, left), _ = pixel_from_direction(camera, ring + np.outer((step, -step), across))
+    return (
+        float(np.linalg.norm(forth - back)) / (2 * step),
+        float(np.linalg.norm(right - left)) / (2 * step),
+    )
+
+
+@pytest.mark.parametrize(
+    "mirror", [PAPER_MIRROR, HyperbolicMirror(2.5, 0.1), ParabolicMirror(0.03)], ids=str
+)
+def test_scales_are_the_derivatives_of_the_law(mirror: CentralMirror) -> None:
+    camera = omni_camera(mirror=mirror, width_px=360, rim_deg=105.0)
+    scale = image_scale(camera)
+    for ring in (20, 64, 110):
+        theta = 2.0 * math.atan(scale.t[ring])
+        along, across = numeric_scales(camera, theta)
+        assert scale.along[ring] == pytest.approx(along, rel=1e-6)
+        assert scale.across[ring] == pytest.approx(across, rel=1e-6)
+
+
+def test_scales_reach_from_the_axis_over_the_horizon_to_the_rim() -> None:
+    scale = image_scale(CAMERA)
+    assert scale.t[0] == 0.0
+    assert 1.0 in scale.t
+    assert scale.t[-1] == pytest.approx(CAMERA.rim_t)
+    assert scale.along[0] == scale.across[0]
+    assert scale.weight.sum() == pytest.approx(1.0)
+
+
+def test_extremes_are_those_of_the_reference() -> None:
+    scale = image_scale(CAMERA)
+    # optics.md 3.3: 0.272 degrees a pixel at the rim, 1.110 in the middle.
+    assert math.degrees(1.0 / scale.max_px_per_rad) == pytest.approx(0.272, abs=5e-4)
+    assert math.degrees(1.0 / scale.along[0]) == pytest.approx(1.110, abs=5e-3)
+    assert scale.along[0] < scale.rms_px_per_rad < scale.max_px_per_rad
+
+
+def test_radii_of_a_cropped_image_are_those_it_shows() -> None:
+    nearest, farthest = visible_radii_px(CROPPED)
+    assert nearest == 30.0
+    assert farthest == CROPPED.rim_radius_px
+    small = replace(CROPPED, width_px=40, height_px=60)
+    assert visible_radii_px(small)[1] == pytest.approx(math.hypot(70.0, 40.0))
+
+
+@pytest.mark.parametrize(("camera", "whole"), [(CAMERA, True), (CROPPED, False)])
+def test_whole_rim_is_known_from_a_part(camera: OmniCamera, whole: bool) -> None:
+    assert shows_whole_rim(camera) is whole

@@ -1,0 +1,321 @@
+"""The bound of a plan against what renderers do: never exceeded, and never twice what is seen.
+
+Trace says where each of its rays looks, so its largest error is measured on all of them. Raster
+says it by what it shows: pixels beside outlines of things (helpers/outlines).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_centres,
+    pixel_from_direction,
+)
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.figures.polygon_measure import displacement_px
+from catoptra_server.plan.error_bound import error_bound
+from catoptra_server.plan.face_texels import face_texels
+from catoptra_server.plan.render_plan import (
+    PerPixel,
+    RendererKind,
+    RenderPlan,
+    RenderWish,
+    Surface,
+    plan_from_wish,
+)
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import Exposure, Image, Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.samples import RaySamples, omni_samples
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
+from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.opengl import device_or_skip
+from helpers.outlines import (
+    Targets,
+    largest_displacement_px,
+    scattered_discs,
+    scattered_squares,
+)
+from helpers.worlds import PAPER_MIRROR, VIEW, omni_camera
+
+STRONG = HyperbolicMirror(3.0, 0.1)
+NEARLY_PLANE = HyperbolicMirror(2.1, 0.2)
+NEARLY_PARABOLIC = HyperbolicMirror(1e4, 0.3)
+PARABOLIC = ParabolicMirror(0.03)
+LEVEL = Exposure(Pose.identity())
+
+Lens = tuple[CentralMirror, float, int]  # mirror, rim in degrees, image width
+
+
+def split(sectors: int, rings: int, way: str) -> PolygonSplit:
+    return PolygonSplit(sectors, rings, Interpolation(way))
+
+
+def plan_for(
+    camera: OmniCamera, surface: Surface, kind: RendererKind, *, size: int = 0, samples: int = 1
+) -> RenderPlan:
+    """Return a plan with one face sample a texel, and faces of a size, 0 = as the plan has them."""
+    wish = RenderWish(surface, samples, size, 1)
+    return plan_from_wish(wish, camera, kind=kind, why="test")
+
+
+# Trace: every ray.
+
+EXACT: list[Lens] = [
+    (PAPER_MIRROR, 120.0, 360),
+    (PAPER_MIRROR, 90.0, 90),
+    (PAPER_MIRROR, 150.0, 360),
+    (PAPER_MIRROR, 120.0, 1024),
+    (STRONG, 105.0, 200),
+    (NEARLY_PLANE, 100.0, 640),
+    (NEARLY_PARABOLIC, 150.0, 200),
+    (PARABOLIC, 135.0, 640),
+]
+FACETED: list[tuple[Lens, PolygonSplit]] = [
+    ((PAPER_MIRROR, 120.0, 360), split(4, 4, "uv")),
+    ((PAPER_MIRROR, 120.0, 360), split(4, 4, "position")),
+    ((PAPER_MIRROR, 120.0, 360), split(32, 32, "uv")),
+    ((PAPER_MIRROR, 120.0, 360), split(64, 64, "uv")),
+    ((PAPER_MIRROR, 120.0, 1024), split(64, 64, "position")),
+    ((PAPER_MIRROR, 90.0, 90), split(16, 16, "uv")),
+    ((PAPER_MIRROR, 90.0, 200), split(64, 64, "position")),
+    ((PAPER_MIRROR, 150.0, 360), split(16, 16, "uv")),
+    ((PAPER_MIRROR, 150.0, 360), split(64, 64, "uv")),
+    ((PAPER_MIRROR, 150.0, 200), split(16, 4, "position")),
+    ((STRONG, 105.0, 200), split(16, 16, "position")),
+    ((STRONG, 105.0, 200), split(12, 7, "uv")),
+    ((NEARLY_PLANE, 100.0, 200), split(16, 16, "uv")),
+    ((NEARLY_PARABOLIC, 130.0, 200), split(5, 3, "uv")),
+    ((NEARLY_PARABOLIC, 130.0, 200), split(30, 9, "position")),
+]
+
+
+def camera_of(lens: Lens) -> OmniCamera:
+    mirror, rim_deg, width_px = lens
+    return omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
+
+
+def turned_and_back(samples: RaySamples, exposure: Exposure) -> Floats:
+    """Return (n, 3) where the rays of a frame look, in the mirror frame: as the view turns them."""
+    rotation = exposure.world_from_mirror.rotation
+    turned = samples.directions @ rotation.T.astype(np.float32)
+    directions: Floats = turned.astype(np.float64) @ rotation
+    return directions
+
+
+def ray_errors_px(camera: OmniCamera, plan: RenderPlan, exposure: Exposure) -> Floats:
+    """Return (n,) displacements of the rays of one exposure that have a place in the image."""
+    samples = omni_samples(camera, plan)
+    pixels = pixel_centres(camera).reshape(-1, 2)[samples.pixels]
+    error_px, known = displacement_px(camera, pixels, turned_and_back(samples, exposure))
+    return error_px[known & samples.on_mirror]
+
+
+def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
+    """Return how far within the rim the farthest pixel lies that should see the mirror."""
+    pixels = pixel_centres(camera).reshape(-1, 2)
+    _, on_disc = direction_from_pixel(camera, pixels)
+    on_disc[omni_samples(camera, plan).pixels] = False
+    radius_px = np.linalg.norm(pixels[on_disc] - camera.centre_px, axis=1)
+    return float((camera.rim_radius_px - radius_px).max(initial=0.0))
+
+
+@pytest.mark.parametrize("lens", EXACT, ids=str)
+def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Lens) -> None:
+    camera = camera_of(lens)
+    plan = plan_for(camera, PerPixel(), RendererKind.TRACE)
+    rng = np.random.default_rng(1)
+    turns = [VIEW] + [Exposure(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)]
+    seen_px = max(ray_errors_px(camera, plan, turn).max() for turn in turns)
+    bound_px = error_bound(camera, plan).geometric.max_px
+    assert seen_px <= bound_px <= 2.0 * seen_px
+
+
+@pytest.mark.parametrize(("lens", "surface"), FACETED, ids=str)
+def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
+    lens: Lens, surface: PolygonSplit
+) -> None:
+    camera = camera_of(lens)
+    plan = plan_for(camera, surface, RendererKind.TRACE)
+    errors_px = ray_errors_px(camera, plan, VIEW)
+    seen_px = max(errors_px.max(), widest_gap_px(camera, plan))
+    bound = error_bound(camera, plan).geometric
+    assert seen_px <= bound.max_px <= 2.0 * seen_px
+    # Pixel centres are one set of places of the image, the bound's are another.
+    rms_px = math.sqrt(np.square(errors_px).mean())
+    assert bound.rms_px == pytest.approx(rms_px, rel=0.03)
+
+
+def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:
+    # The upper left quarter of a mirror off the centre, turned in the image.
+    camera = OmniCamera(PAPER_MIRROR, 120, 90, (100.3, 80.2), 103.0, math.radians(120.0), 0.7)
+    plan = plan_for(camera, split(12, 12, "uv"), RendererKind.TRACE)
+    errors_px = ray_errors_px(camera, plan, VIEW)
+    bound = error_bound(camera, plan).geometric
+    assert errors_px.max() <= bound.max_px <= 1.3 * errors_px.max()
+    assert bound.rms_px == pytest.approx(math.sqrt(np.square(errors_px).mean()), rel=0.05)
+
+
+# Frames.
+
+
+def frame(renderer: Renderer, camera: OmniCamera, plan: RenderPlan, exposure: Exposure) -> Image:
+    view = renderer.prepare(camera, plan)
+    image = view.draw(exposure).rgb
+    view.close()
+    return image
+
+
+def things(
+    camera: OmniCamera, plan: RenderPlan, *, count: int
+) -> Iterator[tuple[Targets, Exposure]]:
+    """Yield worlds of discs from a turned viewpoint, and of squares along the texels."""
+    texel_px = face_texels(camera, plan.face_parts).max_px
+    error_px = error_bound(camera, plan).geometric.max_px
+    for seed in range(3):
+        # Four texels a disc and eight a square, which the bound is for; and never so small that
+        # looking beside a thing would find another.
+        rng = np.random.default_rng(seed)
+        size_px = max(4.3 * texel_px, 5.0, 2.5 * error_px)
+        yield scattered_discs(camera, size_px=size_px, count=count, rng=rng), VIEW
+        size_px = max(8.5 * texel_px, 5.0, 2.5 * error_px)
+        yield scattered_squares(camera, size_px=size_px, count=count, rng=rng), LEVEL
+
+
+@pytest.mark.parametrize(
+    ("lens", "surface"), [(EXACT[0], PerPixel()), FACETED[2], FACETED[7]], ids=str
+)
+def test_traced_frames_of_things_are_within_the_bound(lens: Lens, surface: Surface) -> None:
+    camera = camera_of(lens)
+    plan = plan_for(camera, surface, RendererKind.TRACE)
+    worst_px = 0.0
+    for targets, exposure in things(camera, plan, count=20):
+        world = targets.world(exposure.world_from_mirror)
+        renderer = TraceRenderer(build_scene(world), world, threads=1)
+        image = frame(renderer, camera, plan, exposure)
+        renderer.close()
+        worst_px = max(worst_px, largest_displacement_px(camera, image, targets))
+    assert worst_px <= error_bound(camera, plan).geometric.max_px
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+# What is drawn, the size of the faces (0: as the plan has them), how many things.
+RASTER: list[tuple[Lens, Surface, int, int]] = [
+    ((PAPER_MIRROR, 120.0, 360), PerPixel(), 0, 25),
+    ((PAPER_MIRROR, 120.0, 360), PerPixel(), 128, 25),
+    ((PAPER_MIRROR, 120.0, 360), PerPixel(), 720, 50),
+    ((PAPER_MIRROR, 90.0, 90), PerPixel(), 0, 25),
+    ((PAPER_MIRROR, 150.0, 200), PerPixel(), 0, 40),
+    ((PAPER_MIRROR, 120.0, 1024), PerPixel(), 0, 8),
+    ((STRONG, 105.0, 200), PerPixel(), 0, 40),
+    ((NEARLY_PLANE, 100.0, 360), PerPixel(), 720, 50),
+    ((NEARLY_PARABOLIC, 130.0, 200), PerPixel(), 256, 40),
+    ((PARABOLIC, 135.0, 200), PerPixel(), 0, 40),
+    ((PAPER_MIRROR, 120.0, 360), split(16, 16, "uv"), 0, 25),
+    ((PAPER_MIRROR, 90.0, 200), split(32, 32, "position"), 0, 40),
+    ((PAPER_MIRROR, 120.0, 360), split(64, 64, "uv"), 0, 40),
+    ((PAPER_MIRROR, 150.0, 200), split(64, 64, "position"), 0, 40),
+    ((STRONG, 105.0, 200), split(16, 4, "uv"), 0, 25),
+]
+
+
+def largest_seen_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, count: int) -> float:
+    worst_px = 0.0
+    for targets, exposure in things(camera, plan, count=count):
+        world = targets.world(exposure.world_from_mirror)
+        image = frame(
+            RasterRenderer(build_scene(world), world, device=device), camera, plan, exposure
+        )
+        worst_px = max(worst_px, largest_displacement_px(camera, image, targets))
+    return worst_px
+
+
+@pytest.mark.parametrize(("lens", "surface", "size", "count"), RASTER, ids=str)
+def test_bound_of_rastered_frames_holds_within_a_factor_of_two(
+    device: GlDevice, lens: Lens, surface: Surface, size: int, count: int
+) -> None:
+    camera = camera_of(lens)
+    plan = plan_for(camera, surface, RendererKind.RASTER, size=size)
+    seen_px = largest_seen_px(device, camera, plan, count)
+    assert seen_px <= error_bound(camera, plan).geometric.max_px <= 2.0 * seen_px
+
+
+@pytest.mark.parametrize("way", ["uv", "position"])
+def test_bound_of_the_coarsest_rastered_polygons_holds(device: GlDevice, way: str) -> None:
+    # Errors are as large as the image there: no frame of things shows where each pixel looks, which
+    # the same polygons' rays do above.
+    camera = omni_camera(width_px=200)
+    plan = plan_for(camera, split(4, 4, way), RendererKind.RASTER)
+    seen_px = largest_seen_px(device, camera, plan, 12)
+    assert 0.0 < seen_px <= error_bound(camera, plan).geometric.max_px
+
+
+# Samples: markers of about a pixel, the hardest to place.
+
+
+def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
+    """Return (n,) errors of the centroids of traced markers, in places all over a pixel."""
+    rng = np.random.default_rng(3)
+    places = np.stack(np.meshgrid(*[np.arange(30.0, camera.width_px - 30.0, 8.0)] * 2), axis=-1)
+    places = places.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (places.size // 2, 2))
+    directions, _ = direction_from_pixel(camera, places)
+    # Around the horizon: there a radian is h px, and nearly alike in all directions.
+    level = np.abs(directions[:, 2]) < 0.12
+    world = marker_world(
+        directions[level],
+        world_from_mirror=VIEW.world_from_mirror,
+        diameter_rad=1.15 / camera.horizon_radius_px,
+    )
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    image = frame(renderer, camera, plan, VIEW)
+    renderer.close()
+    # With one sample a pixel a disc of less than sqrt 2 px may fall between the samples.
+    found = [place for place in places[level] if _is_lit(image, place)]
+    centroids = [marker_centroid(image, place, reach_px=2.0) for place in found]
+    return np.linalg.norm(np.subtract(centroids, found), axis=1)
+
+
+def _is_lit(image: Image, place: Floats) -> bool:
+    column, row = (int(value) for value in place)
+    return bool(image[row - 1 : row + 2, column - 1 : column + 2].any())
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4, 8])
+def test_markers_of_a_pixel_are_measured_within_the_bound_and_its_half(samples: int) -> None:
+    camera = omni_camera(width_px=360)
+    plan = plan_for(camera, PerPixel(), RendererKind.TRACE, samples=samples)
+    errors_px = centroid_errors_px(camera, plan)
+    assert len(errors_px) > 100
+    assert errors_px.max() <= error_bound(camera, plan).marker_px <= 2.0 * errors_px.max()
+
+
+def test_markers_in_rastered_frames_are_measured_within_the_bound(device: GlDevice) -> None:
+    camera = omni_camera(width_px=360)
+    plan = plan_for(camera, split(32, 32, "uv"), RendererKind.RASTER, samples=2)
+    directions = marker_directions((50.0, 75.0, 90.0, 104.0), tuple(range(-180, 180, 24)))
+    world = marker_world(
+        directions, world_from_mirror=VIEW.world_from_mirror, diameter_rad=math.radians(3.0)
+    )
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    image = frame(renderer, camera, plan, VIEW)
+    places, _ = pixel_from_direction(camera, directions)
+    errors_px = [np.hypot(*(marker_centroid(image, at, reach_px=7.0) - at)) for at in places]
+    assert len(errors_px) == 60
+    assert max(errors_px) <= error_bound(camera, plan).marker_px
