@@ -2,7 +2,11 @@
 
 A ray through every corner of the cells, then: cells whose corners see one surface, with no outline
 in front of it, are filled; the rays of all others are traced one by one. What is filled is what
-rays would bring: see `outlines` for the proof and tests/cost/questions/sparse_rays.py for the cost.
+rays would bring (`outlines` has the proof): the same bytes where light is constant over triangles,
+within one grey level where textures and point lights are computed on the surface's plane. At 4 px
+85 % of the field's cells and 88 % of the corridor's are filled; a frame takes 0.4 to 0.55 times
+what all rays take at one sample a pixel, and 0.25 times at 2 x 2. Where hardly anything can be
+filled, among 500 finely modelled balls, it takes 1.05 times: tests/cost/questions/sparse_rays.py.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ of the pyramid for which O's plane is nearer than T's are cut off by one straigh
 contain a corner ray, or nothing. If no outline of O passes there in front of T, O covers all of
 them or none; not all, since the corner rays meet T. So O hides nothing. Curved things are many
 surfaces, and what is too small to have outlines here lies in a sphere that marks all it may cover.
+Not covered are two surfaces in one place, where rays too show now one, now the other.
 """
 
 from __future__ import annotations

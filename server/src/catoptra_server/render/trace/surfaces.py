@@ -96,7 +96,7 @@ def _clusters_side(scene: SceneMesh) -> float:
     side = max(float(longest[-_MOST_LARGE]), 1e-5 * extent)
     middles = scene.corners.mean(axis=1)
     while len(np.unique(_voxels(middles, side))) > _MOST_CLUSTERS:
-        side *= 1.5
+        side *= 1.2
     return side
 
 
