@@ -30,8 +30,8 @@ from rich.table import Table
 from catoptra_client.frame import FrameSource, Pixels
 from catoptra_client.frames import open_frames
 from catoptra_client.robot import Robot
-from catoptra_server.encode import Frame
-from catoptra_server.mailbox import Mailbox
+from catoptra_server.imaging.frame import Frame
+from catoptra_server.mailbox import Mailboxes
 
 ROOT = Path(__file__).parents[2]
 ARGUMENTS = (
@@ -162,14 +162,14 @@ def _serve_with_stamps(arguments: list[str]) -> int:
     """Run the server; every frame shows when it was exposed."""
     from catoptra_server.__main__ import main as serve
 
-    put = Mailbox.put
+    put = Mailboxes.put
 
-    def put_stamped(mailbox: Mailbox, frame: Frame) -> None:
+    def put_stamped(mailboxes: Mailboxes, frame: Frame) -> None:
         rgb = frame.rgb.copy()
         _stamp(rgb, frame.finished_s - frame.drawn_s)
-        put(mailbox, dataclasses.replace(frame, rgb=rgb))
+        put(mailboxes, dataclasses.replace(frame, rgb=rgb))
 
-    Mailbox.put = put_stamped  # type: ignore[method-assign] # the one place that every frame passes
+    Mailboxes.put = put_stamped  # type: ignore[method-assign] # the one place that every frame passes
     return serve(arguments)
 
 

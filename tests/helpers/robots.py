@@ -190,4 +190,4 @@ def shown(fleet: Fleet, views: Any = None, channel: Channel = SCREEN) -> Frame:
     scenery = fleet.scenery(channel)
     assert scenery is not None
     shot = Shot(channel, 1, 0.0, 0.0, scenery)
-    return developed(shot, views or FakeViews(), monotonic=lambda: 0.0)
+    return developed(shot, views if views is not None else FakeViews(), monotonic=lambda: 0.0)

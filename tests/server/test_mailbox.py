@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 
 import numpy as np
 import pytest
 
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.mailbox import Mailbox
+from catoptra_server.imaging.shot import SCREEN, CameraChannel
+from catoptra_server.mailbox import Mailbox, Mailboxes, NothingShownError
+from catoptra_server.simulation import Drawn, FrameWanted, Request
 
 NOW_S = 1000.0
 
@@ -27,7 +30,7 @@ class Asked:
     def __init__(self) -> None:
         self.count = 0
 
-    def __call__(self, newer_than: int) -> None:
+    def __call__(self, newer_than: float) -> None:
         self.count += 1
         self.newer_than = newer_than
 
@@ -143,3 +146,45 @@ def test_frame_when_waited_for_is_asked_for_once_however_many_come() -> None:
         assert (await task).sequence == 8
 
     run(scene)
+
+
+def test_mailboxes_when_a_channel_was_watched_before_ask_for_any_frame() -> None:
+    async def main() -> None:
+        posted: list[Request] = []
+        boxes = Mailboxes(posted.append, ahead=False)
+        waiting = asyncio.create_task(boxes.of(SCREEN).newer_than(0))
+        other = asyncio.create_task(boxes.of(SCREEN).newer_than(0))
+        await let_it_wait(waiting)
+        assert posted == [FrameWanted(math.inf, SCREEN)]  # once, for both
+        boxes.put(frame(38))
+        assert (await waiting).sequence == (await other).sequence == 38
+        assert posted[1:] == [Drawn(SCREEN)]
+
+    asyncio.run(asyncio.wait_for(main(), 5.0))
+
+
+def test_mailboxes_when_a_channel_shows_nothing_disappoint_who_waits_for_it_alone() -> None:
+    async def main() -> None:
+        boxes = Mailboxes(lambda request: None, ahead=False)
+        lost, kept = CameraChannel("Gone", ""), SCREEN
+        waiting = asyncio.create_task(boxes.of(lost).newer_than(0))
+        other = asyncio.create_task(boxes.of(kept).newer_than(0))
+        await let_it_wait(waiting)
+        boxes.refuse(lost)
+        with pytest.raises(NothingShownError):
+            await waiting
+        boxes.put(frame(1))
+        assert (await other).sequence == 1
+
+    asyncio.run(asyncio.wait_for(main(), 5.0))
+
+
+def test_mailbox_when_nobody_holds_it_is_gone() -> None:
+    async def main() -> None:
+        boxes = Mailboxes(lambda request: None, ahead=False)
+        held = boxes.of(SCREEN)
+        assert boxes.of(SCREEN) is held
+        boxes.of(CameraChannel("R", ""))
+        assert len(boxes) == 1
+
+    asyncio.run(main())

@@ -9,6 +9,7 @@ moment.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -29,7 +30,7 @@ class Mailbox:
 
     def __init__(
         self,
-        ask: Callable[[int], None],
+        ask: Callable[[float], None],
         *,
         ahead: bool,
         monotonic: Callable[[], float] = time.monotonic,
@@ -39,6 +40,7 @@ class Mailbox:
         self._ahead = ahead
         self._monotonic = monotonic
         self._newest: Frame | None = None
+        self._has_asked = False
         self._arrival: asyncio.Future[Frame] = self._loop.create_future()
 
     def arrived(self, frame: Frame) -> None:
@@ -50,6 +52,7 @@ class Mailbox:
     def refused(self) -> None:
         """Disappoint who waits."""
         self._newest = None
+        self._has_asked = False
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_exception(NothingShownError())
         waiting.exception()  # seen, also where nobody waits
@@ -64,11 +67,19 @@ class Mailbox:
         """
         frame = self._waiting_frame(sequence)
         if frame is None:
-            self._ask(self._newest.sequence if self._newest else 0)
+            self._ask_for_the_next()
             frame = await asyncio.shield(self._arrival)
         if self._ahead:
             self._ask(frame.sequence)
         return frame
+
+    def _ask_for_the_next(self) -> None:
+        if self._newest is not None:
+            self._ask(self._newest.sequence)
+        elif not self._has_asked:
+            # What was drawn before this mailbox was there is not known here: any will do.
+            self._has_asked = True
+            self._ask(math.inf)
 
     def _waiting_frame(self, sequence: int) -> Frame | None:
         frame = self._newest
@@ -95,7 +106,11 @@ class Mailboxes:
             box = self._boxes[channel] = Mailbox(partial(self._ask, channel), ahead=self._ahead)
         return box
 
-    def _ask(self, channel: Channel, newer_than: int) -> None:
+    def __len__(self) -> int:
+        """Return how many channels are watched."""
+        return len(self._boxes)
+
+    def _ask(self, channel: Channel, newer_than: float) -> None:
         self._post(FrameWanted(newer_than, channel))
 
     def put(self, frame: Frame) -> None:

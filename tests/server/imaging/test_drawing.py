@@ -109,3 +109,11 @@ def test_shots_when_drawing_never_began_are_cancelled() -> None:
     with pytest.raises(ValueError, match="no renderer"):
         drawing.run(refuse, lambda: None)
     assert waiting.cancelled()
+
+
+def test_frame_when_no_view_is_prepared_yet_is_drawn_all_the_same() -> None:
+    class Unprepared(FakeViews):
+        def __len__(self) -> int:
+            return 0
+
+    assert developed(shot_of(TAKE), Unprepared(), monotonic=lambda: 0.0).rgb.any()

@@ -103,13 +103,14 @@ def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float
     """Return the frame of a shot. Without views there is nothing to look through: black."""
     scenery = shot.scenery
     begin_s = monotonic()
-    pictures = [views.draw(take) if views and take else None for take in scenery.takes]
+    pictures = [_drawn(take, views) for take in scenery.takes]
     rgb = _whole(scenery, pictures)
     stage_ms: Counter[str] = Counter()
     for picture in pictures:
         stage_ms.update(picture.stage_ms if picture else {})
     end_s = monotonic()
-    plans = {str(views.plan(take.eye)) for take in scenery.takes if views and take}
+    eyes = {take.eye for take in scenery.takes if take is not None}
+    plans = {str(views.plan(eye)) for eye in eyes} if views is not None else set()
     return Frame(
         sequence=shot.sequence,
         time_s=shot.time_s,
@@ -122,6 +123,10 @@ def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float
         drawn_s=end_s - begin_s,
         plan="; ".join(sorted(plans)) or None,
     )
+
+
+def _drawn(take: Take | None, views: Viewer | None) -> RenderedImage | None:
+    return None if take is None or views is None else views.draw(take)
 
 
 def _whole(scenery: Scenery, pictures: list[RenderedImage | None]) -> Image:
