@@ -124,7 +124,7 @@ def _parts(camera: OmniCamera, plan: RenderPlan) -> tuple[_Part, ...]:
     if is_raster and isinstance(plan.surface, PolygonSplit):
         corners = corner_error(camera, plan.samples)
         parts.append(("corners", corners, "they stand on 256ths of the drawn pixels"))
-    why = "float32 law and places in the atlas" if is_raster else "float32 rays, turned"
+    why = "float32 places in the atlas" if is_raster else "float32 rays, turned"
     return (*parts, ("rounding", rounding_error(camera, plan), why))
 
 

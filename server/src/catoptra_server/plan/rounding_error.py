@@ -1,8 +1,9 @@
 """What single precision leaves of the law: the floor under every plan.
 
-Both renderers hold directions as float32, each component rounded to a part in 2^24 =: 1 / u. The
-law's own condition is the image scale: a direction that is off by an angle is shown off by that
-angle times at most `max_px_per_rad`. So what is left to know is how many u a direction is off.
+Trace and the shader of polygons hold directions as float32, each component rounded to a part in
+2^24 =: 1 / u. The law's own condition is the image scale: a direction that is off by an angle is
+shown off by that angle times at most `max_px_per_rad`. So what is left to know is how many u a
+direction is off. Raster also holds places in the atlas, in parts of its width.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from catoptra_server.plan.face_sizes import FacePart
 from catoptra_server.plan.face_texels import face_texels
 from catoptra_server.plan.geometric_error import GeometricError, summed
 from catoptra_server.plan.image_scale import image_scale
-from catoptra_server.plan.render_plan import RendererKind, RenderPlan
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
 
 _U = 2.0**-24
-# Of the largest: rounding errors of a handful of operations rarely agree. Seen: 0.51 u of 2.44 u in
-# rays, 1.1e-5 px of 5.5e-5 px in the shader (optics notes, 3.2).
+# Of the largest: rounding errors of a handful of operations rarely agree. Seen in rays: 0.51 u of
+# 2.44 u.
 _RMS_OF_MAX = 0.2
 
 # Trace computes in float64 and rounds twice: a unit vector (at most 1 u) and its turn into the
@@ -26,11 +27,11 @@ _RMS_OF_MAX = 0.2
 # them at their worst and in one direction would be 8.7 u; the worst of 40 million rays in 200 turns
 # was 2.4 u.
 TRACE_ULPS = 3.0
-# The shader evaluates the law itself: about ten operations from the pixel to the direction, all of
-# them relatively exact, each at most 1 u. Seen: 4.2 u to 4.4 u between k = 2.1 and 1e6.
+# A polygon's shader interpolates the direction between corners: about ten operations, all of them
+# relatively exact, each at most 1 u.
 SHADER_ULPS = 8.0
-# Then the place in the atlas, as a part of its width: dividing by the width, rounding, multiplying
-# again by the sampler, each at most 1 u of a width.
+# A place in the atlas, as a part of its width, is divided by the width, rounded and multiplied
+# again by the sampler: each at most 1 u of a width.
 _ATLAS_ULPS = 3.0
 # Corners of polygons stand on 256ths of the drawn picture's pixels: half a step along both sides.
 _CORNER_PX = math.sqrt(2.0) / 512.0
@@ -40,7 +41,10 @@ def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Return the displacement by float32 directions and places."""
     if plan.renderer is RendererKind.TRACE:
         return _of_directions(camera, TRACE_ULPS)
-    return summed((_of_directions(camera, SHADER_ULPS), _of_atlas_places(camera, plan.face_parts)))
+    places = _of_atlas_places(camera, plan.face_parts)
+    if isinstance(plan.surface, PerPixel):
+        return places
+    return summed((_of_directions(camera, SHADER_ULPS), places))
 
 
 def _of_directions(camera: OmniCamera, ulps: float) -> GeometricError:
