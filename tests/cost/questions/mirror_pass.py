@@ -1,0 +1,154 @@
+"""What does the mirror's pass cost: its law in the shader, or looked up; which encoding to sRGB?
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/questions/mirror_pass.py
+
+Prints, for the mirror's pass of a 640 x 640 px picture, the median milliseconds on the wall and of
+all processors, drawn in turns, and the ratio of the latter to the law in the shader with the power
+of sRGB's definition. Decided by it:
+render/raster/mirror_places.py, and the square roots in glsl/include/colour.glsl.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import moderngl
+import numpy as np
+from interleaved import median_ms
+from scenes import EXPOSURE, camera, worlds
+
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.render.raster import RasterRenderer, open_device
+from catoptra_server.render.raster.atlas import pack_atlas
+from catoptra_server.render.raster.atlas_lookup import use_atlas
+from catoptra_server.render.raster.mirror_per_pixel import polygon_around_rim
+from catoptra_server.render.raster.mirror_places import mirror_places
+from catoptra_server.render.raster.programs import VERSION, set_uniform, source
+from catoptra_server.scene.meshes import build_scene
+
+ROUNDS = 40
+
+# The law in t = tan(theta / 2) as optics/mirrors/hyperbolic.py has it, then the face and the place.
+LAW = """
+uniform vec2 centre_px;
+uniform float inverse_h, kappa_s, inverse_s2, rim_t;
+vec3 light(ivec2 sample_at)
+{
+    vec2 ratio = ((vec2(sample_at) + 0.5) / float(SAMPLES) - centre_px) * inverse_h;
+    float squared = dot(ratio, ratio);
+    float gain = 1.0 / (kappa_s * (1.0 + sqrt(1.0 + squared * inverse_s2)));
+    float t = gain * sqrt(squared);
+    vec3 direction = vec3(-2.0 * gain * ratio.yx, (1.0 - t) * (1.0 + t));
+    return t <= rim_t ? radiance_seen(direction) : vec3(0.0);
+}
+"""
+LOOKED_UP = """
+uniform sampler2D atlas, places;
+vec3 light(ivec2 sample_at)
+{
+    vec2 place = texelFetch(places, sample_at, 0).xy;
+    return place.x >= 0.0 ? textureLod(atlas, place, 0.0).rgb : vec3(0.0);
+}
+"""
+POWER = """
+vec3 encoded(vec3 light)
+{
+    vec3 curved = 1.055 * pow(max(light, vec3(0.0031308)), vec3(1.0 / 2.4)) - 0.055;
+    return mix(curved, 12.92 * light, lessThanEqual(light, vec3(0.0031308)));
+}
+"""
+ROOTS = "vec3 encoded(vec3 light) { return srgb_from_linear(light); }\n"
+MAIN = """
+out vec4 colour;
+void main()
+{
+    vec3 sum = vec3(0.0);
+    for (int row = 0; row < SAMPLES; ++row)
+        for (int column = 0; column < SAMPLES; ++column)
+            sum += light(ivec2(gl_FragCoord.xy) * SAMPLES + ivec2(column, row));
+    colour = vec4(encoded(clamp(sum / float(SAMPLES * SAMPLES), 0.0, 1.0)), 1.0);
+}
+"""
+
+
+def fragment(samples: int, light: str, encoded: str) -> str:
+    head = f"{VERSION}\n#define SAMPLES {samples}\n#define FACES 5\n"
+    includes = ["include/colour.glsl", *(["include/atlas.glsl"] if light is LAW else [])]
+    texts = [source(path).removeprefix(VERSION) for path in includes]
+    return "\n".join((head, *texts, light, encoded, MAIN))
+
+
+def set_law(program: moderngl.Program) -> None:
+    shown = camera()
+    mirror = shown.mirror
+    assert isinstance(mirror, HyperbolicMirror)
+    set_uniform(program, "centre_px", shown.centre_px)
+    set_uniform(program, "inverse_h", 1.0 / shown.horizon_radius_px)
+    set_uniform(program, "kappa_s", mirror.kappa * mirror.s)
+    set_uniform(program, "inverse_s2", 1.0 / mirror.s**2)
+    set_uniform(program, "rim_t", shown.rim_t)
+
+
+def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
+    """Return what draws the pass from faces of the field, in a device of its own."""
+    world = worlds()["field"]
+    device = open_device()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    plan = plan_from_wish(
+        RenderWish(PerPixel(), samples), camera(), kind=RendererKind.RASTER, why="measured"
+    )
+    view = renderer.prepare(camera(), plan)
+    view.draw(EXPOSURE)
+    context = device.context
+    atlas = pack_atlas(plan.face_parts, guard=2, max_texels=16384)
+    faces = view._faces.texture
+    with context:
+        program = context.program(
+            vertex_shader=source("mirror_per_pixel.vert"),
+            fragment_shader=fragment(samples, light, encoded),
+        )
+        corners = context.buffer(polygon_around_rim(camera()).astype(np.float32).tobytes())
+        vertices = context.vertex_array(program, [(corners, "2f", "position")])
+        target = context.framebuffer([context.renderbuffer((640, 640), 3)])
+        if light is LAW:
+            set_law(program)
+            use_atlas(program, atlas, faces)
+        else:
+            size = (640 * samples, 640 * samples)
+            table = mirror_places(camera(), atlas, samples)
+            places = context.texture(size, 2, table, dtype="f4")
+            places.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            program["places"] = 1
+
+    def draw() -> None:
+        with context:
+            faces.use(0)
+            if light is not LAW:
+                places.use(1)
+            context.enable_only(moderngl.NOTHING)
+            target.use()
+            target.clear()
+            vertices.render(moderngl.TRIANGLE_FAN)
+            context.finish()
+
+    return draw
+
+
+def main() -> None:
+    for samples in (1, 2, 3):
+        draws = {
+            "law in the shader, power": drawer(samples, LAW, POWER),
+            "law in the shader, roots": drawer(samples, LAW, ROOTS),
+            "looked up, power": drawer(samples, LOOKED_UP, POWER),
+            "looked up, roots": drawer(samples, LOOKED_UP, ROOTS),
+        }
+        times = median_ms(draws, rounds=ROUNDS)
+        first = next(iter(times.values()))[1]
+        for name, (wall, processors) in times.items():
+            ratio = processors / first
+            print(f"  {samples}^2 {name:<30}{wall:8.2f}{processors:8.2f}{ratio:8.2f}")
+
+
+if __name__ == "__main__":
+    main()
