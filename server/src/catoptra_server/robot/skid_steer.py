@@ -78,8 +78,8 @@ def moved(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
     turn / 2.
     """
     half = 0.5 * turn_rad
-    # sinc(a / pi) is sin(a) / a, exactly 1 at 0.
-    chord = distance_m * float(np.sinc(half / math.pi))
+    # The quotient tends to 1, which is its value as a double below 1e-8.
+    chord = distance_m * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
     heading = pose.yaw_rad + half
     return PlanarPose(
         pose.x_m + chord * math.cos(heading),

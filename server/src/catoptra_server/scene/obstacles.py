@@ -6,6 +6,7 @@ them, which is tested for all near triangles at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -41,14 +42,17 @@ class Obstacles:
 
     def near(self, centre: Floats, radius_m: float) -> Floats:
         """Return the (m, 3, 2) triangles around a circle; one may come more than once."""
-        first = np.floor((centre - radius_m) / self.cell_m).astype(int).tolist()
-        last = np.floor((centre + radius_m) / self.cell_m).astype(int).tolist()
         found = [
             self.cells[cell]
-            for cell in product(range(first[0], last[0] + 1), range(first[1], last[1] + 1))
+            for cell in product(*(self._cells_along(float(c), radius_m) for c in centre))
             if cell in self.cells
         ]
         return np.concatenate((*found, self.moving)) if found else self.moving
+
+    def _cells_along(self, middle_m: float, radius_m: float) -> range:
+        """Return the columns, or rows, that an interval reaches into."""
+        first = math.floor((middle_m - radius_m) / self.cell_m)
+        return range(first, math.floor((middle_m + radius_m) / self.cell_m) + 1)
 
     def with_outlines(self, outlines: Sequence[Floats]) -> Obstacles:
         """Return these obstacles and, beside them, outlines of upright boxes."""
@@ -90,7 +94,8 @@ def rectangle_touches(
     obstacles: Obstacles, centre: Floats, yaw_rad: float, *, half_size_m: tuple[float, float]
 ) -> bool:
     """Return whether a rectangle (half length, half width) at (2,), turned, meets a triangle."""
-    triangles = obstacles.near(centre, float(np.hypot(*half_size_m))) - centre
+    reach_m = math.hypot(*half_size_m)
+    triangles = _within(obstacles.near(centre, reach_m) - centre, reach_m)
     if not len(triangles):
         return False
     forward = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
@@ -101,6 +106,18 @@ def rectangle_touches(
     own = np.broadcast_to(halves, (len(triangles), 2, 2))
     apart = _apart(triangles, np.concatenate((own, normals), axis=1), halves)
     return bool((~apart).any())
+
+
+def _within(triangles: Floats, reach_m: float) -> Floats:
+    """Return those of (n, 3, 2) triangles whose bounds reach into a square about 0.
+
+    Most of what lies in the same cells does not, and telling so costs a fifth of parting it.
+    """
+    if not len(triangles):
+        return triangles
+    beside = (triangles.min(axis=1) > reach_m) | (triangles.max(axis=1) < -reach_m)
+    within: Floats = triangles[~beside.any(axis=1)]
+    return within
 
 
 def _apart(triangles: Floats, axes: Floats, halves: Floats) -> Bools:

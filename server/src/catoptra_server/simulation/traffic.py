@@ -65,14 +65,16 @@ class Traffic:
         scenery = self._scenery[robot.description.class_name]
         if not robot.is_rolling:  # nothing stops what stands
             return scenery
-        others = (self._stand(other) for other in robots if other is not robot)
         own, drive = self._stand(robot), robot.description.drive
         reach_m = own.reach_m + _LONGEST_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
+        stands = [self._stands.get(other) or self._stand(other) for other in robots]
         return scenery.with_outlines(
             [
-                other.outline
-                for other in others
-                if math.hypot(other.x_m - own.x_m, other.y_m - own.y_m) <= reach_m + other.reach_m
+                stand.outline
+                for stand in stands
+                if abs(stand.x_m - own.x_m) <= (reach := reach_m + stand.reach_m)
+                and abs(stand.y_m - own.y_m) <= reach
+                and stand is not own
             ]
         )
 
