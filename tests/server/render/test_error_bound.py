@@ -267,7 +267,7 @@ def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
     four = replace(one, face_samples=4)
     # Edges that rise by a third of their length are the worst for the pattern of four: that it
     # displaces them as far as said is searched in tests/server/plan/test_face_lookup_error.py.
-    seen_px = largest_seen_px(device, camera, four, 40)
+    seen_px = largest_seen_px(device, camera, four, 15)
     bound_px = error_bound(camera, four).geometric.max_px
     assert seen_px <= bound_px < 0.7 * error_bound(camera, one).geometric.max_px
 
