@@ -53,6 +53,13 @@ def test_chunk_in_front_is_never_left_out() -> None:
     assert not kept.all()
 
 
+def test_planes_of_several_faces_are_asked_at_once() -> None:
+    chunks = make_chunks(triangles(2000), np.zeros(2000, dtype=np.intp), size=16)
+    normals, point = np.random.default_rng(2).normal(size=(3, 4, 3)), np.array([0.5, -1.0, 0.2])
+    alone = [chunks.in_front(of_face, point) for of_face in normals]
+    assert np.array_equal(chunks.in_front(normals, point), alone)
+
+
 def test_distance_to_a_box_is_zero_inside() -> None:
     corners = np.array([[[0, 0, 0], [2, 0, 0], [0, 2, 1]]], dtype=np.float64)
     chunks = make_chunks(corners, np.zeros(1, dtype=np.intp))

@@ -41,11 +41,13 @@ class Chunks:
         return distance
 
     def in_front(self, normals: Floats, point: Floats) -> Bools:
-        """Return (m,) which boxes reach in front of all (p, 3) planes through a (3,) point."""
+        """Return (..., m) which boxes reach in front of all (..., p, 3) planes through a point."""
         half = 0.5 * (self.high - self.low)
         middle = 0.5 * (self.high + self.low) - point
-        reach = middle @ normals.T + half @ np.abs(normals).T
-        return np.asarray((reach >= 0.0).all(axis=-1))
+        flat = normals.reshape(-1, 3)
+        reach = flat @ middle.T + np.abs(flat) @ half.T
+        in_front = (reach >= 0.0).reshape(*normals.shape[:-1], len(half))
+        return np.asarray(in_front.all(axis=-2))
 
 
 def make_chunks(corners: Floats, group: Indices, *, size: int = TRIANGLES_A_CHUNK) -> Chunks:

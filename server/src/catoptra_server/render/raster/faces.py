@@ -93,6 +93,9 @@ class FacePass(Generic[LayoutT]):
         self._context = context
         self._scene = scene
         self.atlas = atlas
+        self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
+        self._spread = max(cell.spread for cell in atlas.cells)
+        self._texels = sum(cell.width * cell.height for cell in atlas.cells)
         size = (atlas.width, atlas.height)
         self.texture = context.texture(size, 4, dtype=LINEAR_STORAGE)
         self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -111,26 +114,19 @@ class FacePass(Generic[LayoutT]):
         """Fill the atlas with what is seen from an exposure's viewpoint."""
         pose = exposure.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
-        spread = max(cell.spread for cell in self.atlas.cells)
-        near = FARTHEST_NEAR_M * spread
+        near = FARTHEST_NEAR_M * self._spread
         depth = self._scene.surroundings.depth_range(
-            viewpoint, spread=spread, beside=reach_of(exposure.bodies, pose.translation, near)
+            viewpoint,
+            spread=self._spread,
+            beside=reach_of(exposure.bodies, pose.translation, near),
         )
         self._scene.bodies.place(exposure.bodies)
         self._scene.place(viewpoint, depth.clip_z_from_w)
         self._begin()
-        drawn = [
-            self._draw_cell(cell, cell.clip_from_mirror @ pose.rotation.T, viewpoint)
-            for cell in self.atlas.cells
-        ]
+        calls, triangles = self._draw_cells(self._clip_from_mirror @ pose.rotation.T, viewpoint)
         if self._resolved is not None:
             self._context.copy_framebuffer(self._resolved, self._target)
-        self.counts = DrawCounts(
-            cells=len(drawn),
-            texels=sum(cell.width * cell.height for cell in self.atlas.cells),
-            calls=sum(calls for calls, _ in drawn),
-            triangles=sum(triangles for _, triangles in drawn),
-        )
+        self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
 
     def _begin(self) -> None:
         """Clear the whole target at once, which drivers do much faster than a part of it."""
@@ -140,18 +136,20 @@ class FacePass(Generic[LayoutT]):
         self._target.clear(*self._scene.background, 1.0, depth=1.0)
         self._target.use()
 
-    def _draw_cell(
-        self, cell: Projection, clip_from_scene: Floats, viewpoint: Floats
-    ) -> tuple[int, int]:
-        """Draw one face; return its draw calls and the triangles sent."""
-        self._context.viewport = cell.viewport
-        x, y, w = clip_from_scene
-        planes = np.stack((w + x, w - x, w + y, w - y, w))
+    def _draw_cells(self, clip_from_scene: Floats, viewpoint: Floats) -> tuple[int, int]:
+        """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
+        x, y, w = np.moveaxis(clip_from_scene, 1, 0)
+        planes = np.stack((w + x, w - x, w + y, w - y, w), axis=1)
         visible = self._scene.chunks.in_front(planes, viewpoint)
-        calls = self._scene.draw(clip_from_scene, visible)
-        triangles = int(np.diff(self._scene.chunks.borders)[visible].sum())
-        more_calls, more = self._scene.bodies.draw(clip_from_scene, planes, viewpoint)
-        return calls + more_calls, triangles + more
+        calls, triangles = 0, int((visible @ self._scene.chunk_sizes).sum())
+        for cell, clip, edges, seen in zip(
+            self.atlas.cells, clip_from_scene, planes, visible, strict=True
+        ):
+            self._context.viewport = cell.viewport
+            more_calls, more = self._scene.bodies.draw(clip, edges, viewpoint)
+            calls += self._scene.draw(clip, seen) + more_calls
+            triangles += more
+        return calls, triangles
 
     def close(self) -> None:
         """Free the atlas."""

@@ -76,7 +76,7 @@ class Output:
         which OpenGL calls the bottom and reads first. A later frame does not touch the array.
         """
         width, height = self.target.size
-        image = np.zeros((height, width, 3), dtype=np.uint8)
+        image = np.empty((height, width, 3), dtype=np.uint8)
         self.target.read_into(image, components=3, alignment=1)
         image.setflags(write=False)
         return image

@@ -63,6 +63,7 @@ class SceneBuffers:
         self.bodies = MovingBodies(context, programs, world.lights, self.origin)
         corners = scene.corners - self.origin
         self.chunks = make_chunks(corners, (scene.texture_index + 1).astype(np.intp))
+        self.chunk_sizes = np.diff(self.chunks.borders)
         self.surroundings = Surroundings(self.chunks, corners)
         self._attributes = self._upload(scene, world, corners)
         self._groups = [self._group(programs, scene, int(g)) for g in np.unique(self.chunks.group)]
