@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
 from catoptra_server.random_streams import RandomStream
@@ -71,9 +70,11 @@ def test_base_when_spawned_inside_a_wall_can_leave() -> None:
 
 def test_base_when_turning_in_a_corridor_stops_at_the_wall() -> None:
     body = driven_for(body_at(1.0 - HALF_LENGTH_M - 0.001, left=1.0, right=-1.0), 300, walls(1.0))
-    centre = np.array([body.pose.x_m, body.pose.y_m])
+    centre = (body.pose.x_m, body.pose.y_m)
     half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
-    assert not rectangle_touches(walls(1.0), centre, body.pose.yaw_rad, half_size_m=half)
+    near = walls(1.0).near(centre, 1.0)
+    assert near
+    assert not rectangle_touches(near, centre, body.pose.yaw_rad, half_size_m=half)
     assert 0.0 < body.pose.yaw_rad < 0.1
 
 

@@ -26,7 +26,8 @@ def scene_obstacles(
 
 
 def touches(obstacles: Obstacles, x: float, y: float = 0.0, yaw: float = 0.0) -> bool:
-    return rectangle_touches(obstacles, np.array([x, y]), yaw, half_size_m=HALF)
+    near = obstacles.near((x, y), math.hypot(*HALF))
+    return rectangle_touches(near, (x, y), yaw, half_size_m=HALF)
 
 
 BLOCK = scene_obstacles((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x = 1.5 to 2.5
@@ -99,5 +100,5 @@ def test_rectangle_when_anywhere_touches_as_sampled_points_say(
 
 
 def test_near_when_far_away_has_no_triangles() -> None:
-    assert len(BLOCK.near(np.array([9.0, 9.0]), 1.0)) == 0
-    assert len(BLOCK.near(np.array([2.0, 0.0]), 1.0)) >= 12
+    assert len(BLOCK.near((9.0, 9.0), 1.0)) == 0
+    assert len(BLOCK.near((2.0, 0.0), 1.0)) >= 12

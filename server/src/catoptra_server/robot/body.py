@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import DriveBase
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import AT_REST, Rolled, WheelSpin, moved, rolled, slipped
-from catoptra_server.scene.obstacles import Obstacles, rectangle_touches
+from catoptra_server.scene.obstacles import Obstacles, Outline, rectangle_touches
 
 # Halvings of a tick's motion up to the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
 _HALVINGS = 7
@@ -51,37 +50,46 @@ def _until_contact(body: Body, way: Rolled, obstacles: Obstacles) -> PlanarPose:
     turn = way.turn_rad(body.base)
     if not (way.left_m or way.right_m):  # most robots stand most of the time
         return body.pose
-    if _touches(body.base, body.pose, obstacles):
+    near = _Near.of(body, abs(way.distance_m), obstacles)
+    if near.is_touched_from(body.pose):
         return moved(body.pose, way.distance_m, turn)
     # No step is longer than half the base: it cannot jump over a wall.
     steps = math.ceil(abs(way.distance_m) / (0.5 * min(body.base.body_m[:2]))) or 1
     pose = body.pose
     for _ in range(steps):
         goal = moved(pose, way.distance_m / steps, turn / steps)
-        if _touches(body.base, goal, obstacles):
-            return _last_free(body.base, pose, (way.distance_m / steps, turn / steps), obstacles)
+        if near.is_touched_from(goal):
+            return _last_free(pose, (way.distance_m / steps, turn / steps), near)
         pose = goal
     return pose
 
 
-def _last_free(
-    base: DriveBase, pose: PlanarPose, step: tuple[float, float], obstacles: Obstacles
-) -> PlanarPose:
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """What a base can touch within a tick, looked up once, and half its length and width."""
+
+    outlines: Sequence[Outline]
+    half_size_m: tuple[float, float]
+
+    @classmethod
+    def of(cls, body: Body, distance_m: float, obstacles: Obstacles) -> _Near:
+        half = (0.5 * body.base.body_m[0], 0.5 * body.base.body_m[1])
+        place = (body.pose.x_m, body.pose.y_m)
+        return cls(obstacles.near(place, math.hypot(*half) + distance_m), half)
+
+    def is_touched_from(self, pose: PlanarPose) -> bool:
+        place = (pose.x_m, pose.y_m)
+        return rectangle_touches(self.outlines, place, pose.yaw_rad, half_size_m=self.half_size_m)
+
+
+def _last_free(pose: PlanarPose, step: tuple[float, float], near: _Near) -> PlanarPose:
     """Return the last free pose of a step (metres, radians) that ends in an obstacle."""
     distance_m, turn_rad = step
     free, blocked = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (free + blocked)
-        if _touches(base, moved(pose, middle * distance_m, middle * turn_rad), obstacles):
+        if near.is_touched_from(moved(pose, middle * distance_m, middle * turn_rad)):
             blocked = middle
         else:
             free = middle
     return moved(pose, free * distance_m, free * turn_rad)
-
-
-def _touches(base: DriveBase, pose: PlanarPose, obstacles: Obstacles) -> bool:
-    length, width, _ = base.body_m
-    centre = np.array([pose.x_m, pose.y_m])
-    return rectangle_touches(
-        obstacles, centre, pose.yaw_rad, half_size_m=(0.5 * length, 0.5 * width)
-    )

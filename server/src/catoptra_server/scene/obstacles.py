@@ -1,19 +1,19 @@
 """What a robot bumps into: the scene's triangles between ankle and mirror height, seen from above.
 
-A robot is a rectangle on the floor. Two convex shapes are apart iff some edge normal separates
-them, which is tested for all near triangles at once.
+A robot is a rectangle on the floor. Two convex shapes are apart iff the normal of some edge parts
+them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
-from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
 
@@ -25,6 +25,9 @@ CLEARANCE_M = 0.03
 # a robot in four.
 _CELLS = 64
 _SMALLEST_CELL_M = 0.5
+# The three corners of a triangle from above.
+Outline = list[list[float]]
+
 _NONE: Floats = np.zeros((0, 3, 2))
 
 
@@ -40,14 +43,19 @@ class Obstacles:
     cells: Mapping[tuple[int, int], Floats]
     moving: Floats = field(default_factory=lambda: _NONE)
 
-    def near(self, centre: Floats, radius_m: float) -> Floats:
-        """Return the (m, 3, 2) triangles around a circle; one may come more than once."""
-        found = [
-            self.cells[cell]
-            for cell in product(*(self._cells_along(float(c), radius_m) for c in centre))
-            if cell in self.cells
-        ]
-        return np.concatenate((*found, self.moving)) if found else self.moving
+    def near(self, centre: tuple[float, float], radius_m: float) -> list[Outline]:
+        """Return the triangles that reach into a square about a place; some come several times."""
+        columns, rows = (self._cells_along(middle, radius_m) for middle in centre)
+        found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
+        triangles = np.concatenate((*found, self.moving)) if found else self.moving
+        if not len(triangles):
+            return []
+        # Most of what lies in the same cells is out of reach, and telling so is cheap.
+        low, high = triangles.min(axis=1), triangles.max(axis=1)
+        place = np.array(centre)
+        within = ((low <= place + radius_m) & (high >= place - radius_m)).all(axis=1)
+        outlines: list[Outline] = triangles[within].tolist()
+        return outlines
 
     def _cells_along(self, middle_m: float, radius_m: float) -> range:
         """Return the columns, or rows, that an interval reaches into."""
@@ -91,38 +99,39 @@ def _sorted_into_cells(corners: Floats) -> Obstacles:
 
 
 def rectangle_touches(
-    obstacles: Obstacles, centre: Floats, yaw_rad: float, *, half_size_m: tuple[float, float]
+    outlines: Iterable[Outline],
+    centre: tuple[float, float],
+    yaw_rad: float,
+    *,
+    half_size_m: tuple[float, float],
 ) -> bool:
-    """Return whether a rectangle (half length, half width) at (2,), turned, meets a triangle."""
-    reach_m = math.hypot(*half_size_m)
-    triangles = _within(obstacles.near(centre, reach_m) - centre, reach_m)
-    if not len(triangles):
-        return False
-    forward = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-    left = np.array([forward[1], -forward[0]])
-    halves = np.stack((half_size_m[0] * forward, half_size_m[1] * left))
-    edges = np.roll(triangles, -1, axis=1) - triangles
-    normals = np.stack((edges[..., 1], -edges[..., 0]), axis=-1)
-    own = np.broadcast_to(halves, (len(triangles), 2, 2))
-    apart = _apart(triangles, np.concatenate((own, normals), axis=1), halves)
-    return bool((~apart).any())
+    """Return whether a rectangle (half length, half width) at a place, turned, meets a triangle.
 
-
-def _within(triangles: Floats, reach_m: float) -> Floats:
-    """Return those of (n, 3, 2) triangles whose bounds reach into a square about 0.
-
-    Most of what lies in the same cells does not, and telling so costs a fifth of parting it.
+    Plain numbers: what is near is a handful, for which arrays cost ten times as much.
     """
-    if not len(triangles):
-        return triangles
-    beside = (triangles.min(axis=1) > reach_m) | (triangles.max(axis=1) < -reach_m)
-    within: Floats = triangles[~beside.any(axis=1)]
-    return within
+    x, y = centre
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    for outline in outlines:
+        along = [(u - x) * cos + (v - y) * sin for u, v in outline]
+        across = [(v - y) * cos - (u - x) * sin for u, v in outline]
+        if not _apart(along, across, half_size_m):
+            return True
+    return False
 
 
-def _apart(triangles: Floats, axes: Floats, halves: Floats) -> Bools:
-    """Return (n,) whether one of (n, k, 2) axes parts (n, 3, 2) triangles from the rectangle."""
-    along = np.einsum("nci,nki->nkc", triangles, axes)
-    reach = np.abs(axes @ halves.T).sum(axis=-1)
-    separated: Bools = ((along.min(axis=-1) > reach) | (along.max(axis=-1) < -reach)).any(axis=-1)
-    return separated
+def _apart(along: list[float], across: list[float], half_size_m: tuple[float, float]) -> bool:
+    """Return whether a side of the rectangle or of a triangle parts the two.
+
+    The triangle's corners are in the rectangle's axes.
+    """
+    length, width = half_size_m
+    if min(along) > length or max(along) < -length or min(across) > width or max(across) < -width:
+        return True
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        normal = (across[j] - across[i], along[i] - along[j])
+        reach = length * abs(normal[0]) + width * abs(normal[1])
+        edge = along[i] * normal[0] + across[i] * normal[1]
+        corner = along[k] * normal[0] + across[k] * normal[1]
+        if min(edge, corner) > reach or max(edge, corner) < -reach:
+            return True
+    return False
