@@ -2,9 +2,9 @@
 
 It never changes, so it is computed once, in float64 by the camera's law, and rounded to float32
 only as a place between texels: at a texel a pixel an error of 2^-25 atlas widths is less than a
-thousandth of a pixel up to the widest atlas there is, whatever the mirror. A shader that evaluates
-the law in float32 is off by more where an image of 4096 px comes close to a mirror's asymptote, and
-takes half as long again on llvmpipe. No mirror needs a shader of its own.
+thousandth of a pixel up to 4096 px. A shader that evaluates the law in float32 is off by more where
+such an image comes close to a mirror's asymptote, and takes up to half as long again on llvmpipe.
+No mirror needs a shader of its own.
 """
 
 from __future__ import annotations
