@@ -8,12 +8,20 @@ import socket
 import struct
 import time
 from dataclasses import dataclass, field
+from itertools import count
+
+import zmq
+import zmq.asyncio
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.wire.commands import Drive, GetConf, Init
 from catoptra_protocol.wire.connection import ControlClient
 from catoptra_protocol.wire.image import ImageFrameReader, image_request
 from catoptra_protocol.wire.reports import VehicleStatus
+from catoptra_protocol.wire.stream import answer_from_bytes, bytes_from_message
+from catoptra_protocol.wire.stream_answers import FrameHeader, Refused
+from catoptra_protocol.wire.stream_requests import AskFrame, Encoding
+from helpers import zmtp
 
 
 @dataclass
@@ -21,7 +29,7 @@ class Tally:
     """What the crowd saw: arrival times of STA by client, frames by viewer, what went wrong."""
 
     status_at_s: dict[int, list[float]] = field(default_factory=dict)
-    frames: dict[int, int] = field(default_factory=dict)
+    frames: dict[str, int] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
 
@@ -32,6 +40,7 @@ class Address:
     host: str
     control_port: int
     image_port: int
+    stream_port: int
 
 
 async def controller(address: Address, number: int, tally: Tally) -> None:
@@ -60,21 +69,71 @@ async def viewer(address: Address, number: int, tally: Tally, *, pause_s: float)
     """Ask for frame after frame, with a pause between; each must be whole."""
     reader, writer = await asyncio.open_connection(address.host, address.image_port)
     frames = ImageFrameReader()
-    tally.frames[number] = 0
+    name = f"viewer {number}"
+    tally.frames[name] = 0
     try:
         writer.write(image_request())
         while data := await reader.read(1 << 18):
             for frame in frames.receive(data):
-                tally.frames[number] += 1
+                tally.frames[name] += 1
                 if frame.payload[:2] != b"\xff\xd8" or frame.payload[-2:] != b"\xff\xd9":
-                    tally.faults.append(f"viewer {number}: a frame that is no JPEG")
+                    tally.faults.append(f"{name}: a frame that is no JPEG")
                 await asyncio.sleep(pause_s)
                 writer.write(image_request())
-        tally.faults.append(f"viewer {number} was cut off")
+        tally.faults.append(f"{name} was cut off")
     except (ConnectionError, RemoteProtocolError) as error:
-        tally.faults.append(f"viewer {number}: {error}")
+        tally.faults.append(f"{name}: {error}")
     finally:
         writer.close()
+
+
+async def stream_viewer(address: Address, number: int, tally: Tally, *, robot: str) -> None:
+    """Ask the stream for frame after frame of one robot, or of the screen; each must be newer."""
+    context = zmq.asyncio.Context()
+    name = f"stream viewer {number}"
+    tally.frames[name] = 0
+    last = 0
+    try:
+        with context.socket(zmq.DEALER) as peer:
+            peer.connect(f"tcp://{address.host}:{address.stream_port}")
+            for id_ in count(1):
+                ask = bytes_from_message(AskFrame(id_, robot, "", Encoding.JPEG))
+                await peer.send(ask)
+                header = await _stream_frame(peer)
+                if not isinstance(header, FrameHeader):  # the robot is not there yet
+                    await asyncio.sleep(0.1)
+                    continue
+                tally.frames[name] += 1
+                if header.sequence <= last or header.robot not in (robot or header.robot):
+                    tally.faults.append(f"{name}: frame {header.sequence} after {last}")
+                last = header.sequence
+    except RemoteProtocolError as error:
+        tally.faults.append(f"{name}: {error}")
+    finally:
+        context.destroy(linger=0)
+
+
+async def _stream_frame(peer: zmq.asyncio.Socket) -> FrameHeader | Refused:
+    """Return what answers the request for a frame; pulses come between."""
+    while True:
+        parts = await peer.recv_multipart()
+        answer = answer_from_bytes(parts[0])
+        if isinstance(answer, FrameHeader | Refused):
+            return answer
+
+
+async def stream_client_without_end(address: Address) -> None:
+    """Send the parts of a message that never ends, until it is cut off; then come again."""
+    loop = asyncio.get_running_loop()
+    while True:
+        connection = await _connected(address.host, address.stream_port)
+        with contextlib.closing(connection), contextlib.suppress(ConnectionError):
+            await loop.sock_sendall(connection, zmtp.GREETING + zmtp.READY)
+            await loop.sock_recv(connection, 4096)
+            await asyncio.sleep(0.2)
+            while True:
+                await loop.sock_sendall(connection, 1000 * zmtp.frame(b"part", zmtp.MORE))
+                await asyncio.sleep(0.05)
 
 
 async def viewer_that_never_reads(address: Address) -> None:

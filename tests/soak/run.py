@@ -1,4 +1,4 @@
-"""Sixty-four robots, thirty-two viewers and four rude clients on one server, for ten minutes.
+"""Sixty-four robots, thirty-six viewers and five rude clients on one server, for ten minutes.
 
 Run: make soak, or .venv/bin/python tests/soak/run.py --minutes 1. Writes out/soak/soak.json and
 out/soak/report.md; ends with 0 only if every requirement holds: the others keep their 0.2 s period
@@ -25,11 +25,13 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from soak import crowd  # after the path above
+from helpers.memory import resident_mb  # after the path above
+from soak import crowd
 
 ROOT = Path(__file__).parents[2]
 CONTROLLERS = 64
-VIEWERS = 30  # and two rude ones
+VIEWERS = 30  # of the image port, and two rude ones
+STREAM_VIEWERS = 4
 PERIOD_S = 0.2
 TOLERANCE = 0.2
 SAMPLE_EVERY_S = 5.0
@@ -67,6 +69,7 @@ def main() -> int:
 async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd.Tally]:
     """Run server and crowd; return the server's memory over time and what the crowd saw."""
     command = [sys.executable, "-m", "catoptra_server", "--control-port", "0", "--image-port", "0"]
+    command += ["--stream-port", "0"]
     command += ["--robot", str(ROOT / "configs/robots/p2at_omni.ini")]
     command += ["--world", str(ROOT / "configs/worlds/four_legged_2006.ini")]
     with subprocess.Popen(
@@ -74,7 +77,7 @@ async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd
     ) as server:
         assert server.stdout is not None
         ports = [int(port) for port in re.findall(r":(\d+)", server.stdout.readline())]
-        address = crowd.Address("127.0.0.1", ports[0], ports[1])
+        address = crowd.Address("127.0.0.1", *ports)
         tally = crowd.Tally()
         tasks = [asyncio.create_task(client) for client in _clients(address, tally)]
         memory_mb = await _watch_memory(server.pid, duration_s, console)
@@ -94,10 +97,15 @@ def _clients(address: crowd.Address, tally: crowd.Tally) -> list[object]:
             crowd.viewer(address, number, tally, pause_s=0.05 * (number % 8))
             for number in range(VIEWERS)
         ),
+        *(
+            crowd.stream_viewer(address, number, tally, robot=f"Soak{number}" if number else "")
+            for number in range(STREAM_VIEWERS)
+        ),
         crowd.viewer_that_never_reads(address),
         crowd.viewer_that_resets(address),
         crowd.controller_without_line_ends(address),
         crowd.controller_that_never_reads(address),
+        crowd.stream_client_without_end(address),
     ]
 
 
@@ -108,16 +116,9 @@ async def _watch_memory(pid: int, duration_s: float, console: Console) -> list[f
         task = progress.add_task("soaking", total=duration_s)
         while (elapsed_s := time.monotonic() - begin) < duration_s:
             await asyncio.sleep(min(SAMPLE_EVERY_S, duration_s - elapsed_s))
-            memory_mb.append(_resident_mb(pid))
+            memory_mb.append(resident_mb(pid))
             progress.update(task, completed=time.monotonic() - begin)
     return memory_mb
-
-
-def _resident_mb(pid: int) -> float:
-    status = Path(f"/proc/{pid}/status").read_text()
-    found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    assert found is not None, "Linux tells the resident size of a living process"
-    return int(found[1]) / 1024.0
 
 
 def _judge(tally: crowd.Tally, memory_mb: list[float]) -> list[Verdict]:
@@ -139,7 +140,7 @@ def _judge(tally: crowd.Tally, memory_mb: list[float]) -> list[Verdict]:
             late <= 0.05,
         ),
         Verdict(
-            f"{VIEWERS} viewers get whole frames, in order",
+            f"{VIEWERS} viewers and {STREAM_VIEWERS} of the stream get whole frames, in order",
             f"{frames[0]} to {frames[-1]} frames, {len(tally.faults)} faults {tally.faults[:2]}",
             frames[0] > 0 and not tally.faults,
         ),
