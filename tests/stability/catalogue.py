@@ -1,0 +1,163 @@
+"""The catalogue of hard cases: how a case is written, read and held against a function.
+
+`cases/<group>/<formula>.json` is a list of cases. `references/<formula>.py` wrote it, with 50
+digits. `test_<group>.py` says which function of ours answers for each formula, its subject:
+
+| key               | what it holds                                                              |
+|-------------------|----------------------------------------------------------------------------|
+| name              | the hard place, in words                                                    |
+| inputs            | by name: exact float64 as numbers or hex, "nan", "inf", lists, words        |
+| expect            | value, invalid or error                                                     |
+| which             | invalid, error: words that the reason or the message must have              |
+| reference         | value: 50 digits as text, or lists of them                                  |
+| reference_float32 | the same for inputs rounded to float32; absent where rounding leaves        |
+|                   | nothing of the case (1e300 is infinite in float32)                          |
+| tolerance         | by float type: rel, abs, ulp, whose largest counts, and the reason          |
+
+Of each case come two: float64, and float32 with inputs and results rounded to float32.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catoptra_protocol.errors import CatoptraError
+
+CASES = Path(__file__).parent / "cases"
+
+Subject = Callable[..., Any]
+
+
+class Invalid(Exception):  # noqa: N818 # an answer, not an error
+    """Say that a function returned no valid value, and its reason where it gives one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One case in one float type; inputs are rounded to it."""
+
+    group: str
+    formula: str
+    name: str
+    float_type: str
+    inputs: Mapping[str, Any]
+    expect: str
+    which: str
+    reference: Any
+    tolerance: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return f"{self.formula}-{self.name}-{self.float_type}".replace(" ", "_")
+
+
+def load(group: str) -> list[Case]:
+    """Return all cases of a group, formula by formula."""
+    files = sorted((CASES / group).glob("*.json"))
+    return [case for path in files for case in _of_file(group, path)]
+
+
+def check(case: Case, subjects: Mapping[str, Subject]) -> None:
+    """Hold a case against the function that answers for its formula; AssertionError if it fails.
+
+    Floating-point errors and warnings fail too. A subject that has no valid value raises Invalid.
+    """
+    with np.errstate(all="raise"), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            answer = subjects[case.formula](**case.inputs)
+        except (Invalid, CatoptraError) as refusal:
+            _check_refusal(case, refusal)
+            return
+        except (ArithmeticError, Warning) as failure:
+            raise AssertionError(f"{case}: {failure!r}") from failure
+    assert case.expect == "value", f"{case}: {answer!r}, but expected {case.expect}"
+    _check_value(case, answer, case.reference)
+
+
+def failures(group: str, subjects: Mapping[str, Subject]) -> list[str]:
+    """Return what fails of a group: of our functions nothing, of a naive form something."""
+    return [text for case in load(group) if (text := _failure(case, subjects))]
+
+
+def _failure(case: Case, subjects: Mapping[str, Subject]) -> str:
+    try:
+        check(case, subjects)
+    except AssertionError as failure:
+        return str(failure)
+    return ""
+
+
+def _check_refusal(case: Case, refusal: Exception) -> None:
+    kind = "invalid" if isinstance(refusal, Invalid) else "error"
+    assert case.expect == kind, f"{case}: {kind} ({refusal}), but expected {case.expect}"
+    assert case.which in str(refusal), f"{case}: {str(refusal)!r} does not say {case.which!r}"
+
+
+def _check_value(case: Case, answer: Any, reference: Any) -> None:
+    if isinstance(reference, list):
+        assert len(answer) == len(reference), f"{case}: {answer!r} has another shape"
+        for got, expected in zip(answer, reference, strict=True):
+            _check_value(case, got, expected)
+        return
+    got = float(np.float32(answer)) if case.float_type == "float32" else float(answer)
+    assert math.isfinite(got), f"{case}: {got!r}, but expected {reference}"
+    error = abs(Fraction(got) - Fraction(Decimal(reference)))
+    allowed = _allowed(case.tolerance, float(reference), case.float_type)
+    assert error <= allowed, f"{case}: {got!r} is off {reference} by {float(error):.3g}"
+
+
+def _allowed(tolerance: Mapping[str, Any], reference: float, float_type: str) -> Fraction:
+    size = abs(reference)
+    spacing = math.ulp(size) if float_type == "float64" else float(np.spacing(np.float32(size)))
+    kinds = {"rel": size, "abs": 1.0, "ulp": spacing}
+    return max(
+        Fraction(tolerance[kind] * unit) for kind, unit in kinds.items() if kind in tolerance
+    )
+
+
+def _of_file(group: str, path: Path) -> Iterator[Case]:
+    for row in json.loads(path.read_text(encoding="utf-8")):
+        yield _case(group, path.stem, row, "float64")
+        if row["expect"] != "value" or "reference_float32" in row:
+            yield _case(group, path.stem, row, "float32")
+
+
+def _case(group: str, formula: str, row: Mapping[str, Any], float_type: str) -> Case:
+    reference = "reference" if float_type == "float64" else "reference_float32"
+    return Case(
+        group,
+        formula,
+        row["name"],
+        float_type,
+        {name: _decoded(value, float_type) for name, value in row["inputs"].items()},
+        row["expect"],
+        row.get("which", ""),
+        row.get(reference),
+        row.get("tolerance", {}).get(float_type, {}),
+    )
+
+
+def _decoded(value: Any, float_type: str) -> Any:
+    """Return an input with its numbers as Python floats; whole numbers stay whole, words words."""
+    if isinstance(value, list):
+        return [_decoded(item, float_type) for item in value]
+    if isinstance(value, str) and _is_number(value):
+        value = float.fromhex(value)
+    if not isinstance(value, float):
+        return value
+    with np.errstate(all="ignore"):
+        return value if float_type == "float64" else float(np.float32(value))
+
+
+def _is_number(text: str) -> bool:
+    return text in ("nan", "inf", "-inf") or text.removeprefix("-").startswith("0x")
