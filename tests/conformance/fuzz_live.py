@@ -16,16 +16,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-
-from rich.console import Console
-from rich.table import Table
 
 from conformance.fuzz_peers import Guest, Strangers, Tally
 from helpers.memory import resident_mb
 from helpers.server_process import RunningServer, running_server
+from helpers.verdicts import Verdict, print_verdicts
 
 PERIOD_S = 0.2
 # Of 0.2 s: the mean keeps to it within so much, and 19 of 20 single ones.
@@ -36,15 +33,6 @@ _SAMPLE_EVERY_S = 0.5
 _BEFORE_STRANGERS_S = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One requirement, what was measured, and whether it holds."""
-
-    requirement: str
-    measured: str
-    holds: bool
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fuzz a server and judge it; return the exit status."""
     options = argparse.ArgumentParser(description="Throw garbage at a live server.")
@@ -53,11 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = options.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         verdicts = fuzz_live(Path(folder), seconds=given.seconds, seed=given.seed)
-    table = Table("requirement", "measured", "holds")
-    for verdict in verdicts:
-        table.add_row(verdict.requirement, verdict.measured, "yes" if verdict.holds else "NO")
-    Console().print(table)
-    return 0 if all(verdict.holds for verdict in verdicts) else 1
+    return print_verdicts(verdicts)
 
 
 def fuzz_live(folder: Path, *, seconds: float, seed: int) -> list[Verdict]:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from conformance.fuzz_live import Verdict, fuzz_live, judged_guest, judged_memory
+from conformance.fuzz_live import fuzz_live, judged_guest, judged_memory
 from conformance.fuzz_peers import Tally
+from helpers.verdicts import Verdict
 
 
 def test_server_when_strangers_send_garbage_to_all_ports_lives_and_serves_its_guest(

@@ -15,17 +15,17 @@ import statistics
 import subprocess
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from helpers.memory import resident_mb  # after the path above
+from helpers.verdicts import Verdict, print_verdicts
 from soak import crowd
 
 ROOT = Path(__file__).parents[2]
@@ -40,15 +40,6 @@ SETTLED_AFTER = 0.1
 MEMORY_GROWTH = 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One requirement, what was measured, and whether it holds."""
-
-    requirement: str
-    measured: str
-    holds: bool
-
-
 def main() -> int:
     """Soak a server and judge it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -59,11 +50,7 @@ def main() -> int:
     memory_mb, tally = asyncio.run(_soak(60.0 * parsed.minutes, console))
     verdicts = _judge(tally, memory_mb)
     _write(parsed.output, verdicts, memory_mb, tally)
-    table = Table("requirement", "measured", "holds")
-    for verdict in verdicts:
-        table.add_row(verdict.requirement, verdict.measured, "yes" if verdict.holds else "NO")
-    console.print(table)
-    return 0 if all(verdict.holds for verdict in verdicts) else 1
+    return print_verdicts(verdicts, console)
 
 
 async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd.Tally]:

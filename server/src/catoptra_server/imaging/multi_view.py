@@ -20,6 +20,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.wire.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SIDE_PX
 from catoptra_server.render.renderer import Image
 
 
@@ -63,6 +64,11 @@ class TileLayout:
         """Return the number of tiles."""
         return self.columns * self.rows
 
+    @property
+    def tiles(self) -> tuple[Tile, ...]:
+        """Return all tiles in their order."""
+        return tuple(tile for tile in map(self.tile, range(len(self))) if tile)
+
     def tile(self, index: int) -> Tile | None:
         """Return a camera's tile by its index from 0; None where the layout has no more."""
         if not 0 <= index < len(self):
@@ -84,8 +90,17 @@ class TileLayout:
 
 
 def multi_view(columns: int, rows: int, *, width_px: int, height_px: int) -> TileLayout:
-    """Return UDK's layout: CameraTileX, CameraTileY, CameraWidth, CameraHeight."""
-    return TileLayout(columns, rows, width_px, height_px, columns * width_px, rows * height_px)
+    """Return UDK's layout: CameraTileX, CameraTileY, CameraWidth, CameraHeight.
+
+    Raises DomainError for a picture that no frame can carry, or no client of ours would take.
+    """
+    width, height = columns * width_px, rows * height_px
+    if max(width, height) > MAX_IMAGE_SIDE_PX or 4 * width * height > MAX_IMAGE_PAYLOAD_BYTES:
+        raise DomainError(
+            f"a picture of {width} x {height} px: at most {MAX_IMAGE_SIDE_PX} px a side and "
+            f"{MAX_IMAGE_PAYLOAD_BYTES // 4} px in all can be sent"
+        )
+    return TileLayout(columns, rows, width_px, height_px, width, height)
 
 
 def viewports(config: ViewportConfig, *, width_px: int, height_px: int) -> TileLayout:

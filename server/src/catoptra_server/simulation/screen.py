@@ -32,22 +32,23 @@ class Screen:
 
     def __init__(self, multi_view: TileLayout | None, *, black_px: tuple[int, int]) -> None:
         self._layout = multi_view
+        self._tiles = multi_view.tiles if multi_view else ()
         self._black_px = black_px
-        self._tiles: list[_Mounted | None] = [None] * len(multi_view) if multi_view else []
+        self._shown: list[_Mounted | None] = [None] * len(self._tiles)
 
     def welcome(self, robot: SpawnedRobot) -> None:
         """Give each camera of a new robot a tile, as long as there are free ones."""
-        for camera in robot.all_cameras if self._layout else ():
-            if self._layout is None or None not in self._tiles:
-                break
-            index = self._tiles.index(None)
-            self._tiles[index] = _Mounted(robot, camera)
-            camera.tile = self._layout.tile(index)
+        for camera in robot.all_cameras:
+            if None not in self._shown:
+                return
+            index = self._shown.index(None)
+            self._shown[index] = _Mounted(robot, camera)
+            camera.tile = self._tiles[index]
             robot.view = index if robot.view < 0 else robot.view
 
     def forget(self, robot: SpawnedRobot) -> None:
         """Free the tiles of a robot that leaves."""
-        self._tiles = [m if m and m.robot is not robot else None for m in self._tiles]
+        self._shown = [m if m and m.robot is not robot else None for m in self._shown]
 
     def scenery(
         self, robots: Sequence[SpawnedRobot], bodies_of: BodiesOf, *, tile: int | None = None
@@ -56,9 +57,9 @@ class Screen:
         if self._layout is None:
             return self._viewports(robots, bodies_of)
         if tile is None:
-            return _composed(self._layout, self._tiles, bodies_of)
-        mounted = self._tiles[tile] if tile < len(self._tiles) else None
-        return _composed(_single(self._layout.tile(0)), [mounted], bodies_of)
+            return _composed(self._layout, self._shown, bodies_of)
+        mounted = self._shown[tile] if tile < len(self._shown) else None
+        return _composed(_single(self._tiles[0]), [mounted], bodies_of)
 
     def _viewports(self, robots: Sequence[SpawnedRobot], bodies_of: BodiesOf) -> Scenery:
         """Return the viewports of the robot that is there longest; black without one."""
@@ -87,19 +88,19 @@ def own_scenery(robot: SpawnedRobot, camera: Camera, bodies_of: BodiesOf) -> Sce
 
 
 def _composed(layout: TileLayout, shown: Sequence[_Mounted | None], bodies_of: BodiesOf) -> Scenery:
-    place = layout.tile(0)
+    place = layout.tiles[0]
     takes = tuple(_take(m, place, bodies_of) if m else None for m in shown)
     intervals = [mounted.camera.frame_interval_s for mounted in shown if mounted]
     return Scenery(layout, takes, _caption(shown, place), min(intervals, default=0.0))
 
 
-def _take(mounted: _Mounted, place: Tile | None, bodies_of: BodiesOf) -> Take:
+def _take(mounted: _Mounted, place: Tile, bodies_of: BodiesOf) -> Take:
     robot = mounted.robot
     bodies = bodies_of(robot)
     return mounted.camera.take(robot.world_from_robot, bodies, joints=robot.joints, tile=place)
 
 
-def _caption(shown: Sequence[_Mounted | None], place: Tile | None) -> Caption:
+def _caption(shown: Sequence[_Mounted | None], place: Tile) -> Caption:
     """Return whose picture it is: a camera's, one robot's, or nobody's in particular."""
     present = [mounted for mounted in shown if mounted]
     robots = {mounted.robot for mounted in present}
@@ -114,9 +115,8 @@ def _caption(shown: Sequence[_Mounted | None], place: Tile | None) -> Caption:
     return Caption(*whose, camera.name, robot.world_from_robot, mount, camera.law(place))
 
 
-def _single(tile: Tile | None) -> TileLayout:
+def _single(tile: Tile) -> TileLayout:
     """Return the layout of one tile on its own."""
-    assert tile is not None, "a layout has at least one tile"
     size = (tile.width_px, tile.height_px)
     return TileLayout(1, 1, *size, *size)
 
