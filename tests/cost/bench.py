@@ -28,10 +28,10 @@ from catoptra_client.images import ImageStream
 from catoptra_client.robot import Robot
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.app import Setup, read_setup
 from catoptra_server.plan.render_plan import RenderWish, plan_from_wish
 from catoptra_server.render.choice import Choice, choose_renderer
 from catoptra_server.render.renderer import Exposure
+from catoptra_server.setup import Setup, read_setup
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"

@@ -10,10 +10,10 @@ import pytest
 
 from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.wire.commands import Init
-from catoptra_server.app import read_setup
 from catoptra_server.imaging.views import Views
 from catoptra_server.plan.render_plan import RendererKind
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.setup import read_setup
 from catoptra_server.simulation import Fleet
 from helpers.robots import FakeClient, shown
 

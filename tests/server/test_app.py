@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import logging
+import dataclasses
 import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
 
-from catoptra_protocol.errors import ConfigError, DomainError
+from catoptra_protocol.errors import DomainError
 from catoptra_server import app
-from catoptra_server.app import Listening, Options, read_setup, serve
+from catoptra_server.app import Listening, Options, serve
+from catoptra_server.config.server_file import Said
 from catoptra_server.plan.render_plan import RendererKind
 from catoptra_server.render.choice import Choice
 from catoptra_server.simulation import Clock
@@ -26,8 +27,7 @@ def options_of(folder: Path, *, clock: Clock = Clock.LOCKSTEP) -> Options:
     return Options(
         robots=(small_robot(folder),),
         world=small_world(folder),
-        control_port=0,
-        image_port=0,
+        said=Said(control_port=0, image_port=0),
         renderer="trace",
         threads=1,
         clock=clock,
@@ -152,16 +152,37 @@ def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) ->
     play(served(options, visit))
 
 
-def test_setup_when_keys_mean_nothing_warns_with_their_lines(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    world = small_world(tmp_path, "Colour=(R=1)")
-    with caplog.at_level(logging.WARNING):
-        setup = read_setup([small_robot(tmp_path)], world)
-    assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
-    assert len(setup.scene) == 12
+def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
+    async def visit(where: Listening) -> None:
+        assert where.image_port is None
+        assert where.control_port
+        signal.raise_signal(signal.SIGTERM)
+
+    options = options_of(tmp_path)
+    said = Said(control_port=0, has_images=False)
+    play(served(dataclasses.replace(options, said=said, stream_port=0), visit))
 
 
-def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError):
-        read_setup([small_robot(tmp_path)], small_world(tmp_path, "Boxes=1"))
+def test_controllers_when_there_are_enough_are_sent_away_until_one_leaves(tmp_path: Path) -> None:
+    async def visit(where: Listening) -> None:
+        first = await asyncio.open_connection(HOST, where.control_port)
+        assert (await first[0].readline()).startswith(b"NFO ")
+        second = await asyncio.open_connection(HOST, where.control_port)
+        assert await second[0].read() == b""
+        first[1].close()
+        while not await greets(where.control_port):
+            pass
+        second[1].close()
+        signal.raise_signal(signal.SIGTERM)
+
+    ini = tmp_path / "server.ini"
+    ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
+    play(served(dataclasses.replace(options_of(tmp_path), server=ini), visit))
+
+
+async def greets(port: int) -> bool:
+    """Return whether a new connection is greeted."""
+    reader, writer = await asyncio.open_connection(HOST, port)
+    line = await reader.readline()
+    writer.close()
+    return bool(line)

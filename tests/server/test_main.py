@@ -8,7 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from catoptra_protocol.wire.image import ImageType
+from catoptra_server import __main__ as module
 from catoptra_server.__main__ import main
+from catoptra_server.app import Listening, Options
+from catoptra_server.config.server_file import Said
+from catoptra_server.imaging.multi_view import multi_view
 from catoptra_server.render.raster import context
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy, line_of, small_world
 from helpers.server_process import small_robot
@@ -111,6 +116,10 @@ def test_raster_when_there_is_no_opengl_is_refused_with_the_packages(
         ("--robot", "x", "--world", "y", "--clock", "sundial"),
         ("--robot", "x", "--world", "y", "--threads", "-1"),
         ("--robot", "x", "--world", "y", "--seed", "one"),
+        ("--robot", "x", "--world", "y", "--frame-skip", "0"),
+        ("--robot", "x", "--world", "y", "--multi-view", "2x2"),
+        ("--robot", "x", "--world", "y", "--multi-view", "0x2:320x240"),
+        ("--robot", "x", "--world", "y", "--multi-view", "300x1:320x240"),
     ],
 )
 def test_arguments_when_wrong_are_refused_with_usage(
@@ -138,8 +147,6 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
         announce(listening)  # type: ignore[arg-type] # it is what it was
         signal.raise_signal(signal.SIGTERM)
 
-    from catoptra_server import __main__ as module
-
     announce = module._announce
     monkeypatch.setattr(module, "_announce", announce_and_end)
     status = main(
@@ -152,3 +159,38 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
     assert status == 0
     assert said.startswith("listening control=127.0.0.1:")
     assert said.count("\n") == 1
+
+
+def options_of(*arguments: str) -> Options:
+    """Return what a command line of two files and these arguments says."""
+    parsed = module._parser().parse_args(["--robot", "r", "--world", "w", *arguments])
+    return module._options(parsed)[0]
+
+
+def test_command_line_when_it_says_nothing_leaves_the_say_to_files() -> None:
+    assert options_of().said == {}
+
+
+def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
+    options = options_of(
+        *("--image-port", "7", "--image-type", "raw", "--no-legacy-images", "--frame-skip", "6"),
+        *("--multi-view", "4x1:320x240", "--server-ini", "s.ini"),
+    )
+    assert options.server == Path("s.ini")
+    assert options.said == Said(
+        has_images=True,
+        image_port=7,
+        image_type=ImageType.RAW,
+        legacy_images=False,
+        frame_skip=6,
+        multi_view=multi_view(4, 1, width_px=320, height_px=240),
+    )
+
+
+def test_image_port_when_there_is_none_is_announced_as_off(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    module._announce(Listening("127.0.0.1", 1, None, 2))
+    assert capsys.readouterr().out == (
+        "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
+    )

@@ -9,95 +9,64 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting
-from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.robot_file import read_robots
-from catoptra_server.config.world_file import read_world
+from catoptra_server.config.server_file import Said, ServerSettings, settings_of
 from catoptra_server.imaging.drawing import Drawing
 from catoptra_server.imaging.shot import OmniEye
 from catoptra_server.imaging.views import Views
 from catoptra_server.mailbox import Mailboxes
 from catoptra_server.plan.render_plan import wished_samples
 from catoptra_server.render.choice import choose_renderer
-from catoptra_server.robot.description import (
-    GpsDescription,
-    RangeScannerDescription,
-    RobotDescription,
-    SonarDescription,
-    TouchDescription,
-    VictimSensorDescription,
-)
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import SceneMesh, build_scene
-from catoptra_server.sensors.sight import RayCaster
+from catoptra_server.setup import Setup, ray_caster, read_setup
 from catoptra_server.simulation import Clock, Fleet, Request, Simulation, Stop
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from catoptra_server.transports.zmq_stream import serve_stream
+from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
 from catoptra_server.transports.zmq_stream_facts import facts_of
 from catoptra_server.workers import Worker
 
 log = logging.getLogger(__name__)
 
 
+STREAM_PORT = 5005
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the command line says. Port 0 = any free one; threads 0 = one a processor."""
+    """What the command line says. Port 0 = any free one; threads 0 = one a processor.
+
+    said: what ini files may say, too; here it counts more. stream_port: None = the usual one, or
+    any free one where another port is.
+    """
 
     robots: tuple[Path, ...]
     world: Path
+    server: Path | None = None
+    said: Said = field(default_factory=Said)
     host: str = "127.0.0.1"
-    control_port: int = 3000
-    image_port: int = 5003
-    stream_port: int = 0
-    images: ImageOptions = field(default_factory=ImageOptions)
+    stream_port: int | None = None
     dialect: Dialect = Dialect.UT2004
     renderer: str = "auto"
     threads: int = 0
     clock: Clock = Clock.REALTIME
     seed: int = 0
-    frame_skip: int = 1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Setup:
-    """Everything that was read and checked before a socket opens."""
-
-    robots: tuple[RobotDescription, ...]
-    world: World
-    scene: SceneMesh
 
 
 @dataclass(frozen=True, slots=True)
 class Listening:
-    """Where the server listens, once it does."""
+    """Where the server listens, once it does. image_port: None if it has none."""
 
     host: str
     control_port: int
-    image_port: int
+    image_port: int | None
     stream_port: int
-
-
-def read_setup(robots: Sequence[Path], world: Path) -> Setup:
-    """Return robots, world and scene. Raises ConfigError; unknown keys are logged once."""
-    read = [read_robots(robot) for robot in robots]
-    world_description, world_file = read_world(world)
-    for file in (*(file for _, file in read), world_file):
-        _report_unknown(file)
-    descriptions = tuple(description for found, _ in read for description in found)
-    return Setup(descriptions, world_description, build_scene(world_description))
-
-
-def _report_unknown(file: IniFile) -> None:
-    for entry in file.unknown():
-        log.warning("%s: key %s is not known here and has no effect", entry.where, entry.key)
 
 
 async def serve(options: Options, announce: Callable[[Listening], None]) -> None:
@@ -109,7 +78,7 @@ async def serve(options: Options, announce: Callable[[Listening], None]) -> None
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    setup = await asyncio.to_thread(read_setup, options.robots, options.world)
+    setup = await asyncio.to_thread(read_setup, options.robots, options.world, options.server)
     server = _Server(setup, options, on_failure=stop.set)
     async with server.running():
         await _listen(server, announce, stop)
@@ -119,33 +88,53 @@ async def _listen(
     server: _Server, announce: Callable[[Listening], None], stop: asyncio.Event
 ) -> None:
     """Keep all ports open until told to stop."""
-    setup, options, mailboxes = server.setup, server.options, server.mailboxes
-    post = server.simulation.post
-    greeting = Greeting("BotDeathMatch", setup.world.name)
-    async with (
-        serve_control(
-            options.host,
-            options.control_port,
-            greeting=greeting,
-            dialect=options.dialect,
-            post=post,
-        ) as control,
-        serve_images(
-            options.host, options.image_port, mailboxes=mailboxes, options=options.images
-        ) as images,
-        serve_stream(
-            options.host,
-            options.stream_port,
-            mailboxes=mailboxes,
-            post=post,
-            facts=facts_of(
-                setup.robots, setup.world, clock=options.clock.value, plans=server.plans
-            ),
-        ) as stream,
-    ):
-        announce(Listening(options.host, _port(control), _port(images), stream.port))
+    host = server.options.host
+    async with AsyncExitStack() as open_ports:
+        control = await open_ports.enter_async_context(_control_port(server))
+        image_port = None
+        if server.settings.has_images:
+            image_port = _port(await open_ports.enter_async_context(_image_port(server)))
+        stream = await open_ports.enter_async_context(_stream_port(server))
+        announce(Listening(host, _port(control), image_port, stream.port))
         await stop.wait()
         log.info("stopping")
+
+
+def _control_port(server: _Server) -> AbstractAsyncContextManager[asyncio.Server]:
+    return serve_control(
+        server.options.host,
+        server.settings.control_port,
+        greeting=Greeting("BotDeathMatch", server.setup.world.name),
+        dialect=server.options.dialect,
+        post=server.simulation.post,
+        most=server.settings.most_controllers,
+    )
+
+
+def _image_port(server: _Server) -> AbstractAsyncContextManager[asyncio.Server]:
+    settings = server.settings
+    return serve_images(
+        server.options.host,
+        settings.image_port,
+        mailboxes=server.mailboxes,
+        options=ImageOptions(settings.image_type, settings.legacy_images, settings.multi_view),
+    )
+
+
+def _stream_port(server: _Server) -> AbstractAsyncContextManager[StreamServer]:
+    """Serve at the port asked for; who wants any free port elsewhere wants one here too."""
+    setup, options, settings = server.setup, server.options, server.settings
+    port = options.stream_port
+    if port is None:
+        port = STREAM_PORT if settings.control_port and settings.image_port else 0
+    clock = options.clock.value
+    return serve_stream(
+        options.host,
+        port,
+        mailboxes=server.mailboxes,
+        post=server.simulation.post,
+        facts=facts_of(setup.robots, setup.world, clock=clock, plans=server.plans),
+    )
 
 
 def _port(server: asyncio.Server) -> int:
@@ -162,16 +151,17 @@ class _Server:
     def __init__(self, setup: Setup, options: Options, *, on_failure: Callable[[], None]) -> None:
         self.setup = setup
         self.options = options
+        self.settings: ServerSettings = settings_of(setup.said, options.said)
         self.plans: dict[str, str] = {}
         is_realtime = options.clock is Clock.REALTIME
         self.mailboxes = Mailboxes(self._post, ahead=is_realtime)
         drawing = Drawing(self.mailboxes.put)
         self.simulation = Simulation(
-            _fleet(setup, options),
+            self._fleet(),
             clock=options.clock,
             draw=drawing.draw if is_realtime else drawing.draw_and_wait,
             refuse=self.mailboxes.refuse,
-            frame_skip=options.frame_skip,
+            frame_skip=self.settings.frame_skip,
         )
         self._workers = (
             Worker(
@@ -220,36 +210,13 @@ class _Server:
             self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish)))
         return views
 
-
-def _fleet(setup: Setup, options: Options) -> Fleet:
-    return Fleet(
-        setup.robots,
-        setup.world,
-        setup.scene,
-        seed=options.seed,
-        caster=_caster(setup),
-        multi_view=options.images.multi_view,
-    )
-
-
-# What needs rays. A scene that nothing measures is not committed a second time.
-_MEASURING = (
-    RangeScannerDescription,
-    SonarDescription,
-    TouchDescription,
-    VictimSensorDescription,
-    GpsDescription,
-)
-
-
-def _caster(setup: Setup) -> RayCaster | None:
-    """Return the scene for sensors that measure it; None if no robot has one."""
-    sensors = [sensor for robot in setup.robots for sensor in robot.sensors]
-    if not any(isinstance(sensor, _MEASURING) for sensor in sensors):
-        return None
-    from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-
-    return EmbreeRayCaster(setup.scene)
-
-
-__all__ = ["Listening", "Options", "Setup", "read_setup", "serve"]
+    def _fleet(self) -> Fleet:
+        setup = self.setup
+        return Fleet(
+            setup.robots,
+            setup.world,
+            setup.scene,
+            seed=self.options.seed,
+            caster=ray_caster(setup),
+            multi_view=self.settings.multi_view,
+        )

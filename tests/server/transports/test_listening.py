@@ -113,3 +113,24 @@ def test_peer_name_when_asked_is_the_address() -> None:
             writer.close()
 
     play(scene())
+
+
+def test_connection_when_there_are_enough_is_closed_and_taken_once_one_has_left(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scene() -> None:
+        async with listening(HOST, 0, echo, most=1) as server:
+            (_, first), (reader, second) = await connect(server), await connect(server)
+            assert await reader.read() == b""
+            first.close()
+            answer = b""
+            while not answer:  # its end is found out soon
+                reader, third = await connect(server)
+                third.write(b"x")
+                third.write_eof()
+                answer = await reader.read()
+                third.close()
+            second.close()
+
+    play(scene())
+    assert "sent away: 1 are served, no more" in caplog.text

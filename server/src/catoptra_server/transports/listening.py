@@ -17,11 +17,14 @@ log = logging.getLogger(__name__)
 
 
 @asynccontextmanager
-async def listening(host: str, port: int, converse: Conversation) -> AsyncIterator[asyncio.Server]:
+async def listening(
+    host: str, port: int, converse: Conversation, *, most: int | None = None
+) -> AsyncIterator[asyncio.Server]:
     """Hold a conversation with everyone who connects, until the block ends.
 
     A conversation ends when it returns or its connection breaks; what was written to it is still
-    sent. Raises OSError if the port cannot be had.
+    sent. most: conversations at once; a connection beyond them is closed without a word. Raises
+    OSError if the port cannot be had.
     """
     tasks: set[asyncio.Task[None]] = set()
     # A closed connection still counts while its peer has not read what was written to it.
@@ -30,6 +33,10 @@ async def listening(host: str, port: int, converse: Conversation) -> AsyncIterat
     async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None, "a coroutine runs in a task"
+        if most is not None and len(tasks) >= most:
+            log.warning("%s sent away: %d are served, no more", peer_name(writer), most)
+            writer.close()
+            return
         tasks.add(task)
         transports.add(writer.transport)
         try:

@@ -71,8 +71,12 @@ def serve_control(
     greeting: Greeting,
     post: Callable[[Request], None],
     dialect: Dialect = Dialect.UT2004,
+    most: int | None = None,
 ) -> AbstractAsyncContextManager[asyncio.Server]:
-    """Listen for robots' controllers; everything that they ask is posted to the simulation."""
+    """Listen for robots' controllers; everything that they ask is posted to the simulation.
+
+    most: of them at once; None = any number.
+    """
 
     async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         protocol = ControlServer(dialect)
@@ -88,4 +92,4 @@ def serve_control(
             post(Left(client))
             log.info("controller %s gone", client.peer)
 
-    return listening(host, port, converse)
+    return listening(host, port, converse, most=most)

@@ -1,0 +1,86 @@
+"""Everything that is read and checked before a thread runs or a socket opens."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.config.server_file import SECTIONS, Said, read_server
+from catoptra_server.config.world_file import read_world
+from catoptra_server.robot.description import (
+    GpsDescription,
+    RangeScannerDescription,
+    RobotDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+)
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import SceneMesh, build_scene
+from catoptra_server.sensors.sight import RayCaster
+
+log = logging.getLogger(__name__)
+
+# What needs rays. A scene that nothing measures is not committed a second time.
+_MEASURING = (
+    RangeScannerDescription,
+    SonarDescription,
+    TouchDescription,
+    VictimSensorDescription,
+    GpsDescription,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """Robots, world and scene, and what the files say of the server itself."""
+
+    robots: tuple[RobotDescription, ...]
+    world: World
+    scene: SceneMesh
+    said: Said = field(default_factory=Said)
+
+
+def read_setup(robots: Sequence[Path], world: Path, server: Path | None = None) -> Setup:
+    """Return what files say: of robots, of the world, and of the server where that has its own.
+
+    Of the server a later robot's file counts more than an earlier one, and its own most. Raises
+    ConfigError; keys that mean nothing are logged once.
+    """
+    read = [read_robots(robot) for robot in robots]
+    world_description, world_file = read_world(world)
+    robot_files = [file for _, file in read]
+    own_files = [_server_file(server)] if server is not None else []
+    said = Said()
+    for file in (*robot_files, *own_files):
+        said.update(read_server(file))
+    for file in (*robot_files, world_file, *own_files):
+        _report_unknown(file)
+    descriptions = tuple(description for found, _ in read for description in found)
+    return Setup(descriptions, world_description, build_scene(world_description), said)
+
+
+def _server_file(path: Path) -> IniFile:
+    file = IniFile(path)
+    if not any(map(file.has, SECTIONS)):
+        log.warning("%s says nothing of the server: no section %s", path, ", ".join(SECTIONS))
+    return file
+
+
+def _report_unknown(file: IniFile) -> None:
+    for entry in file.unknown():
+        log.warning("%s: key %s is not known here and has no effect", entry.where, entry.key)
+
+
+def ray_caster(setup: Setup) -> RayCaster | None:
+    """Return the scene for sensors that measure it; None if no robot has one."""
+    sensors = [sensor for robot in setup.robots for sensor in robot.sensors]
+    if not any(isinstance(sensor, _MEASURING) for sensor in sensors):
+        return None
+    from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+
+    return EmbreeRayCaster(setup.scene)

@@ -1,0 +1,117 @@
+"""UDK's sections of the server itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.wire.image import ImageType
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.server_file import Said, ServerSettings, read_server, settings_of
+from catoptra_server.imaging.multi_view import multi_view
+
+# As they stand in UDK's DefaultUSAR.ini.
+UDK = """[USARBotAPI.BotServer]
+ListenPort=3000
+MaxConnections=64
+
+[USARBotAPI.UPISImageServer]
+bEnableImageServer=true
+ListenPort=5003
+FrameSkip=1
+ImageType=0
+LegacyMode=false
+
+[USARBotAPI.MultiView]
+CameraTileX=2
+CameraTileY=2
+CameraWidth=320
+CameraHeight=240
+"""
+
+
+def file_of(folder: Path, text: str) -> IniFile:
+    path = folder / "server.ini"
+    path.write_text(text, encoding="utf-8")
+    return IniFile(path)
+
+
+def test_server_when_udk_s_own_sections_are_read_says_all_of_it(tmp_path: Path) -> None:
+    file = file_of(tmp_path, UDK)
+    assert read_server(file) == Said(
+        control_port=3000,
+        most_controllers=64,
+        has_images=True,
+        image_port=5003,
+        frame_skip=1,
+        image_type=ImageType.RAW,
+        legacy_images=False,
+        multi_view=multi_view(2, 2, width_px=320, height_px=240),
+    )
+    assert not file.unknown()
+
+
+def test_server_when_a_file_does_not_speak_of_it_says_nothing(tmp_path: Path) -> None:
+    assert read_server(file_of(tmp_path, "[USARBot.P2AT]\n")) == Said()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("fair", ImageType.FAIR), ("SUPER", ImageType.SUPER), ("5", ImageType.BAD),
+     ("", ImageType.NORMAL)],
+)  # fmt: skip
+def test_image_type_when_a_tag_a_number_or_empty_is_understood(
+    tmp_path: Path, text: str, expected: ImageType
+) -> None:
+    file = file_of(tmp_path, f"[USARBotAPI.UPISImageServer]\nImageType={text}\n")
+    assert read_server(file) == Said(image_type=expected)
+
+
+@pytest.mark.parametrize(
+    ("section", "line", "expected"),
+    [
+        ("BotServer", "ListenPort=65536", "a whole number from 0 to 65535"),
+        ("BotServer", "ListenPort=", "a whole number"),
+        ("BotServer", "MaxConnections=0", "a whole number of at least 1"),
+        ("UPISImageServer", "FrameSkip=0", "a whole number from 1"),
+        ("UPISImageServer", "ImageType=PNG", "RAW, SUPER, GOOD"),
+        ("UPISImageServer", "LegacyMode=perhaps", "true or false"),
+        ("UPISImageServer", "bEnableImageServer=2", "true or false"),
+        ("MultiView", "CameraTileX=0", "a whole number from 1"),
+        ("MultiView", "CameraTileX=300", "smaller or fewer tiles: a picture of 96000 x 480 px"),
+    ],
+)
+def test_value_when_it_makes_no_sense_is_refused_with_file_line_and_key(
+    tmp_path: Path, section: str, line: str, expected: str
+) -> None:
+    file = file_of(tmp_path, f"[USARBotAPI.{section}]\n{line}\n")
+    with pytest.raises(ConfigError, match=re.escape(expected)) as error:
+        read_server(file)
+    assert str(error.value).startswith(f"{tmp_path / 'server.ini'}:2: ")
+    assert line.partition("=")[0] in str(error.value)
+
+
+@pytest.mark.parametrize("section", ["BotServer", "UPISImageServer", "MultiView"])
+def test_key_when_it_means_nothing_is_reported_also_where_it_is_the_only_one(
+    tmp_path: Path, section: str
+) -> None:
+    file = file_of(tmp_path, f"[USARBotAPI.{section}]\nListenPorts=1\n")
+    read_server(file)
+    assert [entry.key for entry in file.unknown()] == ["ListenPorts"]
+
+
+def test_tiles_when_partly_told_are_udk_s_for_the_rest(tmp_path: Path) -> None:
+    file = file_of(tmp_path, "[USARBotAPI.MultiView]\nCameraTileX=4\nCameraTileY=1\n")
+    assert read_server(file) == Said(multi_view=multi_view(4, 1, width_px=320, height_px=240))
+
+
+def test_settings_when_nobody_speaks_are_the_usual_ones() -> None:
+    assert settings_of(Said(), Said()) == ServerSettings()
+
+
+def test_settings_when_several_speak_are_the_last_one_s() -> None:
+    first, last = Said(image_port=1, frame_skip=2), Said(image_port=3)
+    assert settings_of(first, last) == ServerSettings(image_port=3, frame_skip=2)

@@ -1,0 +1,74 @@
+"""What is read before anything runs, and who has the last word on the server itself."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.server_file import settings_of
+from catoptra_server.robot.description import RobotDescription
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.setup import Setup, ray_caster, read_setup
+from helpers.configs import small_world
+from helpers.robots import SCANNER, p2at, walled_world
+from helpers.server_process import small_robot
+
+
+def with_server(robot: Path, *lines: str) -> Path:
+    """Add lines of the image server to a robot's file."""
+    section = "\n".join(("", "[USARBotAPI.UPISImageServer]", *lines))
+    robot.write_text(robot.read_text(encoding="utf-8") + section, encoding="utf-8")
+    return robot
+
+
+def test_setup_when_keys_mean_nothing_warns_with_their_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    world = small_world(tmp_path, "Colour=(R=1)")
+    with caplog.at_level(logging.WARNING):
+        setup = read_setup([small_robot(tmp_path)], world)
+    assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
+    assert len(setup.scene) == 12
+
+
+def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        read_setup([small_robot(tmp_path)], small_world(tmp_path, "Boxes=1"))
+
+
+def test_setup_when_several_files_speak_of_the_server_believes_its_own(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = with_server(small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256")
+    server = tmp_path / "server.ini"
+    server.write_text("[USARBotAPI.UPISImageServer]\nListenPort=8\n")
+    with caplog.at_level(logging.WARNING):
+        settings = settings_of(read_setup([robot], small_world(tmp_path), server).said)
+    assert (settings.image_port, settings.frame_skip, settings.control_port) == (8, 3, 3000)
+    assert caplog.text.count("key Colours is not known here") == 1
+
+
+def test_setup_when_the_server_s_own_file_says_nothing_of_it_warns(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    server = tmp_path / "server.ini"
+    server.write_text("[USARBot.P2AT]\nMass=1\n")
+    with caplog.at_level(logging.WARNING):
+        assert read_setup([small_robot(tmp_path)], small_world(tmp_path), server).said == {}
+    assert f"{server} says nothing of the server" in caplog.text
+
+
+def setup_of(robot: RobotDescription) -> Setup:
+    world = walled_world()
+    return Setup((robot,), world, build_scene(world))
+
+
+def test_ray_caster_when_nothing_measures_is_none() -> None:
+    assert ray_caster(setup_of(p2at())) is None
+
+
+def test_ray_caster_when_a_robot_has_a_scanner_is_there() -> None:
+    assert ray_caster(setup_of(p2at(sensors=(SCANNER,)))) is not None
