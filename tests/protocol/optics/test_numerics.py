@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.optics.numerics import TWO_PI, wrap_angle
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import (
+    TWO_PI,
+    angle_between,
+    angle_difference,
+    wrap_angle,
+)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +47,24 @@ def test_angle_when_wrapped_is_congruent_and_inside(angle: float) -> None:
     assert math.remainder(wrapped - angle, TWO_PI) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("angle", [math.inf, -math.inf])
-def test_angle_when_infinite_is_refused(angle: float) -> None:
-    with pytest.raises(ValueError, match="domain"):
-        wrap_angle(angle)
+@pytest.mark.parametrize("angle", [math.inf, -math.inf, math.nan])
+def test_angle_when_not_finite_is_refused(angle: float) -> None:
+    for wrong in (wrap_angle, partial(angle_difference, 0.0), partial(angle_between, 0.0, share=1)):
+        with pytest.raises(DomainError, match="finite"):
+            wrong(angle)
+
+
+def test_difference_across_the_seam_is_short() -> None:
+    assert angle_difference(-3.1, 3.1) == pytest.approx(TWO_PI - 6.2, abs=1e-15)
+    assert angle_difference(-math.pi, math.pi) == 0.0
+
+
+def test_difference_of_opposite_angles_is_half_a_turn_to_the_right() -> None:
+    assert angle_difference(0.5 * math.pi, -0.5 * math.pi) == math.pi
+    assert angle_difference(-0.5 * math.pi, 0.5 * math.pi) == math.pi
+
+
+@pytest.mark.parametrize(("share", "angle"), [(0.0, 3.0), (0.5, math.pi), (1.0, TWO_PI - math.pi)])
+def test_angle_between_goes_the_shorter_way(share: float, angle: float) -> None:
+    end = 2.0 * math.pi - 3.0 if share < 1.0 else math.pi
+    assert angle_between(3.0, end, share=share) == pytest.approx(angle, abs=1e-15)

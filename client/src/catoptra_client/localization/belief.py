@@ -18,9 +18,10 @@ _NEGATIVE_TOLERANCE = 1e-12
 class Belief:
     """A mean pose (3,) in the world frame (m, m, rad) and its covariance (3, 3).
 
-    phi is wrapped and the covariance symmetrised here. Raises DomainError for numbers that are not
-    finite and for a covariance that is not positive semidefinite. All zeros is allowed: it says
-    that the pose is known exactly, as the paper's a-priori covariance does.
+    phi is wrapped, and what rounding left of asymmetry is halved away. Raises DomainError for
+    numbers that are not finite and for a covariance that is not symmetric and positive
+    semidefinite. All zeros is allowed: it says that the pose is known exactly, as the paper's
+    a-priori covariance does.
     """
 
     mean: Floats
@@ -34,19 +35,20 @@ class Belief:
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
             raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
         mean[2] = wrap_angle(float(mean[2]))
-        covariance = 0.5 * covariance + 0.5 * covariance.T
         if not is_positive_semidefinite(covariance):
-            raise DomainError(f"a covariance has no negative variance: {covariance.tolist()}")
+            raise DomainError(
+                f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
+            )
         _keep(self, "mean", mean)
-        _keep(self, "covariance", covariance)
+        _keep(self, "covariance", _symmetric(covariance))
 
 
 def is_positive_semidefinite(covariance: Floats) -> bool:
-    """Return whether no eigenvalue of a symmetric finite (n, n) matrix is negative past rounding.
+    """Return whether a finite (n, n) matrix is symmetric without negative eigenvalues.
 
-    Asked of the correlations, so that metres do not hide radians.
+    Both past rounding, and asked of the correlations, so that metres do not hide radians.
     """
-    _, correlation, possible = _correlation(covariance)
+    _, correlation, possible = correlations(covariance)
     return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE_TOLERANCE)
 
 
@@ -54,24 +56,40 @@ def square_root(covariance: Floats) -> Floats:
     """Return B (n, n) with B B^T = covariance. Domain: positive semidefinite, rank may be low.
 
     By the eigenvectors of the correlations: a Cholesky factor needs full rank, which P = 0 has not.
+    Eigenvalues that rounding made negative are taken as the zeros that they stand for.
     """
-    sigma, correlation, _ = _correlation(covariance)
+    sigma, correlation, _ = correlations(covariance)
     values, vectors = np.linalg.eigh(correlation)
-    root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    with np.errstate(under="ignore"):  # what is below 1e-308 is zero
+        root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
-def _correlation(covariance: Floats) -> tuple[Floats, Floats, bool]:
-    """Return sigmas (n,), correlations (n, n), and whether the variances allow a covariance.
+def correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
+    """Return sigmas (n,), correlations (n, n), and whether they can be those of a covariance.
 
-    They do not if one is negative, or zero beside a covariance that is not.
+    They cannot if a variance is negative, or zero beside a covariance that is not, if a correlation
+    exceeds 1, or if the matrix is not symmetric. Correlations that cannot be are zeros.
     """
     variances = np.diagonal(covariance)
     sigma = np.sqrt(np.maximum(variances, 0.0))
     scale = np.where(sigma > 0.0, sigma, 1.0)
-    correlation = covariance / scale / scale[:, None]
-    possible = bool((variances >= 0.0).all() and (correlation[sigma == 0.0] == 0.0).all())
-    return sigma, correlation, possible
+    with np.errstate(over="ignore", under="ignore"):
+        correlation = covariance / scale / scale[:, None]
+    asymmetry = np.abs(np.clip(correlation, -2.0, 2.0) - np.clip(correlation.T, -2.0, 2.0))
+    possible = (
+        (variances >= 0.0).all()
+        and (correlation[sigma == 0.0] == 0.0).all()
+        and (np.abs(correlation) <= 1.0 + _NEGATIVE_TOLERANCE).all()
+        and (asymmetry <= _NEGATIVE_TOLERANCE).all()
+    )
+    return sigma, correlation if possible else np.zeros_like(correlation), bool(possible)
+
+
+def _symmetric(covariance: Floats) -> Floats:
+    with np.errstate(under="ignore"):  # half of the smallest number is zero
+        symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
+    return symmetric
 
 
 def _keep(belief: Belief, name: str, array: Floats) -> None:
