@@ -33,6 +33,12 @@ class RawPeer:
             if answer is not None and not isinstance(answer, Pulse):
                 return answer, rest
 
+    async def message(self) -> Answer:
+        """Return the head of the next message, pulses included."""
+        answer = answer_from_bytes((await self.socket.recv_multipart())[0])
+        assert answer is not None
+        return answer
+
     async def ask(self, request: Request) -> Answer:
         """Send a request; return its answer."""
         await self.send(bytes_from_message(request))

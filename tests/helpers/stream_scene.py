@@ -35,10 +35,14 @@ FACTS = StreamFacts(
 
 @dataclass
 class Scene:
-    """Counts what is drawn, keeps what is posted. Every byte of a picture is the frame's number."""
+    """Counts what is drawn, keeps what is posted. Every byte of a picture is the frame's number.
+
+    draws: whether a wanted frame ever comes.
+    """
 
     width: int = 8
     height: int = 6
+    draws: bool = True
     drawn: int = 0
     posted: list[Request] = field(default_factory=list)
     mailboxes: Mailboxes | None = None
@@ -47,7 +51,8 @@ class Scene:
         """Draw at once what is wanted; keep what else is posted."""
         match request:
             case FrameWanted(channel=channel):
-                self._draw(channel)
+                if self.draws:
+                    self._draw(channel)
             case Drawn():
                 pass
             case _:

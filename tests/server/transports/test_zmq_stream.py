@@ -10,6 +10,7 @@ import pytest
 from catoptra_protocol.wire.stream import bytes_from_message
 from catoptra_protocol.wire.stream_answers import (
     CameraIs,
+    Done,
     LandmarksAre,
     Refused,
     StartsAre,
@@ -159,6 +160,72 @@ def test_peer_when_its_connection_is_gone_leaves_the_simulation() -> None:
                 await asyncio.sleep(0)
             assert record.posted == [Left(client)]
             assert server.peers == ()
+
+    play(scene())
+
+
+def test_peer_when_busy_is_sent_a_few_pulses_only_and_stays() -> None:
+    async def scene() -> None:
+        async with streaming(Scene()) as server:
+            with raw_peer(server.port) as busy:
+                await busy.ask(AskStatus(1))
+                for _ in range(1000):  # more than its socket keeps
+                    server.pulse()
+                await busy.send(bytes_from_message(AskStatus(2)))
+                pulses = 0
+                while (await busy.message()).KIND == "pulse":
+                    pulses += 1
+                assert pulses == zmq_stream.IDLE_PULSES
+                server.pulse()
+                assert (await busy.message()).KIND == "pulse"
+                assert len(server.peers) == 1
+
+    play(scene())
+
+
+def test_peer_when_it_waits_is_sent_every_pulse() -> None:
+    async def scene() -> None:
+        blind = Scene(draws=False)
+        async with streaming(blind) as server:
+            with raw_peer(server.port) as waiting:
+                await waiting.ask(AskStatus(1))
+                await waiting.ask_frame()
+                while not server.peers[0].slot.is_waiting:
+                    await asyncio.sleep(0)
+                for _ in range(100):
+                    server.pulse()
+                    assert (await waiting.message()).KIND == "pulse"
+
+    play(scene())
+
+
+def test_peer_when_gone_after_long_idleness_leaves_and_others_stay() -> None:
+    async def scene() -> None:
+        scene = Scene()
+        async with streaming(scene) as server:
+            with raw_peer(server.port) as other:
+                await other.ask(AskStatus(1))
+                with raw_peer(server.port) as peer:
+                    await peer.ask(AskStatus(1))
+                    for _ in range(100):
+                        server.pulse()
+                    assert len(server.peers) == 2
+                while len(server.peers) == 2:
+                    server.pulse()
+                    await asyncio.sleep(0)
+                assert [type(request) for request in scene.posted] == [Left]
+                await other.ask(AskStatus(2))
+
+    play(scene())
+
+
+def test_answer_when_delivered_after_the_end_goes_nowhere() -> None:
+    async def scene() -> None:
+        async with streaming(Scene()) as server:
+            with raw_peer(server.port) as peer:
+                await peer.ask(AskStatus(1))
+                (client,) = server.peers
+        client.answer(Done(1))
 
     play(scene())
 

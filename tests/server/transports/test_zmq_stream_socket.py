@@ -73,6 +73,35 @@ def test_messages_when_the_peer_reads_as_fast_as_they_come_are_all_sent() -> Non
     play(scene())
 
 
+def test_message_when_sent_after_the_end_is_for_nobody() -> None:
+    async def scene() -> None:
+        with Router() as router, raw_peer(router.socket.port) as peer:
+            await peer.send(b"ping")
+            identity, _ = await router.received.get()
+        assert router.socket.send(identity, [b"late"]) is Sent.PEER_IS_GONE
+
+    play(scene())
+
+
+def test_suspects_when_a_connection_ended_are_who_it_was_until_sending_tells() -> None:
+    async def scene() -> None:
+        with Router() as router, raw_peer(router.socket.port) as stays:
+            await stays.send(b"ping")
+            await router.received.get()
+            with raw_peer(router.socket.port) as goes:
+                await goes.send(b"ping")
+                gone, _ = await router.received.get()
+            suspects: set[bytes] = set()
+            while not suspects:
+                suspects = router.socket.suspects()
+                await asyncio.sleep(0)
+            assert suspects == {gone}
+            while router.socket.send(gone, [b"there?"]) is not Sent.PEER_IS_GONE:
+                await asyncio.sleep(0)
+
+    play(scene())
+
+
 def test_message_when_the_peer_was_never_there_is_not_sent() -> None:
     async def scene() -> None:
         with Router() as router:

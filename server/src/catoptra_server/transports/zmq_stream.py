@@ -47,6 +47,10 @@ log = logging.getLogger(__name__)
 # How often every client is told that the server lives, and found out if it is gone.
 PULSE_S = 0.5
 _PULSE = bytes_from_message(Pulse(SCHEMA_VERSION))
+# Pulses in a row to a client that asks for nothing. It may be busy and not read: what it has not
+# read must not fill what its ZeroMQ keeps (64 messages in our client's), or its connection stands
+# still, and with it the answers to PING by which its robot stays.
+IDLE_PULSES = 16
 # Clients at once; each may hold a robot.
 MAX_PEERS = 256
 
@@ -67,6 +71,7 @@ class StreamServer:
         self._post = post
         self._facts = facts
         self._peers: dict[bytes, StreamPeer] = {}
+        self._suspects: set[bytes] = set()
         self._socket = RouterSocket(host, port, self._received)
         self.port = self._socket.port
 
@@ -86,9 +91,16 @@ class StreamServer:
             self._leave(identity)
 
     def pulse(self) -> None:
-        """Tell every client that the server lives; forget those whose connection is gone."""
-        for identity in list(self._peers):
-            self._send(identity, [_PULSE])
+        """Tell clients that the server lives; forget those whose connection is gone.
+
+        Only sending tells who is gone, and ZeroMQ may take note of it a moment late: who is
+        suspected is sent one now and one at the next pulse.
+        """
+        suspects = self._socket.suspects()
+        for identity, peer in list(self._peers.items()):
+            if peer.takes_pulse(IDLE_PULSES) or identity in suspects | self._suspects:
+                self._send(identity, [_PULSE])
+        self._suspects = suspects
 
     def _send(self, identity: bytes, parts: list[bytes]) -> Sent:
         sent = self._socket.send(identity, parts)
@@ -115,6 +127,7 @@ class StreamServer:
             refusal = Refused(request.id, f"{MAX_PEERS} clients are served, no more")
             self._send(identity, [bytes_from_message(refusal)])
             return
+        peer.heard()
         self._serve(peer, request)
 
     def _welcome(self, identity: bytes) -> StreamPeer | None:

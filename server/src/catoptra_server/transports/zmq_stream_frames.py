@@ -46,6 +46,11 @@ class FrameSlot:
         self.missed = 0
         self.dropped = 0
 
+    @property
+    def is_waiting(self) -> bool:
+        """Return whether something is asked and not sent."""
+        return self._asked is not None
+
     def ask(self, request: AskFrame) -> None:
         """Serve a request. Repeating the last one changes nothing; a new one takes its place."""
         if request.id == self._last_id:

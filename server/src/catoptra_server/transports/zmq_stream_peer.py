@@ -61,6 +61,7 @@ class StreamPeer:
         self._steps: list[int] = []
         self._resets: list[int] = []
         self._readings: dict[object, Report] = {}
+        self._idle_pulses = 0
         self.has_robot = False
 
     def deliver(self, reports: Sequence[Report]) -> None:
@@ -79,6 +80,17 @@ class StreamPeer:
     def answer(self, answer: Answer) -> None:
         """Send an answer; one that the client does not take is lost."""
         self._send([bytes_from_message(answer)])
+
+    def heard(self) -> None:
+        """Take note that the client asked for something: it has read what came before."""
+        self._idle_pulses = 0
+
+    def takes_pulse(self, most_idle: int) -> bool:
+        """Count a pulse; return whether it is due: one that waits for nothing gets a few only."""
+        if self._spawning is not None or self._steps or self._resets or self.slot.is_waiting:
+            return True
+        self._idle_pulses += 1
+        return self._idle_pulses <= most_idle
 
     def serve(self, request: Request) -> None:
         """Serve what concerns the client's own robot and frames."""

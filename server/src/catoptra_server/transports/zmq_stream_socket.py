@@ -15,6 +15,7 @@ from enum import Enum, auto
 from tempfile import TemporaryDirectory
 
 import zmq
+from zmq.utils.monitor import parse_monitor_message
 
 from catoptra_server.transports.zmq_stream_turnstile import (
     MOST_CONNECTIONS,
@@ -35,6 +36,7 @@ _READ_AT_ONCE = 32
 # living process answers from ZeroMQ's own thread, however busy it is.
 _PING_EVERY_MS = 2000
 _GIVE_UP_AFTER_MS = 6000
+_ENDS = "inproc://ends"
 
 Received = Callable[[bytes, list[bytes]], None]
 
@@ -60,15 +62,20 @@ class RouterSocket:
             path = kept.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
             context = zmq.Context(io_threads=1)
             kept.callback(context.destroy, linger=0)
-            self._socket = _bound(context, f"ipc://{path}")
+            self._ends = context.socket(zmq.PAIR)
+            self._socket = _bound(context, f"ipc://{path}", ends=self._ends)
             kept.callback(Turnstile(listener, path).close)
             self._let_go = kept.pop_all().close
+        self._connections: dict[bytes, int] = {}
+        self._is_closed = False
         self._reading: asyncio.Handle | None = None
         self._loop.add_reader(self._socket.FD, self._read)
         self._read_soon()
 
     def send(self, peer: bytes, parts: Sequence[bytes]) -> Sent:
-        """Send a message at once, or not at all."""
+        """Send a message at once, or not at all; once this is closed, nobody is there."""
+        if self._is_closed:
+            return Sent.PEER_IS_GONE
         sent = self._try_to_send(peer, parts)
         if sent is Sent.PEER_IS_FULL:
             # ZeroMQ takes note of what peers have taken only now and then, unless asked what is up.
@@ -86,11 +93,23 @@ class RouterSocket:
         except zmq.ZMQError as error:
             if error.errno != errno.EHOSTUNREACH:
                 raise
+            self._connections.pop(peer, None)
             return Sent.PEER_IS_GONE
         return Sent.YES
 
+    def suspects(self) -> set[bytes]:
+        """Return peers that may be gone: a connection ended where theirs was since the last call.
+
+        Whether it was theirs, sending tells soon: a file descriptor may be another's by now.
+        """
+        ended: set[int] = set()
+        while self._ends.poll(0):
+            ended.add(parse_monitor_message(self._ends.recv_multipart())["value"])
+        return {peer for peer, connection in self._connections.items() if connection in ended}
+
     def close(self) -> None:
         """Let go of the port, and of everything that waits to be sent."""
+        self._is_closed = True
         self._loop.remove_reader(self._socket.FD)
         if self._reading is not None:
             self._reading.cancel()
@@ -107,15 +126,21 @@ class RouterSocket:
     def _read(self) -> None:
         for _ in range(_READ_AT_ONCE):
             try:
-                peer, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK)
+                head, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
             except zmq.Again:
                 return
-            self._received(peer, parts)
+            self._connections[head.bytes] = int(head.get(zmq.SRCFD))
+            self._received(head.bytes, [part.bytes for part in parts])
         self._read_soon()
 
 
-def _bound(context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> zmq.Socket[bytes]:
-    """Return the socket; all limits are set before it is bound, later they would not count."""
+def _bound(
+    context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, ends: zmq.Socket[bytes]
+) -> zmq.Socket[bytes]:
+    """Return the socket; all limits are set before it is bound, later they would not count.
+
+    ends: a PAIR that is told of every connection that ended.
+    """
     router = context.socket(zmq.ROUTER)
     router.set(zmq.BACKLOG, MOST_CONNECTIONS)
     router.set(zmq.SNDHWM, _WAITING_FOR_PEER)
@@ -125,6 +150,9 @@ def _bound(context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> zmq.Socket
     router.set(zmq.HEARTBEAT_IVL, _PING_EVERY_MS)
     router.set(zmq.HEARTBEAT_TIMEOUT, _GIVE_UP_AFTER_MS)
     router.set(zmq.LINGER, 0)
+    router.monitor(_ENDS, zmq.EVENT_DISCONNECTED)
+    ends.set(zmq.RCVHWM, 0)  # nobody may have to wait for us to read it
+    ends.connect(_ENDS)
     try:
         router.bind(endpoint)
     except zmq.ZMQError as error:
