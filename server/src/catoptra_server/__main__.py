@@ -1,156 +1,30 @@
-"""The command line: `catoptra-server --robot FILE --world FILE`. Only this module prints."""
+"""The first word of the command line: `doctor` examines this machine; without one, it serves.
+
+Nothing else is imported before the word is read, so that the doctor speaks where the server's own
+libraries cannot be loaded. To add a command, write its `main` and add its case.
+"""
 
 from __future__ import annotations
 
-import argparse
-import asyncio
-import logging
 import os
-import re
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import cast
-
-# NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded below.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-from catoptra_protocol.errors import CatoptraError, DomainError
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.image import ImageType
-from catoptra_server.app import Listening, Options, serve
-from catoptra_server.config.server_file import MOST_SKIPPED, Said
-from catoptra_server.imaging.multi_view import TileLayout, multi_view
-from catoptra_server.simulation import Clock
-
-EXIT_CANNOT_START = 2
-_PORT_REMEDY = ". Is another server running there? --control-port 0 --image-port 0 take free ones"
-_TILES = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the server; return 0 after a clean end, 2 if it could not start."""
-    options, level = _options(_parser().parse_args(arguments))
-    logging.basicConfig(
-        level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-    )
-    try:
-        asyncio.run(serve(options, _announce))
-    except CatoptraError as error:
-        print(f"catoptra-server: {error}", file=sys.stderr)
-        return EXIT_CANNOT_START
-    except OSError as error:
-        print(f"catoptra-server: cannot listen: {error}{_PORT_REMEDY}", file=sys.stderr)
-        return EXIT_CANNOT_START
-    return 0
+    """Run a command; return its exit status."""
+    # NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    words = sys.argv[1:] if arguments is None else [*arguments]
+    match words:
+        case ["doctor", *rest]:
+            from catoptra_server.doctor.command import main as examine
 
+            return examine(rest)
+        case _:
+            from catoptra_server.serving import main as serve
 
-def _announce(listening: Listening) -> None:
-    """Print where to connect, for people and for programs that chose port 0."""
-    image = "off" if listening.image_port is None else f"{listening.host}:{listening.image_port}"
-    print(
-        f"listening control={listening.host}:{listening.control_port} image={image} "
-        f"stream={listening.host}:{listening.stream_port}",
-        flush=True,
-    )
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="catoptra-server",
-        description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
-    )
-    add = parser.add_argument
-    add("--robot", type=Path, required=True, action="append", metavar="FILE",
-        help="robot ini, like USARBot.ini; may be given several times")  # fmt: skip
-    add("--world", type=Path, required=True, metavar="FILE", help="world ini")
-    add("--server-ini", type=Path, metavar="FILE",
-        help="ini with UDK's [USARBotAPI.*]; a robot's file may have them, too")  # fmt: skip
-    add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
-    add("--control-port", type=_port, metavar="PORT", help="default 3000; 0 = any free one")
-    add("--image-port", type=_port, metavar="PORT", help="default 5003; 0 = any free one")
-    add("--stream-port", type=_port, metavar="PORT",
-        help="of the ZeroMQ stream (default: 5005, any free one if another port is 0)")  # fmt: skip
-    add("--image-type", type=_image_type, metavar="TYPE",
-        help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
-    add("--legacy-images", action=argparse.BooleanOptionalAction,
-        help="send one frame unasked on connecting")  # fmt: skip
-    add("--frame-skip", type=_frame_skip, metavar="N",
-        help="the image port shows at most every N-th tick of 20 ms (default 1: each)")  # fmt: skip
-    add("--multi-view", type=_tiles, metavar="COLUMNSxROWS:WIDTHxHEIGHT",
-        help="the image port shows a tile for each camera, such as 2x2:320x240")  # fmt: skip
-    add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
-        help="of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
-    add("--renderer", choices=["auto", "trace", "raster"], default="auto")
-    add("--threads", type=_threads, default=0, help="of the trace renderer; 0 = one a processor")
-    add("--clock", choices=[c.value for c in Clock], default=Clock.REALTIME.value,
-        help="lockstep: time passes only when a client sends STEP")  # fmt: skip
-    add("--seed", type=int, default=0, help="of all random numbers")
-    add("--verbose", action="store_true", help="log every message on the wire")
-    return parser
-
-
-def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
-    options = Options(
-        robots=tuple(parsed.robot),
-        world=parsed.world,
-        server=parsed.server_ini,
-        said=_said(parsed),
-        host=parsed.host,
-        stream_port=parsed.stream_port,
-        dialect=Dialect(parsed.dialect),
-        renderer=parsed.renderer,
-        threads=parsed.threads,
-        clock=Clock(parsed.clock),
-        seed=parsed.seed,
-    )
-    return options, logging.DEBUG if parsed.verbose else logging.INFO
-
-
-def _said(parsed: argparse.Namespace) -> Said:
-    """Return what counts more than ini files. Who asks for an image port wants one."""
-    keys = Said.__annotations__
-    said = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
-    return cast(Said, said | ({"has_images": True} if "image_port" in said else {}))
-
-
-def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
-    return port
-
-
-def _frame_skip(text: str) -> int:
-    skip = int(text)
-    if not 1 <= skip <= MOST_SKIPPED:
-        raise argparse.ArgumentTypeError(f"a frame skip is 1 to {MOST_SKIPPED}, not {skip}")
-    return skip
-
-
-def _tiles(text: str) -> TileLayout:
-    found = _TILES.fullmatch(text)
-    if found is None:
-        raise argparse.ArgumentTypeError(f"a multi-view is written as 2x2:320x240, not {text!r}")
-    columns, rows, width, height = map(int, found.groups())
-    try:
-        return multi_view(columns, rows, width_px=width, height_px=height)
-    except DomainError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _threads(text: str) -> int:
-    threads = int(text)
-    if not 0 <= threads <= 1024:
-        raise argparse.ArgumentTypeError(f"threads are 0 to 1024, not {threads}")
-    return threads
-
-
-def _image_type(text: str) -> ImageType:
-    try:
-        return ImageType.from_text(text)
-    except CatoptraError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+            return serve(words)
 
 
 if __name__ == "__main__":
