@@ -9,6 +9,7 @@ belief.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -26,6 +27,7 @@ from catoptra_client.localization.motion import (
     jacobian_by_pose,
     moved,
 )
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 
 # A robot that believes itself nearer to a landmark than a beacon's radius (0.05 m) would stand in
@@ -71,12 +73,22 @@ class Update:
 
 
 def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
-    """Return the belief after one control: P = G P G^T + V M V^T."""
-    G = jacobian_by_pose(belief.mean, control)
-    V = jacobian_by_control(belief.mean, control)
-    M = control_covariance(control, noise)
-    B = np.hstack((G @ square_root(belief.covariance), V @ np.sqrt(M)))  # M is diagonal
-    return Belief(moved(belief.mean, control), B @ B.T)
+    """Return the belief after one control: P = G P G^T + V M V^T.
+
+    A robot that stands still is believed where it was, to the bit: the very belief is returned.
+    Raises DomainError for a control that leads out of float64.
+    """
+    if control.distance_m == 0.0 and control.turn_rad == 0.0:
+        return belief
+    M = control_covariance(control, noise)  # diagonal
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        G = jacobian_by_pose(belief.mean, control)
+        V = jacobian_by_control(belief.mean, control)
+        B = np.hstack((G @ square_root(belief.covariance), V @ np.sqrt(M)))
+        mean, covariance = moved(belief.mean, control), B @ B.T
+    if not _all_finite(mean, covariance):
+        raise DomainError(f"{control} leads out of what float64 can hold from {belief.mean}")
+    return Belief(mean, covariance)
 
 
 def update(
@@ -91,24 +103,28 @@ def update(
     innovation, H, R = residual(measurement, expected)
     if not is_positive_semidefinite(R):
         return _refused(belief, Reason.NOISE_NOT_A_COVARIANCE)
-    with np.errstate(over="ignore", invalid="ignore"):
+    # What is below 1e-308 is zero; what is too large is looked for where it would enter.
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         return _gated(belief, innovation, H, R, gate)
 
 
 def _gated(belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: Gate) -> Update:
     """Return the update with sound numbers: put them before the gate, then take them in."""
     S = H @ belief.covariance @ H.T + R
-    if not np.isfinite(S).all():
+    if not _all_finite(S):
         return _refused(belief, Reason.TOO_LARGE)
     L, regular = _cholesky(S)
     if not regular:
         return _refused(belief, Reason.SINGULAR)
     distance_squared = float(np.square(np.linalg.solve(L, innovation)).sum())
+    if not math.isfinite(distance_squared):
+        return _refused(belief, Reason.TOO_LARGE)
     if distance_squared > gate.threshold(innovation.size):
         return Update(belief, Reason.OUTSIDE_GATE, innovation, S, distance_squared)
     corrected, finite = _corrected(belief, innovation, H, R, L)
-    reason = Reason.ACCEPTED if finite else Reason.TOO_LARGE
-    return Update(corrected, reason, innovation, S, distance_squared)
+    if not finite:
+        return _refused(belief, Reason.TOO_LARGE)
+    return Update(corrected, Reason.ACCEPTED, innovation, S, distance_squared)
 
 
 def _cholesky(S: Floats) -> tuple[Floats, bool]:
@@ -136,9 +152,13 @@ def _corrected(
     root = square_root(belief.covariance)
     B = np.hstack((root - K @ (H @ root), K @ square_root(R)))
     mean, covariance = belief.mean + K @ innovation, B @ B.T
-    if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+    if not _all_finite(mean, covariance):
         return belief, False
     return Belief(mean, covariance), True
+
+
+def _all_finite(*arrays: Floats) -> bool:
+    return all(bool(np.isfinite(array).all()) for array in arrays)
 
 
 def _refused(belief: Belief, reason: Reason) -> Update:

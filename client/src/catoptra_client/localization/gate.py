@@ -35,8 +35,10 @@ class Gate:
             return math.inf
         if size == 2:
             return -2.0 * math.log(self.false_rejection)
-        # Of both tails one half: the quantile near 1 would lose what the small tail keeps.
-        return NormalDist().inv_cdf(0.5 * self.false_rejection) ** 2
+        # Of both tails one half: the quantile near 1 would lose what the small tail keeps. Half of
+        # the smallest number is none: the tail is at least that number.
+        tail = max(0.5 * self.false_rejection, math.ulp(0.0))
+        return NormalDist().inv_cdf(tail) ** 2
 
 
 PAPER_GATE = Gate(0.01)

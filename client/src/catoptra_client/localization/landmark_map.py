@@ -6,6 +6,7 @@ filter; that stays in `catoptra_protocol.landmarks`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -24,6 +25,10 @@ class LandmarkPosition:
     name: str
     x_m: float
     y_m: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.x_m) and math.isfinite(self.y_m)):
+            raise DomainError(f"landmark {self.name!r} stands nowhere: {self.x_m!r}, {self.y_m!r}")
 
 
 LandmarkMap = Mapping[str, LandmarkPosition]

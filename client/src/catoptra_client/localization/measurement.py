@@ -14,7 +14,7 @@ import numpy as np
 from catoptra_client.landmarks.detection import Detection
 from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.numerics import Floats, wrap_angle
+from catoptra_protocol.optics.numerics import Floats, angle_difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,8 @@ def expect(pose: Floats, landmark: LandmarkPosition) -> tuple[Expectation, bool]
         return Expectation(0.0, 0.0, np.zeros((2, 3))), False
     cx, cy = dx / rho, dy / rho
     jacobian = np.array([[-cx, -cy, 0.0], [cy / rho, -cx / rho, -1.0]])
-    return Expectation(rho, wrap_angle(math.atan2(dy, dx) - float(pose[2])), jacobian), True
+    bearing_rad = angle_difference(math.atan2(dy, dx), float(pose[2]))
+    return Expectation(rho, bearing_rad, jacobian), True
 
 
 def residual(measurement: Measurement, expected: Expectation) -> tuple[Floats, Floats, Floats]:
@@ -81,7 +82,7 @@ def residual(measurement: Measurement, expected: Expectation) -> tuple[Floats, F
 
     The bearing's difference is wrapped.
     """
-    turn = wrap_angle(measurement.bearing_rad - expected.bearing_rad)
+    turn = angle_difference(measurement.bearing_rad, expected.bearing_rad)
     if isinstance(measurement, BearingOnly):
         noise = np.array([[measurement.variance_rad2]])
         return np.array([turn]), expected.jacobian[1:], noise

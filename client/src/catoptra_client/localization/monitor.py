@@ -16,6 +16,10 @@ import numpy as np
 
 from catoptra_client.localization.belief import Belief
 from catoptra_client.localization.ekf import Reason, Update
+from catoptra_protocol.errors import DomainError
+
+# Its square and the covariance that it is added to fit float64.
+_LARGEST_SIGMA = 1e150
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,10 @@ class FilterHealth:
     rejection_streak: int = 0
     window: tuple[tuple[float, int], ...] = ()
     counts: dict[Reason, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.window_size < 1:
+            raise DomainError(f"a window holds at least one measurement, not {self.window_size!r}")
 
     @property
     def windowed_nis(self) -> float:
@@ -62,11 +70,18 @@ def observe(health: FilterHealth, updates: Sequence[Update]) -> FilterHealth:
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """When to doubt, and how much: after so many rejecting steps add these variances to P."""
+    """When to doubt, and how much: after so many rejecting steps add these sigmas' squares to P."""
 
     after_steps: int = 5
     position_sigma_m: float = 0.3
     heading_sigma_rad: float = math.radians(10.0)
+
+    def __post_init__(self) -> None:
+        if self.after_steps < 1:
+            raise DomainError(f"a recovery waits at least one step, not {self.after_steps!r}")
+        sigmas = (self.position_sigma_m, self.heading_sigma_rad)
+        if not all(0.0 < sigma < _LARGEST_SIGMA for sigma in sigmas):
+            raise DomainError(f"a recovery's sigmas lie in (0, {_LARGEST_SIGMA:g}): {sigmas}")
 
 
 def recovered(

@@ -113,8 +113,12 @@ def jacobian_by_control(pose: Floats, control: Control) -> Floats:
 
 
 def control_covariance(control: Control, noise: MotionNoise) -> Floats:
-    """Return M (2, 2), the covariance of (v, delta phi) of one step. A robot at rest has none."""
-    v2, turn2 = control.distance_m**2, control.turn_rad**2
+    """Return M (2, 2), the covariance of (v, delta phi) of one step. A robot at rest has none.
+
+    Infinite for a control whose square is too large for float64.
+    """
+    # A product overflows to inf, where Python's ** raises.
+    v2, turn2 = control.distance_m * control.distance_m, control.turn_rad * control.turn_rad
     return np.diag(
         [noise.alpha1 * v2 + noise.alpha2 * turn2, noise.alpha3 * v2 + noise.alpha4 * turn2]
     )
