@@ -113,7 +113,8 @@ def _capture_fov_deg(camera: OmniCamera) -> float:
     if not isinstance(camera.mirror, HyperbolicMirror):
         return 0.0
     focal_length_px = camera.mirror.s * camera.horizon_radius_px
-    return math.degrees(2.0 * math.atan(0.5 * camera.width_px / focal_length_px))
+    # Not of the quotient: the focal length may vanish or overflow for extreme h and k.
+    return math.degrees(2.0 * math.atan2(0.5 * camera.width_px, focal_length_px))
 
 
 def _text(value: float) -> str:

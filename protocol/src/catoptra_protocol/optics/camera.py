@@ -18,6 +18,8 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors.law import CentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 
+_TINY = float(np.finfo(np.float64).tiny)
+
 
 @dataclass(frozen=True, slots=True)
 class OmniCamera:
@@ -43,6 +45,11 @@ class OmniCamera:
         if not (math.isfinite(self.horizon_radius_px) and self.horizon_radius_px > 0.0):
             raise DomainError(
                 f"the 90-degree circle needs a radius > 0: {self.horizon_radius_px!r}"
+            )
+        if not all(map(math.isfinite, (*self.centre_px, self.up_azimuth_rad))):
+            raise DomainError(
+                "the image centre and the azimuth that points up must be finite: "
+                f"{self.centre_px!r}, {self.up_azimuth_rad!r}"
             )
         if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
             limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
@@ -71,81 +78,109 @@ def camera_with_rim_inscribed(
     up_azimuth_rad: float = 0.0,
 ) -> OmniCamera:
     """Return the camera whose rim circle touches the nearer image borders."""
-    rim_ratio = mirror.radius_ratio_from_t(np.array(math.tan(0.5 * rim_rad)))
+    t = math.tan(0.5 * rim_rad)
+    # Of a rim that cannot be, the camera itself says so.
+    rim_ratio = float(mirror.radius_ratio_from_t(np.array(t))) if 0.0 < t < mirror.t_limit else 1.0
     return OmniCamera(
         mirror=mirror,
         width_px=width_px,
         height_px=height_px,
         centre_px=(0.5 * width_px, 0.5 * height_px),
-        horizon_radius_px=0.5 * min(width_px, height_px) / float(rim_ratio),
+        horizon_radius_px=0.5 * min(width_px, height_px) / rim_ratio,
         rim_rad=rim_rad,
         up_azimuth_rad=up_azimuth_rad,
     )
 
 
+@np.errstate(under="ignore")  # what vanishes beside the largest component may
 def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     """Return t = tan(theta / 2) of (..., 3) directions, and where it is finite.
 
-    Two forms, one for each hemisphere, so that neither cancels; hypot, so that no square overflows
-    or vanishes. Invalid, with 0 for a value: a zero vector, the antipode, what is not finite.
+    Two forms, one for each hemisphere, so that neither cancels. Invalid, with 0 for a value: a zero
+    vector, the antipode, what is not finite, and what is nearer to the antipode than 1e-308 rad.
     """
-    finite = np.asarray(np.isfinite(direction).all(axis=-1))
-    x, y, z = np.moveaxis(np.where(finite[..., None], direction, 0.0), -1, 0)
+    x, y, z = _components(direction)
     rho = np.hypot(x, y)
     norm = np.hypot(rho, z)
     lower = z >= 0.0
     numerator = np.where(lower, rho, norm - z)
     denominator = np.where(lower, norm + z, rho)
-    valid = denominator > 0.0
+    # At most 2 over the smallest normal number: finite.
+    valid = denominator >= _TINY
     return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
 
 
+def _components(direction: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return x, y, z of (..., 3) directions over the largest of them: no square can overflow.
+
+    Zero where a direction is not finite.
+    """
+    direction = np.asarray(direction, dtype=np.float64)
+    finite = np.isfinite(direction).all(axis=-1, keepdims=True)
+    direction = np.where(finite, direction, 0.0)
+    largest = np.abs(direction).max(axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
+    return x, y, z
+
+
+@np.errstate(under="ignore")
 def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
     """Return (..., 2) pixels of (..., 3) directions in the mirror frame, and which the mirror sees.
 
     Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
     pixel is the image centre, never a NaN.
     """
-    direction = np.asarray(direction, dtype=np.float64)
     t, defined = half_angle_tangent(direction)
     valid = defined & (t <= camera.rim_t)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
         np.where(valid, t, 0.0)
     )
-    level = np.where(valid[..., None], direction[..., :2], 0.0)
-    rho = np.hypot(level[..., 0], level[..., 1])
-    scale = radius_px / np.where(rho > 0.0, rho, 1.0)
+    x, y, _ = _components(direction)
+    rho = np.hypot(x, y)
+    # A quotient of at most 1: the radius over a rho next to nothing might overflow.
+    rho = np.where(rho > 0.0, rho, 1.0)
+    x = radius_px * (x / rho)
+    y = radius_px * (y / rho)
     ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
-    x = scale * level[..., 0]
-    y = scale * level[..., 1]
     u = camera.centre_px[0] + sa * x - ca * y
     v = camera.centre_px[1] - ca * x - sa * y
     return np.stack((u, v), axis=-1), valid
 
 
+@np.errstate(under="ignore")
 def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Bools]:
     """Return unit (..., 3) directions in the mirror frame of (..., 2) pixels, and which see it.
 
     Where invalid the direction is +z, never a NaN.
     """
     pixel = np.asarray(pixel, dtype=np.float64)
-    finite = np.asarray(np.isfinite(pixel).all(axis=-1))
-    pixel = np.where(finite[..., None], pixel, camera.centre_px)
+    # Far beside the rim nothing is seen, and a square may overflow; a comparison with NaN is false.
+    near = _near_rim(camera, pixel)
+    pixel = np.where(near[..., None], pixel, camera.centre_px)
     du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
     dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
     ratio = np.hypot(du, dv)
     t = camera.mirror.t_from_radius_ratio(ratio)
-    valid = finite & (t <= camera.rim_t)
+    valid = near & (t <= camera.rim_t)
     t = np.where(valid, t, 0.0)
     one_plus = 1.0 + np.square(t)
     # sin(theta) / ratio tends to a finite limit on the axis, where du = dv = 0 makes any value
     # right.
-    scale = 2.0 * t / one_plus / np.where(ratio > 0.0, ratio, 1.0)
+    ratio = np.where(ratio > 0.0, ratio, 1.0)
+    sine = 2.0 * t / one_plus
     ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
-    x = scale * (sa * du - ca * dv)
-    y = scale * (-ca * du - sa * dv)
+    x = sine * ((sa * du - ca * dv) / ratio)
+    y = sine * ((-ca * du - sa * dv) / ratio)
     z = (1.0 - t) * (1.0 + t) / one_plus
     return np.stack((x, y, z), axis=-1), valid
+
+
+def _near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
+    """Return which (..., 2) pixels lie in the square of twice the rim's size around the centre."""
+    # Halves, because a difference may overflow.
+    half_u = np.abs(0.5 * pixel[..., 0] - 0.5 * camera.centre_px[0])
+    half_v = np.abs(0.5 * pixel[..., 1] - 0.5 * camera.centre_px[1])
+    return np.asarray(np.maximum(half_u, half_v) <= camera.rim_radius_px)
 
 
 class PixelGrid(Protocol):

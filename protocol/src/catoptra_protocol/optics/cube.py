@@ -14,12 +14,16 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.domain import require
 from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import Floats
 
 # Directions up to this incidence angle are covered by five faces whatever their azimuth: the corner
 # of a side face's upper edge, pi - atan(sqrt 2).
 FIVE_FACE_LIMIT_RAD = math.pi - math.atan(math.sqrt(2.0))
+
+# So that a quotient is finite whatever the direction's length.
+_FLATTEST = 1e-150
 
 
 class Face(IntEnum):
@@ -54,18 +58,25 @@ FACE_AXES.setflags(write=False)
 def face_from_direction(direction: Floats) -> npt.NDArray[np.intp]:
     """Return the (...) face index of (..., 3) directions in the mirror frame: total and unique.
 
-    A tie on an edge or a corner goes to the face that comes first in `Face`.
+    A tie on an edge or a corner goes to the face that comes first in `Face`, so the zero vector to
+    N. Raises DomainError naming a direction that is not finite: it has no face.
     """
+    require(np.isfinite(direction).all(axis=-1), direction, "a direction is finite")
     face: npt.NDArray[np.intp] = np.argmax(direction @ FACE_AXES[:, :, 0].T, axis=-1)
     return face
 
 
+@np.errstate(under="ignore")
 def face_coordinates(direction: Floats, face: npt.NDArray[np.intp]) -> Floats:
     """Return (..., 2) coordinates (s, t) of (..., 3) directions in the planes of given (...) faces.
 
-    Domain: directions in front of the face. Those of the face itself lie in [-1, 1].
+    Those of the face itself lie in [-1, 1]. Domain: directions in front of the face, no flatter
+    than 1e-150; raises DomainError naming one that is not.
     """
     local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+    forward, aside = local[..., 0], np.abs(local[..., 1:]).max(axis=-1)
+    inside = (forward > 0.0) & (forward >= _FLATTEST * aside) & (forward < math.inf)
+    require(inside, direction, "coordinates belong to directions in front of the face")
     coordinates: Floats = local[..., 1:] / local[..., :1]
     return coordinates
 

@@ -55,3 +55,24 @@ def test_magnification_bounds_what_a_small_turn_moves(camera: OmniCamera) -> Non
     way = np.linalg.norm(moved - pixels, axis=-1)[valid]
     assert (way <= 1.005 * bound + 1e-9).all()
     assert (way / bound).max() > 0.9  # and not idly
+
+
+def test_table_when_the_rim_is_next_to_the_asymptote_neither_ends_nor_jumps() -> None:
+    camera = omni_camera(width_px=640, mirror=HyperbolicMirror(2.001, 0.2), rim_deg=91.28)
+    law = PixelLaw.of(camera)
+    theta = np.linspace(0.0, math.acos(law.lowest) - 1e-3, 20_001)
+    u, _ = law.pixels(np.sin(theta), np.zeros_like(theta), np.cos(theta))
+    v = law.pixels(*(f(theta).astype(np.float32) for f in (np.sin, np.zeros_like, np.cos)))[1]
+    steps = np.abs(np.diff(v))
+    # No step is larger than what the greatest magnification makes of it, and of the table's steps.
+    bound = law.pixels_per_radian(theta[1:]) * np.diff(theta) + 2.0 * PIXEL_ERROR_PX
+    assert np.ptp(u) < 1e-3
+    assert (steps <= bound).all()
+    assert np.isfinite(law.magnification).all()
+
+
+@pytest.mark.parametrize("rim_deg", [178.0, 179.9])
+def test_table_when_the_rim_is_near_the_antipode_is_none_rather_than_endless(
+    rim_deg: float,
+) -> None:
+    assert PixelLaw.of(omni_camera(mirror=ParabolicMirror(0.05), rim_deg=rim_deg)) is None

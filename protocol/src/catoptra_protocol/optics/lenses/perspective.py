@@ -13,6 +13,9 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 
+# A nanometre seen from a kilometre. Much narrower the focal length grows beyond all numbers.
+_NARROWEST_RAD = 1e-12
+
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveCamera:
@@ -25,10 +28,10 @@ class PerspectiveCamera:
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
             raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
-        if not 0.0 < self.fov_rad < math.pi:
+        if not _NARROWEST_RAD <= self.fov_rad < math.pi:
             raise DomainError(
                 f"a flat picture cannot show {math.degrees(self.fov_rad):g} deg: its field of view "
-                "must be above 0 and below 180 deg"
+                f"must be above 0 ({_NARROWEST_RAD:g} rad) and below 180 deg"
             )
 
     @property
@@ -36,6 +39,7 @@ class PerspectiveCamera:
         """Return the distance from the pinhole to the picture, in pixels."""
         return 0.5 * self.width_px / math.tan(0.5 * self.fov_rad)
 
+    @np.errstate(under="ignore")  # what vanishes beside the largest component may
     def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
         """Return (..., 2) pixels of (..., 3) directions in the camera frame, and which it sees.
 
@@ -59,6 +63,7 @@ class PerspectiveCamera:
         v = np.where(valid, z, 0.0) * per_ahead + 0.5 * self.height_px
         return np.stack((u, v), axis=-1), valid
 
+    @np.errstate(under="ignore")
     def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
         """Return unit (..., 3) directions in the camera frame of (..., 2) pixels, and which see.
 

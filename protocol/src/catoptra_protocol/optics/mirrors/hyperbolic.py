@@ -6,6 +6,9 @@ pinhole (0, c). Image: with t = tan(theta/2) and psi the camera ray's angle, tan
 tan(theta/2), from which r_i / h = 2 kappa s t / (1 - kappa^2 t^2). This is the mirror's own law;
 the paper's Eq. 2 (r_i = h t) is its limit for k -> infinity, kept here as `eq2_radius_ratio_from_t`
 for comparison.
+
+From the plane that k = 2 would be to the largest double no form cancels or overflows: 1 - kappa is
+a quotient of sums, and 1 - kappa t and 1 - kappa t^2 are made of it.
 """
 
 from __future__ import annotations
@@ -16,7 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.domain import require
 from catoptra_protocol.optics.numerics import Floats
+
+# Its square is finite. Of any k < 1e300 the asymptote comes before.
+_HIGHEST_T = 1e150
 
 
 def eq2_radius_ratio_from_t(t: Floats) -> Floats:
@@ -47,7 +54,22 @@ class HyperbolicMirror:
     @property
     def kappa(self) -> float:
         """Return tan(psi/2) / tan(theta/2) = 1 / (k - 1 + s)."""
-        return 1.0 / (self.k - 1.0 + self.s)
+        return 0.5 / self._half_sum
+
+    @property
+    def kappa_left(self) -> float:
+        """Return 1 - kappa = (k - 2 + s) / (k - 1 + s), which does not cancel near k = 2."""
+        return (0.5 * (self.k - 2.0) + 0.5 * self.s) / self._half_sum
+
+    @property
+    def kappa_s(self) -> float:
+        """Return kappa s = xi / (1 + xi): kappa may be next to nothing, this never is."""
+        return self.xi / (1.0 + self.xi)
+
+    @property
+    def _half_sum(self) -> float:
+        """Return (k - 1 + s) / 2: the sum itself overflows for the largest k."""
+        return 0.5 * (self.k - 1.0) + 0.5 * self.s
 
     @property
     def xi(self) -> float:
@@ -57,35 +79,51 @@ class HyperbolicMirror:
     @property
     def vertex_m(self) -> float:
         """Return the height of the mirror's vertex over the viewpoint, towards the pinhole."""
-        return self.c_m / (self.k + self.s)
+        return 0.5 * self.c_m / (0.5 * self.k + 0.5 * self.s)
 
     @property
     def t_limit(self) -> float:
         """Return t of the asymptote, 1 / sqrt(kappa)."""
-        return 1.0 / math.sqrt(self.kappa)
+        return math.sqrt(2.0) * math.sqrt(self._half_sum)
 
     @property
     def pinhole_m(self) -> float:
         """Return c: the pinhole is the second focus."""
         return self.c_m
 
+    @np.errstate(under="ignore")  # what vanishes beside 1 may
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Return r_i / h. Domain: 0 <= t < 1/kappa (the mirror itself ends at t_limit before)."""
-        kt = self.kappa * t
-        return 2.0 * self.s * kt / ((1.0 - kt) * (1.0 + kt))
+        return 2.0 * self.kappa_s * t / (self._left(t) * (1.0 + self.kappa * t))
 
+    @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
-        """Return t. Domain: ratio >= 0; hypot keeps it finite for any of them."""
-        return ratio / (self.kappa * (self.s + np.hypot(self.s, ratio)))
+        """Return t. Domain: 0 <= ratio < inf; hypot keeps it finite for any of them."""
+        require((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
+        return ratio / (self.kappa_s + np.hypot(self.kappa_s, self.kappa * ratio))
 
+    @np.errstate(under="ignore")
     def radius_ratio_slope(self, t: Floats) -> Floats:
-        """Return d(r_i / h) / d(theta) = kappa s (1 + k^2 t^2) (1 + t^2) / (1 - k^2 t^2)^2."""
-        kt2 = np.square(self.kappa * t)
-        return self.kappa * self.s * (1.0 + kt2) * (1.0 + np.square(t)) / np.square(1.0 - kt2)
+        """Return d(r_i / h) / d(theta) = kappa s (1 + k^2 t^2) (1 + t^2) / (1 - k^2 t^2)^2.
 
+        Domain: that of radius_ratio_from_t.
+        """
+        kt = self.kappa * t
+        steepness = (1.0 + np.square(kt)) / np.square(self._left(t) * (1.0 + kt))
+        return self.kappa_s * (1.0 + np.square(t)) * steepness
+
+    @np.errstate(under="ignore")
     def surface(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point. Domain: 0 <= t < t_limit."""
-        denominator = 1.0 - self.kappa * np.square(t)
-        r = 2.0 * self.vertex_m * t / denominator
-        z = self.vertex_m * (1.0 - t) * (1.0 + t) / denominator
-        return r, z
+        expected = f"a mirror point needs 0 <= t = tan(theta / 2) < {self.t_limit!r}, its asymptote"
+        require((t >= 0.0) & (t < self.t_limit) & (t <= _HIGHEST_T), t, expected)
+        nearness = (1.0 - t) * (1.0 + t)
+        scale = self.vertex_m / (self.kappa_left + self.kappa * nearness)
+        return 2.0 * scale * t, scale * nearness
+
+    def _left(self, t: Floats) -> Floats:
+        """Return 1 - kappa t, exact where both are next to 1; DomainError where nothing is left."""
+        left: Floats = self.kappa_left + self.kappa * (1.0 - t)
+        inside = (t >= 0.0) & (left > 0.0) & (t <= _HIGHEST_T)
+        require(inside, t, "an image radius needs 0 <= t = tan(theta / 2) < 1 / kappa")
+        return left

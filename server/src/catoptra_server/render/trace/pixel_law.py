@@ -19,9 +19,11 @@ from catoptra_server.render.trace.packed_light import Float32s
 # are made fine enough, the rest by the float32 of everything before.
 PIXEL_ERROR_PX = 0.1
 _FEWEST_STEPS = 4096
+# Towards the antipode the picture turns so fast with the height that no table follows.
+_MOST_STEPS = 2**20
 # Lines that end beyond the rim are followed a little beyond it.
 _BEYOND_RIM_RAD = 0.1
-# Where the law ends, the picture is far away.
+# Beyond the table the picture is far away.
 _FAR_PX = 1e9
 
 
@@ -42,11 +44,14 @@ class PixelLaw:
     rim_rad: float
 
     @classmethod
-    def of(cls, camera: OmniCamera) -> PixelLaw:
-        """Return the tables of a camera."""
+    def of(cls, camera: OmniCamera) -> PixelLaw | None:
+        """Return the tables of a camera; None if its rim is too near to the antipode for any."""
         # Before the antipode, where the mirrors' laws have ended.
-        last = min(camera.rim_rad + _BEYOND_RIM_RAD, math.pi - 1e-3)
+        last = camera.rim_rad + min(_BEYOND_RIM_RAD, 0.5 * (math.pi - camera.rim_rad))
         lowest = math.cos(last)
+        scale = _scale(camera, lowest)
+        if scale is None:
+            return None
         theta = np.linspace(0.0, last, _FEWEST_STEPS + 1)
         radius = _radius_px(camera, theta)
         sagittal = radius[1:] / np.sin(theta[1:])
@@ -55,7 +60,7 @@ class PixelLaw:
         return cls(
             centre_px=camera.centre_px,
             axes=np.array(((sa, -ca), (-ca, -sa)), dtype=np.float32),
-            scale=_scale(camera, lowest),
+            scale=scale,
             lowest=lowest,
             magnification=np.maximum.accumulate(np.append(steepest[0], steepest)),
             rim_rad=camera.rim_rad,
@@ -79,24 +84,28 @@ class PixelLaw:
         return self.magnification.take(index, mode="clip")
 
 
-def _scale(camera: OmniCamera, lowest: float) -> Float32s:
+def _scale(camera: OmniCamera, lowest: float) -> Float32s | None:
     """Return pixels per unit of a direction at heights from `lowest` to 1, in fine enough steps."""
     steps = _FEWEST_STEPS
-    while True:
+    while steps <= _MOST_STEPS:
         angle = np.arccos(np.linspace(lowest, 1.0, steps + 1)[:-1])
         scale = _radius_px(camera, angle) / np.sin(angle)
         seen = angle <= camera.rim_rad
         # A height is at most half a step away from its entry.
         error_px = 0.5 * np.abs(np.diff(scale[seen])) * np.sin(angle[seen][1:])
         if error_px.max(initial=0.0) < 0.5 * PIXEL_ERROR_PX:
-            break
+            scale[0] = _FAR_PX
+            return np.append(scale, scale[-1]).astype(np.float32)
         steps *= 2
-    scale[0] = _FAR_PX
-    return np.append(scale, scale[-1]).astype(np.float32)
+    return None
 
 
 def _radius_px(camera: OmniCamera, theta: Floats) -> Floats:
-    """Return image radii; beyond the rim, where a mirror's law may end, they stay below `far`."""
-    radius = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
-    ended = (theta > camera.rim_rad) & ~((radius > 0.0) & (radius < _FAR_PX))
-    return np.where(ended, _FAR_PX, radius)
+    """Return image radii; half way from the rim to the asymptote they stop growing.
+
+    What lies beyond the rim is not shown, it is only followed there, and so never jumps.
+    """
+    asymptote_rad = 2.0 * math.atan(camera.mirror.t_limit)
+    end = camera.rim_rad + min(_BEYOND_RIM_RAD, 0.5 * (asymptote_rad - camera.rim_rad))
+    t = np.tan(0.5 * np.minimum(theta, end))
+    return camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)

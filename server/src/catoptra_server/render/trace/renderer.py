@@ -63,10 +63,11 @@ class TraceRenderer:
         if plan.stride_px == 1:
             return self._view(samples)
         grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
-        if not len(grid.pixels):
+        law = PixelLaw.of(camera) if len(grid.pixels) else None
+        if law is None:
             return self._view(samples)
         colours = RayColours(self._scene, self._bodies, samples.per_pixel)
-        return CellView(self._planes, colours, grid, PixelLaw.of(camera), self._pool)
+        return CellView(self._planes, colours, grid, law, self._pool)
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RayView:
         """Return a view of the scene by an ordinary camera."""

@@ -1,0 +1,26 @@
+"""Where a formula ends: an error that names the first element outside, and carries the mask.
+
+For formulas that have no value there and no use for a mask; those that users put pixels and
+directions into return value and validity instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.errors import DomainError
+
+
+def require(inside: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None:
+    """Raise DomainError unless all is inside; it names the first value that is not.
+
+    inside: (...) mask. values: (...) or (..., n) what was asked. expected: the domain, in words.
+    """
+    mask = np.asarray(inside, dtype=bool)
+    if mask.all():
+        return
+    first = tuple(int(i) for i in np.unravel_index(np.argmin(mask), mask.shape))
+    place = f" (element {', '.join(map(str, first))})" if first else ""
+    value = np.asarray(values)[first].tolist()
+    raise DomainError(f"{value}{place} is outside the domain: {expected}", mask)
