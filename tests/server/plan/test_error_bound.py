@@ -70,7 +70,8 @@ def test_second_answer_is_the_first_one() -> None:
 def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
     numbers = bound(RASTER, PerPixel()).as_dict()
     assert set(numbers) == {
-        *("max_px", "rms_px", "max_deg", "rms_deg", "edge_px", "marker_px"),
+        *("max_px", "rms_px", "max_deg", "rms_deg"),
+        *("edge_px", "outline_px", "marker_px"),
         *("texels_per_px_min", "texels_per_px_median", "texels_per_px_max"),
         *("faces_px", "rounding_px"),
     }
@@ -99,3 +100,8 @@ def test_polygons_of_an_orthographic_camera_have_no_bound() -> None:
     camera = omni_camera(mirror=ParabolicMirror(0.03))
     with pytest.raises(DomainError, match="pinhole"):
         error_bound(camera, plan(TRACE, PolygonSplit(8, 8)))
+
+
+def test_outline_is_off_by_its_displacement_and_by_what_samples_leave() -> None:
+    whole = bound(RASTER, PerPixel())
+    assert whole.outline_px == whole.geometric.max_px + whole.sampling.edge_px

@@ -61,6 +61,14 @@ class ErrorBound:
     parts: tuple[ErrorPart, ...]
 
     @property
+    def outline_px(self) -> float:
+        """Return how far off any outline in a frame may be: displaced, and as samples leave it.
+
+        This is the error that a tolerance is about, and the one number that frames carry.
+        """
+        return self.geometric.max_px + self.sampling.edge_px
+
+    @property
     def marker_px(self) -> float:
         """Return how far off a marker's middle may be measured in a frame; from one pixel on."""
         return self.geometric.max_px + self.sampling.centroid_px
@@ -74,6 +82,7 @@ class ErrorBound:
             "max_deg": geometric.max_deg,
             "rms_deg": geometric.rms_deg,
             "edge_px": sampling.edge_px,
+            "outline_px": self.outline_px,
             "marker_px": self.marker_px,
         }
         if sampling.texels is not None:

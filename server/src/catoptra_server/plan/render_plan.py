@@ -1,8 +1,8 @@
 """The plan of a frame: which renderer draws the mirror how, with how many samples, and why.
 
-Today a plan comes from explicit numbers. A stated error or a time budget will make one too: such a
-planner returns a RenderPlan and its reason like `plan_from_wish` here, and nothing that draws will
-notice.
+`plan_from_wish` makes a plan from explicit numbers. Where a tolerance or a time budget is asked for
+(`robot.render_wish.Dial`), `planner` takes one of the plans that are possible; nothing that draws
+notices.
 """
 
 from __future__ import annotations
@@ -66,6 +66,11 @@ class RenderPlan:
             raise DomainError("a polygon mirror needs every ray: stride_px must be 1")
 
     def __str__(self) -> str:
+        return f"{self.numbers}: {self.reason}"
+
+    @property
+    def numbers(self) -> str:
+        """Return all but the reason in words."""
         match self.surface:
             case PerPixel():
                 surface = "per pixel"
@@ -77,7 +82,7 @@ class RenderPlan:
             how = f", faces {names} of {self.face_size_px} px"
         elif self.stride_px > 1:
             how = f", rays {self.stride_px} px apart and wherever an outline passes"
-        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{how}: {self.reason}"
+        return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{how}"
 
 
 # Samples along a pixel's side where nothing is asked: 2 x 2 removes most of the jaggies and still
@@ -104,7 +109,10 @@ def plan_from_wish(
     """Return the plan from explicit numbers; `why` says how the renderer was chosen."""
     limit_rad = highest_incidence(camera, wish.surface)
     parts = face_parts(
-        camera, limit_rad, size_px=wish.face_size_px, texels_per_px=DEFAULT_TEXELS_PER_PX
+        camera,
+        limit_rad,
+        size_px=wish.face_size_px,
+        texels_per_px=wish.texels_per_px or DEFAULT_TEXELS_PER_PX,
     )
     return RenderPlan(
         renderer=kind,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from catoptra_protocol.errors import DomainError
 from catoptra_server.scene.mirror_mesh import PolygonSplit
 
 
@@ -16,11 +18,41 @@ Surface = PerPixel | PolygonSplit
 
 
 @dataclass(frozen=True, slots=True)
+class Dial:
+    """What is asked of a picture instead of numbers; 0 = not asked.
+
+    max_error_px: how far off any outline may be at most. budget_ms: how long a frame may take. With
+    both, the tolerance is kept as cheaply as can be, and where it does not fit into the budget, the
+    budget is kept.
+    """
+
+    max_error_px: float = 0.0
+    budget_ms: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("max_error_px", "budget_ms"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise DomainError(f"{name} must be 0 (not asked) or more, not {value}")
+
+    @property
+    def is_set(self) -> bool:
+        """Return whether anything is asked."""
+        return self.max_error_px > 0.0 or self.budget_ms > 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class RenderWish:
-    """What the configuration asks of the picture; 0 leaves a number to the plan."""
+    """What the configuration asks of the picture; 0 leaves a number to the plan.
+
+    texels_per_px: of the faces, where no face size is asked for. dial: what the plan has to keep
+    with the numbers that are left to it.
+    """
 
     surface: Surface = PerPixel()
     samples: int = 0
     face_size_px: int = 0
     face_samples: int = 0
     stride_px: int = 0
+    texels_per_px: float = 0.0
+    dial: Dial = Dial()

@@ -1,0 +1,22 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_server.robot.render_wish import Dial, RenderWish
+
+
+def test_dial_when_nothing_is_asked_is_not_set() -> None:
+    assert not RenderWish().dial.is_set
+    assert Dial(max_error_px=0.5).is_set
+    assert Dial(budget_ms=20.0).is_set
+
+
+@pytest.mark.parametrize("value", [-0.1, math.inf, math.nan])
+def test_dial_when_asked_for_what_cannot_be_is_refused_by_name(value: float) -> None:
+    with pytest.raises(DomainError, match="max_error_px must be 0"):
+        Dial(max_error_px=value)
+    with pytest.raises(DomainError, match="budget_ms must be 0"):
+        Dial(budget_ms=value)
