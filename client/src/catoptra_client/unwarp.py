@@ -60,6 +60,8 @@ class CylinderGeometry:
         numbers = (self.top_slope, self.bottom_slope, self.seam_azimuth_rad)
         if not (all(map(math.isfinite, numbers)) and self.top_slope < self.bottom_slope):
             raise DomainError(f"a cylinder needs finite slopes, the top one smaller: {numbers}")
+        if not 0.0 < self.slope_per_row < math.inf:
+            raise DomainError(f"rows of a height that float64 cannot hold: {numbers}")
 
     @property
     def azimuth_per_column_rad(self) -> float:
@@ -76,7 +78,13 @@ class CylinderGeometry:
         return self.seam_azimuth_rad + self.azimuth_per_column_rad * column
 
     def column_from_azimuth(self, azimuth_rad: Floats | float) -> Floats:
-        """Return (...) columns in [0, columns) of azimuths, whatever turn they are given in."""
+        """Return (...) columns in [0, columns) of azimuths, whatever turn they are given in.
+
+        Raises DomainError, with the mask, for azimuths that are not finite.
+        """
+        finite = np.isfinite(azimuth_rad)
+        if not np.all(finite):
+            raise DomainError("an azimuth that is not finite has no column", valid=finite)
         turned = np.mod(azimuth_rad - self.seam_azimuth_rad, TWO_PI) / self.azimuth_per_column_rad
         # mod of a tiny negative number rounds up to the whole turn, which is column 0 again.
         return np.where(turned < self.columns, turned, 0.0)
@@ -117,6 +125,8 @@ class PerspectiveGeometry:
             raise DomainError(f"a pinhole sees more than 0 and less than pi: {self.width_rad!r}")
         if not (math.isfinite(self.yaw_rad) and math.isfinite(self.pitch_rad)):
             raise DomainError(f"angles must be finite: {self.yaw_rad!r}, {self.pitch_rad!r}")
+        if not math.isfinite(self.focal_px):
+            raise DomainError(f"a view {self.width_rad!r} rad wide needs an infinite focal length")
 
     @property
     def focal_px(self) -> float:

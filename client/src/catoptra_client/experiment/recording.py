@@ -24,6 +24,7 @@ from catoptra_client.landmarks import (
     detect,
     make_detector,
 )
+from catoptra_client.landmarks.ranging import range_from_half_angle
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot import Robot
 from catoptra_protocol.errors import CatoptraError
@@ -155,8 +156,9 @@ def _measured_by_hand(
     landmark: Landmark,
     generator: np.random.Generator,
 ) -> Seen | None:
-    """Return a landmark's foot with noise on its image radius and bearing; None if it is too far.
+    """Return a landmark's foot with noise on its image radius and bearing.
 
+    None if it is too far, or if the noise leaves no range.
     Two numbers are drawn for every landmark, seen or not, so that one does not shift another's.
     """
     radial, angular = generator.standard_normal(2)
@@ -168,19 +170,15 @@ def _measured_by_hand(
     ratio += float(radial) * setup.hand_sigma_px / camera.horizon_radius_px
     bearing = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing = wrap_angle(bearing + float(angular) * setup.hand_sigma_rad)
-    return Seen(landmark.name, _range_on_floor(camera, ratio, height_m), bearing)
+    t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
+    measured_m, below = range_from_half_angle(t, drop_m=height_m)
+    return Seen(landmark.name, measured_m, bearing) if below else None
 
 
 def _radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> float:
     """Return r_i / h of a point on the floor: Eq. 2's place, by the mirror's own law."""
     t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
     return float(camera.mirror.radius_ratio_from_t(t))
-
-
-def _range_on_floor(camera: OmniCamera, ratio: float, height_m: float) -> float:
-    """Return the range of a point on the floor from r_i / h: H tan(theta)."""
-    t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
-    return height_m * 2.0 * t / ((1.0 - t) * (1.0 + t))
 
 
 def _truth(robot: Robot) -> Waypoint:

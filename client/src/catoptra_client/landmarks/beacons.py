@@ -13,10 +13,17 @@ import math
 from collections.abc import Sequence
 
 from catoptra_client.landmarks.blobs import Blob
-from catoptra_client.landmarks.detection import Sighting, azimuth_sigma, range_sigma
+from catoptra_client.landmarks.detection import Sighting
+from catoptra_client.landmarks.ranging import (
+    azimuth_sigma,
+    is_clear_of_horizon,
+    range_from_slope,
+    range_sigma,
+    theta_sigma,
+)
 from catoptra_client.landmarks.sightings import Candidate, Eye
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import wrap_angle
+from catoptra_protocol.optics.numerics import angle_between, angle_difference
 
 # Sigma of a band's centroid, in pixels of the frame. Against exact frames the range errors have an
 # rms of 0.4 (to 2 m) to 0.6 (at 3 m) of this; the rest is left to lights that differ from those of
@@ -43,16 +50,14 @@ def beacon_candidates(eye: Eye, landmark: Landmark, blobs: Sequence[Blob]) -> li
         if below_or_above and _is_band(eye, landmark, lower, front_m):
             matches = [b for b in uppers if _is_stacked(eye, landmark, lower, b, front_m)]
             found += [_candidate(eye, landmark, lower, upper, front_m) for upper in matches]
-    return found
+    return [candidate for candidate, has_bearing in found if has_bearing]
 
 
 def _front_range(eye: Eye, landmark: Landmark, lower: Blob) -> tuple[float, bool]:
     """Return the range of the lower band's front; invalid at the horizon or on its wrong side."""
-    drop_m = eye.drop_m(landmark, 0.25)
-    slope = eye.cylinder.slope_from_row(lower.row)
-    if slope * drop_m <= 0.0:
-        return 0.0, False
-    return drop_m / slope, True
+    return range_from_slope(
+        eye.cylinder.slope_from_row(lower.row), drop_m=eye.drop_m(landmark, 0.25)
+    )
 
 
 def _is_band(eye: Eye, landmark: Landmark, blob: Blob, front_m: float) -> bool:
@@ -83,17 +88,38 @@ def _is_stacked(eye: Eye, landmark: Landmark, lower: Blob, upper: Blob, front_m:
 
 def _turn(eye: Eye, lower: Blob, upper: Blob) -> float:
     """Return the azimuth from the lower to the upper centroid, across the seam too."""
-    return wrap_angle(eye.azimuth(upper.column) - eye.azimuth(lower.column))
+    return angle_difference(eye.azimuth(upper.column), eye.azimuth(lower.column))
 
 
-def _candidate(eye: Eye, landmark: Landmark, lower: Blob, upper: Blob, front_m: float) -> Candidate:
-    """Return the candidate; no range if it is too unsure or the lower band is cut off."""
+def _candidate(
+    eye: Eye, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
+) -> tuple[Candidate, bool]:
+    """Return the candidate, and whether it has a bearing at all.
+
+    Without a range if that is too unsure or the lower band is cut off.
+    """
     drop_m, radius_m = eye.drop_m(landmark, 0.25), 0.5 * landmark.width_m
-    place = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
-    along_m = math.hypot(range_sigma(eye.camera, **place), FRONT_SIGMA * radius_m)
-    share = upper.pixels / (upper.pixels + lower.pixels)
-    azimuth = wrap_angle(eye.azimuth(lower.column) + share * _turn(eye, lower, upper))
     axis_m = front_m + 0.25 * math.pi * radius_m
-    sighting = Sighting(axis_m, azimuth, along_m, azimuth_sigma(eye.camera, **place))
-    sure = along_m <= LARGEST_RELATIVE_SIGMA * axis_m
-    return Candidate(landmark, (lower, upper), sighting, sure and not eye.is_cut(lower))
+    along_m, sure = _range_sigma(eye, drop_m, front_m, radius_m)
+    sure = sure and along_m <= LARGEST_RELATIVE_SIGMA * axis_m and not eye.is_cut(lower)
+    across_rad, has_bearing = azimuth_sigma(
+        eye.camera, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
+    )
+    share = upper.pixels / (upper.pixels + lower.pixels)
+    azimuth = angle_between(eye.azimuth(lower.column), eye.azimuth(upper.column), share=share)
+    sighting = Sighting(axis_m, azimuth, along_m, across_rad)
+    return Candidate(landmark, (lower, upper), sighting, sure), has_bearing
+
+
+def _range_sigma(eye: Eye, drop_m: float, front_m: float, radius_m: float) -> tuple[float, bool]:
+    """Return the sigma of the axis' range, and whether it is clear of the horizon.
+
+    A range without a sigma is unsure by as much as itself.
+    """
+    place = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
+    sigma_m, defined = range_sigma(eye.camera, **place)
+    if not defined:
+        return front_m, False
+    sigma_rad, _ = theta_sigma(eye.camera, **place)
+    clear = is_clear_of_horizon(drop_m=drop_m, range_m=front_m, sigma_rad=sigma_rad)
+    return math.hypot(sigma_m, FRONT_SIGMA * radius_m), clear

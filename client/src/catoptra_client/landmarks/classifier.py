@@ -53,7 +53,9 @@ def classifier_from_histograms(
     positives: Mapping[str, Histogram], negative: Histogram, *, theta: float = DEFAULT_THETA
 ) -> ColourClassifier:
     """Return the classifier of trained histograms. Raises DomainError for an empty class."""
-    _check(positives, negative, theta)
+    if set(positives) != set(COLOURS):
+        raise DomainError(f"the classifier needs {', '.join(COLOURS)}, not {sorted(positives)}")
+    _check({**positives, "neg": negative}, theta)
     accepted = np.stack([accepts(positives[c], negative, theta=theta) for c in COLOURS])
     table = np.where(accepted.any(axis=0), 1 + _best(positives, accepted), NO_COLOUR)
     compiled = table.astype(np.uint8).ravel()
@@ -62,7 +64,12 @@ def classifier_from_histograms(
 
 
 def accepts(positive: Histogram, negative: Histogram, *, theta: float) -> npt.NDArray[np.bool_]:
-    """Return (bins, bins, bins): the colours that Eq. 3 calls a landmark's."""
+    """Return (bins, bins, bins): the colours that Eq. 3 calls a landmark's.
+
+    Raises DomainError for a class that has seen nothing, whose likelihoods would be 0 / 0, for
+    different bins, and for a theta that is no ratio.
+    """
+    _check({"pos": positive, "neg": negative}, theta)
     seen = positive.counts > 0
     if math.isinf(theta):
         return np.asarray(seen & (negative.counts == 0), dtype=np.bool_)
@@ -100,12 +107,9 @@ def _exact(counts: Counts) -> npt.NDArray[np.object_]:
     return counts.astype(np.object_)
 
 
-def _check(positives: Mapping[str, Histogram], negative: Histogram, theta: float) -> None:
-    if set(positives) != set(COLOURS):
-        raise DomainError(f"the classifier needs {', '.join(COLOURS)}, not {sorted(positives)}")
+def _check(classes: Mapping[str, Histogram], theta: float) -> None:
     if not theta >= 0.0:
         raise DomainError(f"theta is a ratio of likelihoods, >= 0: {theta!r}")
-    classes = {**positives, "neg": negative}
     empty = [name for name, histogram in classes.items() if histogram.total == 0]
     if empty:
         raise DomainError(f"no pixel was seen of: {', '.join(empty)}; train on more frames")

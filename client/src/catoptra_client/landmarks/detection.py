@@ -1,14 +1,12 @@
-"""What a detected landmark is, and how sure its range and bearing are."""
+"""What a detected landmark is: from a sighting at the viewpoint to one at the robot's origin."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_client.landmarks.viewpoint import Viewpoint, robot_from_viewpoint_polar
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -40,29 +38,6 @@ class Sighting:
     azimuth_sigma_rad: float
 
 
-def range_sigma(camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float) -> float:
-    """Return the sigma of a level range measured by the depression of a point `drop_m` below.
-
-    sigma_r = (drop^2 + r^2) / |drop| sigma_theta, with sigma_theta from the image radius' sigma by
-    the slope of the mirror's law. Domain: drop != 0, the point is seen. Source: optics.md 4.
-    """
-    return (drop_m**2 + range_m**2) / abs(drop_m) * theta_sigma(camera, drop_m, range_m, sigma_px)
-
-
-def theta_sigma(camera: OmniCamera, drop_m: float, range_m: float, sigma_px: float) -> float:
-    """Return the sigma of the incidence angle of a point, from that of its image radius."""
-    t = _half_angle_tangent(drop_m, range_m)
-    slope_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_slope(np.array(t)))
-    return sigma_px / slope_px
-
-
-def azimuth_sigma(camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float) -> float:
-    """Return the sigma of a point's azimuth: the image's, over the image radius."""
-    t = _half_angle_tangent(drop_m, range_m)
-    radius_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_from_t(np.array(t)))
-    return sigma_px / radius_px
-
-
 def detection(
     name: str, kind: str, sighting: Sighting, *, viewpoint: Viewpoint, pixels: int
 ) -> Detection:
@@ -85,12 +60,6 @@ def bearing_detection(
     guess = detection(name, kind, sighting, viewpoint=viewpoint, pixels=pixels)
     covariance = np.diag([0.0, float(guess.covariance[1, 1])])
     return Detection(name, kind, 0.0, guess.bearing_rad, _frozen(covariance), pixels, False)
-
-
-def _half_angle_tangent(drop_m: float, range_m: float) -> float:
-    """Return tan(theta / 2) of a point `drop_m` below the viewpoint at a level range > 0."""
-    distance = math.hypot(drop_m, range_m)
-    return range_m / (distance + drop_m) if drop_m >= 0.0 else (distance - drop_m) / range_m
 
 
 def _frozen(array: Floats) -> Floats:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from catoptra_client.landmarks.blobs import Blob
 from catoptra_client.landmarks.detection import Sighting
+from catoptra_client.landmarks.ranging import range_from_slope
 from catoptra_client.landmarks.sightings import Candidate, Eye
 from catoptra_protocol.landmarks import Landmark
 
@@ -33,12 +34,13 @@ def goal_candidates(eye: Eye, landmark: Landmark, blobs: Sequence[Blob]) -> list
     drop_m = eye.drop_m(landmark, 1.0)
     found = []
     for blob in blobs:
-        slope = eye.cylinder.slope_from_row(blob.top)
-        if blob.colour == landmark.lower_colour and slope * drop_m > 0.0:
-            guess_m = drop_m / slope
-            if _is_goal(eye, landmark, blob, guess_m):
-                sighting = _sighting(eye, landmark, blob, guess_m)
-                found.append(Candidate(landmark, (blob,), sighting, False))
+        guess_m, below_or_above = range_from_slope(
+            eye.cylinder.slope_from_row(blob.top), drop_m=drop_m
+        )
+        looks_right = blob.colour == landmark.lower_colour and below_or_above
+        if looks_right and _is_goal(eye, landmark, blob, guess_m):
+            sighting = _sighting(eye, landmark, blob, guess_m)
+            found.append(Candidate(landmark, (blob,), sighting, False))
     return found
 
 

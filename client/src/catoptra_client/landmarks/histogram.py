@@ -16,6 +16,10 @@ Counts = npt.NDArray[np.int64]
 # fits the first-level cache. The paper does not give its own.
 DEFAULT_BINS = 32
 _ALLOWED_BINS = (2, 4, 8, 16, 32, 64)
+# Any sum of two totals fits int64: nothing wraps before it is looked at.
+LARGEST_TOTAL = 2**62
+# How often `spread` counts a pixel: 1 + 2 + 1 along each of three axes.
+_SPREAD_WEIGHT = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +35,7 @@ class Histogram:
         _check_bins(counts.shape[0])
         if not np.issubdtype(counts.dtype, np.integer) or (counts < 0).any():
             raise DomainError("a histogram counts pixels: integers, not negative")
+        _check_total(float(counts.sum(dtype=np.float64)))
         counts = counts.astype(np.int64)
         counts.setflags(write=False)
         object.__setattr__(self, "counts", counts)
@@ -63,6 +68,7 @@ def merged(first: Histogram, second: Histogram) -> Histogram:
     """Return the histogram of both sets of pixels together."""
     if first.bins != second.bins:
         raise DomainError(f"histograms of {first.bins} and {second.bins} bins do not add up")
+    _check_total(first.total + second.total)
     return Histogram(first.counts + second.counts)
 
 
@@ -72,6 +78,7 @@ def spread(histogram: Histogram) -> Histogram:
     For training on few frames: a shade between two that were seen is then seen too. Counts stay
     integers, 64 for each pixel; at the border the share beyond it stays in the border bin.
     """
+    _check_total(_SPREAD_WEIGHT * histogram.total)
     counts = histogram.counts
     for axis in range(3):
         padded = np.pad(counts, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge")
@@ -90,6 +97,11 @@ def bin_index(pixels: Bytes, bins: int) -> npt.NDArray[np.intp]:
     red, green, blue = (pixels[..., channel].astype(np.intp) >> shift for channel in range(3))
     index: npt.NDArray[np.intp] = (red * bins + green) * bins + blue
     return index
+
+
+def _check_total(total: float) -> None:
+    if total > LARGEST_TOTAL:
+        raise DomainError(f"a histogram holds at most 2^62 pixels, not {total:.3g}")
 
 
 def _check_bins(bins: int) -> None:

@@ -40,8 +40,8 @@ def world_from_mirror(viewpoint: Viewpoint, robot_pose: Floats) -> Pose:
 def robot_from_viewpoint_polar(viewpoint: Viewpoint, polar: Floats) -> tuple[float, float, Floats]:
     """Return range, bearing seen from the robot's origin, and their derivative (2, 2).
 
-    polar (2,): level range and azimuth seen from the viewpoint. Domain: the point is not at the
-    robot's origin.
+    polar (2,): level range and azimuth seen from the viewpoint. Raises DomainError for a point at
+    the robot's origin, which has no bearing.
     """
     if viewpoint.forward_m == 0.0 and viewpoint.right_m == 0.0:
         return float(polar[0]), float(polar[1]), np.eye(2)
@@ -49,6 +49,8 @@ def robot_from_viewpoint_polar(viewpoint: Viewpoint, polar: Floats) -> tuple[flo
     x = viewpoint.forward_m + reach * math.cos(azimuth)
     y = viewpoint.right_m + reach * math.sin(azimuth)
     range_m, bearing = math.hypot(x, y), math.atan2(y, x)
+    if range_m == 0.0:
+        raise DomainError(f"{reach!r} m at {azimuth!r} rad is the robot's origin: no bearing")
     cos_d, sin_d = math.cos(azimuth - bearing), math.sin(azimuth - bearing)
     jacobian = np.array([[cos_d, -reach * sin_d], [sin_d / range_m, reach * cos_d / range_m]])
     return range_m, bearing, jacobian

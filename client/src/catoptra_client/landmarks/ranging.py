@@ -1,0 +1,124 @@
+"""From the direction to a point of known height to its level range, and how sure that is.
+
+A point `drop_m` below the viewpoint (negative: above it), seen at incidence angle theta, is at
+r = drop tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly; there r
+has no value, and close to it no mean, so what is not clear of it by three sigma is no range.
+Source: optics.md 4.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.camera import OmniCamera
+
+# The mean of drop tan(theta + noise) does not exist; cut off here its bias is bounded.
+HORIZON_SIGMAS = 3.0
+
+
+def range_from_half_angle(t: float, *, drop_m: float) -> tuple[float, bool]:
+    """Return the level range of a point from t = tan(theta / 2), and whether there is one.
+
+    There is none at the horizon, on the side of it where the point cannot be, for t < 0, and
+    where the range is too large for float64.
+    """
+    if not (0.0 <= t < math.inf and math.isfinite(drop_m)):
+        return 0.0, False
+    if t == 1.0 or drop_m == 0.0 or (t > 1.0) != (drop_m < 0.0):
+        return 0.0, False
+    # Above the horizon in 1 / t, whose square does not overflow.
+    u = t if t < 1.0 else 1.0 / t
+    range_m = abs(drop_m) * (2.0 * u / ((1.0 - u) * (1.0 + u)))
+    return (range_m, True) if range_m < math.inf else (0.0, False)
+
+
+def range_from_slope(slope: float, *, drop_m: float) -> tuple[float, bool]:
+    """Return the level range of a point from its slope cot(theta), and whether there is one.
+
+    There is none at the horizon (slope 0), on the side of it where the point cannot be, and where
+    the range is too large for float64.
+    """
+    if not (math.isfinite(slope) and math.isfinite(drop_m)):
+        return 0.0, False
+    # Signs are compared, not multiplied: a product of small numbers is 0.
+    if slope == 0.0 or drop_m == 0.0 or (slope < 0.0) != (drop_m < 0.0):
+        return 0.0, False
+    range_m = drop_m / slope
+    return (range_m, True) if range_m < math.inf else (0.0, False)
+
+
+def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool]:
+    """Return t = tan(theta / 2) of a point at a level range, and whether there is one.
+
+    There is none for the viewpoint itself, for a point straight above it, where t is infinite, and
+    where float64 cannot hold it. Raises DomainError for a negative range.
+    """
+    if not (range_m >= 0.0 and math.isfinite(drop_m)):
+        raise DomainError(f"a range is not negative, a drop finite: {range_m!r}, {drop_m!r}")
+    # Scaled, so that neither the squares nor the sum of distance and drop overflow.
+    scale = max(range_m, abs(drop_m))
+    if scale == 0.0 or scale == math.inf or (range_m == 0.0 and drop_m < 0.0):
+        return 0.0, False
+    reach, drop = range_m / scale, drop_m / scale
+    distance = math.hypot(reach, drop)
+    if drop >= 0.0:
+        return reach / (distance + drop), True
+    t = (distance - drop) / reach if reach else math.inf
+    return (t, True) if t < math.inf else (0.0, False)
+
+
+def theta_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Return the sigma of a point's incidence angle, from that of its image radius.
+
+    Undefined for a point that the mirror does not reflect.
+    """
+    t, seen = _seen(camera, range_m, drop_m)
+    if not seen:
+        return 0.0, False
+    slope_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_slope(np.array(t)))
+    return sigma_px / slope_px, True
+
+
+def range_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Return the sigma of a level range measured by the depression of a point, and its validity.
+
+    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Undefined at the horizon, for a point that the
+    mirror does not reflect, and where it is too large for float64.
+    """
+    sigma_rad, seen = theta_sigma(camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px)
+    if not seen or drop_m == 0.0:
+        return 0.0, False
+    distance_m = math.hypot(drop_m, range_m)
+    sigma_m = distance_m / abs(drop_m) * distance_m * sigma_rad
+    return (sigma_m, True) if sigma_m < math.inf else (0.0, False)
+
+
+def azimuth_sigma(
+    camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
+) -> tuple[float, bool]:
+    """Return the sigma of a point's azimuth: the image's, over the image radius.
+
+    Undefined straight below, where there is no azimuth, and for a point that the mirror does not
+    reflect.
+    """
+    t, seen = _seen(camera, range_m, drop_m)
+    radius_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_from_t(np.array(t)))
+    sigma_rad = sigma_px / radius_px if seen and radius_px > 0.0 else math.inf
+    return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
+
+
+def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
+    """Return whether a point is more than three sigma of its incidence angle off the horizon."""
+    return math.atan2(abs(drop_m), range_m) > HORIZON_SIGMAS * sigma_rad
+
+
+def _seen(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
+    t, defined = half_angle_from_range(range_m, drop_m=drop_m)
+    return (t, True) if defined and t < camera.mirror.t_limit else (0.0, False)
