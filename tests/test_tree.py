@@ -62,6 +62,7 @@ DOORS = {
     "rich": ("server/figures", "client/__main__.py", "client/experiment"),
     "socket": (
         "client/tcp.py",
+        "client/control_connection.py",
         "client/robot.py",
         "client/images.py",
         "client/stream.py",

@@ -5,13 +5,22 @@ from __future__ import annotations
 import pytest
 
 from catoptra_client.frames import open_frames
-from catoptra_client.stream import StreamClient
+from catoptra_client.images import ImageStream
+from catoptra_client.stream_frames import StreamFrames, Watched
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
+from catoptra_protocol.wire.stream_requests import Encoding
+from client.scripted_server import serving
 from client.test_stream import script
 from helpers.scripted_stream import scripted_stream
 
 
-@pytest.mark.parametrize("address", ["", "127.0.0.1:5003", "http://a:1", "zmq://a:seven"])
+@pytest.mark.parametrize(
+    "address",
+    [
+        *("", "127.0.0.1:5003", "http://a:1", "zmq://a:seven"),
+        *("zmq://a:1?encoding=gif", "zmq://a:1?robots=A"),
+    ],
+)
 def test_address_when_wrong_says_what_is_expected(address: str) -> None:
     with pytest.raises(CatoptraError, match="expected tcp://host:port"):
         open_frames(address)
@@ -25,4 +34,37 @@ def test_address_when_nobody_listens_names_it(scheme: str) -> None:
 
 def test_address_when_of_a_stream_opens_one() -> None:
     with scripted_stream(script) as port, open_frames(f"zmq://127.0.0.1:{port}") as source:
-        assert isinstance(source, StreamClient)
+        assert isinstance(source, StreamFrames)
+        assert source.watched == Watched()
+
+
+def test_camera_when_chosen_in_the_address_is_watched() -> None:
+    with (
+        scripted_stream(script) as port,
+        open_frames(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
+    ):
+        assert isinstance(source, StreamFrames)
+        assert source.watched == Watched("R 1", "Rear", Encoding.PNG)
+
+
+def test_camera_when_chosen_by_keywords_counts_more_than_the_address() -> None:
+    with (
+        scripted_stream(script) as port,
+        open_frames(
+            f"zmq://127.0.0.1:{port}?robot=A&camera=Rear", camera="Ahead", encoding=Encoding.RAW
+        ) as source,
+    ):
+        assert isinstance(source, StreamFrames)
+        assert source.watched == Watched("A", "Ahead", Encoding.RAW)
+
+
+def test_camera_when_chosen_over_tcp_is_refused_with_the_way_to_choose() -> None:
+    with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
+        open_frames("tcp://127.0.0.1:1?robot=A")
+    with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
+        open_frames("tcp://127.0.0.1:1", robot="A")
+
+
+def test_address_when_of_an_image_server_opens_one() -> None:
+    with serving(lambda connection: None) as port, open_frames(f"tcp://127.0.0.1:{port}") as source:
+        assert isinstance(source, ImageStream)

@@ -253,6 +253,9 @@ def test_camera_when_it_is_no_omnidirectional_one_names_what_is_missing() -> Non
             robot.camera("Camera")
 
 
-def test_connection_when_made_does_not_delay_short_commands() -> None:
-    with serving(answering()) as port, Robot.connect(port=port) as robot:
-        assert robot._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+def test_configuration_when_of_a_camera_passes_over_tiles_told_unasked() -> None:
+    tile, asked = (Configuration("Camera", (("Name", name),)) for name in ("Omni", "Rear"))
+    script = answering((Init("P2AT"), (STATUS, tile)), (GetConf("Camera", "rear"), (asked,)))
+    with serving(script) as port, Robot.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.configuration("Camera", "rear") == asked
