@@ -1,7 +1,8 @@
 """The catalogue of hard cases: how a case is written, read and held against a function.
 
-`cases/<group>/<formula>.json` is a list of cases. `references/<formula>.py` wrote it, with 50
-digits. `test_<group>.py` says which function of ours answers for each formula, its subject:
+`cases/<group>/<formula>.json` is a list of cases, written with 50 digits by a script that lies in
+`references/` (`python -m stability.references.<script>`). `test_<group>.py` says which function of
+ours answers for each formula, its subject:
 
 | key               | what it holds                                                              |
 |-------------------|----------------------------------------------------------------------------|
@@ -12,7 +13,8 @@ digits. `test_<group>.py` says which function of ours answers for each formula, 
 | reference         | value: 50 digits as text, or lists of them                                  |
 | reference_float32 | the same for inputs rounded to float32; absent where rounding leaves        |
 |                   | nothing of the case (1e300 is infinite in float32)                          |
-| tolerance         | by float type: rel, abs, ulp, whose largest counts, and the reason          |
+| tolerance         | by float type: rel, abs, ulp, whose largest counts, and the reason;         |
+|                   | "turn": true compares angles modulo a whole turn                            |
 
 Of each case come two: float64, and float32 with inputs and results rounded to float32.
 """
@@ -34,6 +36,8 @@ import numpy as np
 from catoptra_protocol.errors import CatoptraError
 
 CASES = Path(__file__).parent / "cases"
+
+_TURN = 2 * Fraction("3.14159265358979323846264338327950288419716939937510582097494")
 
 Subject = Callable[..., Any]
 
@@ -112,6 +116,8 @@ def _check_value(case: Case, answer: Any, reference: Any) -> None:
     got = float(np.float32(answer)) if case.float_type == "float32" else float(answer)
     assert math.isfinite(got), f"{case}: {got!r}, but expected {reference}"
     error = abs(Fraction(got) - Fraction(Decimal(reference)))
+    if case.tolerance.get("turn"):
+        error = abs(error - round(error / _TURN) * _TURN)
     allowed = _allowed(case.tolerance, float(reference), case.float_type)
     assert error <= allowed, f"{case}: {got!r} is off {reference} by {float(error):.3g}"
 

@@ -170,6 +170,8 @@ def _measured_by_hand(
     ratio += float(radial) * setup.hand_sigma_px / camera.horizon_radius_px
     bearing = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing = wrap_angle(bearing + float(angular) * setup.hand_sigma_rad)
+    if ratio < 0.0:
+        return None
     t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
     measured_m, below = range_from_half_angle(t, drop_m=height_m)
     return Seen(landmark.name, measured_m, bearing) if below else None

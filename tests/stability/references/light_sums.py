@@ -1,0 +1,121 @@
+"""Light: the ends of the sRGB curve, sums of samples in linear light, a lamp's inverse square."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from mpmath import mpf, sqrt
+
+from stability.references.writing import case, refusal, write
+
+CURVE = {
+    "float64": {"rel": 4e-15, "abs": 1e-16, "reason": "a power, and 0.055 taken from it"},
+    "float32": {"rel": 2e-6, "abs": 1e-7, "reason": "a power in float32, and 0.055 taken from it"},
+}
+# Half a grey by rounding; with 256 samples a level has 13 bits, 0.4 of a grey where it is darkest.
+GREY = {
+    "float64": {"abs": 0.71, "reason": "half a grey, and half of the 0.4 that 13 bits leave"},
+    "float32": {"abs": 0.71, "reason": "half a grey, and half of the 0.4 that 13 bits leave"},
+}
+LAMP = {
+    "float64": {"rel": 4e-15, "reason": "a dozen roundings"},
+    "float32": {"rel": 4e-6, "reason": "a dozen roundings"},
+}
+KNEE = 0.0031308
+LINEAR = {
+    "no light": 0.0,
+    "the smallest double": 5e-324,
+    "1e-9": 1e-9,
+    "below the knee": math.nextafter(KNEE, 0.0),
+    "the knee": KNEE,
+    "above the knee": math.nextafter(KNEE, 1.0),
+    "mid grey": 0.18,
+    "next to full": math.nextafter(1.0, 0.0),
+    "full": 1.0,
+    "above full is clipped": 7.5,
+    "the largest is clipped": 1.7e308,
+    "below nothing is clipped": -1e-3,
+}
+SAMPLES = {
+    "one, no light": ([0.0], 1),
+    "one, full": ([1.0], 1),
+    "one, twice full is clipped": ([2.0], 1),
+    "one, the knee": ([KNEE], 1),
+    "256, full: the largest sum of a field": ([1.0], 256),
+    "256, no light": ([0.0], 256),
+    "4, black beside white: a mean of light, not of greys": ([0.0, 1.0, 1.0, 0.0], 4),
+    "9, one of them full": ([1.0, *[0.0] * 8], 9),
+    "25, dark": ([1e-4], 25),
+}
+
+
+def curve_rows() -> list[dict[str, Any]]:
+    """Return the cases of srgb_from_linear."""
+    return [
+        *(
+            case(name, {"linear": linear}, exact=encoded, tolerance=CURVE)
+            for name, linear in LINEAR.items()
+        ),
+        refusal("no number", {"linear": math.nan}, expect="error", which="light"),
+    ]
+
+
+def sum_rows() -> list[dict[str, Any]]:
+    """Return the cases of LightScale: red has the samples, green is full, blue is dark."""
+    values = [
+        case(name, {"red": red, "samples": samples}, exact=greys, tolerance=GREY)
+        for name, (red, samples) in SAMPLES.items()
+    ]
+    refused = [
+        refusal(
+            f"{samples} samples",
+            {"red": [1.0], "samples": samples},
+            expect="error",
+            which="samples",
+        )
+        for samples in (0, -1, 257)
+    ]
+    nothing = {"red": [math.nan], "samples": 1}
+    return [*values, *refused, refusal("no number", nothing, expect="error", which="light")]
+
+
+def lamp_rows() -> list[dict[str, Any]]:
+    """Return the cases of point_irradiance: a lamp over a floor that faces it."""
+    heights = {"a metre": 1.0, "a millimetre": 1e-3, "at the lamp's own millimetre": 1.0000001e-3}
+    far = {"10 km": 1e4, "1e100 m": 1e100}
+    return [
+        case(name, {"height_m": height}, exact=irradiance, tolerance=LAMP)
+        for name, height in {**heights, **far}.items()
+    ] + [case("within the millimetre", {"height_m": 1e-9}, exact=within, tolerance=LAMP)]
+
+
+def encoded(linear: Any) -> Any:
+    """Return IEC 61966-2-1's curve of light clipped to [0, 1]."""
+    light = min(max(linear, mpf(0)), mpf(1))
+    if light <= mpf("0.0031308"):
+        return mpf("12.92") * light
+    return mpf("1.055") * light ** (1 / mpf("2.4")) - mpf("0.055")
+
+
+def greys(red: list[Any], samples: int) -> list[Any]:
+    """Return the grey of the mean of the samples' light, each clipped; the list is repeated."""
+    light = [min(max(value, mpf(0)), mpf(1)) for value in red]
+    mean = sum(light) / len(light)
+    return [255 * encoded(mean), mpf(255), mpf(0)]
+
+
+def irradiance(height_m: Any) -> Any:
+    """Return 1 / d^2 straight below a lamp of 1."""
+    return 1 / height_m**2
+
+
+def within(height_m: Any) -> Any:
+    """Return what is defined within a millimetre: cosine d / 1 mm, of a lamp a millimetre away."""
+    return height_m / sqrt(mpf("1e-6")) / mpf("1e-6")
+
+
+if __name__ == "__main__":
+    write("light", "srgb_from_linear", curve_rows())
+    write("light", "sample_sums", sum_rows())
+    write("light", "point_irradiance", lamp_rows())

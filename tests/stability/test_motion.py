@@ -1,0 +1,42 @@
+"""Hard cases of the motion model: turns of zero, tiny, many; steps of nothing and backwards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_client.localization import motion, odometry
+from catoptra_client.localization.motion import Control, MotionNoise
+from stability.catalogue import Case, Subject, check, load
+
+
+def _noise(v: float, turn: float, alphas: list[float]) -> Any:
+    return np.diagonal(motion.control_covariance(Control(v, turn), MotionNoise(*alphas)))
+
+
+def _control(start: list[float], end: list[float]) -> list[float]:
+    poses = odometry.OdometryPose(*start), odometry.OdometryPose(*end)
+    control = odometry.control_from_odometry(*poses)
+    return [control.distance_m, control.turn_rad]
+
+
+SUBJECTS: dict[str, Subject] = {
+    "position": lambda pose, v, turn: motion.moved(np.array(pose), Control(v, turn))[:2],
+    "heading": lambda pose, v, turn: motion.moved(np.array(pose), Control(v, turn))[2],
+    "by_pose": lambda pose, v, turn: motion.jacobian_by_pose(np.array(pose), Control(v, turn))[
+        :2, 2
+    ],
+    "by_control": lambda pose, v, turn: motion.jacobian_by_control(
+        np.array(pose), Control(v, turn)
+    )[:2],
+    "chord_over_arc_slope": lambda a: motion.chord_over_arc_slope(a),
+    "control_from_odometry": _control,
+    "noise": _noise,
+}
+
+
+@pytest.mark.parametrize("case", load("motion"), ids=str)
+def test_hard_case_of_the_motion_model_holds(case: Case) -> None:
+    check(case, SUBJECTS)
