@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,28 @@ def case(
     name: str, inputs: Inputs, *, exact: Callable[..., Any], tolerance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return a case with a value: `exact` gets the inputs as mpf and returns mpf or lists."""
-    mp.dps = WORKING_DIGITS
-    row = {"name": name, "inputs": _encoded(inputs), "expect": "value"}
-    row["reference"] = _digits(exact(**_exact(inputs)))
+    row = float64_case(name, inputs, exact=exact, tolerance=tolerance)
     rounded = _rounded(inputs)
     if _keeps_its_kind(inputs, rounded):
         row["reference_float32"] = _digits(exact(**_exact(rounded)))
+    return row
+
+
+def float64_case(
+    name: str, inputs: Inputs, *, exact: Callable[..., Any], tolerance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a case of which rounding to float32 would leave nothing: 2 + 1e-12 is 2 there."""
+    mp.dps = WORKING_DIGITS
+    row = {"name": name, "inputs": _encoded(inputs), "expect": "value"}
+    row["reference"] = _digits(exact(**_exact(inputs)))
     row["tolerance"] = dict(tolerance)
     return row
 
 
 def refusal(name: str, inputs: Inputs, *, expect: str, which: str) -> dict[str, Any]:
     """Return a case without a value. expect: invalid or error; which: words of its reason."""
-    return {"name": name, "inputs": _encoded(inputs), "expect": expect, "which": which}
+    row = {"name": name, "inputs": _encoded(inputs), "expect": expect, "which": which}
+    return row if _keeps_its_kind(inputs, _rounded(inputs)) else {**row, "float32": False}
 
 
 def write(group: str, formula: str, rows: list[dict[str, Any]]) -> None:
@@ -81,6 +91,6 @@ def _keeps_its_kind(inputs: Any, rounded: Any) -> bool:
         return all(_keeps_its_kind(inputs[key], rounded[key]) for key in inputs)
     if isinstance(inputs, list | tuple):
         return all(map(_keeps_its_kind, inputs, rounded))
-    if not isinstance(inputs, float) or inputs == 0.0:
+    if not isinstance(inputs, float) or inputs == 0.0 or not math.isfinite(inputs):
         return True
     return math.isfinite(rounded) and abs(rounded) >= float(np.finfo(np.float32).tiny)

@@ -1,0 +1,36 @@
+"""Hard cases of the measurement model: a landmark at the robot, behind it, out of reach."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_client.localization import LandmarkPosition, RangeBearing, measurement
+from stability.catalogue import Case, Invalid, Subject, check, load
+
+
+def _expected(pose: list[float], landmark: list[float]) -> measurement.Expectation:
+    expected, valid = measurement.expect(np.array(pose), LandmarkPosition("l", *landmark))
+    if not valid:
+        raise Invalid("no expectation")
+    return expected
+
+
+def _innovation(pose: list[float], landmark: list[float], measured: list[float]) -> Any:
+    seen = RangeBearing(*measured, np.eye(2))
+    return measurement.residual(seen, _expected(pose, landmark))[0]
+
+
+SUBJECTS: dict[str, Subject] = {
+    "range": lambda pose, landmark: _expected(pose, landmark).range_m,
+    "bearing": lambda pose, landmark: _expected(pose, landmark).bearing_rad,
+    "jacobian": lambda pose, landmark: _expected(pose, landmark).jacobian[:, :2],
+    "innovation": _innovation,
+}
+
+
+@pytest.mark.parametrize("case", load("measurement"), ids=str)
+def test_hard_case_of_the_measurement_model_holds(case: Case) -> None:
+    check(case, SUBJECTS)

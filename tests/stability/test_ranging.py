@@ -1,0 +1,43 @@
+"""Hard cases of ranges from angles: the horizon from both sides, straight down, tiny heights."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import pytest
+
+from catoptra_client.landmarks import ranging
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.references.ranging import HORIZON_PX, K
+
+CAMERA = OmniCamera(
+    HyperbolicMirror(k=K, c_m=0.2321), 360, 360, (180.0, 180.0), HORIZON_PX, math.radians(120.0)
+)
+
+
+def _valid(answer: tuple[float, bool]) -> float:
+    value, valid = answer
+    if not valid:
+        raise Invalid
+    return value
+
+
+def _sigma(name: str, range_: float, drop: float, sigma: float) -> Any:
+    function = getattr(ranging, name)
+    return _valid(function(CAMERA, range_m=range_, drop_m=drop, sigma_px=sigma))
+
+
+SUBJECTS: dict[str, Subject] = {
+    "range_from_half_angle": lambda t, drop: _valid(ranging.range_from_half_angle(t, drop_m=drop)),
+    "half_angle": lambda range_, drop: _valid(ranging.half_angle_from_range(range_, drop_m=drop)),
+    **{n: partial(_sigma, n) for n in ("theta_sigma", "range_sigma", "azimuth_sigma")},
+}
+
+
+@pytest.mark.parametrize("case", load("ranging"), ids=str)
+def test_hard_case_of_ranging_holds(case: Case) -> None:
+    check(case, SUBJECTS)
