@@ -163,7 +163,7 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
 
 def options_of(*arguments: str) -> Options:
     """Return what a command line of two files and these arguments says."""
-    parsed = module._parser().parse_args(["--robot", "r", "--world", "w", *arguments])
+    parsed = module._parser().parse_args(["--robot", "r.ini", "--world", "w.ini", *arguments])
     return module._options(parsed)[0]
 
 

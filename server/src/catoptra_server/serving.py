@@ -5,21 +5,18 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
-import os
 import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-# NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded below.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 from catoptra_protocol.errors import CatoptraError, DomainError
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server.app import Listening, Options, serve
 from catoptra_server.config.server_file import MOST_SKIPPED, Said
+from catoptra_server.config.shipped import Kind, configuration_file
 from catoptra_server.imaging.multi_view import TileLayout, multi_view
 from catoptra_server.simulation import Clock
 
@@ -61,9 +58,11 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
     )
     add = parser.add_argument
-    add("--robot", type=Path, required=True, action="append", metavar="FILE",
-        help="robot ini, like USARBot.ini; may be given several times")  # fmt: skip
-    add("--world", type=Path, required=True, metavar="FILE", help="world ini")
+    add("--robot", type=_robot, required=True, action="append", metavar="FILE",
+        help="robot ini, like USARBot.ini, or the name of a shipped one, such as p2at_omni; "
+        "may be given several times")  # fmt: skip
+    add("--world", type=_world, required=True, metavar="FILE",
+        help="world ini, or the name of a shipped one, such as four_legged_2006")  # fmt: skip
     add("--server-ini", type=Path, metavar="FILE",
         help="ini with UDK's [USARBotAPI.*]; a robot's file may have them, too")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
@@ -112,6 +111,21 @@ def _said(parsed: argparse.Namespace) -> Said:
     keys = Said.__annotations__
     said = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
     return cast(Said, said | ({"has_images": True} if "image_port" in said else {}))
+
+
+def _robot(text: str) -> Path:
+    return _file("robots", text)
+
+
+def _world(text: str) -> Path:
+    return _file("worlds", text)
+
+
+def _file(kind: Kind, text: str) -> Path:
+    try:
+        return configuration_file(kind, text)
+    except CatoptraError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _port(text: str) -> int:

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.config.shipped import configuration_file
 from catoptra_server.figures import (
     cube,
     eq2,
@@ -68,10 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(arguments)
     console = Console(stderr=True)
     try:
+        robot = configuration_file("robots", parsed.robot)
+        worlds = [configuration_file("worlds", name) for name in (parsed.world, parsed.rings_world)]
         with (
-            open_subject(
-                parsed.robot, parsed.world, parsed.rings_world, pose=_pose(parsed.pose)
-            ) as subject,
+            open_subject(robot, *worlds, pose=_pose(parsed.pose)) as subject,
             _progress(console) as progress,
         ):
             write_figures(subject, parsed.output, progress)
@@ -105,10 +106,10 @@ def _parser() -> argparse.ArgumentParser:
         description="Draw the figures of the camera: frame, faces, cube, rings, polygon mirrors.",
     )
     add = parser.add_argument
-    add("--robot", type=Path, required=True, metavar="FILE", help="robot ini with a camera")
-    add("--world", type=Path, required=True, metavar="FILE", help="world ini to be pictured")
-    add("--rings-world", type=Path, required=True, metavar="FILE",
-        help="configs/worlds/incidence_rings.ini: a line every 5 degrees of incidence")  # fmt: skip
+    add("--robot", required=True, metavar="FILE", help="robot ini with a camera, or its name")
+    add("--world", required=True, metavar="FILE", help="world ini to be pictured, or its name")
+    add("--rings-world", default="incidence_rings", metavar="FILE",
+        help="world with a line every 5 degrees of incidence (default: ours)")  # fmt: skip
     add("--output", type=Path, required=True, metavar="DIR", help="where the PNG files go")
     add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
         help="robot: metres, degrees clockwise; default: beside the first start")  # fmt: skip
