@@ -10,8 +10,10 @@ import pytest
 
 from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.wire.commands import Init
+from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.views import Views
 from catoptra_server.plan.render_plan import RendererKind
+from catoptra_server.render.choice import Choice
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.setup import read_setup
 from catoptra_server.simulation import Fleet
@@ -35,7 +37,9 @@ def fleet():
 @pytest.fixture(scope="module")
 def views():
     """Yield traced views of the field."""
-    views = Views(TraceRenderer(SETUP.scene, SETUP.world), RendererKind.TRACE, "test")
+    views = Views(
+        Planning(Choice(TraceRenderer(SETUP.scene, SETUP.world), RendererKind.TRACE, "test"))
+    )
     yield views
     views.close()
 

@@ -16,6 +16,10 @@ from catoptra_protocol.wire.reports import Report
 from catoptra_server.imaging.drawing import developed
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.shot import SCREEN, Channel, Eye, OmniEye, Shot, Take
+from catoptra_server.imaging.views import ViewState
+from catoptra_server.plan.error_bound import ErrorBound, error_bound
+from catoptra_server.plan.planner import PlanChoice
+from catoptra_server.plan.render_plan import RendererKind, plan_from_wish
 from catoptra_server.render.renderer import Exposure, RenderedImage
 from catoptra_server.robot.description import (
     DriveBase,
@@ -179,6 +183,15 @@ class FakeViews:
     def plan(self, eye: Eye) -> str:
         """Return a plan that can be printed."""
         return "fake plan"
+
+    def bound(self, eye: Eye) -> ErrorBound | None:
+        """Return the bound of an omnidirectional eye, traced as it is wished."""
+        return self.choice(eye).choice.bound if isinstance(eye, OmniEye) else None
+
+    def choice(self, eye: OmniEye) -> ViewState:
+        """Return how trace draws an eye as it is wished, in 12.5 ms."""
+        plan = plan_from_wish(eye.wish, eye.camera, kind=RendererKind.TRACE, why="fake")
+        return ViewState(PlanChoice(plan, error_bound(eye.camera, plan)), 12.5)
 
     def close(self) -> None:
         """Close the view."""

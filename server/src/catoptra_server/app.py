@@ -15,15 +15,19 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting
 from catoptra_server.config.server_file import Said, ServerSettings, settings_of
 from catoptra_server.imaging.drawing import Drawing
+from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import OmniEye
-from catoptra_server.imaging.views import Views
+from catoptra_server.imaging.views import Published, Views
 from catoptra_server.mailbox import Mailboxes
 from catoptra_server.plan.render_plan import wished_samples
 from catoptra_server.render.choice import choose_renderer
+from catoptra_server.render.cost_cache import CostCache, user_cache
+from catoptra_server.render.renderer import Exposure
 from catoptra_server.setup import Setup, ray_caster, read_setup
 from catoptra_server.simulation import Clock, Fleet, Request, Simulation, Stop
 from catoptra_server.transports.tcp_control import serve_control
@@ -153,9 +157,10 @@ class _Server:
         self.options = options
         self.settings: ServerSettings = settings_of(setup.said, options.said)
         self.plans: dict[str, str] = {}
+        self.bounds = Published()
         is_realtime = options.clock is Clock.REALTIME
         self.mailboxes = Mailboxes(self._post, ahead=is_realtime)
-        drawing = Drawing(self.mailboxes.put)
+        self.drawing = drawing = Drawing(self.mailboxes.put)
         self.simulation = Simulation(
             self._fleet(),
             clock=options.clock,
@@ -205,7 +210,11 @@ class _Server:
             samples=max((wished_samples(omni.wish) for omni in omnis.values()), default=0),
         )
         log.info("%s", choice.renderer.describe())
-        views = Views(choice.renderer, choice.kind, choice.reason)
+        views = Views(
+            Planning(choice, CostCache(user_cache(), setup.scene)),
+            places=_places(setup),
+            published=self.bounds,
+        )
         for name, omni in omnis.items():
             self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish)))
         return views
@@ -220,3 +229,17 @@ class _Server:
             caster=ray_caster(setup),
             multi_view=self.settings.multi_view,
         )
+
+
+# Frames of a few places stand for all in the measuring of what they cost.
+_MOST_PLACES = 4
+
+
+def _places(setup: Setup) -> tuple[Exposure, ...]:
+    """Return what cameras see from the world's starts, upright, at the first one's height."""
+    height_m = next((r.viewpoint_height_m for r in setup.robots if r.omni_camera), 0.0)
+    starts = [(s.location_m, s.rotation_rad) for s in setup.world.starts[:_MOST_PLACES]]
+    return tuple(
+        Exposure(Pose.from_rpy((x, y, -height_m), (0.0, 0.0, yaw)))
+        for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    )

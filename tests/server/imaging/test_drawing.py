@@ -9,12 +9,14 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.imaging.drawing import Drawing, developed
+from catoptra_server.imaging.drawing import Drawing, developed, worst
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.multi_view import TileLayout, multi_view
-from catoptra_server.imaging.shot import SCREEN, Scenery, Shot, Take
+from catoptra_server.imaging.shot import SCREEN, OmniEye, Scenery, Shot, Take
+from catoptra_server.imaging.views import ViewState
 from catoptra_server.render.renderer import Exposure, RenderedImage
-from helpers.robots import FakeView, FakeViews
+from catoptra_server.robot.render_wish import RenderWish
+from helpers.robots import CAMERA, FakeView, FakeViews
 
 TAKE = Take(PerspectiveCamera(4, 3, 1.0), Exposure(Pose.identity()))
 SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
@@ -117,3 +119,44 @@ def test_frame_when_no_view_is_prepared_yet_is_drawn_all_the_same() -> None:
             return 0
 
     assert developed(shot_of(TAKE), Unprepared(), monotonic=lambda: 0.0).rgb.any()
+
+
+def test_frame_when_of_an_omnidirectional_camera_carries_the_bound_of_its_plan() -> None:
+    take = Take(OmniEye(CAMERA.camera, CAMERA.wish), Exposure(Pose.identity()))
+    layout = TileLayout(1, 1, 8, 6, 8, 6)
+    frame = developed(shot_of(take, layout=layout), FakeViews(), monotonic=lambda: 0.0)
+    assert frame.bound is not None
+    assert frame.error_bound_px == frame.bound["outline_px"] > 0.0
+    assert "rounding_px" in frame.bound
+
+
+def test_frame_when_one_of_its_pictures_has_no_bound_has_none() -> None:
+    layout = multi_view(2, 1, width_px=8, height_px=6)
+    omni = Take(OmniEye(CAMERA.camera, CAMERA.wish), Exposure(Pose.identity()))
+    flat = Take(PerspectiveCamera(8, 6, 1.0), Exposure(Pose.identity()))
+    frame = developed(shot_of(omni, flat, layout=layout), FakeViews(), monotonic=lambda: 0.0)
+    assert (frame.bound, frame.error_bound_px) == (None, None)
+
+
+def test_bound_of_several_pictures_is_the_worst_of_each() -> None:
+    plans = (RenderWish(samples=1), RenderWish(samples=4))
+    views = FakeViews()
+    one, four = (views.bound(OmniEye(CAMERA.camera, wish)) for wish in plans)
+    assert one is not None
+    assert worst([four, one]) == one.as_dict()
+
+
+def test_question_when_asked_is_answered_by_the_drawing_thread() -> None:
+    drawing, told = Drawing(lambda frame: None), list[ViewState | None]()
+    drawing.ask(OmniEye(CAMERA.camera, CAMERA.wish), told.append)
+    drawing.stop()
+    drawing_thread(drawing, FakeViews()).join()
+    assert [state and state.median_ms for state in told] == [12.5]
+
+
+def test_question_when_nothing_is_drawn_here_is_answered_by_nothing() -> None:
+    drawing, told = Drawing(lambda frame: None), list[ViewState | None]()
+    drawing.ask(OmniEye(CAMERA.camera, CAMERA.wish), told.append)
+    drawing.stop()
+    drawing.run(lambda: None, lambda: None)
+    assert told == [None]

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import OmniEye, Take
-from catoptra_server.imaging.views import Views
+from catoptra_server.imaging.views import Published, Views
+from catoptra_server.plan.cost_model import Measured
 from catoptra_server.plan.render_plan import RendererKind, RenderPlan
+from catoptra_server.render.calibration import plans_to_measure
+from catoptra_server.render.choice import Choice
 from catoptra_server.render.renderer import Exposure, RenderedImage
+from catoptra_server.robot.render_wish import Dial, RenderWish
 from helpers.robots import CAMERA
 
 HERE = Exposure(Pose.identity())
@@ -49,7 +56,7 @@ class CountingView:
 
 
 def views_of(renderer: Any, *, capacity: int = 16) -> Views:
-    return Views(renderer, RendererKind.TRACE, "test", capacity=capacity)
+    return Views(Planning(Choice(renderer, RendererKind.TRACE, "test")), capacity=capacity)
 
 
 def draw(views: Views, *widths: int) -> None:
@@ -92,3 +99,122 @@ def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
     assert "test" in str(views.plan(eye))
     views.draw(Take(eye, HERE))
     assert renderer.log == ["prepare omni 8"]
+
+
+class SlowRenderer:
+    """Views take `ms_a_sample` by a clock of their own, for each sample of a pixel."""
+
+    def __init__(self, ms_a_sample: float) -> None:
+        self.ms_a_sample = ms_a_sample
+        self.now_s = 0.0
+        self.plans: list[RenderPlan] = []
+
+    def describe(self) -> str:
+        return "slow"
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        self.plans.append(plan)
+        return SlowView(self, plan)
+
+    def close(self) -> None:
+        pass
+
+
+class SlowView:
+    def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
+        self._renderer, self._plan = renderer, plan
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        ms = self._renderer.ms_a_sample * self._plan.samples**2
+        self._renderer.now_s += 1e-3 * ms
+        return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})
+
+    def close(self) -> None:
+        pass
+
+
+def budgeted(
+    renderer: SlowRenderer, budget_ms: float, published: Published | None = None
+) -> tuple[Views, Take]:
+    """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
+    wish = replace(CAMERA.wish, stride_px=1, dial=Dial(budget_ms=budget_ms))
+
+    def measure(
+        renderer: object, kind: RendererKind, camera: OmniCamera, wish: RenderWish, *_: object
+    ) -> list[Measured]:
+        plans = plans_to_measure(kind, camera, wish)
+        return [Measured(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
+
+    choice = Choice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
+    planning = Planning(choice, measure=measure)
+    views = Views(planning, clock=lambda: renderer.now_s, published=published)
+    return views, Take(OmniEye(CAMERA.camera, wish), HERE)
+
+
+def draw_often(views: Views, take: Take, frames: int) -> None:
+    for _ in range(frames):
+        views.draw(take)
+
+
+def test_budget_when_kept_leaves_the_plan_alone() -> None:
+    renderer = SlowRenderer(1.0)
+    draw_often(*budgeted(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3]
+
+
+def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    renderer = SlowRenderer(2.0)
+    with caplog.at_level("INFO"):
+        draw_often(*budgeted(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 2]
+    assert "18.0 ms a frame (median), 10 ms asked: too slow" in caplog.text
+
+
+def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCaptureFixture) -> None:
+    renderer = SlowRenderer(50.0)
+    with caplog.at_level("INFO"):
+        draw_often(*budgeted(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 1]
+    assert caplog.text.count("there is nothing better to do") == 1
+
+
+def test_budget_when_frames_become_fast_again_is_used_again() -> None:
+    renderer = SlowRenderer(2.0)
+    views, take = budgeted(renderer, 10.0)
+    draw_often(views, take, 100)
+    renderer.ms_a_sample = 0.9
+    draw_often(views, take, 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 2, 3]
+
+
+def test_frame_s_plan_when_it_is_chosen_again_is_the_one_that_drew_it() -> None:
+    renderer = SlowRenderer(2.0)
+    views, take = budgeted(renderer, 10.0)
+    for _ in range(100):
+        drawn = views.draw(take).stage_ms["trace"]
+        plan = views.plan(take.eye)
+        assert drawn == 2.0 * plan.samples**2
+
+
+def test_eye_when_asked_for_is_answered_without_being_prepared() -> None:
+    renderer = SlowRenderer(1.0)
+    views, take = budgeted(renderer, 10.0)
+    assert isinstance(take.eye, OmniEye)
+    asked = views.choice(take.eye)
+    assert (asked.choice.plan.samples, asked.median_ms, renderer.plans) == (3, None, [])
+    draw_often(views, take, 30)
+    assert views.choice(take.eye).median_ms == pytest.approx(9.0)
+
+
+def test_bound_when_a_view_is_prepared_is_published_until_it_makes_room() -> None:
+    published = Published()
+    views, take = budgeted(SlowRenderer(1.0), 10.0, published)
+    assert published.bound(take.eye) is None
+    views.draw(take)
+    assert published.bound(take.eye) is views.bound(take.eye) is not None
+
+
+def test_ordinary_camera_has_no_bound() -> None:
+    assert views_of(CountingRenderer()).bound(PerspectiveCamera(20, 10, 1.0)) is None

@@ -10,16 +10,29 @@ import queue
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.multi_view import compose
-from catoptra_server.imaging.shot import Eye, Scenery, Shot, Take
+from catoptra_server.imaging.shot import Eye, OmniEye, Scenery, Shot, Take
+from catoptra_server.imaging.views import ViewState
+from catoptra_server.plan.error_bound import ErrorBound
 from catoptra_server.render.renderer import Image, RenderedImage
 
 _Drawn = Future[None]
+# None: nothing is drawn here.
+Told = Callable[[ViewState | None], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Question:
+    """How would this be drawn?"""
+
+    eye: OmniEye
+    tell: Told
 
 
 class Viewer(Protocol):
@@ -30,6 +43,12 @@ class Viewer(Protocol):
 
     def plan(self, eye: Eye) -> object:
         """Return how an eye is drawn; it prints in words."""
+
+    def bound(self, eye: Eye) -> ErrorBound | None:
+        """Return how far off outlines may be; None where there is no bound."""
+
+    def choice(self, eye: OmniEye) -> ViewState:
+        """Return how an eye will be drawn, and what that costs; it need not be prepared."""
 
     def close(self) -> None:
         """Free what is held."""
@@ -43,7 +62,8 @@ class Drawing:
     ) -> None:
         self._put = put
         self._monotonic = monotonic
-        self._shots: queue.SimpleQueue[tuple[Shot, _Drawn] | None] = queue.SimpleQueue()
+        self._shots: queue.SimpleQueue[tuple[Shot, _Drawn] | _Question | None]
+        self._shots = queue.SimpleQueue()
         self._ending = threading.Lock()
         self._has_ended = False
 
@@ -64,6 +84,12 @@ class Drawing:
         """
         self.draw(shot).result()
 
+    def ask(self, eye: OmniEye, tell: Told) -> None:
+        """Have `tell` called by the drawing thread with how an eye is drawn, after shots before."""
+        with self._ending:
+            if not self._has_ended:
+                self._shots.put(_Question(eye, tell))
+
     def stop(self) -> None:
         """End the thread after the shots that were handed over."""
         self._shots.put(None)
@@ -75,7 +101,10 @@ class Drawing:
             views = make_views()
             ready()
             while (entry := self._shots.get()) is not None:
-                self._draw_entry(*entry, views)
+                if isinstance(entry, _Question):
+                    entry.tell(views.choice(entry.eye) if views is not None else None)
+                else:
+                    self._draw_entry(*entry, views)
         finally:
             self._cancel_waiting()
             if views is not None:
@@ -95,7 +124,7 @@ class Drawing:
             self._has_ended = True
         while not self._shots.empty():
             entry = self._shots.get()
-            if entry is not None:
+            if isinstance(entry, tuple):
                 entry[1].cancel()
 
 
@@ -111,6 +140,7 @@ def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float
     end_s = monotonic()
     eyes = {take.eye for take in scenery.takes if take is not None}
     plans = {str(views.plan(eye)) for eye in eyes} if views is not None else set()
+    bound = worst([views.bound(eye) for eye in eyes]) if views is not None else None
     return Frame(
         sequence=shot.sequence,
         time_s=shot.time_s,
@@ -122,7 +152,21 @@ def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float
         stage_ms=dict(stage_ms),
         drawn_s=end_s - begin_s,
         plan="; ".join(sorted(plans)) or None,
+        error_bound_px=bound["outline_px"] if bound else None,
+        bound=bound,
     )
+
+
+def worst(bounds: Sequence[ErrorBound | None]) -> dict[str, float] | None:
+    """Return the largest of each number, of all pictures that a frame consists of.
+
+    None where there is no picture, or one without a bound.
+    """
+    numbers = [bound.as_dict() for bound in bounds if bound is not None]
+    if not numbers or len(numbers) < len(bounds):
+        return None
+    names = dict.fromkeys(name for one in numbers for name in one)
+    return {name: max(one.get(name, 0.0) for one in numbers) for name in names}
 
 
 def _drawn(take: Take | None, views: Viewer | None) -> RenderedImage | None:

@@ -17,8 +17,9 @@ class Frame:
     """A finished picture of a channel.
 
     rgb: (h, w, 3) uint8, read-only. time_s: simulation time of the exposure. exposed_s, finished_s:
-    on the server's monotonic clock. drawn_s: seconds that it took to draw. plan: how it was drawn;
-    error_bound_px: how wrong that may be; None where unknown.
+    on the server's monotonic clock. drawn_s: seconds that it took to draw. plan: how it was drawn.
+    error_bound_px: how far off an outline in it may be at most; bound: that and its parts by name.
+    Both None where unknown.
     """
 
     sequence: int
@@ -32,6 +33,7 @@ class Frame:
     drawn_s: float = 0.0
     plan: str | None = None
     error_bound_px: float | None = None
+    bound: dict[str, float] | None = None
     _payloads: dict[ImageType | Encoding, bytes] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

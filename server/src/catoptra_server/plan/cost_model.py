@@ -102,7 +102,8 @@ def nearest_rates(amounts: Floats, ms: Floats) -> tuple[float, ...]:
     """Return the rates (k,), none negative, by which amounts (n, k) explain times (n,) best.
 
     There are at most three quantities: all choices of which are above 0 are tried. Of choices that
-    explain as much the one with fewest quantities is taken.
+    explain as much the one with fewest quantities is taken, and of these one that grows: of a single
+    frame it says nothing what was fixed.
     """
     weight = 1.0 / np.maximum(ms, _LEAST_MS)
     rows, target = amounts * weight[:, None], ms * weight
@@ -118,4 +119,5 @@ def nearest_rates(amounts: Floats, ms: Floats) -> tuple[float, ...]:
 
 def _choices(count: int) -> Iterable[list[int]]:
     sizes = range(1, count + 1)
-    return [list(used) for size in sizes for used in itertools.combinations(range(count), size)]
+    last_first = range(count - 1, -1, -1)
+    return [list(used) for size in sizes for used in itertools.combinations(last_first, size)]

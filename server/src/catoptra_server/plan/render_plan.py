@@ -80,6 +80,7 @@ class RenderPlan:
         if self.renderer is RendererKind.RASTER:
             names = "".join(face.name for face in self.faces)
             how = f", faces {names} of {self.face_size_px} px"
+            how += f" with {self.face_samples} samples each" if self.face_samples > 1 else ""
         elif self.stride_px > 1:
             how = f", rays {self.stride_px} px apart and wherever an outline passes"
         return f"{self.renderer.value}, {surface}, {self.samples}^2 samples{how}"

@@ -7,7 +7,8 @@ raster with the triangles. A renderer's library is imported only when it is chos
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.plan.render_plan import RendererKind
@@ -24,11 +25,16 @@ SOFTWARE_RASTER_TRIANGLES = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """A renderer that holds the scene, its kind, and why it was taken, for the log."""
+    """A renderer that holds the scene, its kind, and why it was taken, for the log.
+
+    others: what else could draw, made when it is called for in the same thread. Empty where one
+    was asked for by name.
+    """
 
     renderer: Renderer
     kind: RendererKind
     reason: str
+    others: Mapping[RendererKind, Callable[[], Renderer]] = field(default_factory=dict)
 
 
 def choose_renderer(
@@ -65,16 +71,22 @@ def _raster(scene: SceneMesh, world: World) -> Choice:
 def _automatic(scene: SceneMesh, world: World, threads: int, samples: int) -> Choice:
     from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
 
+    def trace(reason: str) -> Choice:
+        return _trace(scene, world, threads, reason)
+
     try:
         device = open_device()
     except OpenGLMissingError as error:
-        return _trace(scene, world, threads, f"no OpenGL: {error.what}")
+        return trace(f"no OpenGL: {error.what}")
+    raster_later = {RendererKind.RASTER: lambda: _raster(scene, world).renderer}
+    trace_later = {RendererKind.TRACE: lambda: trace("tried").renderer}
     reason = f"OpenGL on a graphics processor ({device.renderer})"
     if device.is_software:
         shape = f"{samples} x {samples} samples of {len(scene)} triangles"
         reason = f"only software OpenGL ({device.renderer}), for {shape} "
         if samples < SOFTWARE_RASTER_SAMPLES or len(scene) > SOFTWARE_RASTER_TRIANGLES:
             device.close()
-            return _trace(scene, world, threads, f"{reason}slower than trace")
+            return replace(trace(f"{reason}slower than trace"), others=raster_later)
         reason = f"{reason}faster than trace"
-    return Choice(RasterRenderer(scene, world, device=device), RendererKind.RASTER, reason)
+    renderer = RasterRenderer(scene, world, device=device)
+    return Choice(renderer, RendererKind.RASTER, reason, trace_later)

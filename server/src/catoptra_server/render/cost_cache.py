@@ -1,0 +1,104 @@
+"""Measured costs, kept on disk: a server that starts again does not measure again.
+
+A file is of one renderer on one processor or graphics card, one scene, camera, surface and release.
+What cannot be read or written is measured instead: the cache may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.plan.cost_model import Rates
+from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.scene.meshes import SceneMesh
+
+log = logging.getLogger(__name__)
+
+# Raised when the meaning of a rate changes.
+_FORMAT = 1
+_CPU_INFO = Path("/proc/cpuinfo")
+
+
+def user_cache() -> Path:
+    """Return where this user's programs keep what they can make again."""
+    said = os.environ.get("XDG_CACHE_HOME", "")
+    root = Path(said) if said.startswith("/") else Path.home() / ".cache"
+    return root / "catoptra" / "costs"
+
+
+class CostCache:
+    """The files of one scene. folder None: nothing is kept."""
+
+    def __init__(self, folder: Path | None, scene: SceneMesh) -> None:
+        self._folder = folder
+        self._scene = scene
+        self._digest = ""
+
+    def read(self, key: str) -> dict[str, Rates] | None:
+        """Return the rates by way of drawing under a key; None where there are none."""
+        if self._folder is None:
+            return None
+        try:
+            ways = json.loads(self._file(key).read_text(encoding="utf-8"))
+            return {
+                str(way): {str(s): tuple(map(float, rates)) for s, rates in stages.items()}
+                for way, stages in ways.items()
+            }
+        except (OSError, ValueError, AttributeError, TypeError):
+            return None
+
+    def write(self, key: str, ways: Mapping[str, Rates]) -> None:
+        """Keep rates; whole or not at all, whoever else writes."""
+        if self._folder is None:
+            return
+        file = self._file(key)
+        unfinished = file.with_suffix(f".{os.getpid()}")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            unfinished.write_text(json.dumps(ways, indent=1), encoding="utf-8")
+            unfinished.replace(file)
+        except OSError as error:
+            log.warning("costs of frames are not kept in %s: %s", self._folder, error)
+
+    def key(self, describe: str, camera: OmniCamera, wish: RenderWish) -> str:
+        """Return the key of what a renderer's words say, for a camera and the numbers asked for."""
+        if not self._digest:
+            self._digest = scene_digest(self._scene)
+        asked = (wish.surface, wish.face_size_px, wish.face_samples, wish.stride_px)
+        parts = (_FORMAT, _version(), describe, _processor(), self._digest, camera, asked)
+        return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
+
+    def _file(self, key: str) -> Path:
+        assert self._folder is not None, "only asked where files are kept"
+        return self._folder / f"{key}.json"
+
+
+def scene_digest(scene: SceneMesh) -> str:
+    """Return a digest of all that is drawn of a scene."""
+    digest = hashlib.sha256()
+    for array in (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures):
+        digest.update(repr(array.shape).encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _processor() -> str:
+    """Return what computes: the processor's name, and how many of them this process may use."""
+    try:
+        lines = _CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    name = next((line for line in lines if line.startswith("model name")), platform.processor())
+    return f"{name}, {len(os.sched_getaffinity(0))}"
+
+
+def _version() -> str:
+    return version("catoptra-server")

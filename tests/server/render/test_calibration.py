@@ -1,0 +1,89 @@
+"""What is measured to know what frames cost, with a clock and views that are made up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.plan.cost_model import fitted, way_of
+from catoptra_server.plan.render_plan import RendererKind, RenderPlan, RenderWish
+from catoptra_server.render.calibration import REST, measured, plans_to_measure
+from catoptra_server.render.renderer import Exposure, RenderedImage
+from catoptra_server.scene.mirror_mesh import PolygonSplit
+from helpers.worlds import omni_camera
+
+CAMERA = omni_camera(width_px=64)
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+HERE = (Exposure(Pose.identity()), Exposure(Pose.from_rpy((1.0, 0.0, 0.0))))
+
+
+class _Lab:
+    """A renderer whose frames take a millisecond a sample along a side, by its own clock."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.closed = 0
+        self.exposures: list[Exposure] = []
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        lab = self
+
+        class View:
+            def draw(self, exposure: Exposure) -> RenderedImage:
+                lab.exposures.append(exposure)
+                lab.now_s += 1e-3 * (plan.samples + 0.5)
+                stages = {"trace": float(plan.samples)}
+                return RenderedImage(np.zeros((1, 1, 3), dtype=np.uint8), stages)
+
+            def close(self) -> None:
+                lab.closed += 1
+
+        return View()
+
+    def clock(self) -> float:
+        return self.now_s
+
+
+def test_calibration_when_done_has_medians_of_all_stages_and_of_what_is_between() -> None:
+    lab = _Lab()
+    found = measured(lab, TRACE, CAMERA, RenderWish(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    assert [one.plan.samples for one in found] == [1, 2, 1]
+    assert [one.stage_ms["trace"] for one in found] == [1.0, 2.0, 1.0]
+    assert all(one.stage_ms[REST] == pytest.approx(0.5) for one in found)
+    assert lab.closed == 3
+    assert set(lab.exposures) == set(HERE)
+
+
+@pytest.mark.parametrize("kind", RendererKind)
+def test_calibration_when_all_is_open_covers_every_way_that_it_can_go(kind: RendererKind) -> None:
+    plans = list(plans_to_measure(kind, CAMERA, RenderWish()))
+    assert len({way_of(plan) for plan in plans}) == (2 if kind is TRACE else 1)
+    assert len({plan.samples for plan in plans}) > 1
+
+
+def _ways(wish: RenderWish, kind: RendererKind) -> Iterator[tuple[int, int, int]]:
+    for plan in plans_to_measure(kind, CAMERA, wish):
+        yield plan.face_samples, plan.stride_px, plan.face_size_px
+
+
+def test_calibration_when_numbers_are_asked_for_measures_only_those() -> None:
+    wish = RenderWish(face_size_px=40, face_samples=2, stride_px=3)
+    assert set(_ways(wish, RASTER)) == {(2, 3, 40)}
+    assert {stride for _, stride, _ in _ways(wish, TRACE)} == {3}
+
+
+def test_calibration_of_polygons_never_leaves_rays_out() -> None:
+    wish = RenderWish(PolygonSplit(8, 8))
+    assert {stride for _, stride, _ in _ways(wish, TRACE)} == {1}
+
+
+def test_calibration_when_fitted_gives_its_own_times_back() -> None:
+    lab = _Lab()
+    found = measured(lab, TRACE, CAMERA, RenderWish(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    model = fitted(CAMERA, found)
+    assert model.ms(found[1].plan) == pytest.approx(2.5)

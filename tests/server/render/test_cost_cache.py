@@ -1,0 +1,74 @@
+"""Costs are kept for what they were measured on, and whatever lies in the cache does no harm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.render.cost_cache import CostCache, scene_digest, user_cache
+from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.scene.meshes import build_scene
+from helpers.worlds import omni_camera, room
+
+SCENE = build_scene(room())
+CAMERA = omni_camera(width_px=64)
+RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
+
+
+def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
+    key = CostCache(tmp_path / "deep/costs", SCENE).key("llvmpipe", CAMERA, RenderWish())
+    CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES)
+    assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES
+    assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
+
+
+def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None:
+    cache = CostCache(tmp_path, SCENE)
+    wish = RenderWish()
+    other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
+    keys = {
+        cache.key("a", CAMERA, wish),
+        cache.key("b", CAMERA, wish),
+        cache.key("a", omni_camera(width_px=65), wish),
+        cache.key("a", CAMERA, replace(wish, face_samples=4)),
+        other.key("a", CAMERA, wish),
+    }
+    assert len(keys) == 5
+
+
+def test_key_when_only_the_dial_is_turned_is_the_same(tmp_path: Path) -> None:
+    cache = CostCache(tmp_path, SCENE)
+    turned = RenderWish(samples=3, dial=Dial(0.5))
+    assert cache.key("a", CAMERA, RenderWish()) == cache.key("a", CAMERA, turned)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[1]", '{"raster": 3}', '{"raster": {"a": ["x"]}}'])
+def test_file_when_it_is_spoilt_is_as_if_not_there(tmp_path: Path, text: str) -> None:
+    (tmp_path / "key.json").write_text(text)
+    assert not CostCache(tmp_path, SCENE).read("key")
+
+
+def test_cache_when_it_cannot_be_written_is_done_without(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    CostCache(tmp_path / "file", SCENE).write("key", RATES)
+    assert "not kept" in caplog.text
+
+
+def test_cache_when_there_is_none_keeps_nothing() -> None:
+    CostCache(None, SCENE).write("key", RATES)
+    assert CostCache(None, SCENE).read("key") is None
+
+
+def test_digest_of_a_scene_is_of_its_content() -> None:
+    assert scene_digest(SCENE) == scene_digest(build_scene(room()))
+
+
+def test_users_cache_is_where_their_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert user_cache() == Path("/somewhere/catoptra/costs")
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")
+    assert user_cache() == Path.home() / ".cache/catoptra/costs"
