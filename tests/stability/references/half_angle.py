@@ -1,4 +1,4 @@
-"""t = tan(theta / 2) of a direction: axis, horizon, antipode, lengths from denormal to the largest."""
+"""t = tan(theta / 2) of a direction: axis, horizon, antipode, denormals, the largest doubles."""
 
 from __future__ import annotations
 

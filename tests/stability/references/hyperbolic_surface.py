@@ -13,11 +13,10 @@ from stability.references.mirror_exact import (
     RIM_T,
     TOLERANCE,
     amplified,
-    float64_only,
     limit_t,
     mirror_point,
 )
-from stability.references.writing import case, refusal, write
+from stability.references.writing import case, float64_case, refusal, write
 
 C_PAPER = 0.2321
 FAR = "one over the distance to the asymptote: an ulp of t moves the place by as many ulps"
@@ -36,8 +35,18 @@ def rows() -> list[dict[str, Any]]:
         _value("an ulp below the horizon", C_PAPER, BEFORE_1),
         _value("an ulp above the horizon", C_PAPER, AFTER_1),
         *_flat_and_parabolic(),
-        _far("a thousandth before the asymptote", 1e-3, 2e3),
-        float64_only(_far("a billionth before the asymptote", 1e-9, 2e9)),
+        case(
+            "a thousandth before the asymptote",
+            {"k": PAPER_K, "c_m": C_PAPER, "t": limit_t(PAPER_K) * (1.0 - 1e-3)},
+            exact=point,
+            tolerance=amplified(2e3, FAR),
+        ),
+        float64_case(
+            "a billionth before the asymptote",
+            {"k": PAPER_K, "c_m": C_PAPER, "t": limit_t(PAPER_K) * (1.0 - 1e-9)},
+            exact=point,
+            tolerance=amplified(2e9, FAR),
+        ),
         *_refusals(),
     ]
 
@@ -45,7 +54,12 @@ def rows() -> list[dict[str, Any]]:
 def _flat_and_parabolic() -> list[dict[str, Any]]:
     places = {"the vertex": 0.0, "half way": 0.5, "the horizon": 1.0}
     flat = [
-        float64_only(_value(f"an ulp above k 2, {place}", C_PAPER, t, k=NEXT_TO_2))
+        float64_case(
+            f"an ulp above k 2, {place}",
+            {"k": NEXT_TO_2, "c_m": C_PAPER, "t": t},
+            exact=point,
+            tolerance=TOLERANCE,
+        )
         for place, t in places.items()
     ]
     return [*flat, *(_value(f"k 1e9, {place}", C_PAPER, t, k=1e9) for place, t in places.items())]
@@ -53,11 +67,6 @@ def _flat_and_parabolic() -> list[dict[str, Any]]:
 
 def _value(name: str, c: float, t: float, *, k: float = PAPER_K) -> dict[str, Any]:
     return case(name, {"k": k, "c_m": c, "t": t}, exact=point, tolerance=TOLERANCE)
-
-
-def _far(name: str, before: float, factor: float) -> dict[str, Any]:
-    inputs = {"k": PAPER_K, "c_m": C_PAPER, "t": limit_t(PAPER_K) * (1.0 - before)}
-    return case(name, inputs, exact=point, tolerance=amplified(factor, FAR))
 
 
 def _refusals() -> list[dict[str, Any]]:

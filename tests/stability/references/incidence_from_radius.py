@@ -11,10 +11,9 @@ from stability.references.mirror_exact import (
     NEXT_TO_2,
     PAPER_K,
     TOLERANCE,
-    float64_only,
     t_of_ratio,
 )
-from stability.references.writing import case, refusal, write
+from stability.references.writing import case, float64_case, refusal, write
 
 PLACES = {
     "the centre": 0.0,
@@ -34,7 +33,12 @@ def rows() -> list[dict[str, Any]]:
     papers = [_value(name, PAPER_K, ratio) for name, ratio in PLACES.items()]
     ks = {"an ulp above k 2": NEXT_TO_2, "k 2 + 1e-12": 2.0 + 1e-12, "k 2.1": 2.1}
     near_two = [
-        float64_only(_value(f"{name}, ratio {ratio:g}", k, ratio))
+        float64_case(
+            f"{name}, ratio {ratio:g}",
+            {"k": k, "ratio": ratio},
+            exact=t_of_ratio,
+            tolerance=TOLERANCE,
+        )
         for name, k in ks.items()
         for ratio in (1e-8, 1.0, 1e3)
     ]

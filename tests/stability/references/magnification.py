@@ -13,10 +13,9 @@ from stability.references.mirror_exact import (
     PAPER_K,
     RIM_T,
     TOLERANCE,
-    float64_only,
     limit_t,
 )
-from stability.references.writing import case, refusal, write
+from stability.references.writing import case, float64_case, refusal, write
 
 
 def rows() -> list[dict[str, Any]]:
@@ -25,8 +24,15 @@ def rows() -> list[dict[str, Any]]:
     return [
         *(_value(f"the paper's mirror, {name}", PAPER_K, t) for name, t in papers.items()),
         _value("before the asymptote", PAPER_K, math.nextafter(limit_t(PAPER_K), 0.0)),
-        float64_only(_value("an ulp above k 2, half way", NEXT_TO_2, 0.5)),
-        float64_only(_value("an ulp above k 2, the horizon", NEXT_TO_2, 1.0)),
+        *(
+            float64_case(
+                f"an ulp above k 2, t {t:g}",
+                {"k": NEXT_TO_2, "t": t},
+                exact=slope,
+                tolerance=TOLERANCE,
+            )
+            for t in (0.5, 1.0)
+        ),
         _value("k 1e9, the rim", 1e9, RIM_T),
         _value("the largest k, the rim", LARGEST, RIM_T),
         refusal("t no number", {"k": PAPER_K, "t": math.nan}, expect="error", which="0 <= t"),

@@ -13,11 +13,10 @@ from stability.references.mirror_exact import (
     PAPER_K,
     RIM_T,
     TOLERANCE,
-    float64_only,
     limit_t,
     radius_ratio,
 )
-from stability.references.writing import case, refusal, write
+from stability.references.writing import case, float64_case, refusal, write
 
 WITH_THE_PAPERS_MIRROR = {
     "on the axis": 0.0,
@@ -40,7 +39,7 @@ def rows() -> list[dict[str, Any]]:
     """Return the cases."""
     papers = [_value(name, PAPER_K, t) for name, t in WITH_THE_PAPERS_MIRROR.items()]
     near_two = [
-        float64_only(_value(f"{name}, {place}", k, t))
+        float64_case(f"{name}, {place}", {"k": k, "t": t}, exact=radius_ratio, tolerance=TOLERANCE)
         for name, k in K_TWO.items()
         for place, t in _places(k).items()
     ]

@@ -12,12 +12,12 @@ from typing import Any
 
 from mpmath import floor, mpf
 
-from stability.references.mirror_exact import LARGEST, float64_only
-from stability.references.writing import case, refusal, write
+from stability.references.mirror_exact import LARGEST
+from stability.references.writing import case, float64_case, refusal, write
 
 EXACT = {"float64": {"abs": 0.0, "reason": "a text is a text"}}
 ROUNDED = {
-    "float64": {"ulp": 0.5, "reason": "the double nearest to the text"},
+    "float64": {"ulp": 0.5, "abs": 5e-324, "reason": "the double nearest to the text"},
     "float32": {"ulp": 0.5, "reason": "the float nearest to the text"},
 }
 QUOTIENT = {
@@ -53,7 +53,7 @@ READ = {
     "400 digits": ("9" * 400, 0.0),
     "below the smallest": ("1e-999", 0.0),
     "the smallest double": ("5e-324", 5e-324),
-    "nan": ("nan", 0.0),
+    "nan": ("NaN", 0.0),
     "infinity": ("-infinity", 0.0),
     "no number": ("abc", 0.0),
     "nothing": ("", 0.0),
@@ -63,13 +63,11 @@ READ = {
 def printed_rows() -> list[dict[str, Any]]:
     """Return the cases of fixed."""
     values = [
-        float64_only(
-            case(
-                name,
-                {"value": value, "decimals": decimals, "text": text},
-                exact=_value_of_text,
-                tolerance=_within_rounding(text),
-            )
+        float64_case(
+            name,
+            {"value": value, "decimals": decimals, "text": text},
+            exact=_value_of_text,
+            tolerance=_within_rounding(text),
         )
         for name, (value, decimals, text) in PRINTED.items()
     ]
@@ -88,13 +86,11 @@ def printed_rows() -> list[dict[str, Any]]:
 def read_rows() -> list[dict[str, Any]]:
     """Return the cases of number_from_text."""
     return [
-        float64_only(
-            case(
-                name,
-                {"text": text},
-                exact=_always(value),
-                tolerance={"float64": {"abs": 0.0, "reason": "as C's atof, what is none is 0"}},
-            )
+        float64_case(
+            name,
+            {"text": text},
+            exact=_always(value),
+            tolerance=ROUNDED if value else EXACT,
         )
         for name, (text, value) in READ.items()
     ]
@@ -105,7 +101,7 @@ def angle_rows() -> list[dict[str, Any]]:
     values = {"pi": math.pi, "3.14159": 3.14159, "minus": -0.01745, "zero": 0.0, "1e-320": 1e-320}
     return [
         *(
-            float64_only(case(name, {"angle_rad": angle}, exact=whole_units, tolerance=QUOTIENT))
+            float64_case(name, {"angle_rad": angle}, exact=whole_units, tolerance=QUOTIENT)
             for name, angle in values.items()
         ),
         *(

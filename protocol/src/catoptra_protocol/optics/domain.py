@@ -6,10 +6,14 @@ directions into return value and validity instead.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Bools
 
 
 def require(inside: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None:
@@ -24,3 +28,9 @@ def require(inside: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None
     place = f" (element {', '.join(map(str, first))})" if first else ""
     value = np.asarray(values)[first].tolist()
     raise DomainError(f"{value}{place} is outside the domain: {expected}", mask)
+
+
+def squarable(values: npt.NDArray[np.floating[Any]]) -> Bools:
+    """Return which values have a finite square, and some more of the same size beside it."""
+    most = 0.25 * math.sqrt(float(np.finfo(np.asarray(values).dtype).max))
+    return np.asarray(np.abs(values) <= most)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from catoptra_protocol.optics.domain import require
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -13,7 +14,12 @@ def linear_from_srgb(encoded: Floats) -> Floats:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
+@np.errstate(under="ignore")  # what vanishes is black
 def srgb_from_linear(linear: Floats) -> Floats:
-    """Return encoded values of linear light; light outside [0, 1] is clipped, as a sensor does."""
+    """Return encoded values of linear light; light outside [0, 1] is clipped, as a sensor does.
+
+    Raises DomainError naming an element that is no number.
+    """
+    require(~np.isnan(linear), linear, "light is a number")
     linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

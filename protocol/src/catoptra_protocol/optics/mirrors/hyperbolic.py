@@ -19,11 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require
+from catoptra_protocol.optics.domain import require, squarable
 from catoptra_protocol.optics.numerics import Floats
-
-# Its square is finite. Of any k < 1e300 the asymptote comes before.
-_HIGHEST_T = 1e150
 
 
 def eq2_radius_ratio_from_t(t: Floats) -> Floats:
@@ -106,8 +103,9 @@ class HyperbolicMirror:
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Return d(r_i / h) / d(theta) = kappa s (1 + k^2 t^2) (1 + t^2) / (1 - k^2 t^2)^2.
 
-        Domain: that of radius_ratio_from_t.
+        Domain: that of radius_ratio_from_t, with a finite square of t.
         """
+        require(squarable(t), t, "a slope needs 0 <= t = tan(theta / 2) with a finite square")
         kt = self.kappa * t
         steepness = (1.0 + np.square(kt)) / np.square(self._left(t) * (1.0 + kt))
         return self.kappa_s * (1.0 + np.square(t)) * steepness
@@ -116,7 +114,7 @@ class HyperbolicMirror:
     def surface(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point. Domain: 0 <= t < t_limit."""
         expected = f"a mirror point needs 0 <= t = tan(theta / 2) < {self.t_limit!r}, its asymptote"
-        require((t >= 0.0) & (t < self.t_limit) & (t <= _HIGHEST_T), t, expected)
+        require((t >= 0.0) & (t < self.t_limit) & squarable(t), t, expected)
         nearness = (1.0 - t) * (1.0 + t)
         scale = self.vertex_m / (self.kappa_left + self.kappa * nearness)
         return 2.0 * scale * t, scale * nearness
@@ -124,6 +122,6 @@ class HyperbolicMirror:
     def _left(self, t: Floats) -> Floats:
         """Return 1 - kappa t, exact where both are next to 1; DomainError where nothing is left."""
         left: Floats = self.kappa_left + self.kappa * (1.0 - t)
-        inside = (t >= 0.0) & (left > 0.0) & (t <= _HIGHEST_T)
+        inside = (t >= 0.0) & (left > 0.0)
         require(inside, t, "an image radius needs 0 <= t = tan(theta / 2) < 1 / kappa")
         return left

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require
+from catoptra_protocol.optics.domain import require, squarable
 from catoptra_protocol.optics.numerics import Floats
-
-_LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +40,23 @@ class ParabolicMirror:
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Return r_i / h = t. Domain: 0 <= t < inf."""
-        _require(t, "an image radius needs a finite t = tan(theta / 2) >= 0")
+        expected = "an image radius needs a finite t = tan(theta / 2) >= 0"
+        require((t >= 0.0) & (t < math.inf), t, expected)
         return t
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Return t = r_i / h. Domain: 0 <= ratio < inf."""
-        _require(ratio, "an image radius is 0 or more")
+        require((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
         return ratio
 
     @np.errstate(under="ignore")  # what vanishes beside 1 may
     def radius_ratio_slope(self, t: Floats) -> Floats:
-        """Return d(r_i / h) / d(theta) = (1 + t^2) / 2. Domain: 0 <= t <= 1e150, for the square."""
-        _require(t, "a slope needs a t = tan(theta / 2) whose square is finite", 1e150)
+        """Return d(r_i / h) / d(theta) = (1 + t^2) / 2. Domain: t >= 0 with a finite square."""
+        require((t >= 0.0) & squarable(t), t, "a slope needs t >= 0 with a finite square")
         return 0.5 * (1.0 + np.square(t))
 
     @np.errstate(under="ignore")
     def surface(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return (r, z) in metres of the mirror point. Domain: 0 <= t <= 1e150, for the square."""
-        _require(t, "a mirror point needs a t = tan(theta / 2) whose square is finite", 1e150)
-        half = 0.5 * self.horizon_radius_m
-        return 2.0 * half * t, half * (1.0 - t) * (1.0 + t)
-
-
-def _require(values: Floats, expected: str, highest: float = _LARGEST) -> None:
-    require((values >= 0.0) & (values <= highest), values, expected)
+        """Return (r, z) in metres of the mirror point. Domain: t >= 0 with a finite square."""
+        require((t >= 0.0) & squarable(t), t, "a mirror point needs t >= 0 with a finite square")
+        return self.horizon_radius_m * t, 0.5 * self.horizon_radius_m * (1.0 - t) * (1.0 + t)

@@ -11,18 +11,46 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.domain import require
 from catoptra_server.scene.colour import srgb_from_linear
 
 Packed = npt.NDArray[np.uint64]
 Float32s = npt.NDArray[np.float32]
 
+# The colours of pixels, (n, 3): uint8 sRGB, or float32 linear light.
+Colours = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
+
 _FIELD_BITS = 21
 _FIELD_MASK = np.uint64(2**_FIELD_BITS - 1)
+_MOST_SAMPLES = 256
 _SHIFTS = tuple(np.uint64(_FIELD_BITS * channel) for channel in range(3))
+
+
+class Scale(Protocol):
+    """How light is packed, and what becomes of the sums of pixels."""
+
+    @property
+    def samples(self) -> int:
+        """Return the number of samples a pixel."""
+
+    @property
+    def channel(self) -> np.dtype[np.uint8] | np.dtype[np.float32]:
+        """Return what one colour of a finished pixel is stored as."""
+
+    def packed(self, radiance: Float32s) -> Packed:
+        """Return (n,) packed levels of (3, n) radiance."""
+
+    def pixel_sums(self, light: Packed) -> Packed:
+        """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
+
+    def colours(self, sums: Packed) -> Colours:
+        """Return (n, 3) colours of (n,) sums."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,25 +63,28 @@ class LightScale:
     samples: int
     top: int
     encoded: npt.NDArray[np.uint8]
+    channel: np.dtype[np.uint8] = np.dtype(np.uint8)
 
     @classmethod
     def for_samples(cls, samples: int) -> LightScale:
         """Return the finest scale whose sums fit: `samples` is the number a pixel, at most 256."""
+        if not 1 <= samples <= _MOST_SAMPLES:
+            raise DomainError(f"{samples} samples a pixel: from 1 to {_MOST_SAMPLES} can be summed")
         top = min(2**16 - 1, int(_FIELD_MASK) // samples)
         return cls(samples, top, _encoded_sums(samples * top))
 
     def packed(self, radiance: Float32s) -> Packed:
-        """Return (n,) packed levels of (3, n) radiance, clipped to [0, 1] as a sensor does."""
-        levels = (np.clip(radiance, 0.0, 1.0) * self.top + 0.5).astype(np.uint64)
-        light: Packed = levels[0] | (levels[1] << _SHIFTS[1]) | (levels[2] << _SHIFTS[2])
-        return light
+        """Return (n,) packed levels of (3, n) radiance, clipped to [0, 1] as a sensor does.
+
+        Raises DomainError naming what is no number: its bits would spill over all three channels.
+        """
+        if np.isnan(radiance.min(initial=0.0)):
+            require(~np.isnan(radiance), radiance, "light is a number")
+        return _packed(np.clip(radiance, 0.0, 1.0) * self.top)
 
     def pixel_sums(self, light: Packed) -> Packed:
         """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
-        total = light[0 :: self.samples].copy()
-        for offset in range(1, self.samples):
-            total += light[offset :: self.samples]
-        return total
+        return _pixel_sums(light, self.samples)
 
     def colours(self, sums: Packed) -> npt.NDArray[np.uint8]:
         """Return (n, 3) uint8 sRGB of (n,) sums."""
@@ -63,6 +94,63 @@ class LightScale:
             # Levels are within the table; "clip" only spares take() a pass that checks them.
             rgb[:, channel] = self.encoded.take(level, mode="clip")
         return rgb
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearScale:
+    """The same in linear light up to `largest`, for what changes light before it is encoded.
+
+    A level has as many bits as the sum of all samples leaves it, at most 21.
+    """
+
+    samples: int
+    top: int
+    largest: float
+    channel: np.dtype[np.float32] = np.dtype(np.float32)
+
+    @classmethod
+    def for_samples(cls, samples: int, *, largest: float) -> LinearScale:
+        """Return the finest scale up to a scene's brightest light, and to white at least."""
+        return cls(samples, int(_FIELD_MASK) // samples, max(largest, 1.0))
+
+    def packed(self, radiance: Float32s) -> Packed:
+        """Return (n,) packed levels of (3, n) radiance, clipped to the scale."""
+        share = np.clip(radiance * np.float32(1.0 / self.largest), 0.0, 1.0)
+        return _packed(share * self.top)
+
+    def pixel_sums(self, light: Packed) -> Packed:
+        """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
+        return _pixel_sums(light, self.samples)
+
+    def colours(self, sums: Packed) -> npt.NDArray[np.float32]:
+        """Return (n, 3) float32 mean linear light of (n,) sums."""
+        unit = np.float32(self.largest / (self.samples * self.top))
+        fields = [((sums >> shift) & _FIELD_MASK).astype(np.float32) for shift in _SHIFTS]
+        return np.stack(fields, axis=-1) * unit
+
+
+def _packed(levels: Float32s) -> Packed:
+    whole = (levels + 0.5).astype(np.uint64)
+    light: Packed = whole[0] | (whole[1] << _SHIFTS[1]) | (whole[2] << _SHIFTS[2])
+    return light
+
+
+def _pixel_sums(light: Packed, samples: int) -> Packed:
+    total = light[0::samples].copy()
+    for offset in range(1, samples):
+        total += light[offset::samples]
+    return total
+
+
+def encoded_levels(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """Return uint8 sRGB of linear light, by a table of 16 bits; light outside [0, 1] is clipped."""
+    levels = (np.clip(light, 0.0, 1.0) * np.float32(_ENCODED_TOP) + np.float32(0.5)).astype(
+        np.int32
+    )
+    return _encoded_sums(_ENCODED_TOP).take(levels)
+
+
+_ENCODED_TOP = 2**16 - 1
 
 
 @cache

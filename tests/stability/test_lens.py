@@ -1,0 +1,37 @@
+"""The ordinary camera: where its picture ends, and fields of view that end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
+from catoptra_protocol.optics.numerics import Floats
+from stability.catalogue import Case, Invalid, check, load
+
+
+def _pixel(width_px: int, height_px: int, fov_rad: float, direction: list[float]) -> Floats:
+    camera = PerspectiveCamera(width_px, height_px, fov_rad)
+    value, valid = camera.pixel_from_direction(np.array(direction))
+    return _seen(value, bool(valid))
+
+
+def _direction(width_px: int, height_px: int, fov_rad: float, pixel: list[float]) -> Floats:
+    camera = PerspectiveCamera(width_px, height_px, fov_rad)
+    value, valid = camera.direction_from_pixel(np.array(pixel))
+    return _seen(value, bool(valid))
+
+
+def _seen(value: Floats, valid: bool) -> Floats:
+    assert np.isfinite(value).all(), f"{value}: a value beside its mask is no number"
+    if not valid:
+        raise Invalid("not seen")
+    return value
+
+
+SUBJECTS = {"perspective_pixel": _pixel, "perspective_direction": _direction}
+
+
+@pytest.mark.parametrize("case", load("lens"), ids=str)
+def test_lens_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+    check(case, SUBJECTS)

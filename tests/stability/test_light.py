@@ -1,0 +1,44 @@
+"""Light: the sRGB curve's ends, sums of samples in linear light, lamps near and far."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.render import shading
+from catoptra_server.render.trace import packed_light
+from catoptra_server.scene import colour
+from catoptra_server.scene.description import PointLight
+from stability.catalogue import Case, check, load
+
+
+def _encoded(linear: float) -> Floats:
+    return colour.srgb_from_linear(np.array(linear))
+
+
+def _greys(red: list[float], samples: int) -> list[int]:
+    """Return the greys of a pixel: red from the list, over and over, green full, blue dark."""
+    scale = packed_light.LightScale.for_samples(samples)
+    radiance = np.zeros((3, samples), dtype=np.float32)
+    radiance[0], radiance[1] = np.resize(np.array(red, dtype=np.float32), samples), 1.0
+    sums = scale.pixel_sums(scale.packed(radiance))
+    return [int(level) for level in scale.colours(sums)[0]]
+
+
+def _irradiance(height_m: float) -> float:
+    lamp = PointLight((0.0, 0.0, -height_m), (1.0, 1.0, 1.0))
+    floor, up = np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]])
+    return float(shading.point_irradiance((lamp,), floor, up)[0, 0])
+
+
+SUBJECTS = {
+    "srgb_from_linear": _encoded,
+    "sample_sums": _greys,
+    "point_irradiance": _irradiance,
+}
+
+
+@pytest.mark.parametrize("case", load("light"), ids=str)
+def test_light_when_hard_is_that_of_50_digits(case: Case) -> None:
+    check(case, SUBJECTS)

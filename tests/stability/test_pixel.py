@@ -1,0 +1,58 @@
+"""From direction to pixel and back: centre, rim, tiny pictures, extreme vectors, no numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics import camera as law
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+from stability.catalogue import Case, Invalid, check, load
+
+
+def valid_value(answer: tuple[Floats, Bools]) -> Floats:
+    """Return the value, which is finite whether valid or not; raise Invalid where it is not."""
+    value, valid = answer
+    assert np.isfinite(value).all(), f"{value}: a value beside its mask is no number"
+    if not valid:
+        raise Invalid("not seen")
+    return value
+
+
+def _camera(inputs: dict[str, Any]) -> law.OmniCamera:
+    return law.OmniCamera(
+        mirror=HyperbolicMirror(inputs["k"], 0.2),
+        width_px=inputs["width_px"],
+        height_px=inputs["height_px"],
+        centre_px=(inputs["centre_px"][0], inputs["centre_px"][1]),
+        horizon_radius_px=inputs["horizon_px"],
+        rim_rad=inputs["rim_rad"],
+        up_azimuth_rad=inputs["up_rad"],
+    )
+
+
+def _half_angle(direction: list[float]) -> Floats:
+    return valid_value(law.half_angle_tangent(np.array(direction)))
+
+
+def _pixel(direction: list[float], **of: Any) -> Floats:
+    return valid_value(law.pixel_from_direction(_camera(of), np.array(direction)))
+
+
+def _direction(pixel: list[float], **of: Any) -> Floats:
+    return valid_value(law.direction_from_pixel(_camera(of), np.array(pixel)))
+
+
+SUBJECTS = {
+    "half_angle": _half_angle,
+    "pixel_from_direction": _pixel,
+    "direction_from_pixel": _direction,
+}
+
+
+@pytest.mark.parametrize("case", load("pixel"), ids=str)
+def test_pixel_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+    check(case, SUBJECTS)

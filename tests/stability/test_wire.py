@@ -1,0 +1,40 @@
+"""Numbers on the wire, letter by letter, and the units that they come in."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.optics import units
+from catoptra_protocol.wire import numbers
+from stability.catalogue import Case, check, load
+
+
+def _fixed(value: float, decimals: int, text: str) -> float:
+    printed = numbers.fixed(value, decimals)
+    assert printed == text, f"{value!r} is printed as {printed}, not as {text}"
+    return float(printed)
+
+
+def _read(text: str) -> float:
+    return numbers.number_from_text(text)
+
+
+def _angle(angle_rad: float) -> float:
+    return numbers.unreal_angle(angle_rad)
+
+
+def _length(length_uu: float) -> float:
+    return units.metres_from_uu(length_uu)
+
+
+SUBJECTS = {
+    "fixed": _fixed,
+    "number_from_text": _read,
+    "unreal_angle": _angle,
+    "metres_from_uu": _length,
+}
+
+
+@pytest.mark.parametrize("case", load("wire"), ids=str)
+def test_number_when_hard_is_printed_and_read_to_the_letter(case: Case) -> None:
+    check(case, SUBJECTS)
