@@ -19,6 +19,7 @@ from helpers.configs import REPOSITORY
 PACKAGES = ("protocol", "server", "client")
 
 _DRAWN = "a picture: tests/server/figures/test_main.py draws it whole"
+_COST = "the study: tests/server/cost/test_command.py runs it whole, small"
 _RUN = "the experiment: tests/end_to_end/test_experiment.py runs it whole"
 
 # Modules without a test file of their own, and why.
@@ -33,6 +34,15 @@ WITHOUT_TEST = {
     "server/figures/polygon_error.py": _DRAWN,
     "server/figures/polygons.py": _DRAWN,
     "server/figures/rings.py": _DRAWN,
+    "server/cost/pictures/detail.py": _COST,
+    "server/cost/pictures/frame_rates.py": _COST,
+    "server/cost/pictures/landmarks.py": _COST,
+    "server/cost/pictures/legend.py": _COST,
+    "server/cost/pictures/pareto.py": _COST,
+    "server/cost/pictures/polygons.py": _COST,
+    "server/cost/study.py": _COST,
+    "server/cost/telling.py": _COST,
+    "client/experiment/cost/__main__.py": "a command line: tests/end_to_end/test_cost.py runs it",
     "client/__main__.py": "a command line: tests/client/landmarks/test_training.py does the work",
     "client/experiment/__main__.py": _RUN,
     "client/experiment/results.py": _RUN,
@@ -53,13 +63,19 @@ DOORS = {
     "trimesh": ("server/scene/mesh_files.py",),
     "PIL": ("server/scene/meshes.py", "server/figures"),
     "cv2": (
-        *("server/imaging/encode.py", "client/unwarp.py", "client/landmarks", "client/images.py"),
+        *(
+            "server/cost/image_error.py",
+            "server/imaging/encode.py",
+            "client/unwarp.py",
+            "client/landmarks",
+            "client/images.py",
+        ),
         "client/frame.py",
     ),
     "zmq": ("server/transports/zmq_stream_socket.py", "client/stream_socket.py"),
     "msgpack": ("protocol/wire/envelope.py",),
     "matplotlib": ("server/figures/style.py", "client/experiment/pictures/style.py"),
-    "rich": ("server/figures", "client/__main__.py", "client/experiment"),
+    "rich": ("server/cost", "server/figures", "client/__main__.py", "client/experiment"),
     "socket": (
         "client/tcp.py",
         "client/control_connection.py",

@@ -30,6 +30,31 @@ def measurement_figures(
     }
 
 
+def rms_errors(
+    recordings: Sequence[Recording], landmarks: Sequence[Landmark]
+) -> tuple[float, float]:
+    """Return the rms errors of range in metres and bearing in degrees; NaN where none was seen."""
+    pairs = [pair for recording in recordings for pair in _errors(recording, landmarks)]
+    if not pairs:
+        return math.nan, math.nan
+    range_m, bearing_rad = np.sqrt(np.mean(np.square(pairs), axis=0))
+    return float(range_m), math.degrees(bearing_rad)
+
+
+def found_share(
+    recordings: Sequence[Recording], landmarks: Sequence[Landmark], *, within_m: float
+) -> float:
+    """Return the share of beacons that were measured, of those truly so near; NaN for none."""
+    there = seen = 0
+    for step in (step for recording in recordings for step in recording.steps[1:]):
+        names = {measured.name for measured in step.seen}
+        for landmark in landmarks:
+            if landmark.kind == "beacon" and _true_polar(step, landmark)[0] <= within_m:
+                there += 1
+                seen += landmark.name in names
+    return seen / there if there else math.nan
+
+
 def _quantiles(values: np.ndarray[tuple[int]]) -> dict[str, float]:
     if not len(values):
         return {}

@@ -1,0 +1,1 @@
+"""What accuracy costs in time: steps from coarse to exact, each measured, told and pictured."""

@@ -1,0 +1,46 @@
+"""Tables in Markdown, aligned in their source, so that they read well without being rendered."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table; the first column is words, all others are numbers and stand right."""
+    cells = [[_escaped(cell) for cell in row] for row in (head, *rows)]
+    widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(head))]
+    rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
+    first, *others = cells
+    return "\n".join(_line(row, widths) for row in (first, rule, *others))
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    first, *others = zip(cells, widths, strict=True)
+    padded = [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]
+    return f"| {' | '.join(padded)} |"
+
+
+def _escaped(cell: str) -> str:
+    return cell.replace("|", "\\|")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, without an exponent where it is short."""
+    if math.isinf(value) or math.isnan(value):
+        return "-" if math.isnan(value) else "inf"
+    if value == 0.0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits - 1}e}" if decimals > 5 else f"{value:.{decimals}f}"
+
+
+def paragraph(text: str) -> str:
+    """Return a text wrapped as the sources are."""
+    return textwrap.fill(" ".join(text.split()), 100, break_on_hyphens=False)
+
+
+def bullet(text: str) -> str:
+    """Return a wrapped line of a list."""
+    return textwrap.indent(paragraph(text), "  ").replace("  ", "* ", 1)
