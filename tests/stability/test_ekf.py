@@ -1,0 +1,63 @@
+"""Hard cases of the filter: one update, a row of them, one prediction; what must be refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_client.localization import (
+    OPEN_GATE,
+    Belief,
+    Control,
+    LandmarkPosition,
+    MotionNoise,
+    RangeBearing,
+    ekf,
+)
+from stability.catalogue import Case, Invalid, Subject, check, load
+
+
+def _updated(mean: list[float], covariance: list[list[float]], seen: list[list[float]]) -> Belief:
+    belief = Belief(np.array(mean), np.array(covariance))
+    for x, y, r, gamma, r11, r12, r22 in seen:
+        measured = RangeBearing(r, gamma, np.array([[r11, r12], [r12, r22]]))
+        landmark = LandmarkPosition("l", x, y)
+        result = ekf.update(belief, measured, landmark=landmark, gate=OPEN_GATE)
+        if not result.accepted:
+            raise Invalid(result.reason)
+        belief = result.belief
+    return belief
+
+
+def _predicted(mean: Any, covariance: Any, v: float, turn: float, alphas: list[float]) -> Belief:
+    belief = Belief(np.array(mean), np.array(covariance))
+    return ekf.predict(belief, Control(v, turn), noise=MotionNoise(*alphas))
+
+
+def _sigmas(belief: Belief) -> Any:
+    return np.sqrt(np.diagonal(belief.covariance))
+
+
+def _correlations(belief: Belief) -> Any:
+    sigma = np.where(_sigmas(belief) > 0.0, _sigmas(belief), 1.0)
+    with np.errstate(under="ignore"):
+        return (belief.covariance / sigma / sigma[:, None])[[0, 0, 1], [1, 2, 2]]
+
+
+SUBJECTS: dict[str, Subject] = {
+    "updated_pose": lambda **inputs: _updated(**inputs).mean,
+    "updated_sigmas": lambda **inputs: _sigmas(_updated(**inputs)),
+    "updated_correlations": lambda **inputs: _correlations(_updated(**inputs)),
+    "predicted_sigmas": lambda **inputs: _sigmas(_predicted(**inputs)),
+    "predicted_correlations": lambda **inputs: _correlations(_predicted(**inputs)),
+    "refused": _updated,
+    "predicted": _predicted,
+    "belief": lambda mean, covariance: Belief(np.array(mean), np.array(covariance)),
+}
+
+
+@pytest.mark.parametrize("case", load("ekf"), ids=str)
+def test_hard_case_of_the_filter_holds(case: Case) -> None:
+    check(case, SUBJECTS)
