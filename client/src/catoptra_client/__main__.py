@@ -30,6 +30,7 @@ from catoptra_client.landmarks import (
     train,
 )
 from catoptra_client.robot import Robot
+from catoptra_client.shipped import landmark_file
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
 
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _train(parsed: argparse.Namespace, console: Console) -> None:
     """Train from labelled frames: the robot is put at random places of the field."""
-    landmarks = read_landmarks(parsed.landmarks)
+    landmarks = read_landmarks(landmark_file(parsed.landmarks))
     with Progress(console=console) as progress:
         task = progress.add_task("labelled frames", total=parsed.frames)
         frames = labelled_frames(
@@ -67,7 +68,7 @@ def _train(parsed: argparse.Namespace, console: Console) -> None:
 
 def _bearings(parsed: argparse.Namespace, console: Console) -> None:
     """Print the landmarks of every frame."""
-    landmarks = read_landmarks(parsed.landmarks)
+    landmarks = read_landmarks(landmark_file(parsed.landmarks))
     classifier = load_classifier(parsed.classifier)
     address = _address(parsed)
     with (
@@ -110,7 +111,9 @@ def _parser() -> argparse.ArgumentParser:
     watcher.add_argument("--start", default="Centre", help="start place of the robot")
     watcher.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
     for command in (trainer, watcher):
-        command.add_argument("--landmarks", type=Path, required=True, metavar="CSV")
+        command.add_argument(
+            "--landmarks", default="four_legged_2006", metavar="CSV", help="file, or a shipped one"
+        )
         command.add_argument("--host", default="127.0.0.1")
         command.add_argument("--control-port", type=int, default=3000)
         command.add_argument("--image-port", type=int, default=5003)

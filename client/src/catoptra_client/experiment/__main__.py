@@ -1,7 +1,8 @@
 """`python -m catoptra_client.experiment`: the paper's experiment in both set-ups, with its report.
 
-Has the camera's pictures drawn, starts a server process for each set-up, drives every seed, writes
-report.html, its pictures and summary.json. Only this module of the experiment prints.
+Starts a server process for each set-up, or uses one that runs elsewhere, drives every seed, has the
+camera's pictures drawn, writes report.html, its pictures and summary.json. Only this module of the
+experiment prints.
 """
 
 from __future__ import annotations
@@ -9,20 +10,20 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from catoptra_client.experiment.report import Picture
+from catoptra_client.experiment.camera_pictures import Drawing, camera_pictures
+from catoptra_client.experiment.remote_server import named_address
 from catoptra_client.experiment.results import write_results
+from catoptra_client.experiment.server_process import ServerAddress
 from catoptra_client.experiment.session import (
     Plan,
     SetupResult,
@@ -36,26 +37,29 @@ from catoptra_protocol.errors import CatoptraError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment; 0 = done and every claim holds, 1 = it failed or one does not."""
-    plan = _plan(_parser().parse_args(arguments))
+    parsed = _parser().parse_args(arguments)
+    plan = _plan(parsed)
     console = Console()
     try:
         plan.output.mkdir(parents=True, exist_ok=True)
-        return _run(plan, console)
-    except CatoptraError as error:
-        Console(stderr=True).print(f"experiment: {error}", style="red", markup=False)
+        return _run(plan, Drawing(parsed.pictures), console)
+    except (CatoptraError, OSError) as error:
+        Console(stderr=True).print(
+            f"experiment: {error}", style="red", markup=False, soft_wrap=True
+        )
         return 1
 
 
-def _run(plan: Plan, console: Console) -> int:
+def _run(plan: Plan, drawing: Drawing, console: Console) -> int:
     timing: dict[str, float] = {}
-    with _timed("pictures of the camera", timing):
-        camera_pictures, camera_numbers = _camera_pictures(plan)
     results, snapshot = _drives(plan, console, timing)
+    with _timed("pictures of the camera", timing):
+        pictures, camera_numbers = camera_pictures(plan, drawing)
     with _timed("report", timing):
         report = write_results(
             plan,
             results,
-            camera_pictures,
+            pictures,
             snapshot=snapshot,
             camera_numbers=camera_numbers,
             timing_s=timing,
@@ -70,6 +74,8 @@ def _drives(
 ) -> tuple[list[SetupResult], Snapshot | None]:
     """Train and drive under progress bars."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    for name, address in plan.servers.items():
+        console.print(f"{name}: server at {address.host}:{address.control_port}", markup=False)
     with Progress(*columns, TimeElapsedColumn(), console=console) as progress:
         steps = {s.name: plan.runs * (len(s.route) - 1) for s in plan.setups}
         tasks = {name: progress.add_task(f"{name}: steps", total=n) for name, n in steps.items()}
@@ -87,29 +93,6 @@ def _drives(
             with _timed(f"{setup.name} drives", timing):
                 results.append(run_setup(plan, setup, classifier, advance))
         return results, snapshot
-
-
-def _camera_pictures(plan: Plan) -> tuple[list[Picture], dict[str, Any]]:
-    """Have the server's own command draw faces, cube, mirrors and comparisons."""
-    worlds = plan.configs / "worlds"
-    command = [
-        *(sys.executable, "-m", "catoptra_server.figures", "--output", str(plan.output)),
-        *("--robot", str(plan.configs / "robots" / "p2at_omni.ini"), "--world", str(plan.world)),
-        *("--rings-world", str(worlds / "incidence_rings.ini")),
-    ]
-    if subprocess.run(command, check=False).returncode != 0:
-        raise CatoptraError("the pictures of the camera could not be drawn: see the lines above")
-    drawn = json.loads((plan.output / "figures.json").read_text(encoding="utf-8"))
-    pictures = [
-        Picture(
-            entry["file"],
-            f"{entry['title']} (the paper's {entry['figure']})",
-            entry["caption"],
-            entry["alt"],
-        )
-        for entry in drawn["figures"]
-    ]
-    return pictures, drawn["numbers"]
 
 
 def _conclude(plan: Plan, report: Path, console: Console) -> int:
@@ -133,13 +116,25 @@ def _timed(name: str, timing: dict[str, float]) -> Iterator[None]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="catoptra-experiment", description=__doc__)
-    parser.add_argument("--configs", type=Path, default=Path("configs"), metavar="DIR")
+    parser.add_argument("--configs", type=Path, metavar="DIR", help="default: the shipped ones")
     parser.add_argument("--output", type=Path, default=Path("out/demo"), metavar="DIR")
     parser.add_argument("--setup", choices=["sim", "real", "both"], default="both")
     parser.add_argument("--runs", type=int, default=20, help="seeds a set-up")
     parser.add_argument("--seed", type=int, default=0, help="of all random numbers")
     parser.add_argument("--training-frames", type=int, default=30)
     parser.add_argument("--renderer", choices=["auto", "trace", "raster"], default="auto")
+    parser.add_argument(
+        "--server", type=_named, action="append", default=[],
+        metavar="SETUP=HOST[:CONTROL[:IMAGE]]",
+        help="use this lockstep server for a set-up instead of starting one",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pictures", choices=[d.value for d in Drawing], default=Drawing.HERE.value,
+        help="who draws the camera's: the server installed here, somebody else into DIR, nobody",
+    )  # fmt: skip
+    parser.add_argument(
+        "--patience", type=float, default=60.0, metavar="S", help="for what is elsewhere"
+    )
     return parser
 
 
@@ -153,7 +148,16 @@ def _plan(parsed: argparse.Namespace) -> Plan:
         seed=parsed.seed,
         training_frames=max(1, parsed.training_frames),
         server_arguments=("--renderer", parsed.renderer),
+        servers=dict(parsed.server),
+        patience_s=parsed.patience,
     )
+
+
+def _named(text: str) -> tuple[str, ServerAddress]:
+    try:
+        return named_address(text)
+    except CatoptraError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 if __name__ == "__main__":

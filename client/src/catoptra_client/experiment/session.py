@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from catoptra_client.experiment.recording import ROBOT_CLASS, Recording, record
+from catoptra_client.experiment.remote_server import answering
 from catoptra_client.experiment.replay import Trace, replay
 from catoptra_client.experiment.server_process import ServerAddress, running_server
 from catoptra_client.experiment.setups import FILTERS, Setup, Sighting
@@ -26,6 +27,7 @@ from catoptra_client.landmarks import (
 from catoptra_client.landmarks.histogram import Bytes
 from catoptra_client.localization import landmark_map
 from catoptra_client.robot import Robot
+from catoptra_client.shipped import landmark_file
 from catoptra_protocol.landmarks import Landmark, read_landmarks
 
 Advance = Callable[[str], None]
@@ -36,29 +38,42 @@ _VIEW_FROM = (1.0, -0.6, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run. configs: the folder with robots/, worlds/ and landmarks/."""
+    """What to run.
 
-    configs: Path
+    configs: the folder with robots/, worlds/ and landmarks/; None: those that come with server and
+    client. servers: those that run elsewhere, by set-up; the others are started here. patience_s:
+    how long something elsewhere may take to be there.
+    """
+
+    configs: Path | None
     output: Path
     setups: tuple[Setup, ...]
     runs: int
     seed: int
     training_frames: int
     server_arguments: tuple[str, ...] = ()
+    servers: Mapping[str, ServerAddress] = field(default_factory=dict)
+    patience_s: float = 60.0
 
     @property
     def world(self) -> Path:
         """Return the world file of the field."""
-        return self.configs / "worlds" / "four_legged_2006.ini"
+        return self.world_file("four_legged_2006.ini")
 
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Return the landmarks: the same file that the world draws."""
+        if self.configs is None:
+            return read_landmarks(landmark_file("four_legged_2006"))
         return read_landmarks(self.configs / "landmarks" / "four_legged_2006.csv")
 
-    def robot(self, setup: Setup) -> Path:
-        """Return the robot file of a set-up."""
-        return self.configs / "robots" / setup.robot_file
+    def robot_file(self, name: str) -> Path:
+        """Return a robot file; of a shipped one its bare name, by which the server finds it."""
+        return Path(Path(name).stem) if self.configs is None else self.configs / "robots" / name
+
+    def world_file(self, name: str) -> Path:
+        """Return a world file; of a shipped one its bare name."""
+        return Path(Path(name).stem) if self.configs is None else self.configs / "worlds" / name
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +97,7 @@ class Snapshot:
 def train_classifier(plan: Plan, advance: Advance) -> tuple[ColourClassifier, Snapshot]:
     """Train from a server's frames, save the classifier; return it with an example of its use."""
     setup = next(s for s in plan.setups if s.sighting is Sighting.PIXELS)
-    with _server(plan, setup) as address:
+    with server_for(plan, setup) as address:
         frames = labelled_frames(
             address,
             landmarks=plan.landmarks,
@@ -115,7 +130,7 @@ def run_setup(
 ) -> SetupResult:
     """Drive every seed on one server and replay every filter."""
     landmarks = plan.landmarks
-    with _server(plan, setup) as address:
+    with server_for(plan, setup) as address:
         recordings = tuple(
             record(
                 setup,
@@ -132,9 +147,12 @@ def run_setup(
     return SetupResult(setup, recordings, traces)
 
 
-def _server(plan: Plan, setup: Setup) -> AbstractContextManager[ServerAddress]:
+def server_for(plan: Plan, setup: Setup) -> AbstractContextManager[ServerAddress]:
+    """Return a set-up's server: the one elsewhere, else a process for the block."""
+    if setup.name in plan.servers:
+        return nullcontext(answering(plan.servers[setup.name], patience_s=plan.patience_s))
     return running_server(
-        plan.robot(setup),
+        plan.robot_file(setup.robot_file),
         plan.world,
         seed=plan.seed,
         log=plan.output / f"server_{setup.name}.log",

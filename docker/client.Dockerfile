@@ -1,0 +1,34 @@
+# What a robot's author installs, and the experiment: no OpenGL, no server, nothing of either.
+# The context is the repository: docker build -f docker/client.Dockerfile .
+FROM debian:bookworm-slim AS build
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends ca-certificates python3 python3-venv \
+ && rm -rf /var/lib/apt/lists/*
+RUN python3 -m venv /opt/catoptra
+WORKDIR /src
+COPY constraints.txt ./
+RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
+      matplotlib msgpack numpy opencv-contrib-python-headless pyzmq rich
+COPY configs configs
+COPY protocol protocol
+COPY client client
+RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
+      ./protocol './client[experiment]' \
+ && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
+
+FROM debian:bookworm-slim
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends python3 \
+ && rm -rf /var/lib/apt/lists/* \
+ && useradd --system --uid 10001 --no-create-home --home-dir /nonexistent catoptra
+COPY --from=build /opt/catoptra /opt/catoptra
+ENV PATH=/opt/catoptra/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
+    MPLCONFIGDIR=/tmp/matplotlib OPENBLAS_NUM_THREADS=1
+# The proof: everything of the client is loaded, and there was no OpenGL that it could have used.
+RUN ! ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
+ && python3 -c "import catoptra_client.__main__, catoptra_client.experiment.__main__" \
+ && python3 -c "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, \
+      ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL', 'embreex'])))"
+USER catoptra
+ENTRYPOINT ["catoptra-client"]
+CMD ["--help"]

@@ -1,0 +1,38 @@
+# The simulated robot and its eye, with software OpenGL: raster draws without a graphics processor.
+# The context is the repository: docker build -f docker/server.Dockerfile .
+FROM debian:bookworm-slim AS build
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends ca-certificates python3 python3-venv \
+ && rm -rf /var/lib/apt/lists/*
+RUN python3 -m venv /opt/catoptra
+WORKDIR /src
+# Requirements first: they change less often than what is below, and are most of the image.
+COPY constraints.txt ./
+RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
+      embreex matplotlib moderngl msgpack numpy opencv-contrib-python-headless \
+      pillow pycollada pyzmq rich trimesh
+COPY configs configs
+COPY protocol protocol
+COPY server server
+RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
+      ./protocol './server[figures]' \
+ && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
+
+FROM debian:bookworm-slim
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends python3 libegl1 libgl1 libgl1-mesa-dri \
+ && rm -rf /var/lib/apt/lists/* \
+ && useradd --system --uid 10001 --no-create-home --home-dir /nonexistent catoptra
+COPY --from=build /opt/catoptra /opt/catoptra
+# Drivers and matplotlib keep caches; the rest of the file system may be read-only.
+ENV PATH=/opt/catoptra/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
+    XDG_CACHE_HOME=/tmp/cache MPLCONFIGDIR=/tmp/matplotlib \
+    OPENBLAS_NUM_THREADS=1
+USER catoptra
+EXPOSE 3000 5003 5005
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=5s --timeout=3s --start-period=10s --retries=3 \
+  CMD ["catoptra-server", "doctor", "--answers", "127.0.0.1"]
+ENTRYPOINT ["catoptra-server"]
+# Inside the container every address is its own; who may connect is said where ports are published.
+CMD ["--robot", "p2at_omni", "--world", "four_legged_2006", "--host", "0.0.0.0"]
