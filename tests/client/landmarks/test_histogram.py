@@ -83,3 +83,10 @@ def test_bins_that_do_not_divide_a_byte_are_refused(bins: int) -> None:
 def test_pixels_that_are_not_rgb_bytes_are_refused(bad) -> None:
     with pytest.raises(DomainError, match="RGB pixels"):
         histogram_from_pixels(bad)
+
+
+def test_unsigned_count_that_would_turn_negative_is_refused() -> None:
+    counts = np.zeros((2, 2, 2), dtype=np.uint64)
+    counts[0, 0, 0] = 2**63 + 5
+    with pytest.raises(DomainError, match="at most"):
+        Histogram(counts)

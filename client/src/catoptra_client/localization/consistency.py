@@ -18,7 +18,7 @@ from catoptra_protocol.optics.numerics import Floats, angle_difference
 # Of unit variances, rank is plain to see whatever the units: below this only rounding is left.
 _SMALLEST_EIGENVALUE = 1e-12
 # Up to here the series is summed: some hundred terms a step. Above, Wilson & Hilferty's cube root
-# is within 1e-6 of it.
+# is within 2e-6 of it.
 _SUMMED_FREEDOM = 1000
 # Nearer to 0 or 1 the series' own rounding, 1e-13, would tell.
 _CONFIDENCE = (1e-6, 1.0 - 1e-6)
@@ -48,7 +48,7 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
 def mean_interval(size: int, runs: int, *, confidence: float = 0.95) -> tuple[float, float]:
     """Return the two-sided interval of the mean of `runs` chi-square values of `size` freedoms.
 
-    Holds to 1e-6 relative. Domain: at least one freedom, confidence in 1e-6 .. 1 - 1e-6.
+    Holds to 2e-6 relative. Domain: at least one freedom, confidence in 1e-6 .. 1 - 1e-6.
     """
     freedom = size * runs
     if freedom < 1 or not _CONFIDENCE[0] <= confidence <= _CONFIDENCE[1]:

@@ -1,0 +1,65 @@
+"""Hard cases of the detector: a beacon whose lower band nears the horizon from either side."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import pytest
+
+from catoptra_client.landmarks import beacons
+from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks.sightings import Candidate, Eye
+from catoptra_client.landmarks.viewpoint import Viewpoint
+from catoptra_client.unwarp import CylinderGeometry
+from catoptra_protocol.landmarks import Landmark
+from client.landmarks.ideal import box
+from stability.catalogue import Case, Invalid, Subject, check, load
+from stability.test_ranging import CAMERA
+
+BEACON = Landmark("b", "beacon", 0.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
+# The middle of the lower band.
+BAND_M = 0.25
+
+
+@cache
+def _cylinder() -> CylinderGeometry:
+    # Its rows reach the horizon exactly: slope 0 is row 64.
+    return CylinderGeometry(columns=720, rows=192, top_slope=-0.5, bottom_slope=1.0)
+
+
+def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
+    place = {"range_m": range_m, "width_m": 0.1, "eye_m": BAND_M + drop_m}
+    lower = box(_cylinder(), "cyan", heights_m=(0.2, 0.3), **place)
+    return lower, box(_cylinder(), "magenta", heights_m=(0.3, 0.4), **place)
+
+
+def _seen(range_m: float, drop_m: float) -> Candidate:
+    eye = Eye(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
+    found = beacons.beacon_candidates(eye, BEACON, _bands(range_m, drop_m))
+    if not found:
+        raise Invalid("no beacon")
+    (candidate,) = found
+    numbers = candidate.sighting
+    assert all(
+        map(
+            math.isfinite,
+            (
+                numbers.range_m,
+                numbers.azimuth_rad,
+                numbers.range_sigma_m,
+                numbers.azimuth_sigma_rad,
+            ),
+        )
+    )
+    return candidate
+
+
+SUBJECTS: dict[str, Subject] = {
+    "has_range": lambda range_, drop: _seen(range_, drop).has_range,
+}
+
+
+@pytest.mark.parametrize("case", load("detector"), ids=str)
+def test_hard_case_of_the_detector_holds(case: Case) -> None:
+    check(case, SUBJECTS)

@@ -1,0 +1,29 @@
+"""Hard cases of histograms: nothing, as many pixels as fit, and one more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_client.landmarks import histogram
+from catoptra_client.landmarks.histogram import Histogram
+from stability.catalogue import Case, Subject, check, load
+
+
+def _of(counts: list[Any]) -> Histogram:
+    """Return a histogram with these counts in its first bins."""
+    return Histogram(np.array([*counts, *[0] * (8 - len(counts))]).reshape(2, 2, 2))
+
+
+SUBJECTS: dict[str, Subject] = {
+    "total": lambda counts: _of(counts).total,
+    "merged": lambda first, second: histogram.merged(_of(first), _of(second)).counts.ravel()[:3],
+    "spread_total": lambda counts: histogram.spread(_of(counts)).total,
+}
+
+
+@pytest.mark.parametrize("case", load("histogram"), ids=str)
+def test_hard_case_of_histograms_holds(case: Case) -> None:
+    check(case, SUBJECTS)

@@ -1,0 +1,27 @@
+"""Hard cases of Eq. 3: ties, unseen colours, empty classes, thresholds of zero and infinity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_client.landmarks import classifier
+from catoptra_client.landmarks.histogram import Histogram
+from stability.catalogue import Case, Subject, check, load
+
+
+def _accepted(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) -> bool:
+    """Return what is said of the first bin; the rest of both classes lies in bins of their own."""
+    positive, negative = np.zeros((2, 8), dtype=np.int64)
+    positive[:2] = n_pos, all_pos - n_pos
+    negative[[0, 2]] = n_neg, all_neg - n_neg
+    histograms = (Histogram(counts.reshape(2, 2, 2)) for counts in (positive, negative))
+    return bool(classifier.accepts(*histograms, theta=theta)[0, 0, 0])
+
+
+SUBJECTS: dict[str, Subject] = {"accepted": _accepted}
+
+
+@pytest.mark.parametrize("case", load("likelihood"), ids=str)
+def test_hard_case_of_the_likelihood_ratio_holds(case: Case) -> None:
+    check(case, SUBJECTS)

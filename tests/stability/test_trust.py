@@ -1,0 +1,33 @@
+"""Hard cases of gate, interval and NEES: tiny tails, one freedom and many, singular beliefs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_client.localization import Belief, consistency, gate
+from stability.catalogue import Case, Invalid, Subject, check, load
+
+
+def _nees(mean: Any, covariance: Any, truth: Any) -> float:
+    belief = Belief(np.array(mean), np.array(covariance))
+    value, defined = consistency.nees(belief, np.array(truth))
+    if not defined:
+        raise Invalid
+    return value
+
+
+SUBJECTS: dict[str, Subject] = {
+    "threshold": lambda size, share: gate.Gate(share).threshold(size),
+    "interval": lambda size, runs, confidence: consistency.mean_interval(
+        size, runs, confidence=confidence
+    ),
+    "nees": _nees,
+}
+
+
+@pytest.mark.parametrize("case", load("trust"), ids=str)
+def test_hard_case_of_trust_holds(case: Case) -> None:
+    check(case, SUBJECTS)
