@@ -8,13 +8,13 @@ import itertools
 import pytest
 
 from catoptra_client.stream import StreamClient
+from catoptra_client.stream_landmarks import SeenLandmark
 from catoptra_protocol.errors import (
     CatoptraError,
     ConnectionLostError,
     RemoteProtocolError,
     ServerSlowError,
 )
-from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.wire.reports import OdometryReading, line_from_report
 from catoptra_protocol.wire.stream import bytes_from_message
 from catoptra_protocol.wire.stream_answers import (
@@ -50,8 +50,11 @@ def plain(request: Request) -> list[Answer]:
     match request:
         case AskStatus(id_):
             return [dataclasses.replace(STATUS, id=id_)]
-        case AskLandmarks(id_):
+        case AskLandmarks(id_, None):
             return [LandmarksAre(id_, (LANDMARK,))]
+        case AskLandmarks(id_):
+            seen = dataclasses.replace(LANDMARK, pixel=(1.5, 2.5), visible=True)
+            return [LandmarksAre(id_, (seen,), 0.25)]
         case AskStarts(id_):
             return [StartsAre(id_, ())]
         case AskDrive(id_) | AskReset(id_):
@@ -84,7 +87,9 @@ def test_client_when_everything_is_answered_returns_what_was_said() -> None:
         assert client.step(0.2) == client.readings()
         client.drive(1.0, 2.0)
         client.reset()
-        assert client.landmarks() == (Landmark(**dataclasses.asdict(LANDMARK)),)
+        (mark,) = client.landmarks()
+        assert (mark.name, mark.upper_colour) == (LANDMARK.name, LANDMARK.upper_colour)
+        assert client.landmarks_seen("Mine") == (SeenLandmark(mark, (1.5, 2.5), True, 0.25),)
         assert client.start_poses() == ()
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.server_file import settings_of
-from catoptra_server.robot.description import RobotDescription
+from catoptra_server.robot.description import RobotDescription, SensorDescription
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.setup import Setup, ray_caster, read_setup
 from helpers.configs import small_world
@@ -66,9 +67,13 @@ def setup_of(robot: RobotDescription) -> Setup:
     return Setup((robot,), world, build_scene(world))
 
 
-def test_ray_caster_when_nothing_measures_is_none() -> None:
-    assert ray_caster(setup_of(p2at())) is None
-
-
-def test_ray_caster_when_a_robot_has_a_scanner_is_there() -> None:
-    assert ray_caster(setup_of(p2at(sensors=(SCANNER,)))) is not None
+@pytest.mark.parametrize("sensors", [(), (SCANNER,)])
+def test_ray_caster_when_asked_measures_whether_sensors_do_or_not(
+    sensors: tuple[SensorDescription, ...],
+) -> None:
+    caster = ray_caster(setup_of(p2at(sensors=sensors)))
+    origins, ahead = np.array([[0.0, 0.0, -0.5]]), np.array([[1.0, 0.0, 0.0]])
+    assert caster.distances(origins, ahead) == pytest.approx([50.0])
+    distances, normals = caster.hits(origins, ahead)
+    assert distances == pytest.approx([50.0])
+    assert abs(normals) == pytest.approx(ahead)

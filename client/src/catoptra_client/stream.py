@@ -7,7 +7,6 @@ after the server was away; the robot is then gone and has to be spawned again.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import logging
 import time
@@ -17,6 +16,11 @@ from typing import Self, TypeVar
 
 from catoptra_client.frame import Frame
 from catoptra_client.stream_frame import CameraLaws, frame_from_parts
+from catoptra_client.stream_landmarks import (
+    SeenLandmark,
+    landmarks_from_answer,
+    seen_from_answer,
+)
 from catoptra_client.stream_socket import StreamSocket
 from catoptra_protocol.camera_conf import camera_from_pairs
 from catoptra_protocol.errors import (
@@ -160,8 +164,13 @@ class StreamClient:
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """Return where the world's landmarks truly are."""
-        answer = self._ask(AskLandmarks(next(self._ids)), LandmarksAre)
-        return tuple(Landmark(**dataclasses.asdict(record)) for record in answer.landmarks)
+        return landmarks_from_answer(self._ask(AskLandmarks(next(self._ids)), LandmarksAre))
+
+    def landmarks_seen(self, robot: str = "", camera: str = "") -> tuple[SeenLandmark, ...]:
+        """Return what a camera sees of the landmarks now; names as for `frame`."""
+        return seen_from_answer(
+            self._ask(AskLandmarks(next(self._ids), robot, camera), LandmarksAre)
+        )
 
     def start_poses(self) -> tuple[StartRecord, ...]:
         """Return the named start poses of the world."""

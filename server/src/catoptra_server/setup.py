@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SECTIONS, Said, read_server
@@ -25,7 +26,7 @@ from catoptra_server.sensors.sight import RayCaster
 
 log = logging.getLogger(__name__)
 
-# What needs rays. A scene that nothing measures is not committed a second time.
+# What needs rays all the time. A scene that nothing else measures is committed once it is.
 _MEASURING = (
     RangeScannerDescription,
     SonarDescription,
@@ -76,11 +77,34 @@ def _report_unknown(file: IniFile) -> None:
         log.warning("%s: key %s is not known here and has no effect", entry.where, entry.key)
 
 
-def ray_caster(setup: Setup) -> RayCaster | None:
-    """Return the scene for sensors that measure it; None if no robot has one."""
+def ray_caster(setup: Setup) -> RayCaster:
+    """Return the scene to be measured, ready if a robot has a sensor that does."""
+    caster = _CasterOnDemand(setup.scene)
     sensors = [sensor for robot in setup.robots for sensor in robot.sensors]
-    if not any(isinstance(sensor, _MEASURING) for sensor in sensors):
-        return None
-    from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+    if any(isinstance(sensor, _MEASURING) for sensor in sensors):
+        caster.ready()
+    return caster
 
-    return EmbreeRayCaster(setup.scene)
+
+class _CasterOnDemand:
+    """A ray caster that takes time and memory from its first use on."""
+
+    def __init__(self, scene: SceneMesh) -> None:
+        self._scene = scene
+        self._caster: RayCaster | None = None
+
+    def ready(self) -> RayCaster:
+        """Return the caster, made the first time."""
+        if self._caster is None:
+            from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+
+            self._caster = EmbreeRayCaster(self._scene)
+        return self._caster
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        """Return (n,) metres along directions; inf = nothing met."""
+        return self.ready().distances(origins, directions)
+
+    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the distances, and (n, 3) normals of what is met."""
+        return self.ready().hits(origins, directions)

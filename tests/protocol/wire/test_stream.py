@@ -20,7 +20,9 @@ from catoptra_protocol.wire.stream_requests import REQUESTS, Request
 from helpers.stream_messages import SAMPLE_ANSWERS, SAMPLE_REQUESTS
 
 MESSAGES = [*SAMPLE_REQUESTS, *SAMPLE_ANSWERS]
-MISSING = [(message, field.name) for message in MESSAGES for field in dataclasses.fields(message)]
+FIELDS = [(message, field) for message in MESSAGES for field in dataclasses.fields(message)]
+LATE = [(m, field.name) for m, field in FIELDS if field.default is None]
+MISSING = [(m, field.name) for m, field in FIELDS if field.default is dataclasses.MISSING]
 
 
 def read(data: bytes) -> Request | Answer | None:
@@ -38,6 +40,15 @@ def test_samples_are_all_messages() -> None:
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.KIND)
 def test_message_when_packed_and_read_is_itself(message: Request | Answer) -> None:
     assert read(bytes_from_message(message)) == message
+
+
+@pytest.mark.parametrize(("message", "name"), LATE, ids=lambda x: getattr(x, "KIND", x))
+def test_field_when_it_came_later_and_is_missing_is_none(
+    message: Request | Answer, name: str
+) -> None:
+    fields = msgpack.unpackb(bytes_from_message(message))
+    del fields[name]
+    assert getattr(read(msgpack.packb(fields)), name) is None
 
 
 @pytest.mark.parametrize(("message", "name"), MISSING, ids=lambda x: getattr(x, "KIND", x))

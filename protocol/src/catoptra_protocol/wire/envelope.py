@@ -1,8 +1,9 @@
 """Frozen dataclasses to msgpack maps and back: the one door to msgpack. No socket, no clock.
 
 A message is a map of field names to values. What is read is checked against the types of the
-dataclass: unknown fields are ignored, a missing or wrong one is refused with its name. Sizes are
-limited before memory is taken; no extension types, no object hooks. Source: msgpack's spec.md.
+dataclass: unknown fields are ignored, a missing or wrong one is refused with its name; one with a
+default may be missing, since it came later than others. Sizes are limited before memory is taken;
+no extension types, no object hooks. Source: msgpack's spec.md.
 """
 
 from __future__ import annotations
@@ -67,9 +68,10 @@ def read(form: type[_T], fields: Fields, path: str = "") -> _T:
     values = {}
     key: Any = form  # a class can be hashed, which type[T] does not promise
     for name, reader in _readers(key).items():
-        if name not in fields:
+        if name in fields:
+            values[name] = reader(fields[name], f"{path}.{name}" if path else name)
+        elif name not in _late_fields(key):
             raise RemoteProtocolError(f"{path or form.__name__} without the field {name!r}")
-        values[name] = reader(fields[name], f"{path}.{name}" if path else name)
     return form(**values)
 
 
@@ -86,6 +88,13 @@ def _readers(form: Any) -> dict[str, Reader]:
     """Return how each field of a dataclass is read."""
     hints = get_type_hints(form)
     return {field.name: _reader(hints[field.name]) for field in dataclasses.fields(form)}
+
+
+@cache
+def _late_fields(form: Any) -> frozenset[str]:
+    """Return the fields that have a default: older peers do not know them."""
+    fields = dataclasses.fields(form)
+    return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
 
 
 def _reader(hint: Any) -> Reader:

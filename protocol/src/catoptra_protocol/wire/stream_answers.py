@@ -108,7 +108,11 @@ class CameraIs:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkRecord:
-    """One landmark, with the fields and units of the landmarks' file."""
+    """One landmark, with the fields and units of the landmarks' file.
+
+    Of the camera that was asked about, else None: pixel, where the middle of the band lies in its
+    picture, None outside it. visible: whether it lies there and nothing stands before it.
+    """
 
     name: str
     kind: str
@@ -120,16 +124,19 @@ class LandmarkRecord:
     band_top_m: float
     lower_colour: str
     upper_colour: str
+    pixel: tuple[float, float] | None = None
+    visible: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarksAre:
-    """All landmarks of the world, in the world frame."""
+    """All landmarks of the world, in the world frame. time_s: when a camera saw them so."""
 
     KIND: ClassVar[str] = "landmarks"
 
     id: int
     landmarks: tuple[LandmarkRecord, ...]
+    time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,11 +100,16 @@ class AskCamera:
 
 @dataclass(frozen=True, slots=True)
 class AskLandmarks:
-    """Ask where the world's landmarks truly are."""
+    """Ask where the world's landmarks truly are; with a robot or camera, what that camera sees.
+
+    robot, camera: as in AskFrame; both None: what is seen is not asked.
+    """
 
     KIND: ClassVar[str] = "ask_landmarks"
 
     id: int
+    robot: str | None = None
+    camera: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,12 +27,14 @@ from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.sensors.camera import Camera
 from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
 from catoptra_server.simulation.answers import configurations, geometries
 from catoptra_server.simulation.appearance import Appearance
 from catoptra_server.simulation.requests import Client
 from catoptra_server.simulation.screen import Screen, own_scenery, watched
 from catoptra_server.simulation.set_commands import obey_set
+from catoptra_server.simulation.sightings import Sighting, sightings
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 from catoptra_server.simulation.spawning import class_named, free_name, spawn_pose
 from catoptra_server.simulation.traffic import Traffic
@@ -187,10 +189,23 @@ class Fleet:
         match channel:
             case ScreenChannel(tile):
                 return self._screen.scenery(robots, self._bodies_of, tile=tile)
-            case CameraChannel(name, camera_name):
-                robot = _named(robots, name)
-                camera = robot and robot.camera_named(camera_name)
-                return own_scenery(robot, camera, self._bodies_of) if robot and camera else None
+            case CameraChannel():
+                found = self._camera(channel)
+                return own_scenery(*found, self._bodies_of) if found else None
+
+    def sightings(self, channel: CameraChannel) -> tuple[Sighting, ...] | None:
+        """Return what a camera sees of the landmarks now; None: no such robot or camera."""
+        found = self._camera(channel)
+        if found is None:
+            return None
+        robot, camera = found
+        take = camera.take(robot.world_from_robot, joints=robot.joints)
+        return sightings(take, self._world.landmarks, self.look(robot))
+
+    def _camera(self, channel: CameraChannel) -> tuple[SpawnedRobot, Camera] | None:
+        robot = _named(list(self._robots.values()), channel.robot)
+        camera = robot.camera_named(channel.camera) if robot else None
+        return (robot, camera) if robot and camera else None
 
     def _bodies_of(self, robot: SpawnedRobot) -> tuple[Body, ...]:
         return self._appearance.bodies(self.others(robot))

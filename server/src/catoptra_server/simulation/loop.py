@@ -24,6 +24,7 @@ from catoptra_server.simulation.requests import (
     Client,
     Drawn,
     FrameWanted,
+    LandmarksSought,
     Left,
     Request,
     Stop,
@@ -128,6 +129,8 @@ class Simulation:
                 self._reels.want(channel, newer_than)
             case Drawn(channel):
                 self._reels.drawn(channel)
+            case LandmarksSought(channel, reply):
+                reply(self._time_s, self._fleet.sightings(channel))
 
     def _step(self, client: Client, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the answer ends with the client's sensors and RES."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_protocol.wire.commands import Command
 from catoptra_protocol.wire.reports import Report
-from catoptra_server.imaging.shot import SCREEN, Channel
+from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel
+from catoptra_server.simulation.sightings import Sighting
 
 
 class Client(Protocol):
@@ -53,8 +54,19 @@ class Drawn:
 
 
 @dataclass(frozen=True, slots=True)
+class LandmarksSought:
+    """Somebody asks what a camera sees of the landmarks now.
+
+    reply: told the time and the landmarks, None if there is no such camera; returns at once.
+    """
+
+    channel: CameraChannel
+    reply: Callable[[float, tuple[Sighting, ...] | None], None]
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """End the simulation."""
 
 
-Request = Asked | Left | FrameWanted | Drawn | Stop
+Request = Asked | Left | FrameWanted | Drawn | LandmarksSought | Stop

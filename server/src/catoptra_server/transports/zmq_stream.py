@@ -7,13 +7,11 @@ has its own pace, nothing queues, and a client that stalls costs nobody anything
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.wire.stream import (
     SCHEMA_VERSION,
     bytes_from_message,
@@ -21,8 +19,6 @@ from catoptra_protocol.wire.stream import (
 )
 from catoptra_protocol.wire.stream_answers import (
     CameraIs,
-    LandmarkRecord,
-    LandmarksAre,
     Pulse,
     Refused,
     StartsAre,
@@ -39,6 +35,7 @@ from catoptra_server.mailbox import Mailboxes
 from catoptra_server.simulation import Request as SimulationRequest
 from catoptra_server.transports.zmq_stream_facts import StreamFacts, placement
 from catoptra_server.transports.zmq_stream_frames import FrameSlot
+from catoptra_server.transports.zmq_stream_landmarks import answer_landmarks
 from catoptra_server.transports.zmq_stream_peer import StreamPeer
 from catoptra_server.transports.zmq_stream_socket import RouterSocket, Sent
 
@@ -148,9 +145,9 @@ class StreamServer:
         match request:
             case AskCamera(id_, name):
                 peer.answer(self._camera(id_, name))
-            case AskLandmarks(id_):
-                marks = tuple(map(_record, self._facts.landmarks))
-                peer.answer(LandmarksAre(id_, marks))
+            case AskLandmarks():
+                known = self._facts.landmarks
+                answer_landmarks(request, known, answer=peer.answer, post=self._post)
             case AskStarts(id_):
                 peer.answer(StartsAre(id_, self._facts.starts))
             case AskStatus(id_):
@@ -206,11 +203,6 @@ async def _pulses(server: StreamServer) -> None:
     while True:
         await asyncio.sleep(PULSE_S)
         server.pulse()
-
-
-def _record(landmark: Landmark) -> LandmarkRecord:
-    names = [field.name for field in dataclasses.fields(LandmarkRecord)]
-    return LandmarkRecord(**{name: getattr(landmark, name) for name in names})
 
 
 def _request(parts: list[bytes]) -> Request:

@@ -10,12 +10,13 @@ import time
 from collections.abc import Callable
 
 from catoptra_protocol.wire.stream import SCHEMA_VERSION, bytes_from_message
-from catoptra_protocol.wire.stream_answers import FrameHeader, Refused
+from catoptra_protocol.wire.stream_answers import FrameHeader
 from catoptra_protocol.wire.stream_requests import AskFrame
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel
 from catoptra_server.mailbox import Mailbox, Mailboxes, NothingShownError
 from catoptra_server.transports.zmq_stream_facts import placement
+from catoptra_server.transports.zmq_stream_landmarks import nothing_shown
 from catoptra_server.transports.zmq_stream_socket import Sent
 
 Send = Callable[[list[bytes]], Sent]
@@ -78,7 +79,8 @@ class FrameSlot:
                 frame = await mailbox.newer_than(last)
             except NothingShownError:
                 request, self._asked = self._asked, None
-                self._send([bytes_from_message(_nothing_shown(request))])
+                refusal = nothing_shown(request.id, request.robot, request.camera)
+                self._send([bytes_from_message(refusal)])
                 continue
             request, self._asked = self._asked, None
             payload = await asyncio.to_thread(frame.payload, request.encoding)
@@ -131,9 +133,3 @@ def _channel(request: AskFrame) -> Channel:
     """Return what to draw: what the screen shows, unless somebody's camera is named."""
     named = request.robot or request.camera
     return CameraChannel(request.robot, request.camera) if named else SCREEN
-
-
-def _nothing_shown(request: AskFrame) -> Refused:
-    robot = f"robot {request.robot!r}" if request.robot else "the robot on the screen"
-    camera = f"camera {request.camera!r}" if request.camera else "camera"
-    return Refused(request.id, f"there is no {camera} of {robot}")
