@@ -10,11 +10,11 @@ import pytest
 
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server import serving as module
-from catoptra_server.serving import main
 from catoptra_server.app import Listening, Options
 from catoptra_server.config.server_file import Said
 from catoptra_server.imaging.multi_view import multi_view
 from catoptra_server.render.raster import context
+from catoptra_server.serving import main
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy, line_of, small_world
 from helpers.server_process import small_robot
 
@@ -185,6 +185,12 @@ def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
         frame_skip=6,
         multi_view=multi_view(4, 1, width_px=320, height_px=240),
     )
+
+
+def test_command_line_when_it_turns_a_dial_counts_more_than_files() -> None:
+    options = options_of("--max-error-px", "0.5", "--budget-ms", "0")
+    assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
+    assert options_of().max_error_px is None
 
 
 def test_image_port_when_there_is_none_is_announced_as_off(

@@ -11,7 +11,7 @@ import logging
 import signal
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -47,7 +47,8 @@ class Options:
     """What the command line says. Port 0 = any free one; threads 0 = one a processor.
 
     said: what ini files may say, too; here it counts more. stream_port: None = the usual one, or
-    any free one where another port is.
+    any free one where another port is. max_error_px, budget_ms: of every camera; None = as its
+    file says.
     """
 
     robots: tuple[Path, ...]
@@ -61,6 +62,8 @@ class Options:
     threads: int = 0
     clock: Clock = Clock.REALTIME
     seed: int = 0
+    max_error_px: float | None = None
+    budget_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,7 @@ async def serve(options: Options, announce: Callable[[Listening], None]) -> None
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     setup = await asyncio.to_thread(read_setup, options.robots, options.world, options.server)
-    server = _Server(setup, options, on_failure=stop.set)
+    server = _Server(_turned(setup, options), options, on_failure=stop.set)
     async with server.running():
         await _listen(server, announce, stop)
 
@@ -229,6 +232,20 @@ class _Server:
             caster=ray_caster(setup),
             multi_view=self.settings.multi_view,
         )
+
+
+def _turned(setup: Setup, options: Options) -> Setup:
+    """Return the setup with the dials of all cameras as the command line says."""
+    robots = []
+    for robot in setup.robots:
+        omni = robot.omni_camera
+        if omni is not None:
+            dial = omni.wish.dial.turned(
+                max_error_px=options.max_error_px, budget_ms=options.budget_ms
+            )
+            omni = replace(omni, wish=replace(omni.wish, dial=dial))
+        robots.append(replace(robot, omni_camera=omni))
+    return replace(setup, robots=tuple(robots))
 
 
 # Frames of a few places stand for all in the measuring of what they cost.

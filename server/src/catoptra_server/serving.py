@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -82,6 +83,12 @@ def _parser() -> argparse.ArgumentParser:
         help="of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
     add("--renderer", choices=["auto", "trace", "raster"], default="auto")
     add("--threads", type=_threads, default=0, help="of the trace renderer; 0 = one a processor")
+    add("--max-error-px", type=_amount, metavar="PX",
+        help="draw every camera so that no outline is farther off, as fast as can be; "
+        "0 = as its numbers say")  # fmt: skip
+    add("--budget-ms", type=_amount, metavar="MS",
+        help="draw every camera as accurately as can be in this time a frame; "
+        "0 = no budget")  # fmt: skip
     add("--clock", choices=[c.value for c in Clock], default=Clock.REALTIME.value,
         help="lockstep: time passes only when a client sends STEP")  # fmt: skip
     add("--seed", type=int, default=0, help="of all random numbers")
@@ -102,6 +109,8 @@ def _options(parsed: argparse.Namespace) -> tuple[Options, int]:
         threads=parsed.threads,
         clock=Clock(parsed.clock),
         seed=parsed.seed,
+        max_error_px=parsed.max_error_px,
+        budget_ms=parsed.budget_ms,
     )
     return options, logging.DEBUG if parsed.verbose else logging.INFO
 
@@ -133,6 +142,13 @@ def _port(text: str) -> int:
     if not 0 <= port <= 65535:
         raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
     return port
+
+
+def _amount(text: str) -> float:
+    amount = float(text)
+    if not 0.0 <= amount < math.inf:
+        raise argparse.ArgumentTypeError(f"an error or a time is 0 or more, not {text}")
+    return amount
 
 
 def _frame_skip(text: str) -> int:

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.description import OmniCameraDescription
-from catoptra_server.robot.render_wish import PerPixel
+from catoptra_server.robot.render_wish import Dial, PerPixel
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
 from helpers.configs import OMNI_ROBOT, Edit, edited_copy, line_of
 
@@ -121,6 +121,12 @@ def test_trace_when_its_rays_are_told_apart_has_them_so(tmp_path: Path) -> None:
     assert camera_of(every).wish.stride_px == 1
 
 
+def test_dial_when_it_is_written_is_read(tmp_path: Path) -> None:
+    assert camera_of(OMNI_ROBOT).wish.dial == Dial()
+    edit = Edit("Samples=2", "Samples=2\nMaxErrorPx=0.5\nBudgetMs=20")
+    assert camera_of(edited_copy(OMNI_ROBOT, tmp_path, edit)).wish.dial == Dial(0.5, 20.0)
+
+
 BROKEN = [
     (Edit("K=11.546", "K=2"), "Catoptra.HyperbolicMirror.K", "k > 2"),
     (Edit("K=11.546", "K=1.9"), "K", "of at least 2"),
@@ -143,6 +149,8 @@ BROKEN = [
     (Edit("ResolutionX=360", "ResolutionX=0"), "ResolutionX", "from 1 to 8192"),
     (Edit("ResolutionX=360", "ResolutionX=10000"), "ResolutionX", "from 1 to 8192"),
     (Edit("Samples=2", "Samples=17"), "Samples", "from 0 to 16"),
+    (Edit("Samples=2", "MaxErrorPx=-1"), "MaxErrorPx", "from 0 to 1000"),
+    (Edit("Samples=2", "BudgetMs=soon"), "BudgetMs", "a number"),
     (Edit("Samples=2", "TraceStride=65"), "TraceStride", "from 0 to 64"),
     (Edit("Polygons=0", "Polygons=3"), "Catoptra.HyperbolicMirror.Polygons", "at least 4"),
     (Edit("Polygons=0", "Rings=0\nSectors=8"), "Catoptra.HyperbolicMirror.Sectors", "at least 3"),

@@ -20,7 +20,7 @@ from catoptra_server.render.calibration import plans_to_measure
 from catoptra_server.render.choice import Choice
 from catoptra_server.render.cost_cache import CostCache
 from catoptra_server.render.renderer import Exposure, Renderer
-from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.robot.render_wish import Dial, RenderWish, Surface
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import PolygonSplit
 from helpers.worlds import omni_camera, room
@@ -56,11 +56,11 @@ class Laboratory:
         renderer: Renderer,
         kind: RendererKind,
         camera: OmniCamera,
-        wish: RenderWish,
+        surface: Surface,
         exposures: Sequence[Exposure],
     ) -> list[Measured]:
         self.measured.append(kind)
-        plans = plans_to_measure(kind, camera, wish)
+        plans = plans_to_measure(kind, camera, surface)
         return [Measured(p, {"all": MS_A_SAMPLE[kind] * p.samples**2}) for p in plans]
 
     def make_raster(self) -> Any:
@@ -94,9 +94,10 @@ def test_eye_when_a_dial_is_turned_has_every_renderer_measured_once() -> None:
     assert (fine.plan.renderer, fine.plan.samples, fine.ms) == (TRACE, 8, pytest.approx(320.0))
 
 
-def test_number_when_it_is_asked_for_beside_a_dial_is_kept() -> None:
-    choice = Laboratory().planning().choose(eye(Dial(budget_ms=1000.0), samples=3), HERE)
-    assert choice.plan.samples == 3
+def test_numbers_when_a_dial_is_turned_do_not_count() -> None:
+    choice = Laboratory().planning().choose(eye(Dial(0.1), samples=3, stride_px=7), HERE)
+    assert choice.plan.samples == 8
+    assert choice.plan.stride_px != 7
 
 
 def test_renderer_when_it_cannot_be_made_is_no_choice() -> None:
@@ -119,13 +120,14 @@ def test_costs_when_kept_on_disk_are_not_measured_again(tmp_path: Path) -> None:
 
 def test_prediction_when_frames_take_twice_as_long_doubles_for_that_renderer() -> None:
     planning = Laboratory().planning()
-    asked = eye(Dial(budget_ms=20.0), samples=2)
+    asked = eye(Dial(0.4))
     plan = planning.choose(asked, HERE).plan
+    assert (plan.renderer, plan.samples) == (TRACE, 2)
     assert planning.predicted_ms(asked, plan) == pytest.approx(20.0)
     planning.correct(asked, plan, 40.0)
     assert planning.predicted_ms(asked, plan) == pytest.approx(40.0)
     assert planning.factor(RASTER) == 1.0
-    assert planning.predicted_ms(eye(stride_px=5), plan) is None
+    assert planning.predicted_ms(OmniEye(omni_camera(width_px=99), RenderWish()), plan) is None
 
 
 def test_dial_when_errors_have_no_bound_is_answered_by_numbers_and_says_so() -> None:

@@ -19,7 +19,7 @@ from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 from catoptra_server.render.calibration import plans_to_measure
 from catoptra_server.render.choice import Choice
 from catoptra_server.render.renderer import Exposure, RenderedImage
-from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.robot.render_wish import Dial, Surface
 from helpers.robots import CAMERA
 
 HERE = Exposure(Pose.identity())
@@ -137,12 +137,12 @@ def budgeted(
     renderer: SlowRenderer, budget_ms: float, published: Published | None = None
 ) -> tuple[Views, Take]:
     """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
-    wish = replace(CAMERA.wish, stride_px=1, dial=Dial(budget_ms=budget_ms))
+    wish = replace(CAMERA.wish, dial=Dial(budget_ms=budget_ms))
 
     def measure(
-        renderer: object, kind: RendererKind, camera: OmniCamera, wish: RenderWish, *_: object
+        renderer: object, kind: RendererKind, camera: OmniCamera, surface: Surface, *_: object
     ) -> list[Measured]:
-        plans = plans_to_measure(kind, camera, wish)
+        plans = plans_to_measure(kind, camera, surface)
         return [Measured(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
 
     choice = Choice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_server.plan.candidates import candidates
 from catoptra_server.plan.planner import Option, PlanChoice, choose, ladder
-from catoptra_server.plan.render_plan import RendererKind, RenderPlan, RenderWish
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
 from catoptra_server.robot.render_wish import Dial
 from helpers.worlds import omni_camera
 
@@ -29,8 +29,8 @@ class FakeCosts:
         return self._raster_ms * (plan.samples**2 / 4 + 1e-6 * texels)
 
 
-def steps_of(costs: FakeCosts, wish: RenderWish = RenderWish()) -> tuple[Option, ...]:  # noqa: B008
-    return ladder(CAMERA, candidates(wish, CAMERA, KINDS), costs)
+def steps_of(costs: FakeCosts) -> tuple[Option, ...]:
+    return ladder(CAMERA, candidates(PerPixel(), CAMERA, KINDS), costs)
 
 
 def chosen(dial: Dial, costs: FakeCosts | None = None) -> PlanChoice:

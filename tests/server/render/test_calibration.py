@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,14 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.plan.cost_model import fitted, way_of
-from catoptra_server.plan.render_plan import RendererKind, RenderPlan, RenderWish
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
 from catoptra_server.render.calibration import REST, measured, plans_to_measure
 from catoptra_server.render.renderer import Exposure, RenderedImage
 from catoptra_server.scene.mirror_mesh import PolygonSplit
 from helpers.worlds import omni_camera
 
 CAMERA = omni_camera(width_px=64)
-TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+TRACE = RendererKind.TRACE
 HERE = (Exposure(Pose.identity()), Exposure(Pose.from_rpy((1.0, 0.0, 0.0))))
 
 
@@ -51,7 +50,7 @@ class _Lab:
 
 def test_calibration_when_done_has_medians_of_all_stages_and_of_what_is_between() -> None:
     lab = _Lab()
-    found = measured(lab, TRACE, CAMERA, RenderWish(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    found = measured(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
     assert [one.plan.samples for one in found] == [1, 2, 1]
     assert [one.stage_ms["trace"] for one in found] == [1.0, 2.0, 1.0]
     assert all(one.stage_ms[REST] == pytest.approx(0.5) for one in found)
@@ -61,29 +60,18 @@ def test_calibration_when_done_has_medians_of_all_stages_and_of_what_is_between(
 
 @pytest.mark.parametrize("kind", RendererKind)
 def test_calibration_when_all_is_open_covers_every_way_that_it_can_go(kind: RendererKind) -> None:
-    plans = list(plans_to_measure(kind, CAMERA, RenderWish()))
+    plans = list(plans_to_measure(kind, CAMERA, PerPixel()))
     assert len({way_of(plan) for plan in plans}) == (2 if kind is TRACE else 1)
     assert len({plan.samples for plan in plans}) > 1
 
 
-def _ways(wish: RenderWish, kind: RendererKind) -> Iterator[tuple[int, int, int]]:
-    for plan in plans_to_measure(kind, CAMERA, wish):
-        yield plan.face_samples, plan.stride_px, plan.face_size_px
-
-
-def test_calibration_when_numbers_are_asked_for_measures_only_those() -> None:
-    wish = RenderWish(face_size_px=40, face_samples=2, stride_px=3)
-    assert set(_ways(wish, RASTER)) == {(2, 3, 40)}
-    assert {stride for _, stride, _ in _ways(wish, TRACE)} == {3}
-
-
 def test_calibration_of_polygons_never_leaves_rays_out() -> None:
-    wish = RenderWish(PolygonSplit(8, 8))
-    assert {stride for _, stride, _ in _ways(wish, TRACE)} == {1}
+    plans = plans_to_measure(TRACE, CAMERA, PolygonSplit(8, 8))
+    assert {plan.stride_px for plan in plans} == {1}
 
 
 def test_calibration_when_fitted_gives_its_own_times_back() -> None:
     lab = _Lab()
-    found = measured(lab, TRACE, CAMERA, RenderWish(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    found = measured(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
     model = fitted(CAMERA, found)
     assert model.ms(found[1].plan) == pytest.approx(2.5)

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.render.cost_cache import CostCache, scene_digest, user_cache
-from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.robot.render_wish import PerPixel
 from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.mirror_mesh import PolygonSplit
 from helpers.worlds import omni_camera, room
 
 SCENE = build_scene(room())
@@ -18,7 +19,7 @@ RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
 
 
 def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
-    key = CostCache(tmp_path / "deep/costs", SCENE).key("llvmpipe", CAMERA, RenderWish())
+    key = CostCache(tmp_path / "deep/costs", SCENE).key("llvmpipe", CAMERA, PerPixel())
     CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES)
     assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES
     assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
@@ -26,22 +27,16 @@ def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
 
 def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None:
     cache = CostCache(tmp_path, SCENE)
-    wish = RenderWish()
+    exact, split = PerPixel(), PolygonSplit(8, 8)
     other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
     keys = {
-        cache.key("a", CAMERA, wish),
-        cache.key("b", CAMERA, wish),
-        cache.key("a", omni_camera(width_px=65), wish),
-        cache.key("a", CAMERA, replace(wish, face_samples=4)),
-        other.key("a", CAMERA, wish),
+        cache.key("a", CAMERA, exact),
+        cache.key("b", CAMERA, exact),
+        cache.key("a", omni_camera(width_px=65), exact),
+        cache.key("a", CAMERA, split),
+        other.key("a", CAMERA, exact),
     }
     assert len(keys) == 5
-
-
-def test_key_when_only_the_dial_is_turned_is_the_same(tmp_path: Path) -> None:
-    cache = CostCache(tmp_path, SCENE)
-    turned = RenderWish(samples=3, dial=Dial(0.5))
-    assert cache.key("a", CAMERA, RenderWish()) == cache.key("a", CAMERA, turned)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "[1]", '{"raster": 3}', '{"raster": {"a": ["x"]}}'])

@@ -20,3 +20,9 @@ def test_dial_when_asked_for_what_cannot_be_is_refused_by_name(value: float) -> 
         Dial(max_error_px=value)
     with pytest.raises(DomainError, match="budget_ms must be 0"):
         Dial(budget_ms=value)
+
+
+def test_dial_when_turned_keeps_what_is_not_named() -> None:
+    dial = Dial(0.5, 20.0)
+    assert dial.turned(max_error_px=0.1, budget_ms=None) == Dial(0.1, 20.0)
+    assert dial.turned(max_error_px=None, budget_ms=0.0) == Dial(0.5, 0.0)

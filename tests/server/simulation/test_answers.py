@@ -15,7 +15,7 @@ from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.simulation.answers import configurations, geometries
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 from helpers.configs import ROBOTS
-from helpers.robots import p2at
+from helpers.robots import FakeViews, p2at
 
 
 def spawned(description: RobotDescription) -> SpawnedRobot:
@@ -90,3 +90,13 @@ def test_question_when_nothing_matches_has_the_empty_form() -> None:
     (geo,) = geometries(robot, GetGeo("RFID", "X"))
     assert line_from_report(conf) == b"CONF {Type RFID}\r\n"
     assert line_from_report(geo) == b"GEO {Type RFID} {Name X}\r\n"
+
+
+def test_omni_camera_when_its_bound_is_known_tells_it_behind_its_law() -> None:
+    robot = spawned(p2at())
+    (law,) = configurations(robot, GetConf("Camera", "OmniCam"))
+    (whole,) = configurations(robot, GetConf("Camera", "OmniCam"), FakeViews().bound)
+    line, longer = (line_from_report(conf).decode().strip() for conf in (law, whole))
+    assert longer.startswith(line)
+    assert longer.removeprefix(line).startswith(" {ErrorBoundPx 0.3535")
+    assert "{ErrorRmsPx 0.0000" in longer

@@ -13,6 +13,7 @@ from catoptra_protocol.wire.reports import (
 )
 from catoptra_server.robot.description import CameraDescription, Mount
 from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.render_wish import Dial
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.obstacles import obstacles_between
 from catoptra_server.simulation.set_commands import obey_set
@@ -94,3 +95,30 @@ def test_command_when_it_cannot_be_done_is_failed(command: Set) -> None:
     answer = told(driven(), command)
     assert answer.startswith("RES {Time 1.00}")
     assert answer.endswith("{Status Failed}\r\n")
+
+
+def dial_of(robot: SpawnedRobot) -> Dial:
+    assert robot.camera is not None
+    return robot.camera.eye().wish.dial
+
+
+def test_omni_camera_when_told_what_error_or_time_matters_is_drawn_by_that() -> None:
+    robot = driven()
+    answer = told(robot, Set("Camera", "OmniCam", "MaxError", "0.5"))
+    assert answer == "RES {Time 1.00} {Type Camera} {Name OmniCam} {Status OK}\r\n"
+    assert "{Status OK}" in told(robot, Set("camera", None, "BUDGET", "20"))
+    assert dial_of(robot) == Dial(0.5, 20.0)
+    assert "{Status OK}" in told(robot, Set("Camera", "omnicam", "MaxError", "0"))
+    assert dial_of(robot) == Dial(0.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")],
+)
+def test_dial_when_turned_to_what_cannot_be_is_failed_and_stays(
+    name: str, params: str | None
+) -> None:
+    robot = driven()
+    assert "{Status Failed}" in told(robot, Set("Camera", name, "MaxError", params))
+    assert dial_of(robot) == Dial()

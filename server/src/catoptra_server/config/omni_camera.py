@@ -18,7 +18,7 @@ from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, Pa
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.settings import Settings
 from catoptra_server.robot.description import OmniCameraDescription, TextureClient
-from catoptra_server.robot.render_wish import PerPixel, RenderWish, Surface
+from catoptra_server.robot.render_wish import Dial, PerPixel, RenderWish, Surface
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit, split_for
 
 # Largest picture side: 8192^2 pixels are what OpenGL and a msgpack-sized world still take.
@@ -180,6 +180,10 @@ def _wish(file: IniFile, mirror: Settings, capture: Settings) -> RenderWish:
         face_size_px=max(client.size_px for client in _texture_clients(file)),
         face_samples=capture.integer("FaceSamples", 0, at_most=8),
         stride_px=capture.integer("TraceStride", 0, at_most=64),
+        dial=Dial(
+            max_error_px=capture.number("MaxErrorPx", 0.0, at_least=0.0, at_most=1000.0),
+            budget_ms=capture.number("BudgetMs", 0.0, at_least=0.0, at_most=60_000.0),
+        ),
     )
 
 

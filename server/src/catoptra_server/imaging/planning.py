@@ -23,12 +23,12 @@ from catoptra_server.render.calibration import measured
 from catoptra_server.render.choice import Choice
 from catoptra_server.render.cost_cache import CostCache
 from catoptra_server.render.renderer import Exposure, Renderer
-from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.robot.render_wish import Surface
 
 log = logging.getLogger(__name__)
 
 Measure = Callable[
-    [Renderer, RendererKind, OmniCamera, RenderWish, Sequence[Exposure]], list[Measured]
+    [Renderer, RendererKind, OmniCamera, Surface, Sequence[Exposure]], list[Measured]
 ]
 # Frames are a few times slower or faster than was measured, not more: else something else happened.
 _LARGEST_FACTOR = 10.0
@@ -45,7 +45,7 @@ class Planning:
         self._others = dict(choice.others)
         self._cache = cache
         self._measure = measure
-        self._models: dict[tuple[OmniCamera, RenderWish], CostModel] = {}
+        self._models: dict[tuple[OmniCamera, Surface], CostModel] = {}
         self._factors: dict[RendererKind, float] = {}
 
     @property
@@ -76,7 +76,9 @@ class Planning:
             return PlanChoice(replace(plan, reason=why), None, keeps_word=False)
         model = self._model(eye, exposures)
         kinds = [kind for kind in RendererKind if kind in self._renderers]
-        steps = ladder(eye.camera, candidates(eye.wish, eye.camera, kinds), _Costs(self, model))
+        steps = ladder(
+            eye.camera, candidates(eye.wish.surface, eye.camera, kinds), _Costs(self, model)
+        )
         return choose(eye.camera, steps, eye.wish.dial)
 
     def predicted_ms(self, eye: OmniEye, plan: RenderPlan) -> float | None:
@@ -121,13 +123,18 @@ class Planning:
         eye: OmniEye,
         exposures: Sequence[Exposure],
     ) -> Mapping[str, Rates]:
-        key = self._cache.key(renderer.describe(), eye.camera, eye.wish) if self._cache else ""
+        key = (
+            self._cache.key(renderer.describe(), eye.camera, eye.wish.surface)
+            if self._cache
+            else ""
+        )
         kept = self._cache.read(key) if self._cache else None
         if kept is not None:
             log.info("costs of %s are known from before", kind.value)
             return kept
-        wish = replace(eye.wish, dial=Dial())
-        rates = fitted(eye.camera, self._measure(renderer, kind, eye.camera, wish, exposures)).rates
+        rates = fitted(
+            eye.camera, self._measure(renderer, kind, eye.camera, eye.wish.surface, exposures)
+        ).rates
         log.info("costs of %s measured: %s", kind.value, rates)
         if self._cache:
             self._cache.write(key, rates)
@@ -150,9 +157,9 @@ class _Costs:
         return self._model.ms(plan) * self._planning.factor(plan.renderer)
 
 
-def _key(eye: OmniEye) -> tuple[OmniCamera, RenderWish]:
-    """Return what costs depend on: dial and samples do not change the rates."""
-    return eye.camera, replace(eye.wish, dial=Dial(), samples=0)
+def _key(eye: OmniEye) -> tuple[OmniCamera, Surface]:
+    """Return what rates depend on."""
+    return eye.camera, eye.wish.surface
 
 
 def _bound_or_none(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None:

@@ -1,7 +1,7 @@
-"""Which plans are possible: every number that a wish leaves open, in steps worth having.
+"""Which plans are possible: every number of a plan, in steps worth having.
 
-Polygons are never offered instead of the exact mirror: they cost more and show less. What a wish
-says in numbers is kept.
+Polygons are never offered instead of the exact mirror: they cost more and show less. Where a robot
+has polygons, they are kept: they are what its mirror is.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from catoptra_server.plan.render_plan import (
     RenderPlan,
     plan_from_wish,
 )
-from catoptra_server.robot.render_wish import PerPixel, RenderWish
+from catoptra_server.robot.render_wish import PerPixel, RenderWish, Surface
 
 SAMPLES = tuple(range(1, 9))
 # Below half a texel a pixel a face is a smear; above four the atlas costs more than it shows.
@@ -27,32 +27,28 @@ MOST_SAMPLES = 2**25
 
 
 def candidates(
-    wish: RenderWish, camera: OmniCamera, kinds: Iterable[RendererKind]
+    surface: Surface, camera: OmniCamera, kinds: Iterable[RendererKind]
 ) -> Iterator[RenderPlan]:
-    """Iterate over the plans by which these renderers can draw a camera as wished."""
+    """Iterate over the plans by which these renderers can draw a camera's mirror."""
     for kind in kinds:
-        for variant in _variants(wish, kind):
+        for variant in _variants(surface, kind):
             plan = plan_from_wish(variant, camera, kind=kind, why="possible")
-            for samples in _samples(wish, camera):
+            for samples in _samples(camera):
                 yield replace(plan, samples=samples)
 
 
-def _samples(wish: RenderWish, camera: OmniCamera) -> tuple[int, ...]:
-    if wish.samples:
-        return (wish.samples,)
+def _samples(camera: OmniCamera) -> tuple[int, ...]:
     pixels = camera.width_px * camera.height_px
     return tuple(s for s in SAMPLES if s == 1 or pixels * s * s <= MOST_SAMPLES)
 
 
-def _variants(wish: RenderWish, kind: RendererKind) -> Iterator[RenderWish]:
-    """Iterate over the wish with all but the samples filled in."""
+def _variants(surface: Surface, kind: RendererKind) -> Iterator[RenderWish]:
+    """Iterate over all numbers but the samples."""
+    wish = RenderWish(surface)
     if kind is RendererKind.TRACE:
-        is_exact = isinstance(wish.surface, PerPixel)
-        open_strides = (1, DEFAULT_STRIDE_PX) if is_exact else (1,)
-        for stride_px in (wish.stride_px,) if wish.stride_px else open_strides:
-            yield replace(wish, stride_px=stride_px)
+        strides = (1, DEFAULT_STRIDE_PX) if isinstance(surface, PerPixel) else (1,)
+        yield from (replace(wish, stride_px=stride_px) for stride_px in strides)
         return
-    sizes = (wish.texels_per_px,) if wish.face_size_px or wish.texels_per_px else TEXELS_PER_PX
-    for texels_per_px in sizes:
-        for samples in (wish.face_samples,) if wish.face_samples else FACE_SAMPLES:
+    for texels_per_px in TEXELS_PER_PX:
+        for samples in FACE_SAMPLES:
             yield replace(wish, texels_per_px=texels_per_px, face_samples=samples)

@@ -102,8 +102,8 @@ def nearest_rates(amounts: Floats, ms: Floats) -> tuple[float, ...]:
     """Return the rates (k,), none negative, by which amounts (n, k) explain times (n,) best.
 
     There are at most three quantities: all choices of which are above 0 are tried. Of choices that
-    explain as much the one with fewest quantities is taken, and of these one that grows: of a single
-    frame it says nothing what was fixed.
+    explain as much the one with fewest quantities is taken, and of these one that grows: a single
+    frame does not tell what was fixed.
     """
     weight = 1.0 / np.maximum(ms, _LEAST_MS)
     rows, target = amounts * weight[:, None], ms * weight

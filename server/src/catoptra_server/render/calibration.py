@@ -15,10 +15,10 @@ from dataclasses import replace
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.plan.cost_model import Measured
 from catoptra_server.plan.render_plan import (
-    PerPixel,
     RendererKind,
     RenderPlan,
     RenderWish,
+    Surface,
     plan_from_wish,
 )
 from catoptra_server.render.renderer import Exposure, Renderer, View
@@ -31,8 +31,7 @@ _LEAST_FRAMES = 3
 _LONGEST_S = 0.2
 # The first frames find caches cold.
 _WARM_UP = 2
-# Samples, texels a pixel, samples a texel; later ones only where no number is asked for that
-# excludes them.
+# Samples, texels a pixel, samples a texel.
 _RASTER = ((1, 1.0, 1), (2, 1.0, 1), (1, 2.0, 1), (1, 1.0, 4))
 # Samples, and how far apart rays are; 0 = as planned.
 _TRACE = ((1, 0), (2, 0), (1, 1))
@@ -43,14 +42,14 @@ def measured(
     renderer: Renderer,
     kind: RendererKind,
     camera: OmniCamera,
-    wish: RenderWish,
+    surface: Surface,
     exposures: Sequence[Exposure],
     *,
     clock: Clock = time.perf_counter,
 ) -> list[Measured]:
     """Return the median stage times of a few plans, each drawn from all the exposures in turn."""
     times = []
-    for plan in plans_to_measure(kind, camera, wish):
+    for plan in plans_to_measure(kind, camera, surface):
         view = renderer.prepare(camera, plan)
         try:
             times.append(Measured(plan, _stage_ms(view, exposures, clock)))
@@ -60,26 +59,26 @@ def measured(
 
 
 def plans_to_measure(
-    kind: RendererKind, camera: OmniCamera, wish: RenderWish
+    kind: RendererKind, camera: OmniCamera, surface: Surface
 ) -> Iterator[RenderPlan]:
     """Iterate over the plans from which the costs of all others follow."""
-    for variant in dict.fromkeys(_variants(kind, wish)):
+    for variant in _variants(kind, surface):
         yield plan_from_wish(variant, camera, kind=kind, why="measured")
 
 
-def _variants(kind: RendererKind, wish: RenderWish) -> Iterator[RenderWish]:
+def _variants(kind: RendererKind, surface: Surface) -> Iterator[RenderWish]:
+    wish = RenderWish(surface)
     if kind is RendererKind.RASTER:
         for samples, texels_per_px, face_samples in _RASTER:
             yield replace(
                 wish,
                 samples=samples,
-                texels_per_px=wish.texels_per_px or texels_per_px,
-                face_samples=wish.face_samples or face_samples,
+                texels_per_px=texels_per_px,
+                face_samples=face_samples,
             )
         return
-    is_exact = isinstance(wish.surface, PerPixel)
     for samples, stride_px in _TRACE:
-        yield replace(wish, samples=samples, stride_px=(wish.stride_px or stride_px) * is_exact)
+        yield replace(wish, samples=samples, stride_px=stride_px)
 
 
 def _stage_ms(view: View, exposures: Sequence[Exposure], clock: Clock) -> dict[str, float]:

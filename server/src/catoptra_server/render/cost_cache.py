@@ -17,7 +17,7 @@ from pathlib import Path
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.plan.cost_model import Rates
-from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.robot.render_wish import Surface
 from catoptra_server.scene.meshes import SceneMesh
 
 log = logging.getLogger(__name__)
@@ -68,12 +68,11 @@ class CostCache:
         except OSError as error:
             log.warning("costs of frames are not kept in %s: %s", self._folder, error)
 
-    def key(self, describe: str, camera: OmniCamera, wish: RenderWish) -> str:
-        """Return the key of what a renderer's words say, for a camera and the numbers asked for."""
+    def key(self, describe: str, camera: OmniCamera, surface: Surface) -> str:
+        """Return the key of what a renderer's words say, for a camera and its mirror's surface."""
         if not self._digest:
             self._digest = scene_digest(self._scene)
-        asked = (wish.surface, wish.face_size_px, wish.face_samples, wish.stride_px)
-        parts = (_FORMAT, _version(), describe, _processor(), self._digest, camera, asked)
+        parts = (_FORMAT, _version(), describe, _processor(), self._digest, camera, surface)
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
 
     def _file(self, key: str) -> Path:

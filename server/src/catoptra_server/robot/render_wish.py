@@ -35,6 +35,13 @@ class Dial:
             if not (math.isfinite(value) and value >= 0.0):
                 raise DomainError(f"{name} must be 0 (not asked) or more, not {value}")
 
+    def turned(self, *, max_error_px: float | None, budget_ms: float | None) -> Dial:
+        """Return the dial with another tolerance, another budget, or both; None: as it is."""
+        return Dial(
+            self.max_error_px if max_error_px is None else max_error_px,
+            self.budget_ms if budget_ms is None else budget_ms,
+        )
+
     @property
     def is_set(self) -> bool:
         """Return whether anything is asked."""
@@ -45,8 +52,8 @@ class Dial:
 class RenderWish:
     """What the configuration asks of the picture; 0 leaves a number to the plan.
 
-    texels_per_px: of the faces, where no face size is asked for. dial: what the plan has to keep
-    with the numbers that are left to it.
+    texels_per_px: of the faces, where no face size is asked for. dial: where it is set, the plan
+    chooses all numbers, whatever these are.
     """
 
     surface: Surface = PerPixel()

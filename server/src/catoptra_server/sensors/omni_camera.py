@@ -27,6 +27,7 @@ class OmniCameraSensor:
         self.tile: Tile | None = None
         self._is = description
         self._viewpoint_height_m = viewpoint_height_m
+        self._wish = description.wish
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -52,7 +53,21 @@ class OmniCameraSensor:
     ) -> Take:
         """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
         exposure = Exposure(world_from_robot @ self._is.robot_from_mirror, bodies)
-        return Take(OmniEye(self.camera_in(tile), self._is.wish), exposure)
+        return Take(self.eye(tile), exposure)
+
+    def eye(self, tile: Tile | None = None) -> OmniEye:
+        """Return what is looked through; fitted to a tile."""
+        return OmniEye(self.camera_in(tile), self._wish)
+
+    def turn_dial(
+        self, *, max_error_px: float | None = None, budget_ms: float | None = None
+    ) -> None:
+        """Have its next pictures drawn to another tolerance or budget; None leaves one as it is.
+
+        Raises DomainError for what is not 0 or more.
+        """
+        dial = self._wish.dial.turned(max_error_px=max_error_px, budget_ms=budget_ms)
+        self._wish = dataclasses.replace(self._wish, dial=dial)
 
     def camera_in(self, tile: Tile | None) -> OmniCamera:
         """Return the camera as it fills a tile; its own law without one."""

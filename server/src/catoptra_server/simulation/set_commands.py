@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.wire.commands import Set
 from catoptra_protocol.wire.reports import (
     CameraFov,
@@ -74,12 +75,34 @@ def _scan(robot: SpawnedRobot, command: Set, moment: Moment) -> list[Report] | N
     return scans or None
 
 
+def _set_max_error(robot: SpawnedRobot, command: Set, moment: Moment) -> list[Report] | None:
+    return _turn_dial(robot, command, "max_error_px")
+
+
+def _set_budget(robot: SpawnedRobot, command: Set, moment: Moment) -> list[Report] | None:
+    return _turn_dial(robot, command, "budget_ms")
+
+
+def _turn_dial(robot: SpawnedRobot, command: Set, name: str) -> list[Report] | None:
+    """Turn the dial of the omni camera: how far off its pictures may be, or how long they take."""
+    omni, numbers = robot.camera, command.numbers()
+    if omni is None or not _is_meant(command, omni.name) or len(numbers) != 1:
+        return None
+    try:
+        omni.turn_dial(**{name: numbers[0]})
+    except DomainError:
+        return None
+    return []
+
+
 # By type and opcode in lower case; a handler returns what it reports, None if it failed.
 _HANDLERS: dict[tuple[str, str], Callable[[SpawnedRobot, Set, Moment], list[Report] | None]] = {
     ("odometry", "reset"): _reset_odometry,
     ("encoder", "reset"): _reset_encoder,
     ("ins", "pose"): _correct_ins,
     ("rangescanner", "scan"): _scan,
+    ("camera", "maxerror"): _set_max_error,
+    ("camera", "budget"): _set_budget,
 }
 
 
