@@ -1,4 +1,4 @@
-// Provides the mean, in linear light, of the SAMPLES x SAMPLES texels of each pixel, sRGB.
+// Provides the mean, in linear light, of SAMPLES x SAMPLES texels of each pixel, sRGB or linear.
 // Twin: catoptra_server.scene.colour.srgb_from_linear, of the mean.
 #include "include/colour.glsl"
 uniform sampler2D linear_picture;
@@ -11,5 +11,9 @@ void main()
     for (int row = 0; row < SAMPLES; ++row)
         for (int column = 0; column < SAMPLES; ++column)
             sum += texelFetch(linear_picture, corner + ivec2(column, row), 0).rgb;
-    colour = vec4(srgb_from_linear(sum / float(SAMPLES * SAMPLES)), 1.0);
+    vec3 linear = sum / float(SAMPLES * SAMPLES);
+#ifndef LINEAR
+    linear = srgb_from_linear(linear);
+#endif
+    colour = vec4(linear, 1.0);
 }

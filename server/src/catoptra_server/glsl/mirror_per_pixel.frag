@@ -16,5 +16,9 @@ void main()
             sum += place.x >= 0.0 ? textureLod(atlas, place, 0.0).rgb : vec3(0.0);
         }
     }
-    colour = vec4(srgb_from_linear(sum / float(SAMPLES * SAMPLES)), 1.0);
+    vec3 linear = sum / float(SAMPLES * SAMPLES);
+#ifndef LINEAR
+    linear = srgb_from_linear(linear);
+#endif
+    colour = vec4(linear, 1.0);
 }

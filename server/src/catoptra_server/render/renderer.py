@@ -17,10 +17,13 @@ from catoptra_protocol.optics.cube import FACE_AXES
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.frame_key import UNKEYED, FrameKey
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.scene.bodies import Body
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +32,13 @@ class Exposure:
 
     world_from_mirror: of an omnidirectional camera's mirror frame; of a perspective camera's own
     frame (x ahead, y right, z down), which a mirror frame's axes equal. bodies: what is seen beside
-    the scene; the robot that carries the camera is left out by who asks.
+    the scene; the robot that carries the camera is left out by who asks. key: of the noise, where
+    there is any.
     """
 
     world_from_mirror: Pose
     bodies: tuple[Body, ...] = ()
+    key: FrameKey = UNKEYED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +78,13 @@ class View(Protocol):
         """Free what the view holds."""
 
 
+class EffectView(View, Protocol):
+    """A view whose picture is changed by effects in linear light, and encoded last."""
+
+    def draw_linear(self, exposure: Exposure) -> LinearImage:
+        """Return the picture of an exposure behind all effects, before it is encoded."""
+
+
 class Renderer(Protocol):
     """A scene on a device, able to prepare views of it."""
 
@@ -81,6 +93,11 @@ class Renderer(Protocol):
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
         """Return a view of the scene by an omnidirectional camera."""
+
+    def prepare_with_effects(
+        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
+    ) -> EffectView:
+        """Return a view whose picture stays in linear light until all effects have changed it."""
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
         """Return a view of the scene by an ordinary camera, samples^2 a pixel."""

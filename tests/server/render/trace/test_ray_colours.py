@@ -9,6 +9,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import BodyScenes
+from catoptra_server.render.trace.packed_light import LightScale
 from catoptra_server.render.trace.ray_colours import RayColours
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import cube_at
@@ -19,7 +20,8 @@ NONE = np.zeros(0, dtype=np.intp)
 
 def colours_of(samples: int) -> RayColours:
     world = room()
-    return RayColours(EmbreeScene(build_scene(world), world), BodyScenes(world.lights), samples)
+    scene, bodies = EmbreeScene(build_scene(world), world), BodyScenes(world.lights)
+    return RayColours(scene, bodies, LightScale.for_samples(samples))
 
 
 def directions(count: int) -> np.ndarray[tuple[int, int]]:

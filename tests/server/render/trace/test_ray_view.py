@@ -9,6 +9,7 @@ import pytest
 
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import BodyScenes
+from catoptra_server.render.trace.packed_light import LightScale
 from catoptra_server.render.trace.ray_colours import RayColours
 from catoptra_server.render.trace.ray_view import RayView, ray_chunks
 from catoptra_server.render.trace.samples import omni_samples
@@ -36,7 +37,8 @@ def test_rays_when_there_are_none_are_no_chunks() -> None:
 def test_picture_when_drawn_is_that_of_all_rays_at_once() -> None:
     world = room()
     rays = omni_samples(CAMERA, raster_plan(CAMERA, samples=2))
-    colours = RayColours(EmbreeScene(build_scene(world), world), BodyScenes(world.lights), 4)
+    scene, bodies = EmbreeScene(build_scene(world), world), BodyScenes(world.lights)
+    colours = RayColours(scene, bodies, LightScale.for_samples(4))
     with ThreadPoolExecutor(2) as pool:
         image = RayView(colours, rays, pool).draw(VIEW).rgb
     off = np.flatnonzero(~rays.on_mirror)

@@ -13,7 +13,8 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.faces import FacePass
 from catoptra_server.render.raster.mirror_places import mirror_places
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
+from catoptra_server.render.raster.passes import ENCODED
+from catoptra_server.render.raster.programs import Definitions, Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 
 # Sides of the polygon around the rim circle: it covers 1.3 % more than the disc, a square 27 %;
@@ -33,7 +34,7 @@ def polygon_around_rim(camera: OmniCamera) -> Floats:
 
 
 class PerPixelMirror:
-    """The pass: one draw of the polygon around the rim, over black."""
+    """The pass: one draw of the polygon around the rim, over black. encoding: ENCODED or LINEAR."""
 
     name = "mirror"
 
@@ -45,11 +46,13 @@ class PerPixelMirror:
         camera: OmniCamera,
         samples: int,
         target: moderngl.Framebuffer,
+        *,
+        encoding: Definitions = ENCODED,
     ) -> None:
         self._context = context
         self._faces = faces
         self._target = target
-        define = (("SAMPLES", samples),)
+        define = (("SAMPLES", samples), *encoding)
         self._program = programs.get(ProgramSpec("mirror_per_pixel", "mirror_per_pixel", define))
         self._program["places"] = 1
         self._places = _places(context, camera, faces.atlas, samples)

@@ -18,8 +18,8 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
 from catoptra_server.render.raster.faces import FacePass
-from catoptra_server.render.raster.passes import LINEAR_STORAGE
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
+from catoptra_server.render.raster.passes import ENCODED, LINEAR, LINEAR_STORAGE
+from catoptra_server.render.raster.programs import Definitions, Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.scene.mirror_mesh import MirrorMesh, PolygonSplit, mirror_mesh
 
@@ -49,8 +49,8 @@ def polygon_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
 class PolygonMirror:
     """The pass: one draw of all polygons, over black.
 
-    With one sample it fills `target` with sRGB, else `picture` with linear light at samples times
-    the size. `picture` is None where it is not needed.
+    With one sample it fills `target`, with sRGB or with linear light as `encoding` says, else
+    `picture` with linear light at samples times the size. `picture` is None where it is not needed.
     """
 
     name = "mirror"
@@ -64,12 +64,15 @@ class PolygonMirror:
         split: PolygonSplit,
         samples: int,
         target: moderngl.Framebuffer,
+        *,
+        encoding: Definitions = ENCODED,
     ) -> None:
         self._context = context
         self._faces = faces
         self.picture = _picture(context, camera, samples) if samples > 1 else None
         self._target = context.framebuffer([self.picture]) if self.picture else target
-        encoded = () if self.picture else (("ENCODED", 1),)
+        is_linear = self.picture or encoding == LINEAR
+        encoded = () if is_linear else (("ENCODED", 1),)
         define = (*encoded, *atlas_definitions(faces.atlas))
         self._program = programs.get(ProgramSpec("mirror_polygons", "mirror_polygons", define))
         mesh = mirror_mesh(camera, split)

@@ -8,13 +8,17 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
+from catoptra_server.render.raster.programs import Definitions, Programs, ProgramSpec
 from catoptra_server.render.renderer import Exposure
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
 # survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB
 # target of 8 bits (tests/cost/questions/raster_faces.py), which would lose both.
 LINEAR_STORAGE = "f2"
+
+# What a pass that can do both writes: sRGB, or the linear light that effects change.
+ENCODED: Definitions = ()
+LINEAR: Definitions = (("LINEAR", 1),)
 
 
 class Pass(Protocol):
@@ -32,7 +36,7 @@ class Pass(Protocol):
 
 
 class AveragePass:
-    """The mean of samples x samples texels of a linear picture, encoded to sRGB."""
+    """The mean of samples x samples texels of a linear picture. encoding: ENCODED or LINEAR."""
 
     name = "average"
 
@@ -43,11 +47,14 @@ class AveragePass:
         picture: moderngl.Texture,
         samples: int,
         target: moderngl.Framebuffer,
+        *,
+        encoding: Definitions = ENCODED,
     ) -> None:
         self._context = context
         self._picture = picture
         self._target = target
-        program = programs.get(ProgramSpec("cover", "average", (("SAMPLES", samples),)))
+        define = (("SAMPLES", samples), *encoding)
+        program = programs.get(ProgramSpec("cover", "average", define))
         self._cover = context.vertex_array(program, [])
 
     def draw(self, exposure: Exposure) -> None:

@@ -9,22 +9,32 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
+import moderngl
+
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.effect import Effect
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
+from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.faces import DrawCounts, FacePass
 from catoptra_server.render.raster.lens_cell import LensCell, lens_cell
 from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
 from catoptra_server.render.raster.mirror_polygons import PolygonMirror
-from catoptra_server.render.raster.passes import AveragePass, Output, Pass
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output, Pass
+from catoptra_server.render.raster.programs import Definitions, Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.timing import StageClock
-from catoptra_server.render.renderer import Exposure, FaceCamera, RenderedImage
+from catoptra_server.render.renderer import (
+    Exposure,
+    FaceCamera,
+    LinearImage,
+    RenderedImage,
+    View,
+)
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -61,14 +71,39 @@ class RasterRenderer:
         """Return a view of the scene by an omnidirectional camera."""
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
-            atlas = pack_atlas(plan.face_parts, guard=GUARD_TEXELS, max_texels=self._max_texels)
-            faces = FacePass(context, self._scene, atlas, plan.face_samples)
-            undo.callback(faces.close)
+            faces = self._faces_of(plan, undo)
             output = Output(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
-            mirror = self._mirror_passes(camera, plan, faces, output)
+            mirror = self._mirror_passes(camera, plan, faces, output.target, ENCODED)
             undo.pop_all()
-        return self._warm(RasterView(self._device, faces, mirror, output, self._thread))
+        view = RasterView(self._device, faces, mirror, output, self._thread)
+        self._warm(view)
+        return view
+
+    def prepare_with_effects(
+        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
+    ) -> RasterEffectView:
+        """Return a view whose picture stays in linear light until all effects have changed it."""
+        self._check_thread()
+        with self._device.context as context, ExitStack() as undo:
+            faces = self._faces_of(plan, undo)
+            output = Output(context, camera.width_px, camera.height_px)
+            undo.callback(output.close)
+            chain = EffectChain(context, self._programs, effects, camera, output.target)
+            undo.callback(chain.close)
+            mirror = self._mirror_passes(camera, plan, faces, chain.first, LINEAR)
+            undo.pop_all()
+        passes = (*mirror, *chain.passes)
+        view = RasterView(self._device, faces, passes, output, self._thread)
+        whole = RasterEffectView(self._device, view, chain)
+        self._warm(whole)
+        return whole
+
+    def _faces_of(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
+        atlas = pack_atlas(plan.face_parts, guard=GUARD_TEXELS, max_texels=self._max_texels)
+        faces = FacePass(self._device.context, self._scene, atlas, plan.face_samples)
+        undo.callback(faces.close)
+        return faces
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
         """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
@@ -89,32 +124,37 @@ class RasterRenderer:
             output = Output(context, camera.width_px, camera.height_px)
             average = AveragePass(context, self._programs, faces.texture, samples, output.target)
         view = RasterView(self._device, faces, (average,), output, self._thread)
-        # A camera that zooms is prepared anew: nothing is left to compile then.
-        return view if self.programs_built == known else self._warm(view)
+        if self.programs_built != known:  # a camera that zooms has nothing left to compile
+            self._warm(view)
+        return view
 
     @property
     def _max_texels(self) -> int:
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
 
     def _mirror_passes(
-        self, camera: OmniCamera, plan: RenderPlan, faces: FacePass[Atlas], output: Output
+        self,
+        camera: OmniCamera,
+        plan: RenderPlan,
+        faces: FacePass[Atlas],
+        target: moderngl.Framebuffer,
+        encoding: Definitions,
     ) -> tuple[Pass, ...]:
-        context, target = self._device.context, output.target
+        device = (self._device.context, self._programs)
+        samples = plan.samples
         if isinstance(plan.surface, PerPixel):
-            pixels = PerPixelMirror(context, self._programs, faces, camera, plan.samples, target)
-            return (pixels,)
+            return (PerPixelMirror(*device, faces, camera, samples, target, encoding=encoding),)
         polygons = PolygonMirror(
-            context, self._programs, faces, camera, plan.surface, plan.samples, target
+            *device, faces, camera, plan.surface, samples, target, encoding=encoding
         )
         if polygons.picture is None:
             return (polygons,)
-        average = AveragePass(context, self._programs, polygons.picture, plan.samples, target)
+        average = AveragePass(*device, polygons.picture, samples, target, encoding=encoding)
         return polygons, average
 
-    def _warm(self, view: RasterView) -> RasterView:
+    def _warm(self, view: View) -> None:
         """Draw once for nothing: drivers compile a program's machine code at its first draw."""
         view.draw(Exposure(Pose.from_rpy(self._scene.origin)))
-        return view
 
     def _check_thread(self) -> None:
         assert threading.get_ident() == self._thread, (
@@ -174,3 +214,33 @@ class RasterView:
             for step in reversed(self._passes):
                 step.close()
             self._output.close()
+
+
+class RasterEffectView:
+    """A view with effects between its mirror and its greys."""
+
+    def __init__(self, device: GlDevice, view: RasterView, chain: EffectChain) -> None:
+        self._device = device
+        self._view = view
+        self._chain = chain
+
+    @property
+    def passes(self) -> tuple[str, ...]:
+        """Return the names of the passes that every frame goes through."""
+        return self._view.passes
+
+    def draw(self, exposure: Exposure) -> RenderedImage:
+        """Return the picture of an exposure."""
+        return self._view.draw(exposure)
+
+    def draw_linear(self, exposure: Exposure) -> LinearImage:
+        """Return the picture of an exposure behind all effects, before it is encoded."""
+        self._view.draw(exposure)
+        with self._device.context:
+            return self._chain.read()
+
+    def close(self) -> None:
+        """Free what the view holds on the device."""
+        self._view.close()
+        with self._device.context:
+            self._chain.close()

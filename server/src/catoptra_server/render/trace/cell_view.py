@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +25,10 @@ from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
 from catoptra_server.render.trace.moving_bodies import PlacedBody
 from catoptra_server.render.trace.outlines import Outlines
-from catoptra_server.render.trace.packed_light import Float32s
+from catoptra_server.render.trace.packed_light import Colours, Float32s
 from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.ray_colours import PIXEL, Colours, Placement, RayColours
-from catoptra_server.render.trace.ray_view import ray_chunks
+from catoptra_server.render.trace.ray_colours import Placement, RayColours
+from catoptra_server.render.trace.ray_view import Drawn, ray_chunks
 from catoptra_server.render.trace.seen_surfaces import PlanePlaces, SeenSurfaces, SurfacePlanes
 from catoptra_server.render.trace.surfaces import NO_SURFACE
 
@@ -65,11 +66,16 @@ class CellView:
         ]
         of_surface = colours.of_triangles(planes.surfaces.triangle)
         of_surface[NO_SURFACE] = 0
-        self._colour_of_surface = of_surface.view(PIXEL).reshape(-1)
+        self._colour_of_surface = of_surface.view(colours.pixel).reshape(-1)
         self._varies = colours.scene.varies(planes.surfaces.triangle)
 
     def draw(self, exposure: Exposure) -> RenderedImage:
         """Return the picture of an exposure."""
+        rgb, stage_ms = self.picture(exposure)
+        return RenderedImage(cast(Image, rgb), stage_ms)
+
+    def picture(self, exposure: Exposure) -> Drawn:
+        """Return an exposure as its colours are stored, and milliseconds by stage."""
         begin = time.perf_counter()
         placement = self._colours.placed(exposure)
         seen = self._planes.seen(exposure.world_from_mirror)
@@ -83,7 +89,7 @@ class CellView:
         list(self._pool.map(_run, tasks))
         rgb.setflags(write=False)
         end = time.perf_counter()
-        return RenderedImage(rgb, {"cells": 1e3 * (middle - begin), "trace": 1e3 * (end - middle)})
+        return rgb, {"cells": 1e3 * (middle - begin), "trace": 1e3 * (end - middle)}
 
     def _surface_of_cells(
         self, exposure: Exposure, placement: Placement, seen: SeenSurfaces
@@ -131,18 +137,18 @@ class CellView:
         cells: Cells = np.flatnonzero(grid.row_of >= 0)[near]
         return cells
 
-    def _filled(self, surface: npt.NDArray[np.int32]) -> Image:
+    def _filled(self, surface: npt.NDArray[np.int32]) -> Colours:
         """Return the picture with all filled cells in their surface's colour."""
-        grid, size = self._grid, self._grid.others
-        rgb = np.zeros((size.height_px, size.width_px, 3), dtype=np.uint8)
+        grid, size, channel = self._grid, self._grid.others, self._colours.channel
+        rgb: Colours = np.zeros((size.height_px, size.width_px, 3), dtype=channel)
         colours = self._colour_of_surface.take(surface).reshape(grid.rows, grid.columns)
-        wide = np.repeat(colours, grid.side_px, axis=1).view(np.uint8)
+        wide = np.repeat(colours, grid.side_px, axis=1).view(channel)
         covered = rgb[: grid.rows * grid.side_px, : grid.columns * grid.side_px]
         covered.reshape(grid.rows, grid.side_px, -1)[:] = wide[:, None]
         return rgb
 
     def _traced(
-        self, surface: npt.NDArray[np.int32], placement: Placement, rgb: Image
+        self, surface: npt.NDArray[np.int32], placement: Placement, rgb: Colours
     ) -> Iterator[Task]:
         """Yield tasks that trace the pixels of all cells without a surface, and all others."""
         grid = self._grid
@@ -163,7 +169,7 @@ class CellView:
         surface: npt.NDArray[np.int32],
         seen: SeenSurfaces,
         placement: Placement,
-        rgb: Image,
+        rgb: Colours,
     ) -> Iterator[Task]:
         """Yield tasks that compute the pixels of filled cells whose light is not constant."""
         grid = self._grid
@@ -192,10 +198,11 @@ class CellView:
         samples = len(rows) * self._grid.directions.shape[1]
         return np.array_split(rows, -(-samples // _SAMPLES_PER_TASK)) if len(rows) else []
 
-    def _scatter(self, rows: Cells, found: Colours, rgb: Image) -> None:
+    def _scatter(self, rows: Cells, found: Colours, rgb: Colours) -> None:
         """Write the pixels of rows of cells into a picture."""
         pixels = self._grid.pixels.take(rows, axis=0).reshape(-1)
-        rgb.reshape(-1).view(PIXEL)[pixels] = found.view(PIXEL).reshape(-1)
+        pixel = self._colours.pixel
+        rgb.reshape(-1).view(pixel)[pixels] = found.view(pixel).reshape(-1)
 
     def close(self) -> None:
         """Nothing is held that the renderer does not hold."""

@@ -16,7 +16,7 @@ from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
+from catoptra_server.render.trace.packed_light import Float32s, Packed, Scale
 from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
@@ -72,12 +72,12 @@ class EmbreeScene:
         look[look < 0] = np.where(lit, _POINT_LIT, _CONSTANT)[look < 0]
         return look
 
-    def light_table(self, scale: LightScale) -> Packed:
+    def light_table(self, scale: Scale) -> Packed:
         """Return the (n + 1,) packed light of each triangle, and of the background."""
         return scale.packed(self._radiance)
 
     def hit_light(
-        self, origins: Float32s, directions: Float32s, *, table: Packed, scale: LightScale
+        self, origins: Float32s, directions: Float32s, *, table: Packed, scale: Scale
     ) -> Packed:
         """Return the (n,) packed light of what each ray meets."""
         if not self.light_varies:
@@ -101,7 +101,7 @@ class EmbreeScene:
         places: Places,
         *,
         table: Packed,
-        scale: LightScale,
+        scale: Scale,
     ) -> Packed:
         """Return the (n,) packed light of places on (n,) triangles; -1 is the background."""
         light: Packed = table.take(triangle, mode="wrap")

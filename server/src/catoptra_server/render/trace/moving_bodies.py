@@ -19,7 +19,7 @@ from embreex.mesh_construction import TriangleMesh
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
-from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
+from catoptra_server.render.trace.packed_light import Float32s, Packed, Scale
 from catoptra_server.scene.bodies import Body, BodyMesh, facets
 from catoptra_server.scene.description import Light
 
@@ -43,12 +43,12 @@ class BodyScenes:
         return len(self._scenes)
 
     def placed(
-        self, bodies: tuple[Body, ...], viewpoint: Floats, scale: LightScale
+        self, bodies: tuple[Body, ...], viewpoint: Floats, scale: Scale
     ) -> tuple[PlacedBody, ...]:
         """Return bodies as a (3,) viewpoint meets them, lit where they stand."""
         return tuple(self._placed(body, viewpoint, scale) for body in bodies)
 
-    def _placed(self, body: Body, viewpoint: Floats, scale: LightScale) -> PlacedBody:
+    def _placed(self, body: Body, viewpoint: Floats, scale: Scale) -> PlacedBody:
         if body.mesh not in self._scenes:
             self._scenes[body.mesh] = _committed(body.mesh)
         towards = body.centre - viewpoint
@@ -102,7 +102,7 @@ class PlacedBody:
         return rays[met], hit["tfar"][met], hit["primID"][met]
 
     def light(
-        self, triangle: Rays, directions: Float32s, distance: Float32s, scale: LightScale
+        self, triangle: Rays, directions: Float32s, distance: Float32s, scale: Scale
     ) -> Packed:
         """Return the (n,) packed light of hits: of a triangle, along a direction, how far."""
         if not self.lights:
@@ -121,7 +121,7 @@ class PlacedBody:
 
 
 def body_hits(
-    bodies: tuple[PlacedBody, ...], directions: Float32s, scale: LightScale
+    bodies: tuple[PlacedBody, ...], directions: Float32s, scale: Scale
 ) -> tuple[Rays, Float32s, Packed]:
     """Return which of (n, 3) rays meet a body, how far away the nearest is, and its light."""
     distance = np.full(len(directions), _NOTHING)

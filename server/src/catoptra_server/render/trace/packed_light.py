@@ -26,6 +26,8 @@ Float32s = npt.NDArray[np.float32]
 # The colours of pixels, (n, 3): uint8 sRGB, or float32 linear light.
 Colours = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 
+_GREY, _LINEAR = np.dtype(np.uint8), np.dtype(np.float32)
+
 _FIELD_BITS = 21
 _FIELD_MASK = np.uint64(2**_FIELD_BITS - 1)
 _MOST_SAMPLES = 256
@@ -63,7 +65,7 @@ class LightScale:
     samples: int
     top: int
     encoded: npt.NDArray[np.uint8]
-    channel: np.dtype[np.uint8] = np.dtype(np.uint8)
+    channel: np.dtype[np.uint8] = _GREY
 
     @classmethod
     def for_samples(cls, samples: int) -> LightScale:
@@ -106,7 +108,7 @@ class LinearScale:
     samples: int
     top: int
     largest: float
-    channel: np.dtype[np.float32] = np.dtype(np.float32)
+    channel: np.dtype[np.float32] = _LINEAR
 
     @classmethod
     def for_samples(cls, samples: int, *, largest: float) -> LinearScale:

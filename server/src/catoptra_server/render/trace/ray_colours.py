@@ -10,11 +10,7 @@ import numpy.typing as npt
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace.embree_scene import EmbreeScene, Places
 from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody, body_hits
-from catoptra_server.render.trace.packed_light import Float32s, LightScale, Packed
-
-Colours = npt.NDArray[np.uint8]
-# Three bytes as one element: twice as fast as rows of three to look up and to scatter.
-PIXEL = np.dtype("V3")
+from catoptra_server.render.trace.packed_light import Colours, Float32s, Packed, Scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,16 +23,22 @@ class Placement:
 
 
 class RayColours:
-    """A scene's light at a number of samples a pixel."""
+    """A scene's light on a scale: finished greys, or linear light.
 
-    def __init__(self, scene: EmbreeScene, bodies: BodyScenes, samples_per_pixel: int) -> None:
+    channel, pixel: what a colour and a whole pixel are stored as.
+    """
+
+    def __init__(self, scene: EmbreeScene, bodies: BodyScenes, scale: Scale) -> None:
         self.scene = scene
         self._bodies = bodies
-        self._scale = LightScale.for_samples(samples_per_pixel)
+        self._scale = scale
+        self.channel = scale.channel
+        # A pixel's bytes as one element: twice as fast as rows of three to look up and to scatter.
+        self.pixel = np.dtype(f"V{3 * scale.channel.itemsize}")
         self._table = scene.light_table(self._scale)
         # Of a scene without textures and point lights, one sample a pixel is one look-up.
-        self._is_looked_up = samples_per_pixel == 1 and not scene.light_varies
-        self._colour_of_triangle = self._scale.colours(self._table).view(PIXEL).reshape(-1)
+        self._is_looked_up = scale.samples == 1 and not scene.light_varies
+        self._colour_of_triangle = self._scale.colours(self._table).view(self.pixel).reshape(-1)
 
     def placed(self, exposure: Exposure) -> Placement:
         """Return what does not change within an exposure."""
@@ -56,7 +58,8 @@ class RayColours:
         if self._is_looked_up and not placement.bodies and not len(off_mirror):
             triangle = self.scene.met(origins, directions)
             whole = self._colour_of_triangle.take(triangle, mode="wrap")
-            return whole.view(np.uint8).reshape(-1, 3)
+            known: Colours = whole.view(self.channel).reshape(-1, 3)
+            return known
         light = self.scene.hit_light(origins, directions, table=self._table, scale=self._scale)
         if placement.bodies:
             self._add_bodies(light, directions, placement)

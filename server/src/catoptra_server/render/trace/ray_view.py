@@ -7,18 +7,22 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_server.render.renderer import Exposure, Image, RenderedImage
-from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.render.trace.ray_colours import PIXEL, Placement, RayColours
+from catoptra_server.render.trace.packed_light import Colours, Float32s
+from catoptra_server.render.trace.ray_colours import Placement, RayColours
 from catoptra_server.render.trace.samples import RaySamples
 
 # Rays a task: enough that the last ones to finish leave other threads idle only briefly, and not so
 # few that handing tasks out shows.
 _RAYS_PER_CHUNK = 40_000
+
+
+Drawn = tuple[Colours, dict[str, float]]
 
 
 class RayView:
@@ -32,9 +36,14 @@ class RayView:
 
     def draw(self, exposure: Exposure) -> RenderedImage:
         """Return the picture of an exposure."""
+        rgb, stage_ms = self.picture(exposure)
+        return RenderedImage(cast(Image, rgb), stage_ms)
+
+    def picture(self, exposure: Exposure) -> Drawn:
+        """Return an exposure as its colours are stored, and milliseconds by stage."""
         begin = time.perf_counter()
         samples = self._samples
-        rgb = np.zeros((samples.height_px, samples.width_px, 3), dtype=np.uint8)
+        rgb = np.zeros((samples.height_px, samples.width_px, 3), dtype=self._colours.channel)
         placement = self._colours.placed(exposure)
 
         def draw_chunk(chunk: RayChunk) -> None:
@@ -42,7 +51,7 @@ class RayView:
 
         list(self._pool.map(draw_chunk, self._chunks))
         rgb.setflags(write=False)
-        return RenderedImage(rgb, {"trace": 1e3 * (time.perf_counter() - begin)})
+        return rgb, {"trace": 1e3 * (time.perf_counter() - begin)}
 
     def close(self) -> None:
         """Nothing is held that the renderer does not hold."""
@@ -56,10 +65,10 @@ class RayChunk:
     directions: Float32s
     off_mirror: npt.NDArray[np.intp]
 
-    def draw(self, rgb: Image, colours: RayColours, placement: Placement) -> None:
+    def draw(self, rgb: Colours, colours: RayColours, placement: Placement) -> None:
         """Write the chunk's pixels into a picture."""
         found = colours.of_rays(self.directions, placement, off_mirror=self.off_mirror)
-        rgb.reshape(-1).view(PIXEL)[self.pixels] = found.view(PIXEL).reshape(-1)
+        rgb.reshape(-1).view(colours.pixel)[self.pixels] = found.view(colours.pixel).reshape(-1)
 
 
 def ray_chunks(samples: RaySamples) -> list[RayChunk]:

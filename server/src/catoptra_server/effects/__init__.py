@@ -1,0 +1,38 @@
+"""What lens and sensor do to the picture, in one visible table, in optical order.
+
+To add one: write `<name>.py` beside the others (the protocol is in `effect.py`; formula, source,
+domain and criterion in its docstring), `glsl/effect_<name>.frag`, and its line here. Its keys in
+the capture camera's section, its place in both renderers, in `explain` and in the stream's header
+follow from these. Of what no robot's file names nothing is built.
+"""
+
+from __future__ import annotations
+
+from catoptra_server.effects import (
+    auto_exposure,
+    bayer,
+    bloom,
+    exposure,
+    fixed_pattern,
+    quantisation,
+    read_noise,
+    shot_noise,
+    vignetting,
+    white_balance,
+)
+from catoptra_server.effects.effect import Kind
+
+EFFECTS: tuple[Kind, ...] = (
+    vignetting.KIND,
+    exposure.KIND,
+    auto_exposure.KIND,
+    bloom.KIND,
+    fixed_pattern.KIND,
+    shot_noise.KIND,
+    read_noise.KIND,
+    quantisation.KIND,
+    bayer.KIND,
+    white_balance.KIND,
+)
+
+__all__ = ["EFFECTS"]

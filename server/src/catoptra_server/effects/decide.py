@@ -1,0 +1,84 @@
+"""The decision before a frame: which effects the scene calls for, and why. Pure, and cached.
+
+An effect's bound is that of what reaches it: those that run before it count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.scene_summary import SceneSummary
+
+_ROW = "{:<13} {:<4} {:>9} {:>9}  {:<11}  {}"
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Whether an effect runs, the most that it can change any pixel, and the words for it."""
+
+    effect: str
+    is_on: bool
+    bound: float
+    threshold: float
+    unit: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class EffectPlan:
+    """The decisions on all effects that a robot's file names, and those that run, in order."""
+
+    decisions: tuple[Decision, ...] = ()
+    active: tuple[Effect, ...] = ()
+
+    def __str__(self) -> str:
+        if not self.decisions:
+            return "no effects: the robot's file names none"
+        head = _ROW.format("effect", "", "bound", "threshold", "unit", "reason")
+        return "\n".join((head, *map(_row, self.decisions)))
+
+
+NO_EFFECTS = EffectPlan()
+
+
+@lru_cache(maxsize=64)
+def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
+    """Return which effects run: `always`, or `auto` with a bound above the threshold."""
+    decisions, active = [], []
+    for wish in wishes.wishes:
+        decision = _decision(wish, summary, camera, threshold=wishes.threshold_grey_levels)
+        decisions.append(decision)
+        if decision.is_on:
+            active.append(wish.effect)
+            summary = wish.effect.after(summary)
+    return EffectPlan(tuple(decisions), tuple(active))
+
+
+def _decision(
+    wish: Wish, summary: SceneSummary, camera: OmniCamera, *, threshold: float
+) -> Decision:
+    effect = wish.effect
+    bound = effect.bound(summary, camera)
+    is_on = {
+        Mode.ALWAYS: True,
+        Mode.NEVER: False,
+        Mode.AUTO: bound.value > threshold,
+    }[wish.mode]
+    asked = "" if wish.mode is Mode.AUTO else f"{wish.mode.value} by the robot's file; "
+    return Decision(
+        effect=effect.name,
+        is_on=is_on,
+        bound=bound.value,
+        threshold=threshold,
+        unit=effect.unit,
+        reason=f"{asked}{bound.reason}",
+    )
+
+
+def _row(decision: Decision) -> str:
+    state = "on" if decision.is_on else "off"
+    numbers = (f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
+    return _ROW.format(decision.effect, state, *numbers, decision.unit, decision.reason)

@@ -1,0 +1,119 @@
+"""What an effect is: frozen parameters, a bound on what it can change, its float64 reference.
+
+An effect changes the linear picture of an omnidirectional camera after it is whole: no seams. Light
+is (h, w, 3), 1 = what fills a pixel's well, as in `render/shading` 1 = a white facet at full scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.scene_summary import SceneSummary
+
+# float64 for the reference; float32 where a renderer applies it to its pictures.
+Real = TypeVar("Real", np.float32, np.float64)
+Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
+
+GREY_LEVELS = "grey levels"
+
+
+class Mode(Enum):
+    """Who decides whether an effect runs: its criterion, or the robot's file."""
+
+    AUTO = "auto"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """The most that an effect can change any pixel, in its unit, and why, in words."""
+
+    value: float
+    reason: str
+
+
+class Effect(Protocol):
+    """Frozen parameters in physical units, hashable. Every module of this folder but a few is one.
+
+    Its shader is `glsl/effect_<name>.frag`, with the texture `picture` and the uniforms named here.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return its name: the key of its mode, and its stage in timings."""
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of its bound."""
+
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+        """Return the most that it can change any pixel of what reaches it."""
+
+    def after(self, summary: SceneSummary) -> SceneSummary:
+        """Return what the summary is behind it."""
+
+    def apply(
+        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+    ) -> npt.NDArray[Real]:
+        """Return the changed picture, a new array of the same type."""
+
+    def uniforms(
+        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+    ) -> Uniforms:
+        """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number of an effect: its key in the capture camera's section, its field, its range."""
+
+    key: str
+    field: str
+    default: float
+    at_least: float
+    at_most: float
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """An effect as it is configured: the key of its mode, and its numbers."""
+
+    name: str
+    make: Callable[..., Effect]
+    parameters: tuple[Parameter, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """An effect that a robot's file names, and who decides about it."""
+
+    effect: Effect
+    mode: Mode
+
+
+@dataclass(frozen=True, slots=True)
+class EffectWishes:
+    """What a robot's file says of effects, in optical order; most files say nothing.
+
+    threshold_grey_levels: what may be left out changes no pixel by more.
+    """
+
+    wishes: tuple[Wish, ...] = ()
+    threshold_grey_levels: float = 0.5
+
+
+NO_WISHES = EffectWishes()
+
+
+def floats(*values: float) -> npt.NDArray[np.float32]:
+    """Return a uniform's numbers."""
+    return np.array(values, dtype=np.float32)

@@ -1,0 +1,13 @@
+// Provides the picture darkened by cos^4 of the angle at the lens.
+// Twin: catoptra_server.effects.vignetting.Vignetting.apply.
+uniform sampler2D picture;
+uniform vec2 centre_px;
+uniform float inverse_focal;         // tan(psi) of a radius of one pixel
+out vec4 colour;
+
+void main()
+{
+    vec2 tangent = (gl_FragCoord.xy - centre_px) * inverse_focal;
+    float secant2 = 1.0 + dot(tangent, tangent);
+    colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0) / (secant2 * secant2);
+}

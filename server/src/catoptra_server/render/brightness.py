@@ -1,0 +1,50 @@
+"""The brightest light that a scene can show: a bound, found once, for the criteria of effects.
+
+Facets count with all their light, textures as white, point lights from the nearest place of a
+facet's box. Robots count as white facets under sky and sun; one that is nearer to a lamp than every
+surface of the scene may be brighter than is said here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.shading import facet_radiance, point_lights
+from catoptra_server.scene.description import DirectionalLight, HemisphereLight, World
+from catoptra_server.scene.meshes import SceneMesh
+
+# As near as shading lets a light come, squared metres.
+_NEAREST_SQUARED = 1e-6
+
+
+def summarise(scene: SceneMesh, world: World) -> SceneSummary:
+    """Return what a scene can show at most: a tenth of a second for a million triangles."""
+    radiance = facet_radiance(scene, world.lights) + _point_radiance(scene, world)
+    largest = max(*world.background, float(radiance.max(initial=0.0)), _white_facet(world))
+    return SceneSummary(largest)
+
+
+def _point_radiance(scene: SceneMesh, world: World) -> Floats:
+    """Return (n, 3): at most what point lights add to each triangle."""
+    total = np.zeros_like(scene.albedo)
+    low, high = scene.corners.min(axis=1), scene.corners.max(axis=1)
+    for light in point_lights(world.lights):
+        at = np.asarray(light.position_m)
+        outside = np.maximum(np.maximum(low - at, at - high), 0.0)
+        squared = np.maximum(np.square(outside).sum(axis=-1), _NEAREST_SQUARED)
+        total += np.asarray(light.intensity) / squared[:, None]
+    return scene.albedo * np.where(scene.unlit[:, None], 0.0, total)
+
+
+def _white_facet(world: World) -> float:
+    """Return at most what sky and sun give a white facet, however it is turned."""
+    total = np.zeros(3)
+    for light in world.lights:
+        match light:
+            case HemisphereLight(up, down):
+                total += np.maximum(up, down)
+            case DirectionalLight(_, irradiance):
+                total += np.asarray(irradiance)
+    return float(total.max())

@@ -1,0 +1,63 @@
+"""The brightest light of a scene is bounded, and not by much more than it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.brightness import summarise
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import (
+    DirectionalLight,
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    PointLight,
+    Rectangle,
+    World,
+)
+from catoptra_server.scene.meshes import build_scene
+from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room
+
+
+def largest_of(world: World) -> float:
+    return summarise(build_scene(world), world).largest_radiance
+
+
+@pytest.mark.parametrize("lights", [(SKY,), (SKY, SUN), (SKY, SUN, LAMP)])
+def test_picture_when_drawn_is_never_brighter_than_the_summary_says(
+    lights: tuple[Light, ...],
+) -> None:
+    world = room(lights=lights)
+    scene, camera = build_scene(world), omni_camera()
+    renderer = TraceRenderer(scene, world, threads=1)
+    view = renderer.prepare_with_effects(camera, raster_plan(camera), ())
+    assert view.draw_linear(VIEW).max() <= largest_of(world) * (1.0 + 1e-6)
+    renderer.close()
+
+
+def test_world_when_nothing_is_lit_is_as_bright_as_its_background() -> None:
+    assert largest_of(World("night", (), background=(0.01, 0.03, 0.02))) == 0.03
+
+
+def test_white_robot_when_it_comes_is_counted_under_sky_and_sun() -> None:
+    lights = (
+        HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1)),
+        DirectionalLight((0, 0, 1), (2, 1, 1)),
+    )
+    assert largest_of(World("dusk", (), lights=lights)) == pytest.approx(2.2)
+
+
+def test_floor_when_under_a_lamp_is_as_bright_as_right_below_it() -> None:
+    floor = Item("floor", Rectangle((2, 2)), Pose.identity(), Material((0.5, 0.5, 0.5)))
+    lamp = PointLight((0.3, 0.2, -0.5), (1.0, 1.0, 1.0))
+    assert largest_of(World("lamp", (floor,), lights=(lamp,))) == pytest.approx(0.5 / 0.25)
+
+
+def test_unlit_facet_when_a_lamp_touches_it_stays_as_it_is() -> None:
+    floor = Item("sign", Rectangle((2, 2)), Pose.identity(), Material((0.5, 0.5, 0.5), unlit=True))
+    lamp = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    assert largest_of(World("lamp", (floor,), lights=(lamp,))) == pytest.approx(0.5)
+    assert np.isfinite(largest_of(World("lamp", (floor,), lights=(lamp,))))
