@@ -10,6 +10,7 @@ import pytest
 from catoptra_protocol.optics import camera as law
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.render.trace.pixel_law import PIXEL_ERROR_PX, PixelLaw
 from stability.catalogue import Case, Invalid, check, load
 
 
@@ -56,3 +57,21 @@ SUBJECTS = {
 @pytest.mark.parametrize("case", load("pixel"), ids=str)
 def test_pixel_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)
+
+
+def _in_table(case: Case) -> bool:
+    """Return whether a case has a pixel, and a length that float32 normalises."""
+    has_value = case.formula == "pixel_from_direction" and case.expect == "value"
+    return has_value and case.float_type == "float32"
+
+
+@pytest.mark.parametrize("case", [c for c in load("pixel") if _in_table(c)], ids=str)
+def test_pixel_when_read_from_traces_table_is_within_its_bound(case: Case) -> None:
+    inputs = dict(case.inputs)
+    direction = np.array(inputs.pop("direction"))
+    table = PixelLaw.of(_camera(inputs))
+    assert table is not None
+    unit = (direction / np.linalg.norm(direction)).astype(np.float32)
+    u, v = table.pixels(*unit[:, None])
+    away = np.hypot(u[0] - float(case.reference[0]), v[0] - float(case.reference[1]))
+    assert away < PIXEL_ERROR_PX

@@ -170,10 +170,55 @@ def test_file_when_missing_is_refused(tmp_path: Path) -> None:
         load_mesh_file(MeshFile(tmp_path / "m.glb"))
 
 
-def test_triangles_when_without_a_place_are_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bad", ["nan 0 0", "inf 0 0", "0 -inf 0", "1e300 0 0"])
+def test_triangles_when_without_a_place_are_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
+) -> None:
     path = tmp_path / "m.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 0\nf 1 2 3\nf 1 2 4\n")
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv {bad}\nf 1 2 3\nf 1 2 4\n")
     assert len(loaded(path).patch.corners) == 1
+    (record,) = caplog.records
+    assert "m.obj: left out 1 of 2 triangles with a corner without" in record.getMessage()
+    assert record.getMessage().endswith("the first is number 1")
+
+
+@pytest.mark.parametrize("bad", ["nan 0", "inf 1", "1e30 0"])
+def test_triangles_when_without_a_place_on_their_texture_are_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
+) -> None:
+    path = written(textured_square(), tmp_path / "m.obj")
+    lines = path.read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("vt "))
+    lines[first + 1] = f"vt {bad}"
+    path.write_text("\n".join(lines))
+    kept = loaded(path).patch
+    assert len(kept.corners) == 1
+    assert np.isfinite(kept.uv).all()
+    assert any("texture coordinates that are no finite" in r.getMessage() for r in caplog.records)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-170, 1e-3])
+def test_triangles_when_without_area_are_left_out_at_any_scale(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, scale: float
+) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nv 1e-6 1e-6 0\n"
+        "f 1 2 3\nf 1 2 4\nf 1 1 2\nf 2 2 2\nf 1 2 5\n"
+    )
+    assert len(loaded(path, scale=scale).patch.corners) == 2
+    assert not caplog.records
+
+
+def test_square_when_its_texture_coordinates_are_one_point_shows_that_texel(
+    tmp_path: Path,
+) -> None:
+    path = written(textured_square(), tmp_path / "m.obj")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join("vt 0.25 0.75" if x.startswith("vt ") else x for x in lines))
+    mesh = loaded(path)
+    assert len(mesh.patch.corners) == 2
+    assert np.ptp(mesh.patch.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
 
 
 def test_mesh_when_no_triangle_has_a_place_is_refused(tmp_path: Path) -> None:

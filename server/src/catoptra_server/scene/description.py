@@ -8,10 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
 
 Rgb = tuple[float, float, float]
+
+# A millimetre from such a lamp light still is a float32 number, and so is the sum of a hundred.
+BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +103,9 @@ class HemisphereLight:
     up: Rgb
     down: Rgb
 
+    def __post_init__(self) -> None:
+        _check_light("hemisphere", self.up, self.down)
+
 
 @dataclass(frozen=True, slots=True)
 class DirectionalLight:
@@ -107,6 +114,9 @@ class DirectionalLight:
     direction: tuple[float, float, float]
     irradiance: Rgb
 
+    def __post_init__(self) -> None:
+        _check_light("directional", self.irradiance)
+
 
 @dataclass(frozen=True, slots=True)
 class PointLight:
@@ -114,6 +124,16 @@ class PointLight:
 
     position_m: tuple[float, float, float]
     intensity: Rgb
+
+    def __post_init__(self) -> None:
+        _check_light("point", self.intensity)
+
+
+def _check_light(kind: str, *colours: Rgb) -> None:
+    """Raise DomainError if a light is negative, no number, or brighter than numbers allow."""
+    for colour in colours:
+        if not all(0.0 <= value <= BRIGHTEST for value in colour):
+            raise DomainError(f"a {kind} light of {colour!r}: from 0 to {BRIGHTEST:g} can be shown")
 
 
 Light = HemisphereLight | DirectionalLight | PointLight

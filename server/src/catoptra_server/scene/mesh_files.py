@@ -6,6 +6,7 @@ or of the faces.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,12 @@ from catoptra_server.scene.description import MeshFile
 from catoptra_server.scene.primitives import Patch
 
 Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
+
+_LOG = logging.getLogger(__name__)
+# Both renderers square places in float32, which ends at 3e38.
+_FARTHEST_M = 1e15
+# Beyond so many repetitions float32 cannot tell one place of a texture from another.
+_MOST_REPEATS = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,14 +69,46 @@ def _refused(shape: MeshFile, expected: str) -> ConfigError:
 
 
 def _loaded(mesh: Any, shape: MeshFile) -> LoadedMesh:
-    """Return a mesh of trimesh's as ours, without triangles that have no place."""
+    """Return a mesh of trimesh's as ours, without triangles that cannot be drawn.
+
+    Those without area show nothing and go in silence; those without a place, or without a place on
+    their texture, are a fault of the file that a warning names.
+    """
     faces = np.asarray(mesh.faces)
     corners = np.asarray(mesh.vertices, dtype=np.float64)[faces] * shape.scale
     is_gltf = shape.path.suffix.lower() in (".glb", ".gltf")
     uv, albedo, texture = _own_look(mesh, faces, is_gltf=is_gltf)
-    finite = np.isfinite(corners).all(axis=(1, 2))
-    patch = Patch(corners[finite] @ _SAE_FROM_UP[shape.up].T, uv[finite])
-    return LoadedMesh(patch, albedo[finite], texture)
+    kept = _within(corners, _FARTHEST_M, "a corner without a finite place", shape)
+    kept &= _within(uv, _MOST_REPEATS, "texture coordinates that are no finite numbers", shape)
+    kept[kept] = _have_area(corners[kept])
+    patch = Patch(corners[kept] @ _SAE_FROM_UP[shape.up].T, uv[kept])
+    return LoadedMesh(patch, albedo[kept], texture)
+
+
+def _within(values: Floats, largest: float, fault: str, shape: MeshFile) -> npt.NDArray[np.bool_]:
+    """Return which of n triangles have all (n, 3, k) values within a bound; warn of others."""
+    # A comparison with NaN is false.
+    within = np.asarray((np.abs(values) <= largest).all(axis=(1, 2)))
+    wrong = np.flatnonzero(~within)
+    if len(wrong):
+        _LOG.warning(
+            "%s: left out %d of %d triangles with %s, the first is number %d",
+            shape.path,
+            len(wrong),
+            len(within),
+            fault,
+            wrong[0],
+        )
+    return within
+
+
+def _have_area(corners: Floats) -> npt.NDArray[np.bool_]:
+    """Return which of (n, 3, 3) triangles have an area; how small it is does not matter."""
+    edges = corners[:, 1:] - corners[:, :1]
+    # Over the longest edge, so that the product of tiny edges does not vanish.
+    size = np.abs(edges).max(axis=(1, 2), initial=0.0)[:, None, None]
+    edges = edges / np.where(size > 0.0, size, 1.0)
+    return np.asarray((np.cross(edges[:, 0], edges[:, 1]) != 0.0).any(axis=-1))
 
 
 def _own_look(
