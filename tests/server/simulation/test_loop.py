@@ -26,7 +26,7 @@ from catoptra_protocol.wire.reports import (
 )
 from catoptra_server.imaging.drawing import developed
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import Shot
+from catoptra_server.imaging.shot import CameraChannel, Shot
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.simulation import (
@@ -35,6 +35,7 @@ from catoptra_server.simulation import (
     Drawn,
     Fleet,
     FrameWanted,
+    LandmarksSought,
     Left,
     Simulation,
     Stop,
@@ -380,3 +381,16 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
     # A tick is what the interval can be missed by.
     assert (np.diff(times) >= 0.1 - 1e-9).all()
     assert (np.diff(times) < 0.2).all()
+
+
+def test_landmarks_when_sought_are_answered_with_the_time_and_none_without_such_a_camera() -> None:
+    simulation, told = simulation_of(), list[object]()
+    client = FakeClient()
+    simulation.post(Asked(client, INIT))
+    simulation.post(Asked(client, Step(0.5)))
+    for name in ("R", "Other"):
+        channel = CameraChannel(name, "")
+        simulation.post(LandmarksSought(channel, lambda *answer: told.append(answer)))
+    simulation.post(Stop())
+    simulation.run()
+    assert told == [(0.5, ()), (0.5, None)]
