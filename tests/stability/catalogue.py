@@ -83,7 +83,7 @@ def check(case: Case, subjects: Mapping[str, Subject]) -> None:
         except (Invalid, CatoptraError) as refusal:
             _check_refusal(case, refusal)
             return
-        except (ArithmeticError, Warning) as failure:
+        except (ArithmeticError, ValueError, Warning) as failure:  # LinAlgError is a ValueError
             raise AssertionError(f"{case}: {failure!r}") from failure
     assert case.expect == "value", f"{case}: {answer!r}, but expected {case.expect}"
     _check_value(case, answer, case.reference)

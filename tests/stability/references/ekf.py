@@ -66,6 +66,8 @@ UPDATES = {
     "metres beside microradians": (POSE, diagonal(1e4, 1e4, 1e-12), [seen(MARKS[0])]),
     "noise 1e-10": (POSE, some(), around(1e-10)),
     "noise 1e-14": (POSE, some(), around(1e-14)),
+    "noise 1e-14, heading certain": (POSE, diagonal(1.0, 1.0, 0.0), around(1e-14)[:1]),
+    "a position known to 1 km seen to 10 um": (POSE, diagonal(1e6, 1e6, 0.0), around(1e-10)[:1]),
     "noise 1e-300": (POSE, some(), [seen(MARKS[0], noise=(1e-300, 1e-300))]),
     "noise zero": (POSE, some(), [seen(MARKS[0], noise=(0.0, 0.0))]),
     "noise 1e12": (POSE, some(), around(1e12)),
@@ -103,6 +105,8 @@ UPDATES = {
 SIGMA_RELATIVE = {
     "noise 1e-10": 1e-5,
     "noise 1e-14": 1e-2,
+    "noise 1e-14, heading certain": 1e-9,
+    "a position known to 1 km seen to 10 um": 1e-9,
     "noise 1e-300": 1e-11,
     "noise zero": 1e-11,
     "exact, the same thing twenty times": 1e-9,
