@@ -13,9 +13,10 @@ from catoptra_protocol.wire.reports import line_from_report
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.description import Mount, SonarDescription
 from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.sensors.sight import Surroundings
 from catoptra_server.sensors.sonar import SonarRing
 from helpers.robots import BASE, SONAR
-from helpers.rooms import box_at, in_room
+from helpers.rooms import Room, box_at, in_room
 
 HALF_ANGLE = 0.5 * SONAR.beam_rad
 CENTRED = dataclasses.replace(SONAR, mount=Mount())
@@ -110,3 +111,9 @@ def test_configuration_when_of_udk_tells_the_limit() -> None:
     (part,) = ring(dataclasses.replace(CENTRED, max_incidence_rad=0.1745329252)).parts
     line = line_from_report(part.configuration(), Dialect.UDK)
     assert b"{maxAngleOfIncidence 0.1745} {tracesPerCone 8} {numberOfCones 3}" in line
+
+
+def test_range_when_level_over_a_floor_is_to_what_stands_beyond() -> None:
+    # The lowest rays of the cone meet the floor at 0.84 m, 80 degrees from its normal.
+    moment = dataclasses.replace(in_room(), around=Surroundings(Room((4.0, 3.0, 0.1457))))
+    assert ring().reading(moment).items == (("F1", pytest.approx(4.0)),)

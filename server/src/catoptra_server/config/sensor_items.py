@@ -7,7 +7,6 @@ says, what that leaves open our table: the defaults of UDK's DefaultUSAR.ini.
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 
 from catoptra_server.config.ini_file import IniFile
@@ -28,6 +27,7 @@ from catoptra_server.robot.description import (
     TouchDescription,
     VictimSensorDescription,
 )
+from catoptra_server.robot.sensor_descriptions import FLATTEST_ECHO_RAD
 
 log = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ def _sonar(item: SensorItem) -> SensorDescription:
         noise_m=item.number("Noise", 0.0, 10.0),
         cones=item.section.integer("NumberOfCones", 3, at_least=0, at_most=64),
         rays=item.section.integer("TracesPerCone", 8, at_least=1, at_most=256),
-        max_incidence_rad=item.number("MaxAngleOfIncidence", 0.5 * math.pi, 3.1416),
+        max_incidence_rad=item.number("MaxAngleOfIncidence", FLATTEST_ECHO_RAD, 3.1416),
     )
 
 

@@ -63,6 +63,11 @@ class RangeScannerDescription:
     turns_in_pitch: bool = False
 
 
+# A level sonar's cone grazes the floor at 80 degrees or more from its normal. All captures of real
+# servers show ranges beyond that place: a floor brings no echo, walls met obliquely do.
+FLATTEST_ECHO_RAD = math.radians(75.0)
+
+
 @dataclass(frozen=True, slots=True)
 class SonarDescription:
     """One sonar that looks along its mount's x. beam_rad: the cone's full angle. noise: metres.
@@ -80,7 +85,7 @@ class SonarDescription:
     noise_m: float = 0.0
     cones: int = 3
     rays: int = 8
-    max_incidence_rad: float = 0.5 * math.pi
+    max_incidence_rad: float = FLATTEST_ECHO_RAD
 
 
 @dataclass(frozen=True, slots=True)
