@@ -1,0 +1,55 @@
+"""The devices that EGL lists, asked through its C interface: what drivers offer before any use.
+
+Asking loads the drivers' libraries, which may crash: call it in a process of its own. Source:
+EGL_EXT_device_enumeration, EGL_EXT_device_query, EGL_MESA_device_software, EGL_EXT_device_drm.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+from catoptra_protocol.errors import RendererUnavailableError
+
+LIBRARY = "libEGL.so.1"
+_EXTENSIONS = 0x3055
+_DRM_DEVICE_FILE = 0x3233
+_MOST = 32
+_NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceStringEXT")
+_QUERY_DEVICES = ctypes.CFUNCTYPE(
+    ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
+)
+_QUERY_TEXT = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+
+
+class _Egl:
+    """The two functions, and the library that they live in."""
+
+    def __init__(self) -> None:
+        try:
+            library = ctypes.CDLL(LIBRARY)
+        except OSError as error:
+            raise RendererUnavailableError(f"{LIBRARY} cannot be loaded ({error})") from error
+        library.eglGetProcAddress.restype = ctypes.c_void_p
+        addresses = [library.eglGetProcAddress(name) for name in _NAMES]
+        if not all(addresses):
+            raise RendererUnavailableError(f"{LIBRARY} cannot list devices")
+        self.devices = _QUERY_DEVICES(addresses[0])
+        self.text = _QUERY_TEXT(addresses[1])
+
+
+def egl_devices() -> list[str]:
+    """Return a description of each device, in EGL's order. Raises RendererUnavailableError."""
+    egl = _Egl()
+    devices, count = (ctypes.c_void_p * _MOST)(), ctypes.c_int()
+    if not egl.devices(_MOST, devices, ctypes.byref(count)):
+        return []
+    return [_description(egl, device) for device in devices[: count.value] if device]
+
+
+def _description(egl: _Egl, device: int) -> str:
+    extensions = (egl.text(device, _EXTENSIONS) or b"").decode().split()
+    if "EGL_MESA_device_software" in extensions:
+        return "software"
+    if "EGL_EXT_device_drm" in extensions:
+        return (egl.text(device, _DRM_DEVICE_FILE) or b"a device without a file").decode()
+    return "a device of its driver's own"
