@@ -26,7 +26,7 @@ from catoptra_protocol.wire.reports import (
 )
 from catoptra_server.imaging.drawing import developed
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import CameraChannel, Shot
+from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel, ScreenChannel, Shot
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.simulation import (
@@ -53,6 +53,7 @@ def simulation_of(
     monotonic: Callable[[], float] = lambda: 0.0,
     put_frame: Callable[[Frame], None] = lambda frame: None,
     view: FakeView | None = None,
+    frame_skip: int = 1,
 ) -> Simulation:
     world = walled_world()
     described = description or p2at()
@@ -64,7 +65,12 @@ def simulation_of(
         put_frame(frame)
 
     simulation = Simulation(
-        fleet, clock=clock, draw=draw, refuse=lambda channel: None, monotonic=monotonic
+        fleet,
+        clock=clock,
+        draw=draw,
+        refuse=lambda channel: None,
+        frame_skip=frame_skip,
+        monotonic=monotonic,
     )
     return simulation
 
@@ -246,7 +252,7 @@ class Frames:
         self.frames.append(frame)
         assert self.simulation is not None
         done = len(self.frames) == self._count
-        self.simulation.post(Stop() if done else FrameWanted())
+        self.simulation.post(Stop() if done else FrameWanted(channel=frame.channel))
 
 
 def frames_of(count: int, *requests: object, view: FakeView) -> list[Frame]:
@@ -381,6 +387,24 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
     # A tick is what the interval can be missed by.
     assert (np.diff(times) >= 0.1 - 1e-9).all()
     assert (np.diff(times) < 0.2).all()
+
+
+@pytest.mark.parametrize(
+    ("channel", "least_s"), [(SCREEN, 0.2), (ScreenChannel(1), 0.2), (CameraChannel("R", ""), 0.0)]
+)
+def test_realtime_when_frames_are_skipped_exposes_the_screen_rarely_and_no_other_camera(
+    channel: Channel, least_s: float
+) -> None:
+    keeper = Frames(4)
+    simulation = keeper.simulation = simulation_of(
+        clock=Clock.REALTIME, monotonic=Ticking(0.03), put_frame=keeper.put, frame_skip=10
+    )
+    simulation.post(Asked(FakeClient(), INIT))
+    simulation.post(FrameWanted(channel=channel))
+    simulation.run()
+    gaps = np.diff([frame.time_s for frame in keeper.frames])
+    assert (gaps >= least_s - 1e-9).all()
+    assert (gaps < least_s + 0.15).all()
 
 
 def test_landmarks_when_sought_are_answered_with_the_time_and_none_without_such_a_camera() -> None:
