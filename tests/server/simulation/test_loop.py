@@ -397,7 +397,7 @@ def test_realtime_when_frames_are_skipped_exposes_the_screen_rarely_and_no_other
 ) -> None:
     keeper = Frames(4)
     simulation = keeper.simulation = simulation_of(
-        clock=Clock.REALTIME, monotonic=Ticking(0.03), put_frame=keeper.put, frame_skip=10
+        clock=Clock.REALTIME, monotonic=Ticking(0.01), put_frame=keeper.put, frame_skip=10
     )
     simulation.post(Asked(FakeClient(), INIT))
     simulation.post(FrameWanted(channel=channel))
