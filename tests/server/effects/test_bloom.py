@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.bloom import Bloom
+from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+
+LONG = Bloom(0.3, 5.0)
+
+
+def bloomed(row: int) -> np.ndarray[tuple[int, int, int]]:
+    light = np.zeros((20, 7, 3))
+    light[row, 3] = (4.0, 1.0, 0.5)
+    return LONG.apply(light, CAMERA, KEY)
+
+
+def test_charge_when_it_runs_over_is_the_share_of_what_a_well_cannot_hold() -> None:
+    gained = bloomed(10) - np.where(bloomed(10) >= 4.0, 4.0, 0.0)
+    assert gained[..., 0].sum() == pytest.approx(0.3 * 3.0)
+
+
+def test_charge_when_it_runs_over_stays_in_its_column_and_colour() -> None:
+    red = bloomed(10)[..., 0]
+    assert set(np.flatnonzero(red.any(axis=0))) == {3}
+    assert list(np.flatnonzero(red[:, 3])) == list(range(5, 16))
+    assert bloomed(10)[9, 3, 1] == bloomed(10)[9, 3, 2] == 0.0
+
+
+def test_charge_when_it_leaves_the_picture_is_gone() -> None:
+    assert bloomed(0)[1:, 3, 0].sum() == pytest.approx(0.5 * 0.3 * 3.0)
+
+
+def test_dim_scene_when_criterion_is_asked_is_left_out() -> None:
+    assert_left_out(LONG, 1.0)
+    light = np.random.default_rng(1).uniform(0.0, 1.0, (20, 7, 3))
+    np.testing.assert_array_equal(LONG.apply(light, CAMERA, KEY), light)
+
+
+def test_bright_scene_when_criterion_is_asked_is_called_for() -> None:
+    assert_called_for(LONG, 3.0)
+    assert_summary_holds(LONG, 3.0)

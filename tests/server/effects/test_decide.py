@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import pytest
+
+from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.decide import NO_EFFECTS, decide
+from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Mode, Wish
+from catoptra_server.effects.exposure import Exposure
+from catoptra_server.effects.quantisation import Quantisation
+from catoptra_server.effects.scene_summary import SceneSummary
+from helpers.effects import CAMERA
+
+DAY = SceneSummary(1.0)
+FINE, COARSE = Quantisation(12), Quantisation(8)
+
+
+def wishes(*pairs: tuple[object, Mode], threshold: float = 0.5) -> EffectWishes:
+    return EffectWishes(tuple(Wish(*pair) for pair in pairs), threshold)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("effect", "mode", "is_on"),
+    [
+        (COARSE, Mode.AUTO, True),
+        (FINE, Mode.AUTO, False),
+        (FINE, Mode.ALWAYS, True),
+        (COARSE, Mode.NEVER, False),
+    ],
+)
+def test_effect_runs_when_the_scene_or_the_file_says_so(
+    effect: Quantisation, mode: Mode, is_on: bool
+) -> None:
+    plan = decide(wishes((effect, mode)), DAY, CAMERA)
+    assert plan.decisions[0].is_on is is_on
+    assert plan.active == ((effect,) if is_on else ())
+
+
+def test_reason_when_the_file_decides_says_so_and_the_bound_stays() -> None:
+    (decision,) = decide(wishes((COARSE, Mode.NEVER)), DAY, CAMERA).decisions
+    assert decision.reason.startswith("never by the robot's file; ")
+    assert decision.bound > decision.threshold == 0.5
+
+
+def test_threshold_when_the_user_moves_it_decides() -> None:
+    assert decide(wishes((FINE, Mode.AUTO), threshold=0.1), DAY, CAMERA).active == (FINE,)
+
+
+def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
+    bloom, longer = Bloom(0.1, 8.0), Exposure(0.04, 0.02)
+    alone = decide(wishes((bloom, Mode.AUTO)), DAY, CAMERA)
+    behind = decide(wishes((longer, Mode.AUTO), (bloom, Mode.AUTO)), DAY, CAMERA)
+    left_out = decide(wishes((longer, Mode.NEVER), (bloom, Mode.AUTO)), DAY, CAMERA)
+    assert [plan.active for plan in (alone, behind, left_out)] == [(), (longer, bloom), ()]
+
+
+def test_decision_when_nothing_changed_is_not_made_again() -> None:
+    asked = wishes((COARSE, Mode.AUTO))
+    assert decide(asked, DAY, CAMERA) is decide(asked, SceneSummary(1.0), CAMERA)
+
+
+def test_plan_when_no_effect_is_named_is_empty_and_says_so() -> None:
+    assert decide(NO_WISHES, DAY, CAMERA) == NO_EFFECTS
+    assert "no effects" in str(NO_EFFECTS)
+
+
+def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
+    head, row = str(decide(wishes((FINE, Mode.AUTO)), DAY, CAMERA)).splitlines()
+    assert head.split() == ["effect", "bound", "threshold", "unit", "reason"]
+    assert row.split()[:4] == ["Quantisation", "off", "0.402", "0.5"]
+    assert row.endswith("a converter of 12 bits")

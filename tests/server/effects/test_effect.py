@@ -1,0 +1,54 @@
+"""The table of effects, and what holds for all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects import EFFECTS
+from catoptra_server.effects.effect import floats
+from catoptra_server.effects.frame_key import FrameKey
+from helpers.effects import CAMERA, KEY, card, effect_of
+
+NAMES = [kind.name for kind in EFFECTS]
+
+
+def test_table_names_each_effect_once_as_it_names_itself() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+    assert [effect_of(name).name for name in NAMES] == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_default_when_checked_lies_within_its_range(name: str) -> None:
+    kind = next(kind for kind in EFFECTS if kind.name == name)
+    assert all(p.at_least <= p.default <= p.at_most for p in kind.parameters)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_effect_when_applied_leaves_its_picture_alone_and_keeps_its_type(name: str) -> None:
+    effect, light = effect_of(name), card(2.0).astype(np.float32)
+    before = light.copy()
+    after = effect.apply(light, CAMERA, KEY)
+    assert after.dtype == np.float32
+    assert after.shape == light.shape
+    np.testing.assert_array_equal(light, before)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_float32_when_compared_with_the_reference_agrees(name: str) -> None:
+    effect, light = effect_of(name), card(2.0).astype(np.float32)
+    reference = effect.apply(light.astype(np.float64), CAMERA, KEY)
+    # A code of the converter at most, elsewhere float32.
+    limit = 1.01 / 4095.0 if name == "Quantisation" else 1e-5
+    assert np.abs(effect.apply(light, CAMERA, KEY) - reference).max() < limit
+
+
+def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:
+    assert len({effect_of(name) for name in NAMES}) == len(NAMES)
+    assert replace(KEY, index=4) == FrameKey(KEY.camera, 4)
+
+
+def test_uniform_when_made_is_float32() -> None:
+    assert floats(0.5, 2.0).dtype == np.float32

@@ -1,0 +1,104 @@
+"""What effects cost on the device is what runs: passes, programs, textures are counted."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import pytest
+
+from catoptra_server.effects.effect import Effect
+from catoptra_server.plan.render_plan import PerPixel, Surface
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.effect_chain import EffectChain
+from catoptra_server.render.raster.programs import Programs
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.mirror_mesh import PolygonSplit
+from helpers.effects import CAMERA, effect_of
+from helpers.pictures import level_differences
+from helpers.worlds import VIEW, raster_plan, room
+
+NOISY = (effect_of("Vignetting"), effect_of("ShotNoise"), effect_of("ReadNoise"))
+METERED = (effect_of("AutoExposure"),)
+
+
+@pytest.fixture
+def renderer(device: GlDevice) -> RasterRenderer:
+    world = room()
+    return RasterRenderer(build_scene(world), world, device=device)
+
+
+@pytest.mark.parametrize(
+    ("effects", "passes", "programs"),
+    [
+        ((), ("faces", "mirror", "encode"), 2),
+        (NOISY, ("faces", "mirror", "Vignetting", "ShotNoise", "ReadNoise", "encode"), 5),
+        (METERED, ("faces", "mirror", "AutoExposure", "encode"), 4),
+    ],
+)
+def test_view_when_effects_run_has_a_pass_and_a_program_for_each(
+    renderer: RasterRenderer,
+    effects: tuple[Effect, ...],
+    passes: tuple[str, ...],
+    programs: int,
+) -> None:
+    faces = len(renderer.programs_built)
+    view = renderer.prepare_with_effects(CAMERA, raster_plan(CAMERA), effects)
+    assert view.passes == passes
+    assert tuple(view.draw(VIEW).stage_ms) == (*passes, "readback")
+    assert len(renderer.programs_built) - faces == programs
+    view.close()
+
+
+def test_view_when_no_effect_is_asked_for_has_what_it_always_had(renderer: RasterRenderer) -> None:
+    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
+    assert view.passes == ("faces", "mirror")
+    assert not [name for name in renderer.programs_built if "effect" in name or "LINEAR" in name]
+    view.close()
+
+
+@pytest.mark.parametrize(("count", "pictures"), [(0, 1), (1, 2), (2, 2), (7, 2)])
+def test_chain_however_long_has_two_pictures_at_most(
+    device: GlDevice, count: int, pictures: int
+) -> None:
+    context = device.context
+    with context:
+        target = context.framebuffer([context.renderbuffer((96, 96), 3)])
+        made = counted(context)
+        effects = (effect_of("Vignetting"),) * count
+        chain = EffectChain(context, Programs(context), effects, CAMERA, target)
+        assert len(made) == pictures
+        chain.close()
+
+
+def counted(context: moderngl.Context) -> list[moderngl.Texture]:
+    """Return a list that every texture made in a context from now on is put in."""
+    made: list[moderngl.Texture] = []
+    make = type(context).texture
+
+    class Counting(type(context)):  # type: ignore[misc]
+        def texture(self, *arguments: object, **named: object) -> moderngl.Texture:
+            made.append(make(self, *arguments, **named))
+            return made[-1]
+
+    context.__class__ = Counting
+    return made
+
+
+@pytest.mark.parametrize("surface", [PerPixel(), PolygonSplit(16, 16)])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_picture_when_no_effect_changes_it_is_the_usual_one(
+    renderer: RasterRenderer, surface: Surface, samples: int
+) -> None:
+    plan = raster_plan(CAMERA, surface, samples=samples)
+    usual = renderer.prepare(CAMERA, plan)
+    linear = renderer.prepare_with_effects(CAMERA, plan, ())
+    assert level_differences(usual.draw(VIEW).rgb, linear.draw(VIEW).rgb).max() <= 1
+    usual.close()
+    linear.close()
+
+
+def test_frame_when_drawn_twice_has_the_same_bytes(renderer: RasterRenderer) -> None:
+    view = renderer.prepare_with_effects(CAMERA, raster_plan(CAMERA), NOISY)
+    np.testing.assert_array_equal(view.draw(VIEW).rgb, view.draw(VIEW).rgb)
+    view.close()

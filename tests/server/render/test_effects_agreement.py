@@ -1,0 +1,137 @@
+"""Both renderers show the same picture behind the same effects; flat fields have EMVA 1288's noise.
+
+The tolerance of pictures is one grey level beside what the renderers differ by without effects: at
+edges, see test_agreement.py. Photon transfer is measured as a laboratory would: pairs of frames of
+an evenly lit world, the mean of each level against the variance of the difference of a pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import EffectView
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+from helpers.effects import CAMERA, effect_of
+from helpers.opengl import device_or_skip
+from helpers.pictures import away_from_edges, level_differences
+from helpers.worlds import VIEW, omni_camera, raster_plan, room
+
+SENSOR = tuple(
+    effect_of(name, changes)
+    for name, changes in (
+        ("Vignetting", {}),
+        ("AutoExposure", {}),
+        ("FixedPattern", {}),
+        ("ShotNoise", {}),
+        ("ReadNoise", {}),
+        ("Quantisation", {"adc_bits": 12}),
+        ("WhiteBalance", {"red": 1.3, "blue": 0.8}),
+    )
+)
+FULL_WELL, BITS = 18000.0, 12
+STEPS = 2**BITS - 1
+GAIN = STEPS / FULL_WELL  # EMVA's K, codes an electron
+FLAT = omni_camera(width_px=160)
+MIDDLE = (slice(40, 120), slice(40, 120))
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) -> None:
+    world, plan = room(), raster_plan(CAMERA, samples=2)
+    scene = build_scene(world)
+    trace = TraceRenderer(scene, world, threads=2)
+    raster = RasterRenderer(scene, world, device=device)
+    calm = trace.prepare(CAMERA, plan).draw(VIEW).rgb
+    view = raster.prepare_with_effects(CAMERA, plan, SENSOR)
+    traced = trace.prepare_with_effects(CAMERA, plan, SENSOR).draw(VIEW).rgb
+    difference = level_differences(view.draw(VIEW).rgb, traced)
+    smooth = away_from_edges(calm)
+    assert smooth.mean() > 0.5
+    # One code of the converter is up to one grey level in the dark, and rounding another.
+    assert (difference[smooth] > 2).mean() < 2e-3
+    assert (difference > 2).mean() < 0.05
+    view.close()
+    trace.close()
+
+
+def traced(world: World, effects: tuple[Effect, ...], device: GlDevice) -> EffectView:
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    return renderer.prepare_with_effects(FLAT, raster_plan(FLAT), effects)
+
+
+def rastered(world: World, effects: tuple[Effect, ...], device: GlDevice) -> EffectView:
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    return renderer.prepare_with_effects(FLAT, raster_plan(FLAT), effects)
+
+
+Prepare = Callable[[World, tuple[Effect, ...], GlDevice], EffectView]
+
+
+def codes(view: EffectView, index: int) -> Floats:
+    """Return the codes of the middle of a flat field: one exposure."""
+    exposure = replace(VIEW, key=FrameKey((1, 2), index))
+    return STEPS * view.draw_linear(exposure)[MIDDLE].astype(np.float64)
+
+
+def flat_field(level: float) -> World:
+    return World("flat", (), background=(level, level, level))
+
+
+@pytest.mark.parametrize("prepare", [traced, rastered])
+def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_sensor(
+    device: GlDevice, prepare: Prepare
+) -> None:
+    chain = (
+        effect_of("FixedPattern", {"prnu": 0.01, "dsnu_e": 6.0}),
+        effect_of("ShotNoise"),
+        effect_of("ReadNoise"),
+        effect_of("Quantisation", {"adc_bits": BITS}),
+    )
+    means, variances = [], []
+    for level in (0.0, 0.1, 0.3, 0.5, 0.7):
+        view = prepare(flat_field(level), chain, device)
+        first, second = codes(view, 1), codes(view, 2)
+        view.close()
+        means.append(0.5 * (first + second).mean())
+        variances.append(0.5 * (first - second).var())
+    slope, dark = np.polyfit(means, variances, 1)
+    # 19 200 differences a level: a variance is known to 1 %.
+    assert slope == pytest.approx(GAIN, rel=0.03)
+    assert variances[0] == pytest.approx((GAIN * 13.0) ** 2 + 1.0 / 12.0, rel=0.1)
+    assert dark == pytest.approx((GAIN * 13.0) ** 2 + 1.0 / 12.0, abs=0.03 * variances[-1])
+
+
+@pytest.mark.parametrize("prepare", [traced, rastered])
+def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
+    device: GlDevice, prepare: Prepare
+) -> None:
+    pattern = effect_of("FixedPattern", {"prnu": 0.02, "dsnu_e": 30.0})
+    noise = effect_of("ShotNoise", {"full_well_e": FULL_WELL})
+    spreads = []
+    for level in (0.0, 0.5):
+        view = prepare(flat_field(level), (pattern, noise), device)
+        spreads.append(np.mean([codes(view, index) for index in range(16)], axis=0).std())
+        view.close()
+    dsnu_e = spreads[0] / GAIN
+    temporal = GAIN**2 * 0.5 * FULL_WELL / 16
+    prnu = np.sqrt(spreads[1] ** 2 - temporal - spreads[0] ** 2) / (0.5 * STEPS)
+    # In the dark half of the wells would hold less than nothing: their shot noise is none.
+    assert dsnu_e == pytest.approx(30.0, rel=0.03)
+    assert prnu == pytest.approx(0.02, rel=0.03)

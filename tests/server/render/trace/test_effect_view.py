@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.plan.render_plan import PerPixel, Surface
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.mirror_mesh import PolygonSplit
+from helpers.effects import CAMERA, effect_of
+from helpers.pictures import level_differences
+from helpers.worlds import VIEW, raster_plan, room
+
+CHAIN = (effect_of("Vignetting"), effect_of("ShotNoise"), effect_of("Bayer"))
+
+
+@pytest.fixture
+def renderer() -> Iterator[TraceRenderer]:
+    world = room()
+    renderer = TraceRenderer(build_scene(world), world, threads=2)
+    yield renderer
+    renderer.close()
+
+
+@pytest.mark.parametrize("surface", [PerPixel(), PolygonSplit(16, 16)])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_picture_when_no_effect_changes_it_is_the_usual_one(
+    renderer: TraceRenderer, surface: Surface, samples: int
+) -> None:
+    plan = raster_plan(CAMERA, surface, samples=samples)
+    usual = renderer.prepare(CAMERA, plan).draw(VIEW).rgb
+    linear = renderer.prepare_with_effects(CAMERA, plan, ()).draw(VIEW).rgb
+    difference = level_differences(usual, linear)
+    # A sample brighter than white is clipped by itself in the one, with its pixel in the other.
+    assert (difference > 1).mean() < 0.01
+    assert np.median(difference) == 0
+
+
+def test_picture_when_effects_run_is_what_they_make_of_the_linear_one(
+    renderer: TraceRenderer,
+) -> None:
+    plan = raster_plan(CAMERA, samples=2)
+    light = renderer.prepare_with_effects(CAMERA, plan, ()).draw_linear(VIEW).astype(np.float64)
+    for effect in CHAIN:
+        light = effect.apply(light, CAMERA, VIEW.key)
+    drawn = renderer.prepare_with_effects(CAMERA, plan, CHAIN).draw_linear(VIEW)
+    np.testing.assert_allclose(drawn, light, atol=1e-6)
+
+
+def test_stages_when_timed_are_called_as_the_effects(renderer: TraceRenderer) -> None:
+    view = renderer.prepare_with_effects(CAMERA, raster_plan(CAMERA), CHAIN)
+    stages = tuple(view.draw(VIEW).stage_ms)
+    assert stages == ("cells", "trace", "Vignetting", "ShotNoise", "Bayer", "encode")
+    view.close()
+
+
+def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
+    renderer: TraceRenderer,
+) -> None:
+    view = renderer.prepare_with_effects(CAMERA, raster_plan(CAMERA), CHAIN)
+    first, again = view.draw(VIEW).rgb, view.draw(VIEW).rgb
+    later = view.draw(replace(VIEW, key=FrameKey(index=1))).rgb
+    assert not first.flags.writeable
+    np.testing.assert_array_equal(first, again)
+    assert (first != later).mean() > 0.3
+
+
+def test_light_when_brighter_than_white_is_handed_over_as_it_is() -> None:
+    world = World("glare", (), background=(4.0, 2.0, 0.5))
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    light = renderer.prepare_with_effects(CAMERA, raster_plan(CAMERA), ()).draw_linear(VIEW)
+    np.testing.assert_allclose(light[48, 20], (4.0, 2.0, 0.5), rtol=1e-5)
+    renderer.close()

@@ -1,0 +1,87 @@
+"""Every effect's shader against its float64 reference, on a picture that both are given."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import pytest
+
+from catoptra_server.effects import EFFECTS
+from catoptra_server.effects.auto_exposure import mean_of
+from catoptra_server.effects.noise import frame_words, normals
+from catoptra_server.render.raster.effect_chain import EffectPass, LinearPicture, Meter
+from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.renderer import Exposure
+from helpers.effects import CAMERA, KEY, card, effect_of
+from helpers.worlds import VIEW
+
+EXPOSURE = Exposure(VIEW.world_from_mirror, key=KEY)
+LIGHT = card(2.0).astype(np.float32)
+
+
+def uploaded(context: moderngl.Context) -> LinearPicture:
+    picture = LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+    opaque = np.ones((*LIGHT.shape[:2], 4), dtype=np.float32)
+    opaque[..., :3] = LIGHT
+    picture.texture.write(opaque.tobytes())
+    return picture
+
+
+def shaded(
+    context: moderngl.Context, name: str, changes: dict[str, float]
+) -> np.ndarray[tuple[int, int, int]]:
+    source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+    step = EffectPass(
+        context,
+        Programs(context),
+        effect_of(name, changes),
+        CAMERA,
+        source.texture,
+        target.target,
+    )
+    step.draw(EXPOSURE)
+    read = target.read()
+    for made in (step, source, target):
+        made.close()
+    return read
+
+
+# Beside the defaults, numbers with which an effect does something.
+CHANGES: dict[str, dict[str, float]] = {
+    "Exposure": {"time_s": 0.05},
+    "WhiteBalance": {"red": 1.7, "blue": 0.6},
+}
+
+
+@pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])
+def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> None:
+    changes = CHANGES.get(name, {})
+    reference = effect_of(name, changes).apply(LIGHT.astype(np.float64), CAMERA, KEY)
+    assert np.abs(reference - LIGHT).max() > 1e-4
+    difference = np.abs(shaded(context, name, changes) - reference)
+    if name == "Quantisation":  # a value at the border between two codes may become either
+        assert (difference > 1e-5).mean() < 1e-3
+        difference = np.minimum(difference, np.abs(difference - 1.0 / 4095.0))
+    # Some roundings of float32 of light up to 2; gains of auto-exposure multiply them.
+    assert difference.max() < 3e-6
+
+
+def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
+    source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+    source.texture.write(np.zeros((*LIGHT.shape[:2], 4), dtype=np.float32).tobytes())
+    noise = effect_of("ReadNoise", {"read_noise_e": 1.0, "full_well_e": 1.0})
+    step = EffectPass(context, Programs(context), noise, CAMERA, source.texture, target.target)
+    step.draw(EXPOSURE)
+    np.testing.assert_array_equal(
+        target.read(), normals(frame_words(KEY, "ReadNoise"), *LIGHT.shape[:2])
+    )
+    for made in (step, source, target):
+        made.close()
+
+
+def test_meter_equals_the_mean(context: moderngl.Context) -> None:
+    source = uploaded(context)
+    meter = Meter(context, Programs(context), source.texture)
+    assert meter.mean(CAMERA) == pytest.approx(mean_of(LIGHT, CAMERA), rel=1e-5)
+    meter.close()
+    source.close()
