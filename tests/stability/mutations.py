@@ -18,7 +18,7 @@ from unittest.mock import patch
 from stability.catalogue import Subject, failures
 
 # Modules that have a list MUTATIONS.
-LISTS = ("stability.mutants_client",)
+LISTS = ("stability.mutants_client", "stability.mutants_optics")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,281 @@
+"""Naive forms of the camera law, the wire's numbers and light, as a first attempt writes them.
+
+Each takes the place of ours and must fail a case of its group.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.scene.description import PointLight
+from stability.mutations import Mutation
+
+Floats = Any
+HYPERBOLIC = "catoptra_protocol.optics.mirrors.hyperbolic.HyperbolicMirror"
+PARABOLIC = "catoptra_protocol.optics.mirrors.parabolic.ParabolicMirror"
+CAMERA = "catoptra_protocol.optics.camera"
+CUBE = "catoptra_protocol.optics.cube"
+LENS = "catoptra_protocol.optics.lenses.perspective.PerspectiveCamera"
+NUMBERS = "catoptra_protocol.wire.numbers"
+SCALE = "catoptra_server.render.trace.packed_light.LightScale"
+
+
+# The mirror's law.
+
+
+def radius_by_angle(mirror: HyperbolicMirror, t: Floats) -> Floats:
+    """r / h = sin(theta) / (1 + cos(theta) / xi)."""
+    theta = 2.0 * np.arctan(t)
+    return np.sin(theta) / (1.0 + np.cos(theta) / mirror.xi)
+
+
+def radius_by_eq2(mirror: HyperbolicMirror, t: Floats) -> Floats:
+    return t
+
+
+def radius_unguarded(mirror: HyperbolicMirror, t: Floats) -> Floats:
+    """One less kappa squared t squared, without a domain."""
+    kappa = 1.0 / (mirror.k - 1.0 + math.sqrt(mirror.k * (mirror.k - 2.0)))
+    s = math.sqrt(mirror.k * (mirror.k - 2.0))
+    return 2.0 * s * kappa * t / (1.0 - (kappa * t) ** 2)
+
+
+def radius_by_surface(mirror: HyperbolicMirror, t: Floats) -> Floats:
+    """r by the polar form, z by c / 2 - sqrt(...), then projected."""
+    k, theta = mirror.k, 2.0 * np.arctan(t)
+    r = np.sin(theta) / (mirror.s * (1.0 + math.sqrt(k / (k - 2.0)) * np.cos(theta)))
+    z = 0.5 - np.sqrt(0.25 * (k - 2.0) / k + r * r * (0.5 * k - 1.0))
+    return mirror.s * r / (1.0 - z)
+
+
+def incidence_by_root(mirror: HyperbolicMirror, ratio: Floats) -> Floats:
+    """(-1 + sqrt(1 + y^2)) / (kappa y): cancels at the centre, 0 / 0 on it."""
+    y = ratio / mirror.s
+    return (np.sqrt(1.0 + y * y) - 1.0) / (mirror.kappa * y)
+
+
+def incidence_by_tangents(mirror: HyperbolicMirror, ratio: Floats) -> Floats:
+    """tan(atan(r / f) / 2) / kappa, kappa as a difference."""
+    kappa = mirror.k - 1.0 - mirror.s
+    return np.tan(0.5 * np.arctan(ratio / mirror.s)) / kappa
+
+
+def slope_by_difference(mirror: HyperbolicMirror, t: Floats) -> Floats:
+    theta = 2.0 * np.arctan(t)
+    high, low = (radius_by_angle(mirror, np.tan(0.5 * (theta + d))) for d in (1e-6, -1e-6))
+    return (high - low) / 2e-6
+
+
+# The mirror's surface.
+
+
+def surface_by_root(mirror: HyperbolicMirror, t: Floats) -> tuple[Floats, Floats]:
+    """z = c / 2 - sqrt(a^2 + r^2 (k / 2 - 1))."""
+    k, c = mirror.k, mirror.c_m
+    r = 2.0 * mirror.vertex_m * t / (1.0 - mirror.kappa * t * t)
+    return r, 0.5 * c - np.sqrt(0.25 * c * c * (k - 2.0) / k + r * r * (0.5 * k - 1.0))
+
+
+def surface_by_polar_form(mirror: HyperbolicMirror, t: Floats) -> tuple[Floats, Floats]:
+    """rho = l / (1 + e cos(theta)), with sines and cosines of 2 atan(t)."""
+    theta = 2.0 * np.arctan(t)
+    latus, e = mirror.c_m / mirror.s, math.sqrt(mirror.k / (mirror.k - 2.0))
+    rho = latus / (1.0 + e * np.cos(theta))
+    return rho * np.sin(theta), rho * np.cos(theta)
+
+
+def paraboloid_by_squares(mirror: ParabolicMirror, t: Floats) -> tuple[Floats, Floats]:
+    """z = (p^2 - r^2) / 2p."""
+    p = mirror.horizon_radius_m
+    return p * t, (p * p - (p * t) ** 2) / (2.0 * p)
+
+
+# Directions and pixels.
+
+
+def half_angle_by_arc_cosine(direction: Floats) -> tuple[Floats, Floats]:
+    """tan(acos(z / |d|) / 2)."""
+    norm = np.sqrt((direction * direction).sum(axis=-1))
+    return np.tan(0.5 * np.arccos(direction[..., 2] / norm)), np.isfinite(norm)
+
+
+def half_angle_by_one_form(direction: Floats) -> tuple[Floats, Floats]:
+    """sin / (1 + cos) in both hemispheres."""
+    x, y, z = direction
+    rho = np.hypot(x, y)
+    denominator = np.hypot(rho, z) + z
+    valid = np.isfinite(rho) & (denominator > 0.0)
+    return np.where(valid, rho / np.where(valid, denominator, 1.0), 0.0), valid
+
+
+def pixel_by_azimuth(camera: OmniCamera, direction: Floats) -> tuple[Floats, Floats]:
+    """Angles, sines and cosines; what is not seen is held at the rim in silence."""
+    x, y, z = direction
+    theta = np.minimum(np.arctan2(np.sqrt(x * x + y * y), z), camera.rim_rad)
+    azimuth = np.arctan2(y, x) - camera.up_azimuth_rad
+    radius = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
+    u, v = -radius * np.sin(azimuth), -radius * np.cos(azimuth)
+    return np.stack((u, v), axis=-1) + camera.centre_px, np.bool_(True)
+
+
+def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Floats]:
+    """Divide by the radius, which is nothing at the centre."""
+    du, dv = (np.asarray(pixel) - camera.centre_px) / camera.horizon_radius_px
+    radius = np.sqrt(du * du + dv * dv)
+    t = camera.mirror.t_from_radius_ratio(radius)
+    theta, up = 2.0 * np.arctan(t), camera.up_azimuth_rad
+    x = np.sin(theta) * (math.sin(up) * du - math.cos(up) * dv) / radius
+    y = -np.sin(theta) * (math.cos(up) * du + math.sin(up) * dv) / radius
+    return np.stack((x, y, np.cos(theta)), axis=-1), t <= camera.rim_t
+
+
+def face_by_last(direction: Floats) -> Floats:
+    """The last of the largest."""
+    ahead = direction @ FACE_AXES[:, :, 0].T
+    return len(ahead) - 1 - np.argmax(ahead[::-1])
+
+
+def face_by_largest_component(direction: Floats) -> Floats:
+    """The largest absolute component, then its sign: another winner in a tie of signs."""
+    axis = int(np.argmax(np.abs(direction)))
+    return {0: (0, 2), 1: (1, 3), 2: (4, 5)}[axis][int(direction[axis] < 0.0)]
+
+
+def coordinates_unguarded(direction: Floats, face: Floats) -> Floats:
+    local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+    return local[..., 1:] / local[..., :1]
+
+
+def lens_pixel_unguarded(camera: PerspectiveCamera, direction: Floats) -> tuple[Floats, Floats]:
+    """y / x, wherever it lies."""
+    x, y, z = direction
+    u = camera.focal_px * y / x + 0.5 * camera.width_px
+    v = camera.focal_px * z / x + 0.5 * camera.height_px
+    inside = (0.0 <= u) & (u <= camera.width_px) & (0.0 <= v) & (v <= camera.height_px)
+    return np.stack((u, v), axis=-1), inside
+
+
+def lens_direction_by_angles(camera: PerspectiveCamera, pixel: Floats) -> tuple[Floats, Floats]:
+    """Clamp to the picture in silence."""
+    u, v = np.clip(pixel, 0.0, (camera.width_px, camera.height_px))
+    y, z = u - 0.5 * camera.width_px, v - 0.5 * camera.height_px
+    ray = np.array([camera.focal_px, y, z])
+    return ray / np.sqrt(ray @ ray), np.bool_(True)
+
+
+# Numbers on the wire.
+
+
+def rounded(value: float, decimals: int = 4) -> str:
+    return f"{value:.{decimals}f}"
+
+
+def truncated_by_scaling(value: float, decimals: int = 4) -> str:
+    scale = 10.0**decimals
+    whole = math.trunc(value * scale) if math.isfinite(value) else 0
+    return f"{whole / scale:.{decimals}f}"
+
+
+def printed_short(value: float, decimals: int = 4) -> str:
+    """repr, cut off: an exponent where the number is large or small."""
+    whole, _, fraction = repr(value).partition(".")
+    return f"{whole}.{fraction[:decimals].ljust(decimals, '0')}" if decimals else whole
+
+
+def read_by_float(text: str) -> float:
+    """float(): inf and nan are numbers to it, and a unit is an error."""
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def rounded_units(angle_rad: float) -> float:
+    return round(angle_rad * 10430.3783505) / 10430.3783505 if abs(angle_rad) < 1e300 else 0.0
+
+
+def metres_by_two_steps(length_uu: float) -> float:
+    return length_uu * 4.0 / 1000.0
+
+
+# Light.
+
+
+def encoded_unclipped(linear: Floats) -> Floats:
+    return 1.055 * np.abs(linear) ** (1.0 / 2.4) - 0.055
+
+
+def mean_of_greys(scale: LightScale, sums: Floats) -> Floats:
+    """A mean of encoded samples: what averaging finished pictures does."""
+    shifts = (0, 21, 42)
+    light = [
+        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.top * scale.samples) for shift in shifts
+    ]
+    return np.array([[255.0 * level for level in light]])
+
+
+def packed_overflowing(scale: LightScale, radiance: Floats) -> Floats:
+    """Without a clip: what is brighter than white spills over into the next channel."""
+    levels = (radiance * scale.top + 0.5).astype(np.uint64)
+    return levels[0] | (levels[1] << np.uint64(21)) | (levels[2] << np.uint64(42))
+
+
+def lamp_unguarded(lights: tuple[PointLight, ...], points: Floats, normals: Floats) -> Floats:
+    """The inverse square down to the lamp itself."""
+    towards = np.asarray(lights[0].position_m) - points
+    distance = np.sqrt((towards * towards).sum(axis=-1))
+    cosine = np.maximum((towards * normals).sum(axis=-1) / distance, 0.0)
+    return (cosine / distance**2)[:, None] * np.asarray(lights[0].intensity)
+
+
+RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface"
+INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
+PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
+HALF_ANGLE, FACE = f"{CAMERA}.half_angle_tangent", f"{CUBE}.face_from_direction"
+LAMP = "catoptra_server.render.shading.point_irradiance"
+ENCODED = "catoptra_server.scene.colour.srgb_from_linear"
+
+MUTATIONS = [
+    Mutation("sin / (1 + cos / xi) of the angle", "mirror", RATIO, radius_by_angle),
+    Mutation("Eq. 2 for every mirror", "mirror", RATIO, radius_by_eq2),
+    Mutation("1 - kappa^2 t^2, unguarded", "mirror", RATIO, radius_unguarded),
+    Mutation("c / 2 - sqrt, then projected", "mirror", RATIO, radius_by_surface),
+    Mutation("sqrt(1 + y^2) - 1", "mirror", INVERSE, incidence_by_root),
+    Mutation("tan of half an atan, kappa a difference", "mirror", INVERSE, incidence_by_tangents),
+    Mutation("a difference quotient", "mirror", SLOPE, slope_by_difference),
+    Mutation("c / 2 - sqrt(...)", "surface", SHAPE, surface_by_root),
+    Mutation("l / (1 + e cos(theta))", "surface", SHAPE, surface_by_polar_form),
+    Mutation("(p^2 - r^2) / 2p", "surface", f"{PARABOLIC}.surface", paraboloid_by_squares),
+    Mutation("tan(acos(z) / 2)", "pixel", HALF_ANGLE, half_angle_by_arc_cosine),
+    Mutation("sin / (1 + cos) above the horizon too", "pixel", HALF_ANGLE, half_angle_by_one_form),
+    Mutation("angles, held at the rim in silence", "pixel", PIXEL, pixel_by_azimuth),
+    Mutation("over the radius, 0 at the centre", "pixel", RAY, direction_by_normalising),
+    Mutation("the last of equal faces", "cube", FACE, face_by_last),
+    Mutation("the largest absolute component", "cube", FACE, face_by_largest_component),
+    Mutation("a plane behind", "cube", f"{CUBE}.face_coordinates", coordinates_unguarded),
+    Mutation("y / x unguarded", "lens", f"{LENS}.pixel_from_direction", lens_pixel_unguarded),
+    Mutation("clamped", "lens", f"{LENS}.direction_from_pixel", lens_direction_by_angles),
+    Mutation("rounded, not truncated", "wire", f"{NUMBERS}.fixed", rounded),
+    Mutation("truncated after scaling", "wire", f"{NUMBERS}.fixed", truncated_by_scaling),
+    Mutation("repr cut off", "wire", f"{NUMBERS}.fixed", printed_short),
+    Mutation("float()", "wire", f"{NUMBERS}.number_from_text", read_by_float),
+    Mutation("rounded Unreal units", "wire", f"{NUMBERS}.unreal_angle", rounded_units),
+    Mutation(
+        "times 4 over 1000",
+        "wire",
+        "catoptra_protocol.optics.units.metres_from_uu",
+        metres_by_two_steps,
+    ),
+    Mutation("the power alone, unclipped", "light", ENCODED, encoded_unclipped),
+    Mutation("a mean without a curve", "light", f"{SCALE}.colours", mean_of_greys),
+    Mutation("no clip before packing", "light", f"{SCALE}.packed", packed_overflowing),
+    Mutation("the lamp's inverse square unguarded", "light", LAMP, lamp_unguarded),
+]
