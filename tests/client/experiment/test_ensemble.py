@@ -18,7 +18,7 @@ def trace(seed: int, *, largest_m: float) -> Trace:
     error = np.linspace(0.0, largest_m, STEPS)
     ones = np.ones(STEPS, dtype=np.int64)
     poses = np.zeros((STEPS, 3))
-    return Trace("paper", seed, poses, poses, error, 2.0 * error, ones, ones, 0 * ones)
+    return Trace("paper", seed, poses, poses, error, 2.0 * error, ones, ones, 0 * ones, 0.5 * error)
 
 
 def test_spread_ignores_what_is_missing():
@@ -33,6 +33,7 @@ def test_run_figures_count_the_steps_above_a_metre():
     assert figures.odometry_max_m == 2.0
     assert figures.odometry_steps_above_1m == 50  # 2 k / 100 > 1 from k = 51 on
     assert figures.ekf_max_m == 1.0
+    assert figures.windowed_nis_max == 0.5
     assert figures.accepted_steps_9_to_22 == 1.0
     assert figures.relock_step is None
     assert not figures.ekf_worse_in_first_5_steps

@@ -15,7 +15,14 @@ from catoptra_client.experiment.replay import (
     replay,
 )
 from catoptra_client.experiment.route import clockwise_route
-from catoptra_client.experiment.setups import HONEST_FILTER, PAPER_FILTER, REAL, RECOVERING_FILTER
+from catoptra_client.experiment.setups import (
+    HONEST_FILTER,
+    LOCKED_OUT_FILTER,
+    PAPER_FILTER,
+    REAL,
+    RECOVERING_FILTER,
+    UNLOCKED_FILTER,
+)
 from catoptra_client.localization import LandmarkPosition, OdometryPose
 from catoptra_protocol.optics.numerics import wrap_angle
 
@@ -67,6 +74,15 @@ def test_certain_filter_is_locked_out_and_recovers_if_it_may():
     assert recovered.streak.max() < 5
     assert recovered.estimate_error_m[60:].max() < 0.1
     assert honest.streak.max() == 0
+    assert honest.windowed_nis.max() < 2.0 < locked.windowed_nis.max()
+
+
+def test_timid_filter_stays_locked_out_unless_it_recovers():
+    wrong = replace(REAL, heading_error_rad=math.radians(-12.0))
+    locked = replay(perfect_recording(), wrong, LOCKED_OUT_FILTER, MAP)
+    unlocked = replay(perfect_recording(), wrong, UNLOCKED_FILTER, MAP)
+    assert locked.estimate_error_m[31:].max() > 0.25
+    assert unlocked.estimate_error_m[31:].max() < 0.1
 
 
 def test_replay_twice_gives_the_same_numbers():

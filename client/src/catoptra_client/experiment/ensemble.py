@@ -36,6 +36,7 @@ class RunFigures:
     accepted_steps_41_to_100: float | None
     relock_step: int | None
     longest_rejection_streak: int
+    windowed_nis_max: float
     ekf_worse_in_first_5_steps: bool
 
 
@@ -56,6 +57,7 @@ def run_figures(trace: Trace) -> RunFigures:
         accepted_steps_41_to_100=acceptance_share(trace, 41, 100),
         relock_step=first_acceptance_after_drought(trace),
         longest_rejection_streak=int(trace.streak.max()),
+        windowed_nis_max=float(trace.windowed_nis.max()),
         ekf_worse_in_first_5_steps=bool(
             estimate[_FIRST_STEPS].mean() > odometry[_FIRST_STEPS].mean()
         ),

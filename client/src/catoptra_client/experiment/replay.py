@@ -35,6 +35,7 @@ class Trace:
 
     estimate, odometry: (n, 3) poses. estimate_error_m, odometry_error_m: (n,) distances from the
     truth. seen, accepted: (n,) numbers of landmarks. streak: (n,) rejecting steps in a row.
+    windowed_nis: (n,) of the latest compared measurements, per degree of freedom; 1 is healthy.
     """
 
     settings: str
@@ -46,6 +47,7 @@ class Trace:
     seen: npt.NDArray[np.int64]
     accepted: npt.NDArray[np.int64]
     streak: npt.NDArray[np.int64]
+    windowed_nis: Floats
 
 
 def replay(
@@ -54,14 +56,14 @@ def replay(
     """Return the trace of a filter over a recording."""
     state = _State(_start(recording, setup, settings), FilterHealth())
     odometry = [state.belief.mean]
-    estimates, counts, streaks = [state.belief.mean], [(0, 0)], [0]
+    estimates, counts, health = [state.belief.mean], [(0, 0)], [state.health]
     for previous, step in zip(recording.steps, recording.steps[1:], strict=False):
         control = control_from_odometry(previous.odometry, step.odometry)
         odometry.append(moved(odometry[-1], control))
         state, updates = _filter_step(state, control, step, settings, known)
         estimates.append(state.belief.mean)
         counts.append((len(updates), sum(update.accepted for update in updates)))
-        streaks.append(state.health.rejection_streak)
+        health.append(state.health)
     truth = true_positions(recording)
     seen, accepted = np.array(counts).T
     return Trace(
@@ -73,7 +75,8 @@ def replay(
         odometry_error_m=np.linalg.norm(np.array(odometry)[:, :2] - truth, axis=1),
         seen=seen,
         accepted=accepted,
-        streak=np.array(streaks),
+        streak=np.array([h.rejection_streak for h in health]),
+        windowed_nis=np.array([h.windowed_nis for h in health]),
     )
 
 

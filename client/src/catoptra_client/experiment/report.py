@@ -96,6 +96,7 @@ _FIGURE_NAMES = {
     "accepted_steps_41_to_100": "the same, steps 41 to 100",
     "relock_step": "first accepting step after five that rejected all, where there was one",
     "longest_rejection_streak": "longest run of rejecting steps",
+    "windowed_nis_max": "largest NIS of 20 measurements, a degree of freedom; 1 is healthy",
     "ekf_worse_in_first_5_steps": "runs with EKF worse than odometry in steps 1 to 5",
 }
 

@@ -43,6 +43,8 @@ class Setup:
 # Variances per metre driven and radian turned (Thrun, Burgard & Fox 2005): 10 % of the way, 1.3
 # degrees a metre, 8 % of a turn.
 PAPER_MOTION = MotionNoise(0.10**2, 0.0, 0.023**2, 0.08**2)
+# A fifth of every sigma: P grows so slowly that the gate's lock-out lasts.
+TIMID_MOTION = MotionNoise(0.02**2, 0.0, 0.0046**2, 0.016**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,4 +99,16 @@ HONEST_FILTER = FilterSettings(
     range_sigma_m=0.10,
     bearing_sigma_rad=math.radians(1.5),
 )
-FILTERS = (PAPER_FILTER, RECOVERING_FILTER, HONEST_FILTER)
+LOCKED_OUT_FILTER = FilterSettings(
+    "locked_out", "P0 = 0 and α / 25: locked out", motion=TIMID_MOTION
+)
+UNLOCKED_FILTER = FilterSettings(
+    "unlocked", "P0 = 0 and α / 25, with recovery", motion=TIMID_MOTION, recovers=True
+)
+FILTERS = (
+    PAPER_FILTER,
+    RECOVERING_FILTER,
+    LOCKED_OUT_FILTER,
+    UNLOCKED_FILTER,
+    HONEST_FILTER,
+)
