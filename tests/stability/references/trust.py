@@ -54,13 +54,14 @@ NEES = {
     "at the truth": ([1.0, 2.0, 3.0], diagonal(0.01, 0.01, 0.01), [1.0, 2.0, 3.0]),
     "heading across the seam": ([0.0, 0.0, PI - 0.01], diagonal(1.0, 1.0, 1e-4), [0.1, 0.0, -3.1]),
     "unequal units": ([0.0, 0.0, 0.0], diagonal(1e-30, 1e20, 1.0), [1e-15, 1e10, 1.0]),
-    "a tiny covariance": ([0.0, 0.0, 0.0], diagonal(1e-318, 1e-318, 1e-318), [0.0, 0.0, 0.0]),
+    "a tiny covariance": ([0.0, 0.0, 0.0], diagonal(1e-300, 1e-300, 1e-300), [1e-150, 0.0, 0.0]),
     "nearly singular": ([0.0, 0.0, 0.0], TIGHT, [0.5, -0.5, 0.1]),
 }
 NO_NEES = {
     "certain": (diagonal(0.0, 0.0, 0.0), [0.0, 0.0, 0.0]),
     "of rank two": (diagonal(1.0, 1.0, 0.0), [0.0, 0.0, 0.0]),
     "of rank one": ([[1.0] * 3] * 3, [0.0, 0.0, 0.0]),
+    "below full precision": (diagonal(1e-318, 1e-318, 1e-318), [0.0, 0.0, 0.0]),
     "too large": (diagonal(1e-200, 1.0, 1.0), [1e200, 0.0, 0.0]),
 }
 

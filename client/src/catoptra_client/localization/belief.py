@@ -12,6 +12,8 @@ from catoptra_protocol.optics.numerics import Floats, wrap_angle
 # Rounding of products leaves eigenvalues of a few eps times the largest; 1e-12 is some 4500 eps,
 # far above that and far below any variance a robot's sensors can tell from zero.
 _NEGATIVE_TOLERANCE = 1e-12
+# The square root of the smallest number of full precision.
+_SMALLEST_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,21 +71,24 @@ def correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
     """Return sigmas (n,), correlations (n, n), and whether they can be those of a covariance.
 
     They cannot if a variance is negative, or zero beside a covariance that is not, if a correlation
-    exceeds 1, or if the matrix is not symmetric. Correlations that cannot be are zeros.
+    exceeds 1, or if the matrix is not symmetric. Correlations that cannot be are zeros. A sigma
+    below 1.5e-154, whose square float64 holds in part or not at all, is zero.
     """
     variances = np.diagonal(covariance)
     sigma = np.sqrt(np.maximum(variances, 0.0))
-    scale = np.where(sigma > 0.0, sigma, 1.0)
+    sigma = np.where(sigma >= _SMALLEST_SIGMA, sigma, 0.0)
+    scale = np.where(sigma > 0.0, sigma, _SMALLEST_SIGMA)
     with np.errstate(over="ignore", under="ignore"):
         correlation = covariance / scale / scale[:, None]
     asymmetry = np.abs(np.clip(correlation, -2.0, 2.0) - np.clip(correlation.T, -2.0, 2.0))
     possible = (
         (variances >= 0.0).all()
-        and (correlation[sigma == 0.0] == 0.0).all()
         and (np.abs(correlation) <= 1.0 + _NEGATIVE_TOLERANCE).all()
         and (asymmetry <= _NEGATIVE_TOLERANCE).all()
     )
-    return sigma, correlation if possible else np.zeros_like(correlation), bool(possible)
+    certain = sigma == 0.0
+    correlation[certain | certain[:, None] | (not possible)] = 0.0
+    return sigma, correlation, bool(possible)
 
 
 def _symmetric(covariance: Floats) -> Floats:
