@@ -6,7 +6,12 @@ import math
 
 import pytest
 
-from catoptra_client.experiment.measurements import detection_rates, measurement_figures
+from catoptra_client.experiment.measurements import (
+    detection_rates,
+    found_share,
+    measurement_figures,
+    rms_errors,
+)
 from catoptra_client.experiment.recording import Recording, Seen, Step
 from catoptra_client.experiment.route import Waypoint
 from catoptra_client.localization import OdometryPose
@@ -36,3 +41,15 @@ def test_detection_rate_counts_the_steps_after_the_start():
 
 def test_nothing_measured_has_no_error():
     assert measurement_figures([recording(())], [BEACON])["range_error_m"] == {}
+
+
+def test_rms_errors_are_of_range_and_bearing_and_nan_of_nothing():
+    found = recording((Seen("b", 1.23, math.radians(-93.0)),), (Seen("b", 1.16, -math.pi / 2),))
+    assert rms_errors([found], [BEACON]) == pytest.approx((math.sqrt(0.00125), math.sqrt(4.5)))
+    assert all(math.isnan(error) for error in rms_errors([recording(())], [BEACON]))
+
+
+def test_found_share_counts_beacons_within_reach_alone():
+    found = recording((Seen("b", 1.2, 0.0),), ())
+    assert found_share([found], [BEACON], within_m=1.2) == 0.5
+    assert math.isnan(found_share([found], [BEACON], within_m=1.1))

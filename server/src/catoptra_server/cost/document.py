@@ -178,8 +178,10 @@ def _landmarks(read: dict[str, Any]) -> Landmarks:
     return _row(Landmarks, read | {"rows": rows})
 
 
-def _row(kind: type[Row], read: dict[str, Any]) -> Row:
+def _row(kind: type[Row], read: Any) -> Row:
     """Return a row; unknown keys are left out, missing ones fail."""
+    if not isinstance(read, dict):
+        raise TypeError(f"{kind.__name__} is {read!r}")
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type] # all are dataclasses
     known = {key: value for key, value in read.items() if key in names}
     for key in (key for key, value in known.items() if value is None):

@@ -76,8 +76,8 @@ def _reasons(document: Document) -> Iterator[str]:
         yield _mirror_reason(meshes)
         yield from _exact_reason(document, meshes[-1])
     yield (
-        "The paper's scanner cost a frame as much as its camera; here its 181 beams are one call to "
-        "Embree, and cost next to nothing."
+        "The paper's scanner cost a frame as much as its camera; here its 181 beams are one call "
+        "to Embree, and cost next to nothing."
     )
 
 

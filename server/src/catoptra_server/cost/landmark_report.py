@@ -50,6 +50,6 @@ def _enough(landmarks: Landmarks) -> str:
     best = min(row.honest_ekf_mean_m for row in landmarks.rows)
     enough = next(row for row in landmarks.rows if row.honest_ekf_mean_m <= best + 0.01)
     return (
-        f"To localise within a centimetre of the best, {enough.step} is enough: the filter averages "
-        f"over bearings that are {enough.bearing_rms_deg:.2g} deg off."
+        f"To localise within a centimetre of the best, {enough.step} is enough: the filter "
+        f"averages over bearings that are {enough.bearing_rms_deg:.2g} deg off."
     )

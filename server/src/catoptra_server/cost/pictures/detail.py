@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from catoptra_server.cost.error_map import error_colours
 from catoptra_server.cost.image_error import difference
 from catoptra_server.cost.pictures.legend import draw_scale, framed
-from catoptra_server.cost.pictures.polygons import frame
-from catoptra_server.cost.subject import Subject
 from catoptra_server.figures import style
 from catoptra_server.figures.polygon_detail import worst_place
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.mirror_mesh import split_for
 
 COUNTS = (256, 1024, 4096)
 DETAIL_PX, _ZOOM = 44, 8
@@ -21,14 +20,15 @@ WIDTH_PX, HEIGHT_PX = 1520, _TOP_PX + 2 * _SIDE_PX + 130
 GREYS = (1.0, 128.0)
 
 
-def draw(page: style.Page, paper_size: Subject) -> None:
-    """Draw the detail through three meshes and exactly; the camera has the paper's size."""
-    exact = paper_size.reference(8)[0]
-    frames = [frame(paper_size, split_for(count)) for count in COUNTS]
-    within_px = paper_size.camera.horizon_radius_px
-    row, column = worst_place(frames[0], exact, DETAIL_PX, within_px=within_px)
+def draw(page: style.Page, frames: Mapping[int, Image], exact: Image, *, within_px: float) -> None:
+    """Draw the detail through three meshes and exactly, all of the paper's size.
+
+    within_px: the horizon's radius; below it is the ground with its lines.
+    """
+    row, column = worst_place(frames[COUNTS[0]], exact, DETAIL_PX, within_px=within_px)
     part = slice(row, row + DETAIL_PX), slice(column, column + DETAIL_PX)
-    for index, (count, image) in enumerate(zip(COUNTS, frames, strict=True)):
+    for index, count in enumerate(COUNTS):
+        image = frames[count]
         left = 10 + index * (_SIDE_PX + 22)
         _column(page, f"{count} polygons", image[part], left)
         error = np.abs(difference(image[part], exact[part])).max(axis=-1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera, pixel_centres
@@ -24,17 +26,16 @@ _TOP_PX = 56
 SCALE_PX = (0.1, 100.0)
 
 
-def draw(page: style.Page, paper_size: Subject) -> None:
-    """Draw frames above displacement maps; the subject's camera has the paper's size."""
+def draw(page: style.Page, camera: OmniCamera, frames: Mapping[int, Image]) -> None:
+    """Draw frames, by polygons, above displacement maps, all of the paper's size."""
     for index, count in enumerate(COUNTS):
-        split = split_for(count)
         left = 10 + index * (PAPER_SIZE_PX + 20)
-        error = displacement(paper_size.camera, split)
+        error = displacement(camera, split_for(count))
         rms = float(np.sqrt(np.nanmean(np.square(error))))
         style.words(page, left, _TOP_PX - 10, f"{count} polygons", va="bottom", fontweight="bold")
         style.words(page, left + PAPER_SIZE_PX, _TOP_PX - 10, f"{rms:.3g} px rms", ha="right",
                     va="bottom", fontsize=7, color=style.QUIET)  # fmt: skip
-        style.picture(page, frame(paper_size, split), left, _TOP_PX, PAPER_SIZE_PX)
+        style.picture(page, frames[count], left, _TOP_PX, PAPER_SIZE_PX)
         colours = error_colours(np.nan_to_num(error), *SCALE_PX)
         colours[np.isnan(error)] = 226
         style.picture(page, colours, left, _TOP_PX + PAPER_SIZE_PX + 14, PAPER_SIZE_PX)

@@ -24,8 +24,9 @@ GREYS = (1.0, 128.0)
 def draw(page: style.Page, drawn: Sequence[Drawn], reference: Image, horizon_px: float) -> None:
     """Draw a column for each step of the front, from fast to exact."""
     front = shown(drawn)
-    row, column = worst_place(front[0].frame, reference, DETAIL_PX, within_px=horizon_px)
-    part = slice(row, row + DETAIL_PX), slice(column, column + DETAIL_PX)
+    side = min(DETAIL_PX, reference.shape[0] // 3)
+    row, column = worst_place(front[0].frame, reference, side, within_px=horizon_px)
+    part = slice(row, row + side), slice(column, column + side)
     for index, one in enumerate(front):
         left = 15 + index * (_SIDE_PX + _GAP_PX)
         _head(page, one, left)

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from catoptra_server.cost.document import Document
+from catoptra_server.cost.frame_rate_report import frame_rate_section
+
+
+def with_times(document: Document, **processor_ms: float) -> Document:
+    rows = tuple(
+        replace(row, processor_ms=processor_ms.get(f"n{row.carries}", row.processor_ms))
+        for row in document.frame_rates
+    )
+    return replace(document, frame_rates=rows)
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ({"n4096": 6.5}, "it does not depend, within 10%, as the paper found"),
+        ({"n16": 5.0}, "within 10%, but for the part of the mirror that is left empty"),
+        ({"n4096": 8.0}, "it depends by more than 10%"),
+    ],
+)
+def test_verdict_follows_from_the_processor_times(
+    document: Document, times: dict[str, float], expected: str
+) -> None:
+    told = " ".join(frame_rate_section(with_times(document, **times)).split())
+    assert expected in told
+
+
+def test_section_tells_the_camera_and_the_scanner_apart(document: Document) -> None:
+    told = " ".join(frame_rate_section(document).split())
+    assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in told
+
+
+def test_section_says_what_the_exact_law_takes_beside_the_finest_mesh(document: Document) -> None:
+    told = " ".join(frame_rate_section(document).split())
+    assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in told
+
+
+def test_section_when_nothing_was_measured_is_empty(document: Document) -> None:
+    assert frame_rate_section(replace(document, frame_rates=())) == ""

@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+from catoptra_server.cost.stopwatch import WARM_UP_ROUNDS, Draw, in_turns
+
+
+def test_draws_take_turns_and_know_their_round() -> None:
+    calls: list[tuple[str, int]] = []
+
+    def named(name: str) -> Draw:
+        def draw(number: int) -> dict[str, float]:
+            calls.append((name, number))
+            return {}
+
+        return draw
+
+    in_turns([named("a"), named("b")], rounds=2, on_round=lambda: None)
+    expected = [(name, n) for n in range(WARM_UP_ROUNDS + 2) for name in "ab"]
+    assert calls == expected
+
+
+def test_stages_are_medians_without_the_warm_up() -> None:
+    times = iter([*(1000.0,) * WARM_UP_ROUNDS, 1.0, 9.0, 2.0])
+    (took,) = in_turns([lambda _: {"trace": next(times)}], rounds=3, on_round=lambda: None)
+    assert took.stage_ms == {"trace": 2.0}
+    assert took.ms >= 0.0
+
+
+def test_every_round_is_told() -> None:
+    told: list[int] = []
+    in_turns([lambda _: {}], rounds=4, on_round=lambda: told.append(1))
+    assert len(told) == WARM_UP_ROUNDS + 4
