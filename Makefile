@@ -4,11 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOURCES := protocol/src server/src client/src
+COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world configs/worlds/four_legged_2006.ini --output out/cost
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench conformance fuzz soak clean
+.PHONY: help setup demo test lint format bench cost conformance fuzz soak clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,6 +43,11 @@ format: $(READY) ## Format the sources and mend what can be mended
 bench: $(READY) ## Measure frames per second on this machine; writes out/bench/bench.json
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
+
+cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=words]
+	$(COST) --world configs/worlds/corridor.ini $(if $(QUICK),--quick) --machine "$(MACHINE)"
+	$(BIN)/python -m catoptra_client.experiment.cost --output out/cost $(if $(QUICK),--quick)
+	$(COST) --tell --report server/COST.md --readme README.md
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
