@@ -120,12 +120,12 @@ def test_costs_when_kept_on_disk_are_not_measured_again(tmp_path: Path) -> None:
 
 def test_prediction_when_frames_take_twice_as_long_doubles_for_that_renderer() -> None:
     planning = Laboratory().planning()
-    asked = eye(Dial(0.4))
+    asked = eye(Dial(0.1))
     plan = planning.choose(asked, HERE).plan
-    assert (plan.renderer, plan.samples) == (TRACE, 2)
-    assert planning.predicted_ms(asked, plan) == pytest.approx(20.0)
-    planning.correct(asked, plan, 40.0)
-    assert planning.predicted_ms(asked, plan) == pytest.approx(40.0)
+    assert (plan.renderer, plan.samples) == (TRACE, 8)
+    assert planning.predicted_ms(asked, plan) == pytest.approx(320.0)
+    planning.correct(asked, plan, 640.0)
+    assert planning.predicted_ms(asked, plan) == pytest.approx(640.0)
     assert planning.factor(RASTER) == 1.0
     assert planning.predicted_ms(OmniEye(omni_camera(width_px=99), RenderWish()), plan) is None
 

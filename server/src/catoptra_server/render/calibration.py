@@ -26,9 +26,9 @@ from catoptra_server.render.renderer import Exposure, Renderer, View
 Clock = Callable[[], float]
 
 # Of one plan: enough for a median, unless frames are so slow that a few must do.
-_FRAMES = 9
+_FRAMES = 7
 _LEAST_FRAMES = 3
-_LONGEST_S = 0.2
+_LONGEST_S = 0.12
 # The first frames find caches cold.
 _WARM_UP = 2
 # Samples, texels a pixel, samples a texel.
