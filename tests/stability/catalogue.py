@@ -116,11 +116,16 @@ def _check_value(case: Case, answer: Any, reference: Any) -> None:
         return
     got = float(np.float32(answer)) if case.float_type == "float32" else float(answer)
     assert math.isfinite(got), f"{case}: {got!r}, but expected {reference}"
+    error, allowed = error_and_bound(case, got, reference)
+    assert error <= allowed, f"{case}: {got!r} is off {reference} by {float(error):.3g}"
+
+
+def error_and_bound(case: Case, got: float, reference: str) -> tuple[Fraction, Fraction]:
+    """Return how far a number is off its reference, and how far it may be."""
     error = abs(Fraction(got) - Fraction(Decimal(reference)))
     if case.tolerance.get("turn"):
         error = abs(error - round(error / _TURN) * _TURN)
-    allowed = _allowed(case.tolerance, float(reference), case.float_type)
-    assert error <= allowed, f"{case}: {got!r} is off {reference} by {float(error):.3g}"
+    return error, _allowed(case.tolerance, float(reference), case.float_type)
 
 
 def _allowed(tolerance: Mapping[str, Any], reference: float, float_type: str) -> Fraction:
