@@ -83,6 +83,7 @@ DOORS = {
         "client/images.py",
         "client/stream.py",
         "server/transports",
+        "server/doctor/ports.py",
     ),
 }
 # The wire is sans-I/O: bytes and text alone.

@@ -45,7 +45,7 @@ def _verdict(found: Sequence[Finding]) -> str:
         sum(finding.level is level for finding in found) for level in (Level.FAULT, Level.WARNING)
     )
     can = "cannot serve as asked" if faults else "can serve"
-    return f"catoptra-server {can}: {faults} faults, {warnings} warnings"
+    return f"catoptra-server {can} (faults: {faults}, warnings: {warnings})"
 
 
 def _findings(parsed: argparse.Namespace) -> Iterator[Finding]:
@@ -93,9 +93,16 @@ def _parser() -> argparse.ArgumentParser:
     add("--renderer", choices=["auto", "trace", "raster"], default="auto",
         help="what the server shall draw by; what it does not need is not tried")  # fmt: skip
     add("--host", default="127.0.0.1", help="address that the server shall listen on")
-    add("--control-port", type=int, default=3000, metavar="PORT")
-    add("--image-port", type=int, default=5003, metavar="PORT")
-    add("--stream-port", type=int, default=5005, metavar="PORT")
+    add("--control-port", type=_port, default=3000, metavar="PORT")
+    add("--image-port", type=_port, default=5003, metavar="PORT")
+    add("--stream-port", type=_port, default=5005, metavar="PORT")
     add("--answers", metavar="HOST", help="examine nothing: ask only whether a server runs there")
     add("--json", action="store_true", help="print one object for programs")
     return parser
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
+    return port

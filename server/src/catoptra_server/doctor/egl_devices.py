@@ -31,8 +31,8 @@ class _Egl:
             raise RendererUnavailableError(f"{LIBRARY} cannot be loaded ({error})") from error
         library.eglGetProcAddress.restype = ctypes.c_void_p
         addresses = [library.eglGetProcAddress(name) for name in _NAMES]
-        if not all(addresses):
-            raise RendererUnavailableError(f"{LIBRARY} cannot list devices")
+        if not all(addresses):  # without any driver libglvnd has not even these
+            raise RendererUnavailableError(f"{LIBRARY} has no driver that lists devices")
         self.devices = _QUERY_DEVICES(addresses[0])
         self.text = _QUERY_TEXT(addresses[1])
 

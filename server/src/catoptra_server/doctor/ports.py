@@ -24,8 +24,8 @@ def port_findings(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
 def _taken(host: str, name: str, port: int) -> Iterator[Finding]:
     try:
         socket.create_server((host, port)).close()
-    except (OSError, OverflowError) as error:
-        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
             remedy = f"end who listens there, or take another: --{name}-port 0 takes a free one"
         elif isinstance(error, PermissionError):
             remedy = f"ports below 1024 are the system's: choose another --{name}-port"

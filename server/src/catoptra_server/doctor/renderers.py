@@ -6,6 +6,7 @@ fault: the server traces then, unless raster is asked for.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from catoptra_server.doctor.finding import Finding, fault, ok, warning
 PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
 # Where libglvnd, the libEGL that shares a machine among drivers, looks for them.
 VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
+_VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
 _INSTALL = f"on Debian and Ubuntu install {PACKAGES}; or draw by trace, which needs none of them"
 
 Ask = Callable[..., Answer]
@@ -45,15 +47,15 @@ def _opengl(ask: Ask, complain: Complaint) -> Iterator[Finding]:
     """Yield what EGL offers, and how each device draws. The first is the one that serves."""
     listed = ask("egl-devices")
     if listed.trouble:
-        yield complain("opengl", f"raster cannot run: {listed.trouble}", _INSTALL)
+        what = f"raster cannot run: {listed.trouble}; {_drivers()}"
+        yield complain("opengl", what, _INSTALL)
         return
     devices = listed.facts["devices"]
     if not devices:
-        drivers = ", ".join(_drivers()) or "none"
-        what = f"raster cannot run: {LIBRARY} has no driver that offers a device ({drivers} known)"
+        what = f"raster cannot run: {LIBRARY} lists no device; {_drivers()}"
         yield complain("opengl", what, _INSTALL)
         return
-    yield ok("opengl", f"EGL devices: {', '.join(devices)}; drivers: {', '.join(_drivers())}")
+    yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_drivers()}")
     for number, device in enumerate(devices):
         answer = ask("self-test", "raster", environment={"GLCONTEXT_DEVICE_INDEX": f"{number}"})
         topic = f"raster on device {number} ({device})"
@@ -61,8 +63,13 @@ def _opengl(ask: Ask, complain: Complaint) -> Iterator[Finding]:
         yield _self_test("raster", topic, answer, complain if number == 0 else _bearable, remedy)
 
 
-def _drivers() -> list[str]:
-    return [path.stem for folder in VENDOR_FOLDERS for path in sorted(folder.glob("*.json"))]
+def _drivers() -> str:
+    """Return the drivers that libEGL would find, or that it is told to look elsewhere."""
+    for variable in _VENDOR_VARIABLES:
+        if variable in os.environ:
+            return f"drivers are those of {variable}={os.environ[variable]}"
+    names = [path.stem for folder in VENDOR_FOLDERS for path in sorted(folder.glob("*.json"))]
+    return f"drivers: {', '.join(names) or 'none'}"
 
 
 def _self_test(
@@ -77,4 +84,4 @@ def _self_test(
         what = f"{answer.facts['renderer']} draws wrongly: {measured}, at most {bound_px:.3f} px"
         return complain(topic, what, f"{remedy}; and report this as a bug")
     said = f"{answer.facts['renderer']}: {measured} (bound {bound_px:.3f}), "
-    return ok(topic, f"{said}first frame after {answer.facts['took_s']:.2f} s")
+    return ok(topic, f"{said}drawn in {answer.facts['took_s']:.2f} s")

@@ -84,8 +84,9 @@ def _centroid(rgb: Image, place: Floats) -> Floats:
     if not light.any():
         return np.full(2, np.inf)
     v, u = np.indices(light.shape) + 0.5
-    middle: Floats = np.array(((u * light).sum(), (v * light).sum())) / light.sum()
-    return middle + first
+    middle = np.array(((u * light).sum(), (v * light).sum())) / light.sum()
+    centroid: Floats = np.asarray(middle + first, np.float64)
+    return centroid
 
 
 def _directions() -> Floats:

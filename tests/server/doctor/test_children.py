@@ -1,0 +1,39 @@
+"""Processes that answer, and those that crash, hang or chatter instead."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from catoptra_server.doctor.children import Answer, answer_of
+
+
+def ran(code: str, *, patience_s: float = 30.0) -> Answer:
+    """Return the answer of a piece of Python."""
+    return answer_of([sys.executable, "-c", code], patience_s=patience_s)
+
+
+def test_answer_when_a_driver_chatters_before_is_the_last_line() -> None:
+    assert ran("print('libEGL warning: x'); print('{\"a\": 1}')") == Answer({"a": 1})
+
+
+@pytest.mark.parametrize(
+    ("code", "trouble"),
+    [
+        ("import os; os.abort()", "it crashed (SIGABRT)"),
+        ("import os; os.kill(os.getpid(), 11)", "it crashed (SIGSEGV)"),
+        ("import sys; sys.exit('no library')", "no library"),
+        ("import sys; sys.exit(3)", "it ended with 3"),
+        ("print('hello')", "it said nothing that can be read: 'hello'"),
+        ("print('[1]')", "it said nothing that can be read: '[1]'"),
+        ("", "it said nothing that can be read: ''"),
+    ],
+)
+def test_trouble_when_a_process_fails_is_told(code: str, trouble: str) -> None:
+    assert ran(code) == Answer(trouble=trouble)
+
+
+def test_process_when_it_hangs_is_ended() -> None:
+    hanging = ran("import threading; threading.Event().wait()", patience_s=0.5)
+    assert hanging.trouble == "it did not end within 0.5 s"
