@@ -47,7 +47,7 @@ def off(one: float, other: float) -> float:
     return abs(math.remainder(one - other, TWO_PI))
 
 
-@many(3000)
+@many(1500)
 @given(ANY)
 def test_wrap_is_inside_idempotent_and_odd(angle: float) -> None:
     wrapped = wrap_angle(angle)
@@ -56,7 +56,7 @@ def test_wrap_is_inside_idempotent_and_odd(angle: float) -> None:
     assert wrap_angle(-angle) == -wrapped or abs(wrapped) == math.pi
 
 
-@many(3000)
+@many(1500)
 @given(ANGLES, ANGLES)
 def test_difference_leads_from_one_angle_to_the_other(angle: float, start: float) -> None:
     turn = angle_difference(angle, start)
@@ -64,7 +64,7 @@ def test_difference_leads_from_one_angle_to_the_other(angle: float, start: float
     assert off(angle_difference(start, angle), -turn) == 0.0
 
 
-@many(2000)
+@many(1200)
 @given(ANGLES, ANGLES, st.floats(0.0, 1.0))
 def test_angle_between_lies_on_the_shorter_way(start: float, end: float, share: float) -> None:
     way = angle_difference(end, start)
@@ -72,7 +72,7 @@ def test_angle_between_lies_on_the_shorter_way(start: float, end: float, share: 
     assert off(walked, share * way) <= 2e-15
 
 
-@many(2000)
+@many(1200)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-20.0, 20.0))
 def test_motion_backwards_along_its_arc_comes_home(pose, v: float, turn: float) -> None:
     there = moved(np.array(pose), Control(v, turn))
@@ -81,7 +81,7 @@ def test_motion_backwards_along_its_arc_comes_home(pose, v: float, turn: float) 
     assert off(back[2], pose[2]) <= 1e-14
 
 
-@many(2000)
+@many(1200)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-3.1, 3.1))
 def test_control_comes_back_from_the_poses_it_led_to(pose, v: float, turn: float) -> None:
     there = moved(np.array(pose), Control(v, turn))
@@ -90,7 +90,7 @@ def test_control_comes_back_from_the_poses_it_led_to(pose, v: float, turn: float
     assert off(found.turn_rad, turn) <= 1e-14
 
 
-@many(2000)
+@many(1200)
 @given(POSES, METRES, METRES)
 def test_measurement_leads_back_to_its_landmark(pose, x: float, y: float) -> None:
     seen, valid = expect(np.array(pose), LandmarkPosition("l", x, y))
@@ -104,7 +104,7 @@ def test_measurement_leads_back_to_its_landmark(pose, x: float, y: float) -> Non
     assert -math.pi < seen.bearing_rad <= math.pi
 
 
-@many(3000)
+@many(1500)
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.sampled_from([1.0, -1.0]))
 def test_range_comes_back_from_its_angle(range_m: float, drop_m: float, side: float) -> None:
     t, _ = half_angle_from_range(range_m, drop_m=side * drop_m)
@@ -115,7 +115,7 @@ def test_range_comes_back_from_its_angle(range_m: float, drop_m: float, side: fl
     assert abs(back - range_m) <= 1e-15 * condition * range_m * 2.0
 
 
-@many(3000)
+@many(1500)
 @given(ANY, ANY)
 def test_range_of_any_slope_is_a_number_or_invalid(slope: float, drop_m: float) -> None:
     for range_m, valid in (
@@ -159,7 +159,7 @@ def test_order_of_updates_does_not_matter(pose, factors, near, far, left, right)
     assert off_by(both[0], both[1], prior) <= 1e-9
 
 
-@many(800)
+@many(500)
 @given(POSES, FACTORS, st.floats(-150.0, 100.0), ANY, ANY, st.floats(-300.0, 300.0))
 def test_update_with_anything_leaves_a_belief(pose, factors, scale, r, gamma, noise) -> None:
     prior = belief_of(pose, factors, scale=10.0**scale)
@@ -172,7 +172,7 @@ def test_update_with_anything_leaves_a_belief(pose, factors, scale, r, gamma, no
     assert result.accepted or result.belief is prior
 
 
-@many(800)
+@many(500)
 @given(POSES, FACTORS, st.floats(-100.0, 100.0), st.floats(-20.0, 20.0))
 def test_noise_of_motion_only_adds_to_a_prediction(pose, factors, v, turn) -> None:
     prior = belief_of(pose, factors, scale=0.1)
