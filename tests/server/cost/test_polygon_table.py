@@ -7,7 +7,8 @@ import pytest
 from catoptra_protocol.optics.camera import camera_with_rim_inscribed
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.cost.document import PolygonRow
-from catoptra_server.cost.polygon_table import agrees, polygon_table
+from catoptra_server.cost.polygon_table import agrees, polygon_table, reference_px
+from catoptra_server.scene.mirror_mesh import split_for
 
 # k and c of the paper; the rim at 120 degrees.
 RIM_RAD = 2.0943951023931953
@@ -44,4 +45,5 @@ def test_reference_is_not_for_another_mirror() -> None:
     other = camera_with_rim_inscribed(
         HyperbolicMirror(8.0, 0.2321), width_px=100, height_px=100, rim_rad=RIM_RAD
     )
-    assert all(row.reference_rms_px == 0.0 for row in polygon_table(other))
+    assert reference_px(other, split_for(256)) == (0.0, 0.0)
+    assert reference_px(CAMERA, split_for(256)) == (2.95, 7.28)

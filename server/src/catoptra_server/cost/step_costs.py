@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
 from catoptra_protocol.optics.numerics import Bools
 from catoptra_server.cost.document import StepCost
-from catoptra_server.cost.image_error import image_error
+from catoptra_server.cost.image_error import ImageError, image_error
 from catoptra_server.cost.ladder import Step, robot_lines
 from catoptra_server.cost.pareto import LEAST_GAIN, pareto_front
 from catoptra_server.cost.stopwatch import Draw, Took, in_turns
 from catoptra_server.cost.subject import Subject
 from catoptra_server.plan.error_bound import error_bound
+from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, View
 from catoptra_server.scene.mirror_mesh import PolygonSplit
 
@@ -71,17 +72,22 @@ def _drawn(
 ) -> Drawn:
     frames = [view.draw(exposure).rgb for exposure in subject.exposures]
     error = image_error(list(zip(frames, reference, strict=True)), seen)
-    plan = subject.plan(step)
-    bound = error_bound(subject.camera, plan).geometric
-    surface = step.wish.surface
-    cost = StepCost(
+    cost = _cost(subject.camera, step, subject.plan(step), took=took, error=error)
+    return Drawn(cost, frames[0])
+
+
+def _cost(
+    camera: OmniCamera, step: Step, plan: RenderPlan, *, took: Took, error: ImageError
+) -> StepCost:
+    bound = error_bound(camera, plan).geometric
+    return StepCost(
         name=step.name,
         renderer=step.kind.value,
-        polygons=surface.polygons if isinstance(surface, PolygonSplit) else 0,
+        polygons=plan.surface.polygons if isinstance(plan.surface, PolygonSplit) else 0,
         samples=plan.samples,
         face_size_px=plan.face_size_px,
         is_key=step.is_key,
-        robot_lines=robot_lines(step, subject.camera.width_px),
+        robot_lines=robot_lines(step, camera.width_px),
         ms=took.ms,
         processor_ms=took.processor_ms,
         stage_ms=took.stage_ms,
@@ -93,7 +99,6 @@ def _drawn(
         ssim=error.ssim,
         is_on_front=False,
     )
-    return Drawn(cost, frames[0])
 
 
 def _with_front(drawn: Sequence[Drawn]) -> tuple[Drawn, ...]:
