@@ -7,9 +7,12 @@ from catoptra_protocol.wire.stream_answers import (
     Answer,
     CameraIs,
     Done,
+    EffectRecord,
     FrameHeader,
     LandmarkRecord,
     LandmarksAre,
+    PlanIs,
+    PlanStep,
     Placement,
     Pulse,
     Refused,
@@ -23,6 +26,7 @@ from catoptra_protocol.wire.stream_requests import (
     AskDrive,
     AskFrame,
     AskLandmarks,
+    AskPlan,
     AskReadings,
     AskReset,
     AskSpawn,
@@ -55,6 +59,7 @@ HEADER = FrameHeader(
     age_s=0.03,
     missed=2,
     dropped=0,
+    effects=(EffectRecord("ShotNoise", True, 9.4, 0.5, "grey levels", "few electrons"),),
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 
@@ -69,6 +74,7 @@ SAMPLE_REQUESTS: list[Request] = [
     AskLandmarks(8),
     AskStarts(9),
     AskStatus(10),
+    AskPlan(11, "", 0.5, None),
 ]
 SAMPLE_ANSWERS: list[Answer] = [
     HEADER,
@@ -80,4 +86,8 @@ SAMPLE_ANSWERS: list[Answer] = [
     StartsAre(6, (StartRecord("Centre", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
     StatusIs(1, 7, "Catoptra 0.1.0", "field", ("USARBot.OmniP2AT",), "lockstep", 1, False, 0),
     Pulse(SCHEMA_VERSION),
+    PlanIs(
+        *(8, "Omni", 0.5, 0.0, "trace, 2^2 samples: the cheapest within 0.5 px", True),
+        *(0.375, {"outline_px": 0.375}, 12.5, None, PlanStep("trace", 0.25, 30.0), None),
+    ),
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.stream_answers import StartRecord
+from catoptra_server.effects.decide import Decision
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.shot import SCREEN, CameraChannel, Caption, Channel
 from catoptra_server.mailbox import Mailboxes
@@ -18,6 +19,7 @@ from catoptra_server.simulation import Drawn, FrameWanted, Request
 from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
 from catoptra_server.transports.zmq_stream_facts import CameraFacts, StreamFacts
 from helpers.loopback import HOST
+from helpers.robots import FakeViews
 from helpers.stream_messages import LAW
 
 MOUNT = Pose.from_rpy((0.1, 0.0, -0.5))
@@ -78,6 +80,7 @@ class Scene:
             ),
             stage_ms={"trace": 2.0},
             plan="traced",
+            effects=(Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),),
         )
         self.mailboxes.put(frame)
 
@@ -87,6 +90,11 @@ async def streaming(scene: Scene) -> AsyncIterator[StreamServer]:
     """Serve a scene on a free port."""
     scene.mailboxes = Mailboxes(scene.post, ahead=False)
     async with serve_stream(
-        HOST, 0, mailboxes=scene.mailboxes, post=scene.post, facts=FACTS
+        HOST,
+        0,
+        mailboxes=scene.mailboxes,
+        post=scene.post,
+        facts=FACTS,
+        plan_of=lambda eye, tell: tell(FakeViews().choice(eye)),
     ) as server:
         yield server

@@ -18,6 +18,7 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.wire.image import ImageType
 from catoptra_protocol.wire.jpeg import jpeg_size
 from catoptra_protocol.wire.limits import MAX_IMAGE_PIXELS
+from catoptra_protocol.wire.stream_answers import EffectRecord
 
 _READ_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG_START = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
@@ -36,6 +37,7 @@ class Frame:
     camera: the law of its pixels; robot_from_mirror: where its viewpoint sits. age_s: from exposure
     to sending. missed: frames drawn that this client was not sent, in all. dropped: frames that it
     asked for and did not take. plan, error_bound_px: how it was drawn, and how wrong it may be.
+    effects: what was decided about each that the robot's file names; empty where none is told.
     """
 
     rgb: Pixels
@@ -54,6 +56,7 @@ class Frame:
     dropped: int | None = None
     plan: str | None = None
     error_bound_px: float | None = None
+    effects: tuple[EffectRecord, ...] = ()
 
 
 class FrameSource(Protocol):

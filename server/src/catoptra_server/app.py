@@ -141,6 +141,7 @@ def _stream_port(server: _Server) -> AbstractAsyncContextManager[StreamServer]:
         mailboxes=server.mailboxes,
         post=server.simulation.post,
         facts=facts_of(setup.robots, setup.world, clock=clock, plans=server.plans),
+        plan_of=server.drawing.ask,
     )
 
 
@@ -219,7 +220,7 @@ class _Server:
             published=self.bounds,
         )
         for name, omni in omnis.items():
-            self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish)))
+            self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish, omni.effects)))
         return views
 
     def _fleet(self) -> Fleet:
@@ -231,6 +232,7 @@ class _Server:
             seed=self.options.seed,
             caster=ray_caster(setup),
             multi_view=self.settings.multi_view,
+            bound_of=self.bounds.bound,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from concurrent.futures import CancelledError
 
@@ -9,6 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.effects.decide import Decision
 from catoptra_server.imaging.drawing import Drawing, developed, worst
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.multi_view import TileLayout, multi_view
@@ -19,6 +21,7 @@ from catoptra_server.robot.render_wish import RenderWish
 from helpers.robots import CAMERA, FakeView, FakeViews
 
 TAKE = Take(PerspectiveCamera(4, 3, 1.0), Exposure(Pose.identity()))
+BLOOM = Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim")
 SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
 
 
@@ -48,6 +51,18 @@ def test_frame_when_of_one_tile_is_the_picture_itself() -> None:
     assert frame.rgb.shape == (3, 4, 3)
     assert (frame.time_s, frame.exposed_s, frame.finished_s) == (0.5, 2.0, 3.0)
     assert (frame.plan, frame.stage_ms) == ("fake plan", {"fake": 1.0})
+
+
+class _Deciding(FakeViews):
+    def draw(self, take: Take) -> RenderedImage:
+        return dataclasses.replace(super().draw(take), effects=(BLOOM,))
+
+
+def test_frame_when_of_one_camera_tells_its_effects_and_of_several_none() -> None:
+    alone = developed(shot_of(TAKE), _Deciding(), monotonic=lambda: 0.0)
+    layout = multi_view(2, 1, width_px=4, height_px=3)
+    both = developed(shot_of(TAKE, TAKE, layout=layout), _Deciding(), monotonic=lambda: 0.0)
+    assert (alone.effects, both.effects) == ((BLOOM,), ())
 
 
 def test_frame_when_of_several_tiles_is_composed_and_its_times_are_sums() -> None:

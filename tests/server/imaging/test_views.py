@@ -11,6 +11,10 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.quantisation import Quantisation
+from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import OmniEye, Take
 from catoptra_server.imaging.views import Published, Views
@@ -99,6 +103,47 @@ def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
     assert "test" in str(views.plan(eye))
     views.draw(Take(eye, HERE))
     assert renderer.log == ["prepare omni 8"]
+
+
+class EffectRenderer(CountingRenderer):
+    """Writes down which effects it is asked for, and how often for its summary."""
+
+    @property
+    def summary(self) -> SceneSummary:
+        self.log.append("summary")
+        return SceneSummary(1.0)
+
+    def prepare_with_effects(
+        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
+    ) -> Any:
+        self.log.append(" ".join(effect.name for effect in effects))
+        return CountingView(self.log, camera)
+
+
+def eye_with(*effects: Effect) -> OmniEye:
+    wishes = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in effects))
+    return OmniEye(CAMERA.camera, CAMERA.wish, wishes)
+
+
+def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
+    renderer = EffectRenderer()
+    picture = views_of(renderer).draw(Take(eye_with(), HERE))
+    assert (renderer.log, picture.effects) == (["prepare omni 8"], ())
+
+
+def test_eye_when_its_effects_are_needless_is_prepared_without_and_says_why() -> None:
+    renderer = EffectRenderer()
+    picture = views_of(renderer).draw(Take(eye_with(Quantisation(12)), HERE))
+    assert renderer.log[-1] == "prepare omni 8"
+    assert [(one.effect, one.is_on) for one in picture.effects] == [("Quantisation", False)]
+
+
+def test_eye_when_an_effect_is_called_for_is_prepared_with_that_alone() -> None:
+    renderer = EffectRenderer()
+    views, eye = views_of(renderer), eye_with(Bloom(0.1, 8.0), Quantisation(8))
+    pictures = [views.draw(Take(eye, HERE)) for _ in range(2)]
+    assert [entry for entry in renderer.log if entry != "summary"] == ["Quantisation"]
+    assert [one.is_on for one in pictures[1].effects] == [False, True]
 
 
 class SlowRenderer:

@@ -54,6 +54,15 @@ def test_screen_when_nothing_was_set_shows_the_omnidirectional_camera() -> None:
     assert isinstance(views.takes[0].eye, OmniEye)
 
 
+def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
+    fleet, views = fleet_of(), FakeViews()
+    client = spawned(fleet)
+    shown(fleet, views)
+    robot = fleet.robot_of(client)
+    assert robot is not None
+    assert views.takes[0].exposure.key == robot.frame_key("OmniCam")
+
+
 def test_screen_when_the_robot_has_ordinary_cameras_alone_shows_the_first_at_its_size() -> None:
     fleet, views = fleet_of(omni=False), FakeViews()
     spawned(fleet)

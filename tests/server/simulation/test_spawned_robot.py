@@ -244,3 +244,13 @@ def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> No
     status, _ = robot.all_readings(1.0)
     assert isinstance(status, MissionPackageStatus)
     assert [link.value for link in status.links] == [0.0, 0.05]
+
+
+def test_noise_when_time_passes_has_another_key_and_when_asked_again_the_same() -> None:
+    robot = spawned()
+    first, again = robot.frame_key("Omni"), robot.frame_key("Omni")
+    driven(robot, 1)
+    later = robot.frame_key("Omni")
+    assert first == again
+    assert (later.camera, later.index) == (first.camera, first.index + 1)
+    assert robot.frame_key("Ahead").camera != first.camera

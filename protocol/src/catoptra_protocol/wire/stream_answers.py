@@ -25,13 +25,26 @@ class Placement:
 
 
 @dataclass(frozen=True, slots=True)
+class EffectRecord:
+    """What was decided about one effect: the most that it can change any pixel, and why."""
+
+    name: str
+    is_on: bool
+    bound: float
+    threshold: float
+    unit: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class FrameHeader:
     """Everything that is known of the picture in the next part.
 
+    error_bound_px: how far off any outline may be; bound: that and its parts by name.
     time_s, world_from_robot: of the exposure. camera_law: the pairs of CONF, None where no camera
     is shown. age_s: from the exposure to the sending. missed: frames drawn for others and not sent
     to this subscriber, in all. dropped: frames of its own that it did not take. error_bound_px and
-    plan: None where unknown.
+    plan: None where unknown. effects: of those that the robot's file names, in optical order.
     """
 
     KIND: ClassVar[str] = "frame"
@@ -55,6 +68,8 @@ class FrameHeader:
     age_s: float
     missed: int
     dropped: int
+    bound: dict[str, float] | None = None
+    effects: tuple[EffectRecord, ...] = ()
 
     def __str__(self) -> str:
         return (
@@ -176,6 +191,40 @@ class StatusIs:
 
 
 @dataclass(frozen=True, slots=True)
+class PlanStep:
+    """Another plan: how far off its outlines may be, and what a frame is expected to take."""
+
+    plan: str
+    error_px: float
+    cost_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanIs:
+    """How a camera is drawn from now on, and what a little more or less would cost.
+
+    max_error_px, budget_ms: what is asked, 0 = not. keeps_word: whether that is kept. error_px and
+    bound: None where there is no bound. cost_ms: expected, None where nothing is asked. median_ms:
+    of the last frames, None before there are 30.
+    """
+
+    KIND: ClassVar[str] = "plan"
+
+    id: int
+    camera: str
+    max_error_px: float
+    budget_ms: float
+    plan: str
+    keeps_word: bool
+    error_px: float | None
+    bound: dict[str, float] | None
+    cost_ms: float | None
+    median_ms: float | None
+    better: PlanStep | None
+    cheaper: PlanStep | None
+
+
+@dataclass(frozen=True, slots=True)
 class Pulse:
     """The server lives; sent to every client it knows, whatever the drawing does."""
 
@@ -185,13 +234,14 @@ class Pulse:
 
 
 Answer = (
-    FrameHeader | Done | Refused | Reported | CameraIs | LandmarksAre | StartsAre | StatusIs | Pulse
-)
+    FrameHeader | Done | Refused | Reported | CameraIs | LandmarksAre
+    | StartsAre | StatusIs | PlanIs | Pulse
+)  # fmt: skip
 
 ANSWERS: dict[str, type[Answer]] = {
     form.KIND: form
     for form in (
         *(FrameHeader, Done, Refused, Reported, CameraIs),
-        *(LandmarksAre, StartsAre, StatusIs, Pulse),
+        *(LandmarksAre, StartsAre, StatusIs, PlanIs, Pulse),
     )
 }

@@ -15,6 +15,7 @@ from catoptra_protocol.optics.camera import OmniCamera, camera_with_rim_inscribe
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_server.config.effects import read_effects
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.settings import Settings
 from catoptra_server.robot.description import OmniCameraDescription, TextureClient
@@ -54,6 +55,7 @@ def read_omni_camera(file: IniFile, section: Settings) -> OmniCameraDescription 
         wish=_wish(file, mirror_settings, capture),
         frame_interval_s=capture.number("FrameInterval", 0.0, at_least=0.0, at_most=60.0),
         capture_fov_rad=_rim_fov(camera),
+        effects=read_effects(capture),
     )
 
 

@@ -154,6 +154,7 @@ def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float
         plan="; ".join(sorted(plans)) or None,
         error_bound_px=bound["outline_px"] if bound else None,
         bound=bound,
+        effects=pictures[0].effects if len(pictures) == 1 and pictures[0] else (),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from catoptra_protocol.wire.image import ImageType
 from catoptra_protocol.wire.stream_requests import Encoding
+from catoptra_server.effects.decide import Decision
 from catoptra_server.imaging.encode import encoded_payload, png_payload
 from catoptra_server.imaging.shot import SCREEN, Caption, Channel
 from catoptra_server.render.renderer import Image
@@ -19,7 +20,8 @@ class Frame:
     rgb: (h, w, 3) uint8, read-only. time_s: simulation time of the exposure. exposed_s, finished_s:
     on the server's monotonic clock. drawn_s: seconds that it took to draw. plan: how it was drawn.
     error_bound_px: how far off an outline in it may be at most; bound: that and its parts by name.
-    Both None where unknown.
+    Both None where unknown. effects: what was decided about each that is named, of one camera's
+    picture.
     """
 
     sequence: int
@@ -34,6 +36,7 @@ class Frame:
     plan: str | None = None
     error_bound_px: float | None = None
     bound: dict[str, float] | None = None
+    effects: tuple[Decision, ...] = ()
     _payloads: dict[ImageType | Encoding, bytes] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

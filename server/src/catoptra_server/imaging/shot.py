@@ -12,6 +12,7 @@ from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.effects.effect import NO_WISHES, EffectWishes
 from catoptra_server.imaging.multi_view import TileLayout
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.robot.render_wish import RenderWish
@@ -38,10 +39,11 @@ SCREEN = ScreenChannel()
 
 @dataclass(frozen=True, slots=True)
 class OmniEye:
-    """An omnidirectional camera, and what its robot's file asks of the picture."""
+    """An omnidirectional camera, and what its robot's file asks of the picture and its effects."""
 
     camera: OmniCamera
     wish: RenderWish
+    effects: EffectWishes = NO_WISHES
 
 
 # What can be looked through. Equal eyes share a prepared view.

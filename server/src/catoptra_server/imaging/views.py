@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from catoptra_protocol.optics.frames import Pose
+from catoptra_server.effects.decide import NO_EFFECTS, EffectPlan, decide
 from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import Eye, OmniEye, Take
 from catoptra_server.plan.budget_watch import BudgetWatch, Verdict
@@ -43,7 +44,7 @@ class ViewState:
 
 @dataclass(slots=True, eq=False)
 class _Prepared:
-    """A view and the plan that it follows. choice: of an omnidirectional camera.
+    """A view and the plan that it follows. choice, effects: of an omnidirectional camera.
 
     verdict: of its last frames. has_given_up: nothing is faster, and that was said.
     """
@@ -52,6 +53,7 @@ class _Prepared:
     view: View
     watch: BudgetWatch
     choice: PlanChoice | None = None
+    effects: EffectPlan = NO_EFFECTS
     verdict: Verdict = Verdict.KEPT
     has_given_up: bool = False
 
@@ -110,7 +112,8 @@ class Views:
         picture = prepared.view.draw(take.exposure)
         if isinstance(take.eye, OmniEye):
             self._note(take.eye, prepared, 1e3 * (self._clock() - begin_s))
-        return picture
+        decisions = prepared.effects.decisions
+        return replace(picture, effects=decisions) if decisions else picture
 
     def plan(self, eye: Eye) -> Plan:
         """Return how an eye is drawn."""
@@ -141,7 +144,8 @@ class Views:
         if isinstance(eye, OmniEye):
             choice = self._planning.choose(eye, self._places)
             watch = BudgetWatch(eye.wish.dial.budget_ms)
-            return _Prepared(choice.plan, self._view(eye, choice), watch, choice)
+            effects = self._effects(eye)
+            return _Prepared(choice.plan, self._view(eye, choice), watch, choice, effects)
         kind = self._planning.kind
         flat = plan_perspective(0, kind=kind, why=self._planning.why)
         view = self._planning.renderer(kind).prepare_perspective(eye, flat.samples)
@@ -152,9 +156,20 @@ class Views:
         camera = eye.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("its outlines: %s", choice.bound or "no bound is known")
-        view = self._planning.renderer(choice.plan.renderer).prepare(camera, choice.plan)
+        if eye.effects.wishes:
+            log.info("its effects:\n%s", self._effects(eye))
         self._published.put(eye, choice.bound)
-        return view
+        renderer, active = self._planning.renderer(choice.plan.renderer), self._effects(eye).active
+        if active:
+            return renderer.prepare_with_effects(camera, choice.plan, active)
+        return renderer.prepare(camera, choice.plan)
+
+    def _effects(self, eye: OmniEye) -> EffectPlan:
+        """Return which effects the scene calls for; of none that is named it is not even asked."""
+        if not eye.effects.wishes:
+            return NO_EFFECTS
+        summary = self._planning.renderer(self._planning.kind).summary
+        return decide(eye.effects, summary, eye.camera)
 
     def _note(self, eye: OmniEye, prepared: _Prepared, ms: float) -> None:
         """Take note of a frame's time, and of what it says of the plan."""

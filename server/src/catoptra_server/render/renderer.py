@@ -17,8 +17,10 @@ from catoptra_protocol.optics.cube import FACE_AXES
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.decide import Decision
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import UNKEYED, FrameKey
+from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.scene.bodies import Body
 
@@ -43,10 +45,14 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedImage:
-    """A finished picture: (h, w, 3) uint8 RGB, read-only, and the milliseconds of each stage."""
+    """A finished picture: (h, w, 3) uint8 RGB, read-only, and the milliseconds of each stage.
+
+    effects: what was decided about each that the robot's file names, by who had it drawn.
+    """
 
     rgb: Image
     stage_ms: dict[str, float]
+    effects: tuple[Decision, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +96,10 @@ class Renderer(Protocol):
 
     def describe(self) -> str:
         """Return what draws, for logs: library, device, threads."""
+
+    @property
+    def summary(self) -> SceneSummary:
+        """Return what its scene can show at most; found when it is first asked for."""
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
         """Return a view of the scene by an omnidirectional camera."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
+from catoptra_server.effects.effect import NO_WISHES, EffectWishes
 from catoptra_server.robot.mission_package import MissionPackageDescription
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.render_wish import RenderWish
@@ -75,6 +76,7 @@ class OmniCameraDescription:
 
     name: the capture camera's. robot_from_mirror: where the effective viewpoint is.
     frame_interval_s: the shortest time between two exposures; 0 = as fast as it can be drawn.
+    effects: what lens and sensor may do to the picture.
     """
 
     name: str
@@ -84,6 +86,7 @@ class OmniCameraDescription:
     wish: RenderWish
     frame_interval_s: float
     capture_fov_rad: float
+    effects: EffectWishes = NO_WISHES
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,7 @@ class OmniCameraSensor:
 
     def eye(self, tile: Tile | None = None) -> OmniEye:
         """Return what is looked through; fitted to a tile."""
-        return OmniEye(self.camera_in(tile), self._wish)
+        return OmniEye(self.camera_in(tile), self._wish, self._is.effects)
 
     def turn_dial(
         self, *, max_error_px: float | None = None, budget_ms: float | None = None

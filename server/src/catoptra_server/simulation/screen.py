@@ -7,7 +7,7 @@ With one, each camera has a tile from its robot's coming to its leaving: the fir
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from catoptra_server.imaging.multi_view import Tile, TileLayout, ViewportConfig, viewports
 from catoptra_server.imaging.shot import Caption, Scenery, Take
@@ -97,7 +97,9 @@ def _composed(layout: TileLayout, shown: Sequence[_Mounted | None], bodies_of: B
 def _take(mounted: _Mounted, place: Tile, bodies_of: BodiesOf) -> Take:
     robot = mounted.robot
     bodies = bodies_of(robot)
-    return mounted.camera.take(robot.world_from_robot, bodies, joints=robot.joints, tile=place)
+    camera = mounted.camera
+    take = camera.take(robot.world_from_robot, bodies, joints=robot.joints, tile=place)
+    return replace(take, exposure=replace(take.exposure, key=robot.frame_key(camera.name)))
 
 
 def _caption(shown: Sequence[_Mounted | None], place: Tile) -> Caption:

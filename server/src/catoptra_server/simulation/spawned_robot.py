@@ -13,6 +13,7 @@ from catoptra_protocol.wire.reports import (
     VehicleGeometry,
     VehicleStatus,
 )
+from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.random_streams import RandomStream
 from catoptra_server.robot.body import Body, driven
 from catoptra_server.robot.description import RobotDescription
@@ -52,6 +53,7 @@ class SpawnedRobot:
     ) -> None:
         self.name = name
         self.description = description
+        self._seed = seed
         self.camera = _omni_camera(description)
         self.cameras = [PerspectiveCameraSensor(c, description) for c in description.cameras]
         self.packages = [MissionPackage(package) for package in description.packages]
@@ -96,6 +98,11 @@ class SpawnedRobot:
         """Return a camera by its name in any case, if it has it; the first by an empty name."""
         named = (c for c in self.all_cameras if name.lower() in ("", c.name.lower()))
         return next(named, None)
+
+    def frame_key(self, camera: str) -> FrameKey:
+        """Return what the noise of a camera's picture is keyed by now."""
+        stream = RandomStream.of(self._seed, self.name, f"noise of {camera}")
+        return FrameKey.of(stream, self._body.tick)
 
     @property
     def joints(self) -> dict[str, float]:

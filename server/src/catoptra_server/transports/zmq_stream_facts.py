@@ -9,7 +9,8 @@ from importlib.metadata import version
 from catoptra_protocol.camera_conf import Pairs, pairs_from_camera
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.stream_answers import Placement, StartRecord
+from catoptra_protocol.wire.stream_answers import EffectRecord, Placement, StartRecord
+from catoptra_server.effects.decide import Decision
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.description import World
 
@@ -65,3 +66,15 @@ def placement(pose: Pose) -> Placement:
     x, y, z = map(float, pose.translation)
     a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
     return Placement((x, y, z), (a, b, c, d, e, f, g, h, i))
+
+
+def effect_record(decision: Decision) -> EffectRecord:
+    """Return a decision as it is sent."""
+    return EffectRecord(
+        name=decision.effect,
+        is_on=decision.is_on,
+        bound=decision.bound,
+        threshold=decision.threshold,
+        unit=decision.unit,
+        reason=decision.reason,
+    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from contextlib import ExitStack
+from functools import cached_property
 
 import moderngl
 
@@ -16,25 +17,21 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.brightness import summarise
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.effect_chain import EffectChain
-from catoptra_server.render.raster.faces import DrawCounts, FacePass
-from catoptra_server.render.raster.lens_cell import LensCell, lens_cell
+from catoptra_server.render.raster.faces import FacePass
+from catoptra_server.render.raster.lens_cell import lens_cell
 from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
 from catoptra_server.render.raster.mirror_polygons import PolygonMirror
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output, Pass
 from catoptra_server.render.raster.programs import Definitions, Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.timing import StageClock
-from catoptra_server.render.renderer import (
-    Exposure,
-    FaceCamera,
-    LinearImage,
-    RenderedImage,
-    View,
-)
+from catoptra_server.render.raster.views import RasterEffectView, RasterView
+from catoptra_server.render.renderer import Exposure, FaceCamera, View
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -48,7 +45,8 @@ class RasterRenderer:
     def __init__(self, scene: SceneMesh, world: World, *, device: GlDevice | None = None) -> None:
         self._device = device or open_device()
         self._thread = threading.get_ident()
-        self._triangles = len(scene)
+        self._mesh = scene
+        self._world = world
         with self._device.context as context:
             self._programs = Programs(context)
             self._scene = SceneBuffers(context, self._programs, scene, world)
@@ -65,7 +63,12 @@ class RasterRenderer:
 
     def describe(self) -> str:
         """Return what draws, for logs."""
-        return f"raster: {self._device}, {self._triangles} triangles"
+        return f"raster: {self._device}, {len(self._mesh)} triangles"
+
+    @cached_property
+    def summary(self) -> SceneSummary:
+        """Return what the scene can show at most."""
+        return summarise(self._mesh, self._world)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterView:
         """Return a view of the scene by an omnidirectional camera."""
@@ -167,80 +170,3 @@ class RasterRenderer:
         with self._device.context:
             self._scene.close()
         self._device.close()
-
-
-class RasterView:
-    """A camera's passes and its picture on the device."""
-
-    def __init__(
-        self,
-        device: GlDevice,
-        faces: FacePass[Atlas] | FacePass[LensCell],
-        picture: tuple[Pass, ...],
-        output: Output,
-        thread: int,
-    ) -> None:
-        self._device = device
-        self._faces = faces
-        self._passes: tuple[Pass, ...] = (faces, *picture)
-        self._output = output
-        self._thread = thread
-
-    @property
-    def passes(self) -> tuple[str, ...]:
-        """Return the names of the passes that every frame goes through."""
-        return tuple(step.name for step in self._passes)
-
-    @property
-    def face_counts(self) -> DrawCounts:
-        """Return what the faces of the last frame cost."""
-        return self._faces.counts
-
-    def draw(self, exposure: Exposure) -> RenderedImage:
-        """Return the picture of an exposure."""
-        assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
-        with self._device.context as context:
-            clock = StageClock(context.finish)
-            for step in self._passes:
-                step.draw(exposure)
-                clock.mark(step.name)
-            image = self._output.read()
-            clock.mark("readback")
-        return RenderedImage(image, clock.ms)
-
-    def close(self) -> None:
-        """Free what the view holds on the device."""
-        with self._device.context:
-            for step in reversed(self._passes):
-                step.close()
-            self._output.close()
-
-
-class RasterEffectView:
-    """A view with effects between its mirror and its greys."""
-
-    def __init__(self, device: GlDevice, view: RasterView, chain: EffectChain) -> None:
-        self._device = device
-        self._view = view
-        self._chain = chain
-
-    @property
-    def passes(self) -> tuple[str, ...]:
-        """Return the names of the passes that every frame goes through."""
-        return self._view.passes
-
-    def draw(self, exposure: Exposure) -> RenderedImage:
-        """Return the picture of an exposure."""
-        return self._view.draw(exposure)
-
-    def draw_linear(self, exposure: Exposure) -> LinearImage:
-        """Return the picture of an exposure behind all effects, before it is encoded."""
-        self._view.draw(exposure)
-        with self._device.context:
-            return self._chain.read()
-
-    def close(self) -> None:
-        """Free what the view holds on the device."""
-        self._view.close()
-        with self._device.context:
-            self._chain.close()

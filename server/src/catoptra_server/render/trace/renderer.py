@@ -15,6 +15,7 @@ from functools import cached_property, partial
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.brightness import summarise
 from catoptra_server.render.renderer import EffectView, FaceCamera, View
@@ -59,8 +60,9 @@ class TraceRenderer:
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
 
     @cached_property
-    def _largest_radiance(self) -> float:
-        return summarise(self._mesh, self._world).largest_radiance
+    def summary(self) -> SceneSummary:
+        """Return what the scene can show at most."""
+        return summarise(self._mesh, self._world)
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
@@ -75,7 +77,7 @@ class TraceRenderer:
         self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
     ) -> EffectView:
         """Return a view whose picture stays in linear light until all effects have changed it."""
-        scale_of = partial(LinearScale.for_samples, largest=self._largest_radiance)
+        scale_of = partial(LinearScale.for_samples, largest=self.summary.largest_radiance)
         view = self._omni_view(camera, plan, scale_of)
         return TraceEffectView(view, effects, camera)
 

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.effects import read_effects
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.effects import EFFECTS
+from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Mode, Wish
+from catoptra_server.effects.quantisation import Quantisation
+from catoptra_server.effects.read_noise import ReadNoise
+from helpers.configs import OMNI_ROBOT
+
+REAL = OMNI_ROBOT.with_name("p2at_omni_real.ini")
+
+
+def wishes_of(path: Path) -> EffectWishes:
+    camera = read_robot(path)[0].omni_camera
+    assert camera is not None
+    return camera.effects
+
+
+def section_of(tmp_path: Path, *lines: str) -> EffectWishes:
+    path = tmp_path / "robot.ini"
+    path.write_text("\n".join(("[Camera]", *lines)), encoding="utf-8")
+    return read_effects(IniFile(path).section("Camera"))
+
+
+def test_robot_when_its_file_names_no_effect_has_none() -> None:
+    assert wishes_of(OMNI_ROBOT) == NO_WISHES
+
+
+def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
+    found = wishes_of(REAL).wishes
+    assert [wish.effect.name for wish in found] == [kind.name for kind in EFFECTS]
+    modes = {wish.effect.name: wish.mode for wish in found}
+    assert modes.pop("AutoExposure") is Mode.NEVER
+    assert set(modes.values()) == {Mode.AUTO}
+
+
+def test_real_robot_when_read_leaves_no_key_unknown() -> None:
+    assert read_robot(REAL)[1].unknown() == []
+
+
+def test_number_when_several_effects_share_it_reaches_all(tmp_path: Path) -> None:
+    lines = ("ReadNoise=ALWAYS", "ReadNoiseElectrons=4", "FullWell=9000", "Quantisation=never")
+    assert section_of(tmp_path, *lines).wishes == (
+        Wish(ReadNoise(4.0, 9000.0), Mode.ALWAYS),
+        Wish(Quantisation(12.0), Mode.NEVER),
+    )
+
+
+def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
+    assert section_of(tmp_path, "EffectThreshold=2").threshold_grey_levels == 2.0
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("ShotNoise=yes", "one of auto, always, never"),
+        ("FullWell=0", "from 1 to"),
+        ("AdcBits=32", "from 1 to 16"),
+        ("EffectThreshold=-1", "from 0 to 255"),
+    ],
+)
+def test_value_when_impossible_is_refused_by_its_key(
+    tmp_path: Path, line: str, expected: str
+) -> None:
+    with pytest.raises(ConfigError, match=expected) as error:
+        section_of(tmp_path, line)
+    assert line.partition("=")[0] in str(error.value)
