@@ -105,8 +105,8 @@ def test_matched_noise_keeps_nees_and_nis_inside_their_intervals(runs, row, size
     low, high = mean_interval(size, runs)
     mean = matched(100)[:runs, row].mean(axis=0)
     inside = ((mean > low) & (mean < high)).mean()
-    # Four steps in five, not 95 %: neighbouring steps are correlated. Of twelve hundreds of seeds the
-    # worst has 87.5 %, these; all together have NEES 3.01 +- 0.02 and NIS 1.98 +- 0.01.
+    # Four steps in five, not 95 %: neighbouring steps are correlated. Of twelve hundreds of seeds
+    # the worst has 87.5 %, these; all together have NEES 3.01 +- 0.02 and NIS 1.98 +- 0.01.
     assert inside >= 0.8, f"{inside:.0%} of the steps inside {low:.3f} .. {high:.3f}"
     # A run's steps are correlated: the mean of 50 runs scatters by 5 %.
     assert mean.mean() == pytest.approx(size, rel=0.12)
