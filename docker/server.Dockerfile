@@ -17,12 +17,18 @@ COPY server server
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol './server[figures]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
+# What nobody loads here: libraries' own tests, OpenCV's face models, compiled font tools.
+RUN cd /opt/catoptra/lib/python3*/site-packages \
+ && find . -type d -name tests -prune -exec rm -r {} + \
+ && rm -r cv2/data/*.xml \
+ && find fontTools pygments -type d -name __pycache__ -exec rm -r {} +
 
 FROM debian:bookworm-slim
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 libegl1 libgl1 libgl1-mesa-dri \
- && rm -rf /var/lib/apt/lists/* \
- && useradd --system --uid 10001 --no-create-home --home-dir /nonexistent catoptra
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt
+# An ordinary user; some bases have a root folder that such a user may not enter.
+RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra && chmod a+rx /
 COPY --from=build /opt/catoptra /opt/catoptra
 # Drivers and matplotlib keep caches; the rest of the file system may be read-only.
 ENV PATH=/opt/catoptra/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
