@@ -30,6 +30,11 @@ demo: $(READY) ## Run the paper's experiment, server and client as two processes
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest tests
 
+stability: $(READY) ## Hold every formula against 50 digits at its hard places; writes out/stability/report.html
+	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py -q
+	PYTHONPATH=tests $(BIN)/python -m stability.mutations
+	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
+
 lint: $(READY) ## Check format, style, types and the directions of imports
 	$(BIN)/ruff format --check $(SOURCES) tests
 	$(BIN)/ruff check $(SOURCES) tests

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -73,11 +75,14 @@ def naive_forms() -> Iterator[Naive]:
             yield Naive(mutation, *max(failing, key=_showing), len(failing))
 
 
-def _showing(pair: tuple[Outcome, Outcome]) -> tuple[bool, float]:
-    """Return the order of failures: wrong numbers before none, the most wrong first."""
-    naive, _ = pair
+def _showing(pair: tuple[Outcome, Outcome]) -> tuple[bool, bool, float]:
+    """Return the order of failures: wrong numbers before none, the most wrong first.
+
+    Where the reference is next to 0, and so ours is only absolutely right, little is shown.
+    """
+    naive, ours = pair
     finite = naive.case.expect == "value" and math.isfinite(naive.relative_error)
-    return finite, naive.relative_error if finite else 0.0
+    return finite, ours.relative_error < 1e-3, naive.relative_error if finite else 0.0
 
 
 def measured(case: Case, subjects: Mapping[str, Subject]) -> Outcome:
@@ -108,10 +113,16 @@ def _numbers(case: Case, answer: Any, reference: Any) -> Iterator[Outcome]:
             yield from _numbers(case, got, expected)
         return
     with np.errstate(all="ignore"):
-        got = float(np.float32(answer)) if case.float_type == "float32" else float(answer)
+        number = np.float32(answer) if case.float_type == "float32" else np.float64(answer)
+    got, text = float(number), str(number)
     if not math.isfinite(got):
-        yield Outcome(case, repr(got), reference, math.inf, 0.0, math.inf)
+        yield Outcome(case, text, reference, math.inf, 0.0, math.inf)
         return
     error, allowed = error_and_bound(case, got, reference)
-    share = float(error / allowed) if allowed else (math.inf if error else 0.0)
-    yield Outcome(case, repr(got), reference, float(error), float(allowed), share)
+    share = _as_float(error / allowed) if allowed else (math.inf if error else 0.0)
+    yield Outcome(case, text, reference, _as_float(error), float(allowed), share)
+
+
+def _as_float(value: Fraction) -> float:
+    """Return the nearest double; a naive form's error over what is allowed may be beyond all."""
+    return float(value) if value < sys.float_info.max else math.inf
