@@ -143,3 +143,21 @@ def test_frame_of_another_size_is_refused() -> None:
 def test_geometry_without_a_picture_is_refused(make) -> None:
     with pytest.raises(DomainError):
         make()
+
+
+@pytest.mark.parametrize("azimuth", [math.nan, math.inf])
+def test_azimuth_that_is_not_finite_has_no_column_and_says_which(azimuth: float) -> None:
+    with pytest.raises(DomainError, match="azimuth") as refused:
+        CylinderGeometry(8, 4, 0.0, 1.0).column_from_azimuth(np.array([0.0, azimuth]))
+    assert refused.value.valid.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("slopes", [(-1.7e308, 1.7e308), (0.0, 5e-324)])
+def test_rows_that_float64_cannot_hold_are_refused(slopes) -> None:
+    with pytest.raises(DomainError, match="float64"):
+        CylinderGeometry(8, 4, *slopes)
+
+
+def test_view_too_narrow_for_a_focal_length_is_refused() -> None:
+    with pytest.raises(DomainError, match="focal length"):
+        PerspectiveGeometry(8, 4, 5e-324)

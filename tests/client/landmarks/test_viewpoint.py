@@ -48,3 +48,8 @@ def test_jacobian_of_an_offset_equals_differences() -> None:
 def test_viewpoint_in_the_floor_is_refused(height: float) -> None:
     with pytest.raises(DomainError, match="above the floor"):
         Viewpoint(height)
+
+
+def test_point_at_the_robots_origin_has_no_bearing() -> None:
+    with pytest.raises(DomainError, match="no bearing"):
+        robot_from_viewpoint_polar(Viewpoint(0.6, 0.5), np.array([0.5, math.pi]))

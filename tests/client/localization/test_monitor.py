@@ -16,6 +16,7 @@ from catoptra_client.localization import (
     observe,
     recovered,
 )
+from catoptra_protocol.errors import DomainError
 
 BELIEF = Belief(np.zeros(3), np.zeros((3, 3)))
 
@@ -67,3 +68,17 @@ def test_recovery_waits_for_its_streak_then_widens_once() -> None:
     expected = [0.09, 0.09, math.radians(10) ** 2]
     np.testing.assert_allclose(np.diagonal(belief.covariance), expected)
     assert reset.rejection_streak == 0
+
+
+def test_window_without_room_is_refused() -> None:
+    with pytest.raises(DomainError, match="at least one"):
+        FilterHealth(window_size=0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"after_steps": 0}, {"position_sigma_m": math.nan}, {"heading_sigma_rad": 1e200}],
+)
+def test_recovery_that_cannot_be_is_refused(wrong) -> None:
+    with pytest.raises(DomainError, match="recovery"):
+        Recovery(**wrong)

@@ -11,6 +11,9 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 
+# Four roundings: of sine, cosine, product and sum.
+_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
@@ -49,7 +52,8 @@ def robot_from_viewpoint_polar(viewpoint: Viewpoint, polar: Floats) -> tuple[flo
     x = viewpoint.forward_m + reach * math.cos(azimuth)
     y = viewpoint.right_m + reach * math.sin(azimuth)
     range_m, bearing = math.hypot(x, y), math.atan2(y, x)
-    if range_m == 0.0:
+    # The sum is rounded at its parts' size: what is left below that says nothing.
+    if range_m <= _ROUNDING * reach:
         raise DomainError(f"{reach!r} m at {azimuth!r} rad is the robot's origin: no bearing")
     cos_d, sin_d = math.cos(azimuth - bearing), math.sin(azimuth - bearing)
     jacobian = np.array([[cos_d, -reach * sin_d], [sin_d / range_m, reach * cos_d / range_m]])
