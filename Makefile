@@ -9,7 +9,7 @@ COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world 
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench cost conformance fuzz soak clean
+.PHONY: help setup demo test lint format bench cost conformance fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,6 +65,19 @@ fuzz: $(READY) ## Feed the parsers a million broken inputs, then let strangers l
 
 soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/soak/run.py
+
+wheels: $(READY) ## Build the three distributions into out/wheels, and try them in environments of their own
+	rm -rf out/wheels
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client
+	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
+
+# Another engine than Docker's: COMPOSE=podman-compose.
+COMPOSE ?= docker compose
+compose: ## Run the experiment with server and client in containers; writes out/compose/report.html
+	mkdir -p out/compose
+	CATOPTRA_USER=$$(id -u):$$(id -g) $(COMPOSE) --file docker/compose.yaml build
+	CATOPTRA_USER=$$(id -u):$$(id -g) $(COMPOSE) --file docker/compose.yaml up --abort-on-container-exit --exit-code-from client; \
+	  status=$$?; $(COMPOSE) --file docker/compose.yaml down; exit $$status
 
 clean: ## Remove what make made
 	rm -rf out out-fresh $(VENV)

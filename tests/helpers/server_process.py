@@ -19,7 +19,7 @@ from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy
 
 # Only a broken test waits so long.
 DEADLINE_S = 60.0
-_LISTENING = re.compile(
+LISTENING = re.compile(
     r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+) stream=127\.0\.0\.1:(\d+)\n"
 )
 
@@ -90,7 +90,7 @@ def running_server(
         watchdog.start()
         try:
             assert process.stdout is not None, "stdout is a pipe"
-            found = _LISTENING.fullmatch(process.stdout.readline())
+            found = LISTENING.fullmatch(process.stdout.readline())
             assert found, f"the server did not start:\n{log.read_text()}"
             yield RunningServer(process, *map(int, found.groups()), log)
         finally:
