@@ -9,7 +9,7 @@ COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world 
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench cost conformance fuzz soak wheels compose clean
+.PHONY: help setup demo test stability lint format bench cost conformance fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,7 +31,8 @@ test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest tests
 
 stability: $(READY) ## Hold every formula against 50 digits at its hard places; writes out/stability/report.html
-	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py -q
+	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
+	  tests/end_to_end/test_determinism.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
 

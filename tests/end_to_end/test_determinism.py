@@ -1,0 +1,70 @@
+"""The same seed gives the same bytes: frames and sensor values of a whole server in lockstep.
+
+Whatever else looks on, and however many threads draw; another seed gives other values.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from catoptra_client.frames import open_frames
+from catoptra_client.stream import StreamClient
+from catoptra_protocol.wire.stream_requests import Encoding
+from helpers.server_process import DEADLINE_S, running_server
+
+CLASS = "USARBot.OmniP2AT"
+HOST = "127.0.0.1"
+STEPS = 4
+SEED = "7"
+
+
+def lockstep_run(folder: Path, *arguments: str, spectators: int = 0) -> tuple[str, str]:
+    """Return hashes of all frames and of all sensor values of a run with a robot that drives.
+
+    spectators: how many other clients ask for pictures between the steps, on both transports.
+    """
+    folder.mkdir()
+    frames, values = hashlib.sha256(), hashlib.sha256()
+    arguments = ("--clock", "lockstep", "--seed", SEED, *arguments)
+    with running_server(folder, *arguments) as server, ExitStack() as stack:
+        client = stack.enter_context(StreamClient.connect(HOST, server.stream_port, DEADLINE_S))
+        client.spawn(CLASS, start="Centre")
+        client.drive(2.0, 1.0)
+        ports = (f"zmq://{HOST}:{server.stream_port}", f"tcp://{HOST}:{server.image_port}")
+        others = [
+            stack.enter_context(open_frames(ports[i % 2], DEADLINE_S)) for i in range(spectators)
+        ]
+        for _ in range(STEPS):
+            values.update(repr(client.step(0.2)).encode())
+            for other in others:
+                other.frame()
+            frames.update(client.frame(encoding=Encoding.RAW).rgb.tobytes())
+    return frames.hexdigest(), values.hexdigest()
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Return the run of one client, drawn by one thread."""
+    return lockstep_run(tmp_path_factory.mktemp("reference") / "run")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "spectators"),
+    [((), 0), (("--threads", "2"), 0), ((), 3), (("--threads", "2"), 3)],
+    ids=["again", "two threads", "three spectators", "both"],
+)
+def test_run_when_repeated_gives_the_same_bytes(
+    tmp_path: Path, reference: tuple[str, str], arguments: tuple[str, ...], spectators: int
+) -> None:
+    assert lockstep_run(tmp_path / "run", *arguments, spectators=spectators) == reference
+
+
+def test_run_when_of_another_seed_has_other_sensor_values(
+    tmp_path: Path, reference: tuple[str, str]
+) -> None:
+    _, values = lockstep_run(tmp_path / "run", "--seed", "8")
+    assert values != reference[1]

@@ -1,0 +1,97 @@
+"""The same seed gives the same bytes: pictures of one or several threads, and the filter."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import Exposure, Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import TWO_ROBOTS
+from helpers.opengl import device_or_skip
+from helpers.worlds import LAMP, SKY, SUN, omni_camera, raster_plan, room
+from stability.consistency import run
+
+WORLD = room(lights=(SKY, SUN, LAMP))
+POSES = [Pose.from_rpy((0.1 * i, 0.05 * i, -0.6), (0.01 * i, -0.02 * i, 0.3 * i)) for i in range(6)]
+HASH_OF_A_RUN = (
+    "import hashlib, sys; sys.path[:0] = sys.argv[1:]; from stability.consistency import run;"
+    "print(hashlib.sha256(run(3, believed=1.0).tobytes()).hexdigest())"
+)
+
+
+def pictures(renderer: Renderer, stride_px: int) -> bytes:
+    """Return the bytes of all poses' pictures, with robots in half of them."""
+    plan = replace(raster_plan(omni_camera(width_px=96), samples=2), stride_px=stride_px)
+    view = renderer.prepare(omni_camera(width_px=96), plan)
+    exposures = [
+        Exposure(pose, TWO_ROBOTS if index % 2 else ()) for index, pose in enumerate(POSES)
+    ]
+    drawn = b"".join(view.draw(exposure).rgb.tobytes() for exposure in exposures)
+    view.close()
+    return drawn
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+@pytest.mark.parametrize("stride_px", [1, 4], ids=["rays", "cells"])
+def test_traced_pictures_are_the_same_with_any_number_of_threads(stride_px: int) -> None:
+    scene, drawn = build_scene(WORLD), []
+    for threads in (1, 1, 2, 5):
+        renderer = TraceRenderer(scene, WORLD, threads=threads)
+        drawn.append(pictures(renderer, stride_px))
+        renderer.close()
+    assert len(set(drawn)) == 1
+
+
+def test_raster_pictures_are_the_same_twice_on_one_device(device: GlDevice) -> None:
+    scene = build_scene(WORLD)
+    once, again = (pictures(RasterRenderer(scene, WORLD, device=device), 1) for _ in range(2))
+    assert once == again
+
+
+def test_picture_does_not_depend_on_what_was_drawn_before() -> None:
+    renderer = TraceRenderer(build_scene(WORLD), WORLD, threads=2)
+    view = renderer.prepare(omni_camera(width_px=96), raster_plan(omni_camera(width_px=96)))
+    forwards = [view.draw(Exposure(pose)).rgb for pose in POSES]
+    backwards = [view.draw(Exposure(pose)).rgb for pose in reversed(POSES)]
+    renderer.close()
+    assert all(map(np.array_equal, forwards, reversed(backwards)))
+
+
+def test_filter_gives_the_same_bytes_in_several_threads_at_once() -> None:
+    alone = [run(seed, believed=1.0).tobytes() for seed in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        together = pool.map(lambda seed: run(seed, believed=1.0).tobytes(), range(4))
+        assert list(together) == alone
+    assert len(set(alone)) == 4
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "1", "4711"])
+def test_filter_gives_the_same_bytes_in_another_process(hash_seed: str) -> None:
+    answer = subprocess.run(
+        [sys.executable, "-c", HASH_OF_A_RUN, *sys.path],
+        env={**os.environ, "PYTHONHASHSEED": hash_seed},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    expected = hashlib.sha256(run(3, believed=1.0).tobytes()).hexdigest()
+    assert answer.stdout.strip() == expected
