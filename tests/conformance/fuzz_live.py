@@ -4,7 +4,7 @@ Run: make fuzz, or, in tests/, `python -m conformance.fuzz_live --seconds 30 --s
 server; strangers throw random and mutated bytes at its three ports, whole messages at the stream
 too, and come again when they are cut off. Meanwhile one client has a robot, looks at it over both
 transports, and must not notice. Prints a table; exits with 0 if every requirement holds.
-Messages of endless parts are left out: that limit of the stream is known (SPEC.md 9.6).
+Messages of endless parts are left out: that limit of the stream is known (SPEC.md 9.7).
 """
 
 from __future__ import annotations

@@ -41,6 +41,7 @@ from catoptra_protocol.wire.stream_answers import (
     Done,
     FrameHeader,
     LandmarksAre,
+    PlanIs,
     Refused,
     Reported,
     StartRecord,
@@ -52,6 +53,7 @@ from catoptra_protocol.wire.stream_requests import (
     AskDrive,
     AskFrame,
     AskLandmarks,
+    AskPlan,
     AskReadings,
     AskReset,
     AskSpawn,
@@ -161,6 +163,20 @@ class StreamClient:
         """Return a camera's law and the height of its viewpoint over the floor, in metres."""
         answer = self._ask(AskCamera(next(self._ids), name), CameraIs)
         return camera_from_pairs(tuple(answer.camera_law.items()))
+
+    def plan(
+        self,
+        *,
+        max_error_px: float | None = None,
+        budget_ms: float | None = None,
+        camera: str = "",
+    ) -> PlanIs:
+        """Return how the robot's camera is drawn, after asking for another accuracy or time.
+
+        None leaves one as it is, 0 asks for it no more. The first time the server may measure what
+        frames cost, which takes seconds.
+        """
+        return self._ask(AskPlan(next(self._ids), camera, max_error_px, budget_ms), PlanIs)
 
     def landmarks(self) -> tuple[Landmark, ...]:
         """Return where the world's landmarks truly are."""

@@ -130,14 +130,30 @@ class AskStatus:
     id: int
 
 
+@dataclass(frozen=True, slots=True)
+class AskPlan:
+    """Ask how this client's robot's omnidirectional camera is drawn; or have it drawn otherwise.
+
+    An empty camera takes the robot's. max_error_px: how far off any outline may be. budget_ms: how
+    long a frame may take. 0 = not asked any more, None = as it is.
+    """
+
+    KIND: ClassVar[str] = "ask_plan"
+
+    id: int
+    camera: str
+    max_error_px: float | None
+    budget_ms: float | None
+
+
 Request = (
     AskFrame | AskSpawn | AskDrive | AskStep | AskReset
-    | AskReadings | AskCamera | AskLandmarks | AskStarts | AskStatus
+    | AskReadings | AskCamera | AskLandmarks | AskStarts | AskStatus | AskPlan
 )  # fmt: skip
 REQUESTS: dict[str, type[Request]] = {
     form.KIND: form
     for form in (
         *(AskFrame, AskSpawn, AskDrive, AskStep, AskReset),
-        *(AskReadings, AskCamera, AskLandmarks, AskStarts, AskStatus),
+        *(AskReadings, AskCamera, AskLandmarks, AskStarts, AskStatus, AskPlan),
     )
 }

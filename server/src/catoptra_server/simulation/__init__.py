@@ -8,6 +8,7 @@ from catoptra_server.simulation.loop import Clock, Simulation
 from catoptra_server.simulation.requests import (
     Asked,
     Client,
+    DialTurned,
     Drawn,
     FrameWanted,
     LandmarksSought,
@@ -20,6 +21,7 @@ __all__ = [
     "Asked",
     "Client",
     "Clock",
+    "DialTurned",
     "Drawn",
     "Fleet",
     "FrameWanted",

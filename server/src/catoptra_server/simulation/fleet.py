@@ -21,7 +21,7 @@ from catoptra_protocol.wire.commands import (
 )
 from catoptra_protocol.wire.reports import Report, StartPose, StartPoses
 from catoptra_server.imaging.multi_view import TileLayout
-from catoptra_server.imaging.shot import CameraChannel, Channel, Scenery, ScreenChannel
+from catoptra_server.imaging.shot import CameraChannel, Channel, OmniEye, Scenery, ScreenChannel
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import World
@@ -29,9 +29,9 @@ from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors.camera import Camera
 from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
-from catoptra_server.simulation.answers import configurations, geometries
+from catoptra_server.simulation.answers import BoundOf, configurations, geometries
 from catoptra_server.simulation.appearance import Appearance
-from catoptra_server.simulation.requests import Client
+from catoptra_server.simulation.requests import Client, DialTurned
 from catoptra_server.simulation.screen import Screen, own_scenery, watched
 from catoptra_server.simulation.set_commands import obey_set
 from catoptra_server.simulation.sightings import Sighting, sightings
@@ -48,7 +48,8 @@ _BLACK_PX = (320, 240)
 class Fleet:
     """The robots of one world, of one or several classes. Only the simulation thread may call it.
 
-    multi_view: the screen's tiles; None: the screen shows one robot's viewports.
+    multi_view: the screen's tiles; None: the screen shows one robot's viewports. bound_of: how far
+    off pictures are, where that is known.
     """
 
     def __init__(
@@ -60,10 +61,12 @@ class Fleet:
         seed: int,
         caster: RayCaster | None = None,
         multi_view: TileLayout | None = None,
+        bound_of: BoundOf = lambda eye: None,
     ) -> None:
         self._classes = tuple(descriptions)
         self._world = world
         self._seed = seed
+        self._bound_of = bound_of
         self._caster = caster or Nothing()
         self._robots: dict[Client, SpawnedRobot] = {}
         self._traffic = Traffic(scene, self._classes)
@@ -102,7 +105,7 @@ class Fleet:
             case GetStartPoses():
                 client.deliver([self._start_poses()])
             case GetConf() if robot:
-                client.deliver(configurations(robot, command))
+                client.deliver(configurations(robot, command, self._bound_of))
             case GetGeo() if robot:
                 client.deliver(geometries(robot, command))
             case _ if robot and robot.is_alive(time_s):
@@ -151,6 +154,15 @@ class Fleet:
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
         return StartPoses(tuple(poses))
+
+    def turn_dial(self, asked: DialTurned) -> tuple[OmniEye | None, str]:
+        """Draw a client's camera as asked; return its eye, None where there is none, and name."""
+        robot = self._robots.get(asked.client)
+        omni = robot.camera if robot else None
+        if omni is None or asked.camera.lower() not in ("", omni.name.lower()):
+            return None, asked.camera
+        omni.turn_dial(max_error_px=asked.max_error_px, budget_ms=asked.budget_ms)
+        return omni.eye(omni.tile), omni.name
 
     def look(self, robot: SpawnedRobot) -> Surroundings:
         """Return what is around a robot now."""

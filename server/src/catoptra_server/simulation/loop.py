@@ -22,6 +22,7 @@ from catoptra_server.simulation.reels import Reel, Reels
 from catoptra_server.simulation.requests import (
     Asked,
     Client,
+    DialTurned,
     Drawn,
     FrameWanted,
     LandmarksSought,
@@ -129,6 +130,8 @@ class Simulation:
                 self._reels.want(channel, newer_than)
             case Drawn(channel):
                 self._reels.drawn(channel)
+            case DialTurned():
+                request.reply(*self._fleet.turn_dial(request))
             case LandmarksSought(channel, reply):
                 reply(self._time_s, self._fleet.sightings(channel))
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from catoptra_protocol.wire.commands import Command
 from catoptra_protocol.wire.reports import Report
-from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel
+from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel, OmniEye
 from catoptra_server.simulation.sightings import Sighting
 
 
@@ -65,8 +65,23 @@ class LandmarksSought:
 
 
 @dataclass(frozen=True, slots=True)
+class DialTurned:
+    """A client asks for another accuracy or time of its robot's camera; None = as it is.
+
+    reply: told what is drawn from now on and the camera's name, None if there is no such camera;
+    returns at once.
+    """
+
+    client: Client
+    camera: str
+    max_error_px: float | None
+    budget_ms: float | None
+    reply: Callable[[OmniEye | None, str], None]
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """End the simulation."""
 
 
-Request = Asked | Left | FrameWanted | Drawn | LandmarksSought | Stop
+Request = Asked | Left | FrameWanted | Drawn | LandmarksSought | DialTurned | Stop

@@ -27,6 +27,7 @@ from catoptra_protocol.wire.stream_answers import (
 from catoptra_protocol.wire.stream_requests import (
     AskCamera,
     AskLandmarks,
+    AskPlan,
     AskStarts,
     AskStatus,
     Request,
@@ -37,6 +38,7 @@ from catoptra_server.transports.zmq_stream_facts import StreamFacts, placement
 from catoptra_server.transports.zmq_stream_frames import FrameSlot
 from catoptra_server.transports.zmq_stream_landmarks import answer_landmarks
 from catoptra_server.transports.zmq_stream_peer import StreamPeer
+from catoptra_server.transports.zmq_stream_plans import PlanOf, answer_plan
 from catoptra_server.transports.zmq_stream_socket import RouterSocket, Sent
 
 log = logging.getLogger(__name__)
@@ -63,10 +65,12 @@ class StreamServer:
         mailboxes: Mailboxes,
         post: Callable[[SimulationRequest], None],
         facts: StreamFacts,
+        plan_of: PlanOf,
     ) -> None:
         self._mailboxes = mailboxes
         self._post = post
         self._facts = facts
+        self._plan_of = plan_of
         self._peers: dict[bytes, StreamPeer] = {}
         self._suspects: set[bytes] = set()
         self._socket = RouterSocket(host, port, self._received)
@@ -148,6 +152,10 @@ class StreamServer:
             case AskLandmarks():
                 known = self._facts.landmarks
                 answer_landmarks(request, known, answer=peer.answer, post=self._post)
+            case AskPlan():
+                answer_plan(
+                    request, peer, answer=peer.answer, post=self._post, plan_of=self._plan_of
+                )
             case AskStarts(id_):
                 peer.answer(StartsAre(id_, self._facts.starts))
             case AskStatus(id_):
@@ -187,9 +195,10 @@ async def serve_stream(
     mailboxes: Mailboxes,
     post: Callable[[SimulationRequest], None],
     facts: StreamFacts,
+    plan_of: PlanOf,
 ) -> AsyncIterator[StreamServer]:
     """Listen for clients of the stream until the block ends. Raises OSError without the port."""
-    server = StreamServer(host, port, mailboxes=mailboxes, post=post, facts=facts)
+    server = StreamServer(host, port, mailboxes=mailboxes, post=post, facts=facts, plan_of=plan_of)
     pulses = asyncio.create_task(_pulses(server))
     try:
         yield server
