@@ -33,3 +33,10 @@ def test_doctor_when_it_starts_has_loaded_no_library_of_the_server() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False)
     assert ran.returncode == 0
+
+
+def test_command_when_explain_is_asked_for_explains(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["explain", "--help"])
+    assert ended.value.code == 0
+    assert "usage: catoptra-server explain" in capsys.readouterr().out

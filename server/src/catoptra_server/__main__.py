@@ -1,4 +1,4 @@
-"""The first word of the command line: `doctor` and `cost` examine; without one, it serves.
+"""The first word of the command line: `doctor`, `cost`, `explain` examine; without one, it serves.
 
 Nothing else is imported before the word is read, so that the doctor speaks where the server's own
 libraries cannot be loaded. To add a command, write its `main` and add its case.
@@ -25,6 +25,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from catoptra_server.cost.command import main as measure
 
             return measure(rest)
+        case ["explain", *rest]:
+            from catoptra_server.explain import main as explain
+
+            return explain(rest)
         case _:
             from catoptra_server.serving import main as serve
 

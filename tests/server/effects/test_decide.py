@@ -65,6 +65,6 @@ def test_plan_when_no_effect_is_named_is_empty_and_says_so() -> None:
 
 def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
     head, row = str(decide(wishes((FINE, Mode.AUTO)), DAY, CAMERA)).splitlines()
-    assert head.split() == ["effect", "bound", "threshold", "unit", "reason"]
+    assert head.split() == ["effect", "bound", "threshold", "unit", "ms", "reason"]
     assert row.split()[:4] == ["Quantisation", "off", "0.402", "0.5"]
     assert row.endswith("a converter of 12 bits")

@@ -5,6 +5,7 @@ An effect's bound is that of what reaches it: those that run before it count.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,7 +13,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.scene_summary import SceneSummary
 
-_ROW = "{:<13} {:<4} {:>9} {:>9}  {:<11}  {}"
+_ROW = "{:<13} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +36,7 @@ class EffectPlan:
     active: tuple[Effect, ...] = ()
 
     def __str__(self) -> str:
-        if not self.decisions:
-            return "no effects: the robot's file names none"
-        head = _ROW.format("effect", "", "bound", "threshold", "unit", "reason")
-        return "\n".join((head, *map(_row, self.decisions)))
+        return table(self.decisions, {})
 
 
 NO_EFFECTS = EffectPlan()
@@ -78,7 +76,16 @@ def _decision(
     )
 
 
-def _row(decision: Decision) -> str:
+def table(decisions: Sequence[Decision], ms: Mapping[str, float]) -> str:
+    """Return decisions as a table with a row each; ms: what those that run take, where known."""
+    if not decisions:
+        return "no effects: the robot's file names none"
+    head = _ROW.format("effect", "", "bound", "threshold", "unit", "ms", "reason")
+    return "\n".join((head, *(_row(decision, ms.get(decision.effect)) for decision in decisions)))
+
+
+def _row(decision: Decision, ms: float | None) -> str:
     state = "on" if decision.is_on else "off"
     numbers = (f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
-    return _ROW.format(decision.effect, state, *numbers, decision.unit, decision.reason)
+    taken = "" if ms is None else f"{ms:.1f}"
+    return _ROW.format(decision.effect, state, *numbers, decision.unit, taken, decision.reason)

@@ -52,7 +52,9 @@ class ReadNoise:
             lambda light: np.full_like(light, LARGEST_NORMAL * self.spread),
             summary.largest_radiance,
         )
-        return Bound(value, f"{self.read_noise_e:.3g} electrons of {self.full_well_e:.3g}")
+        return Bound(
+            value, f"{self.read_noise_e:.3g} electrons beside {self.full_well_e:.0f} of white"
+        )
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel."""

@@ -48,7 +48,7 @@ class ShotNoise:
             summary.largest_radiance,
         )
         electrons = self.full_well_e * min(summary.largest_radiance, 1.0)
-        return Bound(value, f"{electrons:.3g} electrons in the brightest pixel")
+        return Bound(value, f"{electrons:.0f} electrons in the brightest pixel")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel; no well holds more than is full."""
