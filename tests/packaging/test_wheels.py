@@ -141,7 +141,7 @@ def test_client_when_installed_sees_what_the_server_serves(
             found = LISTENING.fullmatch(process.stdout.readline())
             assert found
             there = ("--control-port", found[1], "--image-port", found[2])
-            trained = client.run("catoptra-client", "train", "--frames", "6", *there)
+            trained = client.run("catoptra-client", "train", "--frames", "10", *there)
             assert trained.returncode == 0, trained.stderr
             watched = client.run("catoptra-client", "bearings", "--frames", "2", *there)
             assert watched.returncode == 0, watched.stderr

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console()
     try:
         parsed.run(parsed, console)
-    except CatoptraError as error:
+    except (CatoptraError, OSError) as error:
         Console(stderr=True).print(f"catoptra-client: {error}", style="red", markup=False)
         return 1
     except KeyboardInterrupt:
@@ -62,6 +62,7 @@ def _train(parsed: argparse.Namespace, console: Console) -> None:
             on_frame=lambda: progress.advance(task),
         )
         classifier = train(frames, theta=parsed.theta)
+    parsed.output.parent.mkdir(parents=True, exist_ok=True)
     save_classifier(classifier, parsed.output)
     console.print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
 
