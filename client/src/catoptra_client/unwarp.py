@@ -17,6 +17,7 @@ of left and right is undone.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -125,7 +126,8 @@ class PerspectiveGeometry:
             raise DomainError(f"a pinhole sees more than 0 and less than pi: {self.width_rad!r}")
         if not (math.isfinite(self.yaw_rad) and math.isfinite(self.pitch_rad)):
             raise DomainError(f"angles must be finite: {self.yaw_rad!r}, {self.pitch_rad!r}")
-        if not math.isfinite(self.focal_px):
+        # The quotient of focal_px must not overflow, nor divide by a tangent of zero.
+        if 0.5 * self.width_px > math.tan(0.5 * self.width_rad) * sys.float_info.max:
             raise DomainError(f"a view {self.width_rad!r} rad wide needs an infinite focal length")
 
     @property
