@@ -17,10 +17,9 @@ COPY server server
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol './server[figures]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# What nobody loads here: libraries' own tests, OpenCV's face models, compiled font tools.
+# What nobody loads here: the tests of libraries, and compiled font tools and highlighters.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
- && rm -r cv2/data/*.xml \
  && find fontTools pygments -type d -name __pycache__ -exec rm -r {} +
 
 FROM debian:bookworm-slim
