@@ -64,8 +64,9 @@ LLVMPIPE, GPU = "llvmpipe (LLVM 15)", "NVIDIA H200"
         (GPU, 1, 100, RendererKind.RASTER),
         (GPU, 1, 10**6, RendererKind.RASTER),
         (LLVMPIPE, 1, 100, RendererKind.TRACE),
-        (LLVMPIPE, 2, 100, RendererKind.RASTER),
-        (LLVMPIPE, 2, 10**6, RendererKind.TRACE),
+        (LLVMPIPE, 2, 100, RendererKind.TRACE),
+        (LLVMPIPE, 3, 100, RendererKind.RASTER),
+        (LLVMPIPE, 3, 60_000, RendererKind.TRACE),
     ],
 )
 def test_auto_weighs_device_samples_and_triangles(
@@ -81,6 +82,22 @@ def test_auto_weighs_device_samples_and_triangles(
     choice = choose("auto", samples=samples)
     assert choice.kind is kind
     assert name in choice.reason
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_auto_can_make_the_other_renderer_later(
+    samples: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = replace(device_or_skip(), renderer=LLVMPIPE)
+    monkeypatch.setattr(raster, "open_device", lambda: device)
+    choice = choose("auto", samples=samples)
+    device_or_skip().close()
+    (other,) = choice.others
+    assert {choice.kind, other} == set(RendererKind)
+
+
+def test_renderer_that_is_asked_for_by_name_has_no_other() -> None:
+    assert not choose("trace").others
 
 
 def test_unknown_renderer_is_refused_with_the_names_that_exist() -> None:

@@ -16,11 +16,13 @@ from catoptra_server.render.renderer import Renderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
-# On two CPU cores, 640 x 640 px, at equal RMSE (tests/cost/questions/which_renderer.py): at one
-# sample a pixel trace takes 15-21 ms, raster 23-28 ms; at 2 x 2 trace takes 48-75 ms, raster
-# 31-39 ms up to 60 000 triangles. A million cost raster 175 ms, and trace no more than few do.
-SOFTWARE_RASTER_SAMPLES = 2
-SOFTWARE_RASTER_TRIANGLES = 100_000
+# Where no dial has both measured. Of 640 x 640 px, in the processors' ms of both cores together
+# (tests/cost/questions/which_renderer.py): field, corridor and 60 000 triangles of balls take trace
+# 11, 15 and 9 ms at one sample a pixel, raster 21, 30 and 26; at 2 x 2 27, 40 and 14 against 32, 41
+# and 37; at 3 x 3 53, 78 and 23 against 46, 56 and 51. So raster wins where samples are many and
+# triangles few.
+SOFTWARE_RASTER_SAMPLES = 3
+SOFTWARE_RASTER_TRIANGLES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
