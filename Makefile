@@ -9,7 +9,7 @@ COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world 
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test stability lint format bench cost conformance fuzz soak wheels compose clean
+.PHONY: help setup demo test stability lint format bench cost effects conformance fuzz soak wheels compose clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -54,6 +54,9 @@ cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, RE
 	$(COST) --world configs/worlds/corridor.ini $(if $(QUICK),--quick) --machine "$(MACHINE)"
 	$(BIN)/python -m catoptra_client.experiment.cost --output out/cost $(if $(QUICK),--quick)
 	$(COST) --tell --report server/COST.md --readme README.md
+
+effects: $(READY) ## Draw what each effect of lens and sensor does, and tell when it is left out; writes out/effects
+	$(BIN)/python -m catoptra_server.figures.effects --output out/effects
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
