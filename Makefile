@@ -54,6 +54,7 @@ cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, RE
 	$(COST) --world configs/worlds/corridor.ini $(if $(QUICK),--quick) --machine "$(MACHINE)"
 	$(BIN)/python -m catoptra_client.experiment.cost --output out/cost $(if $(QUICK),--quick)
 	$(COST) --tell --report server/COST.md --readme README.md
+	$(if $(QUICK),,$(BIN)/python tests/cost/dial.py)
 
 effects: $(READY) ## Draw what each effect of lens and sensor does, and tell when it is left out; writes out/effects
 	$(BIN)/python -m catoptra_server.figures.effects --output out/effects

@@ -36,7 +36,8 @@ class Frame:
     Only the stream tells the rest; None elsewhere. time_s, world_from_robot: of the exposure.
     camera: the law of its pixels; robot_from_mirror: where its viewpoint sits. age_s: from exposure
     to sending. missed: frames drawn that this client was not sent, in all. dropped: frames that it
-    asked for and did not take. plan, error_bound_px: how it was drawn, and how wrong it may be.
+    asked for and did not take. plan, error_bound_px: how it was drawn, and how far
+    off any outline may be; bound: that and its parts by name, as SPEC.md has them.
     effects: what was decided about each that the robot's file names; empty where none is told.
     """
 
@@ -56,6 +57,7 @@ class Frame:
     dropped: int | None = None
     plan: str | None = None
     error_bound_px: float | None = None
+    bound: dict[str, float] | None = None
     effects: tuple[EffectRecord, ...] = ()
 
 

@@ -54,6 +54,7 @@ def frame_from_parts(
         dropped=header.dropped,
         plan=header.plan,
         error_bound_px=header.error_bound_px,
+        bound=header.bound,
         effects=header.effects,
     )
 
