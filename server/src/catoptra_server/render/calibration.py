@@ -32,7 +32,7 @@ _LONGEST_S = 0.12
 # The first frames find caches cold.
 _WARM_UP = 2
 # Samples, texels a pixel, samples a texel.
-_RASTER = ((1, 1.0, 1), (2, 1.0, 1), (1, 2.0, 1), (1, 1.0, 4))
+_RASTER = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
 # Samples, and how far apart rays are; 0 = as planned.
 _TRACE = ((1, 0), (2, 0), (1, 1))
 REST = "rest"
