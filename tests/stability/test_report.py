@@ -1,4 +1,4 @@
-"""The report: every group is in it, a failing case is told, and nothing is loaded from elsewhere."""
+"""The report: every group is in it, a failing case is told, nothing is loaded from elsewhere."""
 
 from __future__ import annotations
 
