@@ -100,7 +100,11 @@ def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     vector, the antipode, what is not finite, and what is nearer to the antipode than 1e-308 rad.
     """
     x, y, z = _components(direction)
-    rho = np.hypot(x, y)
+    return _half_angle_tangent(np.hypot(x, y), z)
+
+
+def _half_angle_tangent(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
+    """Return t of directions at a distance rho from the axis and a height z, and validity."""
     norm = np.hypot(rho, z)
     lower = z >= 0.0
     numerator = np.where(lower, rho, norm - z)
@@ -130,13 +134,13 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
     pixel is the image centre, never a NaN.
     """
-    t, defined = half_angle_tangent(direction)
+    x, y, z = _components(direction)
+    rho = np.hypot(x, y)
+    t, defined = _half_angle_tangent(rho, z)
     valid = defined & (t <= camera.rim_t)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
         np.where(valid, t, 0.0)
     )
-    x, y, _ = _components(direction)
-    rho = np.hypot(x, y)
     # A quotient of at most 1: the radius over a rho next to nothing might overflow.
     rho = np.where(rho > 0.0, rho, 1.0)
     x = radius_px * (x / rho)
