@@ -76,19 +76,22 @@ def correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
     """
     variances = np.diagonal(covariance)
     sigma = np.sqrt(np.maximum(variances, 0.0))
-    sigma = np.where(sigma >= _SMALLEST_SIGMA, sigma, 0.0)
-    scale = np.where(sigma > 0.0, sigma, _SMALLEST_SIGMA)
+    sigma[sigma < _SMALLEST_SIGMA] = 0.0
+    certain = sigma == 0.0
+    scale = np.where(certain, _SMALLEST_SIGMA, sigma)
     with np.errstate(over="ignore", under="ignore"):
         correlation = covariance / scale / scale[:, None]
-    asymmetry = np.abs(np.clip(correlation, -2.0, 2.0) - np.clip(correlation.T, -2.0, 2.0))
-    possible = (
-        (variances >= 0.0).all()
-        and (np.abs(correlation) <= 1.0 + _NEGATIVE_TOLERANCE).all()
-        and (asymmetry <= _NEGATIVE_TOLERANCE).all()
-    )
-    certain = sigma == 0.0
-    correlation[certain | certain[:, None] | (not possible)] = 0.0
-    return sigma, correlation, bool(possible)
+    if not (variances.min() >= 0.0 and _are_correlations(correlation)):
+        return sigma, np.zeros_like(correlation), False
+    correlation[certain | certain[:, None]] = 0.0
+    return sigma, correlation, True
+
+
+def _are_correlations(matrix: Floats) -> bool:
+    """Return whether no number exceeds 1 and the (n, n) matrix is symmetric, past rounding."""
+    if not np.abs(matrix).max() <= 1.0 + _NEGATIVE_TOLERANCE:
+        return False
+    return bool(np.abs(matrix - matrix.T).max() <= _NEGATIVE_TOLERANCE)
 
 
 def _symmetric(covariance: Floats) -> Floats:
