@@ -14,6 +14,7 @@ from catoptra_server.effects import (
     bloom,
     exposure,
     fixed_pattern,
+    mirror_reflectance,
     quantisation,
     read_noise,
     shot_noise,
@@ -23,6 +24,7 @@ from catoptra_server.effects import (
 from catoptra_server.effects.effect import Kind
 
 EFFECTS: tuple[Kind, ...] = (
+    mirror_reflectance.KIND,
     vignetting.KIND,
     exposure.KIND,
     auto_exposure.KIND,

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.scene_summary import SceneSummary
 
-_ROW = "{:<13} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
+_ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)

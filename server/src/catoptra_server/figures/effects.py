@@ -31,6 +31,7 @@ from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -74,6 +75,13 @@ class Case:
 
 
 CASES = (
+    Case(
+        MirrorReflectance(2.8, 3.4),
+        Quiet(
+            "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
+        ),
+        "a mirror of steel, n = 2.8, k = 3.4",
+    ),
     Case(
         Vignetting(),
         Quiet("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),

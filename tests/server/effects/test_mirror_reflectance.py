@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.mirror_reflectance import MirrorReflectance, incidence, reflectance
+from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.worlds import omni_camera
+
+ALUMINIUM = MirrorReflectance(0.96, 6.7)
+STEEL = MirrorReflectance(2.8, 3.4)
+ANGLES = np.radians([0.0, 10.0, 45.0, 65.0, 80.0, 89.9])
+
+
+def real_form(angle: float, n: float, k: float) -> float:
+    """Return Fresnel's reflectance in real numbers: a + ib, the index along the normal inside."""
+    sine2, cosine = math.sin(angle) ** 2, math.cos(angle)
+    real = n**2 - k**2 - sine2
+    root = math.hypot(real, 2.0 * n * k)
+    a, whole = math.sqrt(0.5 * (root + real)), root
+    across = (whole - 2 * a * cosine + cosine**2) / (whole + 2 * a * cosine + cosine**2)
+    slant = math.sin(angle) * math.tan(angle)
+    along = across * (whole - 2 * a * slant + slant**2) / (whole + 2 * a * slant + slant**2)
+    return 0.5 * (across + along)
+
+
+@pytest.mark.parametrize(("n", "k"), [(0.96, 6.7), (2.8, 3.4), (1.5, 0.0)])
+def test_reflectance_is_that_of_the_real_form(n: float, k: float) -> None:
+    expected = [real_form(float(angle), n, k) for angle in ANGLES]
+    np.testing.assert_allclose(reflectance(ANGLES, n, k), expected, rtol=1e-9)
+
+
+def test_glass_when_met_straight_reflects_four_hundredths() -> None:
+    assert float(reflectance(np.array(0.0), 1.5, 0.0)) == pytest.approx(0.04)
+
+
+def test_mirror_when_met_at_its_rim_is_met_at_half_the_sum_of_both_angles() -> None:
+    t = np.array(CAMERA.rim_t)
+    r, z = CAMERA.mirror.surface(t)
+    psi = math.atan2(float(r), CAMERA.mirror.pinhole_m - float(z))
+    assert float(incidence(np.array(1.0), CAMERA)) == pytest.approx(0.5 * (CAMERA.rim_rad + psi))
+    assert math.degrees(float(incidence(np.array(1.0), CAMERA))) == pytest.approx(65.0, abs=0.5)
+
+
+def test_centre_when_light_meets_it_straight_keeps_its_light() -> None:
+    light = np.ones((97, 97, 3))
+    behind = STEEL.apply(light, omni_camera(width_px=97), KEY)
+    np.testing.assert_allclose(behind[48, 48], 1.0, rtol=1e-12)
+
+
+def test_straight_light_when_criterion_is_asked_is_left_out() -> None:
+    assert_left_out(STEEL, camera=omni_camera(width_px=96, rim_deg=40.0))
+
+
+def test_steel_when_criterion_is_asked_is_called_for() -> None:
+    assert_called_for(STEEL)
+    assert_summary_holds(STEEL, 2.0)
+    assert_summary_holds(ALUMINIUM, 2.0)
