@@ -49,6 +49,8 @@ def _panel(
     on.set_ylim(len(rows) - 0.5, -0.5)
     on.set_yticks(places, [row.step for row in rows])
     on.set_xlim(left=0.0)
+    on.locator_params(axis="x", nbins=3)
+    on.tick_params(axis="x", labelsize=7)
     if len(series) > 1:
         on.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
                   handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
