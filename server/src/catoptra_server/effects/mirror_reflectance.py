@@ -35,8 +35,8 @@ from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.vignetting import inverse_focal
 
-# The shader interpolates between so many radii: within 6e-7 for steel in the paper's mirror. Each may
-# take the room of a vec4, of the 256 that OpenGL 3.3 promises.
+# The shader interpolates between so many radii, within 6e-7 for steel in the paper's mirror. Each
+# may take the room of a vec4, of the 256 that OpenGL 3.3 promises.
 _STEPS = 200
 
 
