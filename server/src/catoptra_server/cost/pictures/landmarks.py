@@ -8,7 +8,7 @@ from catoptra_server.cost.document import Document, LandmarkRow, Landmarks
 from catoptra_server.figures import style
 
 WIDTH_PX, HEIGHT_PX = 1520, 620
-_LEFT_PX, _PANEL_PX, _GAP_PX = 380, 250, 34
+_LEFT_PX, _PANEL_PX, _GAP_PX = 380, 232, 56
 
 Value = Callable[[LandmarkRow], float]
 _PANELS: tuple[tuple[str, tuple[tuple[str, str, Value], ...]], ...] = (
