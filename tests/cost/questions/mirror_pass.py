@@ -22,7 +22,7 @@ from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish,
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.atlas import pack_atlas
 from catoptra_server.render.raster.atlas_lookup import use_atlas
-from catoptra_server.render.raster.mirror_per_pixel import polygon_around_rim
+from catoptra_server.render.raster.mirror_pass import polygon_around_rim
 from catoptra_server.render.raster.mirror_places import mirror_places
 from catoptra_server.render.raster.programs import VERSION, set_uniform, source
 from catoptra_server.scene.meshes import build_scene
@@ -31,6 +31,7 @@ ROUNDS = 40
 
 # The law in t = tan(theta / 2) as optics/mirrors/hyperbolic.py has it, then the face and the place.
 LAW = """
+uniform sampler2D atlas;
 uniform vec2 centre_px;
 uniform float inverse_h, kappa_s, inverse_s2, rim_t;
 vec3 light(ivec2 sample_at)
@@ -40,7 +41,8 @@ vec3 light(ivec2 sample_at)
     float gain = 1.0 / (kappa_s * (1.0 + sqrt(1.0 + squared * inverse_s2)));
     float t = gain * sqrt(squared);
     vec3 direction = vec3(-2.0 * gain * ratio.yx, (1.0 - t) * (1.0 + t));
-    return t <= rim_t ? radiance_seen(direction) : vec3(0.0);
+    vec3 seen = textureLod(atlas, atlas_position(direction), 0.0).rgb;
+    return t <= rim_t ? seen : vec3(0.0);
 }
 """
 LOOKED_UP = """
@@ -105,7 +107,7 @@ def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
     faces = view._faces.texture
     with context:
         program = context.program(
-            vertex_shader=source("mirror_per_pixel.vert"),
+            vertex_shader=source("mirror.vert"),
             fragment_shader=fragment(samples, light, encoded),
         )
         corners = context.buffer(polygon_around_rim(camera()).astype(np.float32).tobytes())
@@ -113,7 +115,7 @@ def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
         target = context.framebuffer([context.renderbuffer((640, 640), 3)])
         if light is LAW:
             set_law(program)
-            use_atlas(program, atlas, faces)
+            use_atlas(program, atlas)
         else:
             size = (640 * samples, 640 * samples)
             table = mirror_places(camera(), atlas, samples)

@@ -175,7 +175,8 @@ def test_peer_when_busy_is_sent_a_few_pulses_only_and_stays() -> None:
                 pulses = 0
                 while (await busy.message()).KIND == "pulse":
                     pulses += 1
-                assert pulses == zmq_stream.IDLE_PULSES
+                # ZeroMQ takes fewer where it cannot send as fast as this loop.
+                assert 0 < pulses <= zmq_stream.IDLE_PULSES
                 server.pulse()
                 assert (await busy.message()).KIND == "pulse"
                 assert len(server.peers) == 1

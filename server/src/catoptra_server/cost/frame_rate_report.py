@@ -84,11 +84,12 @@ def _reasons(document: Document) -> Iterator[str]:
 def _faces_reason(meshes: list[StepCost]) -> str:
     faces = [step.stage_ms["faces"] for step in meshes]
     return (
-        "Why it hardly depends: the faces of the cube, which show the scene, know nothing of the "
+        "Why it does not depend: the faces of the cube, which show the scene, know nothing of the "
         f"mirror's polygons ({min(faces):.1f} to {max(faces):.1f} ms at every count of the ladder "
         "above), and the same pixels of the mirror are looked up, however many polygons they "
-        "belong to. Trace has computed every sample's ray before the first frame: to it a mesh is "
-        "as good as another, but for what it leaves empty."
+        "belong to. What a sample sees through its polygon never changes, so both renderers find it "
+        "out once, before the first frame: trace its ray, raster its place in the atlas "
+        "(`tests/cost/questions/polygon_counts.py`)."
     )
 
 
@@ -96,12 +97,8 @@ def _mirror_reason(meshes: list[StepCost]) -> str:
     samples = meshes[0].samples
     told = ", ".join(f"{step.polygons}: {step.stage_ms['mirror']:.1f}" for step in meshes)
     return (
-        "Why it does at all: 16 polygons leave 37 % of the mirror empty, 64 leave 10 %. And "
-        f"software OpenGL draws the mirror itself, at {samples} x {samples} samples, in ({told}) "
-        "ms by polygons: it shades blocks of 4 x 4 samples, those on an edge once for each side, "
-        "so that the time grows with the length of all edges, the root of the count "
-        "(`tests/cost/questions/polygon_edges.py`). Vertices and "
-        "triangles themselves are a small part of it."
+        "What is left: 16 polygons leave 37 % of the mirror empty, 64 leave 10 %. The mirror "
+        f"itself takes, at {samples} x {samples} samples, ({told}) ms by polygons."
     )
 
 

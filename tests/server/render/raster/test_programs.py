@@ -31,7 +31,7 @@ def test_source_puts_version_and_definitions_first() -> None:
 
 
 def test_source_resolves_includes_to_the_end() -> None:
-    text = source("mirror_polygons.frag", (("FACES", 5),))
+    text = source("polygon_places.frag", (("FACES", 5),))
     assert "#include" not in text
     assert text.count("vec2 atlas_position(vec3 direction)\n{") == 1
 

@@ -1,6 +1,5 @@
-// Provides vec2 atlas_position(vec3 direction), and the linear vec3 radiance_seen(direction).
+// Provides vec2 atlas_position(vec3 direction).
 // Twin: catoptra_server.render.raster.atlas.Atlas.texels_from_direction, over the atlas' size.
-uniform sampler2D atlas;
 uniform vec4 face_place[FACES];      // texel position of each face's middle; texels a unit of s, t
 uniform vec2 atlas_texel;            // one over the atlas' width and height
 
@@ -36,9 +35,4 @@ vec2 atlas_position(vec3 direction)
     // last row is shown there, as a clamped texture would.
     vec2 st = clamp(local.yz / max(local.x, 1e-30), -1.0, 1.0);
     return (place.xy + st * place.zw) * atlas_texel;
-}
-
-vec3 radiance_seen(vec3 direction)
-{
-    return textureLod(atlas, atlas_position(direction), 0.0).rgb;
 }

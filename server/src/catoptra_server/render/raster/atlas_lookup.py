@@ -13,8 +13,7 @@ def atlas_definitions(atlas: Atlas) -> Definitions:
     return (("FACES", atlas.faces),)
 
 
-def use_atlas(program: moderngl.Program, atlas: Atlas, texture: moderngl.Texture) -> None:
-    """Set the uniforms of a draw and bind the texture."""
+def use_atlas(program: moderngl.Program, atlas: Atlas) -> None:
+    """Set the uniforms of a draw."""
     set_uniform(program, "face_place", atlas.places())
     set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))
-    texture.use(0)

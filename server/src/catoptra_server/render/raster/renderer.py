@@ -25,9 +25,9 @@ from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.faces import FacePass
 from catoptra_server.render.raster.lens_cell import lens_cell
-from catoptra_server.render.raster.mirror_per_pixel import PerPixelMirror
-from catoptra_server.render.raster.mirror_polygons import PolygonMirror
+from catoptra_server.render.raster.mirror_pass import MirrorPass, law_places
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output, Pass
+from catoptra_server.render.raster.polygon_places import polygon_places
 from catoptra_server.render.raster.programs import Definitions, Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.views import RasterEffectView, RasterView
@@ -143,17 +143,16 @@ class RasterRenderer:
         target: moderngl.Framebuffer,
         encoding: Definitions,
     ) -> tuple[Pass, ...]:
-        device = (self._device.context, self._programs)
-        samples = plan.samples
-        if isinstance(plan.surface, PerPixel):
-            return (PerPixelMirror(*device, faces, camera, samples, target, encoding=encoding),)
-        polygons = PolygonMirror(
-            *device, faces, camera, plan.surface, samples, target, encoding=encoding
+        context, samples, surface = self._device.context, plan.samples, plan.surface
+        if isinstance(surface, PerPixel):
+            places = law_places(context, camera, faces.atlas, samples)
+        else:
+            places = polygon_places(context, self._programs, camera, surface, samples, faces.atlas)
+        return (
+            MirrorPass(
+                context, self._programs, faces, camera, places, samples, target, encoding=encoding
+            ),
         )
-        if polygons.picture is None:
-            return (polygons,)
-        average = AveragePass(*device, polygons.picture, samples, target, encoding=encoding)
-        return polygons, average
 
     def _warm(self, view: View) -> None:
         """Draw once for nothing: drivers compile a program's machine code at its first draw."""

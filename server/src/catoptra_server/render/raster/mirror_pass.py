@@ -1,4 +1,7 @@
-"""The mirror's picture by its own law, in every sample of every pixel, looked up where it says."""
+"""The mirror's picture: every sample of every pixel looked up in the atlas, where its place says.
+
+Places never change while a view lives: by the mirror's own law, or by a polygon mirror drawn once.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +36,11 @@ def polygon_around_rim(camera: OmniCamera) -> Floats:
     return clip
 
 
-class PerPixelMirror:
-    """The pass: one draw of the polygon around the rim, over black. encoding: ENCODED or LINEAR."""
+class MirrorPass:
+    """One draw of the polygon around the rim, over black. encoding: ENCODED or LINEAR.
+
+    places: of samples x samples a pixel; the pass frees it.
+    """
 
     name = "mirror"
 
@@ -44,6 +50,7 @@ class PerPixelMirror:
         programs: Programs,
         faces: FacePass[Atlas],
         camera: OmniCamera,
+        places: moderngl.Texture,
         samples: int,
         target: moderngl.Framebuffer,
         *,
@@ -53,9 +60,9 @@ class PerPixelMirror:
         self._faces = faces
         self._target = target
         define = (("SAMPLES", samples), *encoding)
-        self._program = programs.get(ProgramSpec("mirror_per_pixel", "mirror_per_pixel", define))
+        self._program = programs.get(ProgramSpec("mirror", "mirror", define))
         self._program["places"] = 1
-        self._places = _places(context, camera, faces.atlas, samples)
+        self._places = places
         self._corners = context.buffer(polygon_around_rim(camera).astype(np.float32).tobytes())
         self._vertices = context.vertex_array(self._program, [(self._corners, "2f", "position")])
 
@@ -75,10 +82,18 @@ class PerPixelMirror:
         self._corners.release()
 
 
-def _places(
+def law_places(
     context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
 ) -> moderngl.Texture:
-    """Return the texture of the samples' places. Raises DomainError where none is that large."""
+    """Return the texture of the places that the mirror's law gives."""
+    size = places_size(context, camera, samples)
+    texture = context.texture(size, 2, mirror_places(camera, atlas, samples), dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
+
+
+def places_size(context: moderngl.Context, camera: OmniCamera, samples: int) -> tuple[int, int]:
+    """Return width and height of a texture of places. Raises DomainError where none is so large."""
     size = (samples * camera.width_px, samples * camera.height_px)
     limit = context.info["GL_MAX_TEXTURE_SIZE"]
     if max(size) > limit:
@@ -86,6 +101,4 @@ def _places(
             f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "
             f"OpenGL ends at {limit} px a side"
         )
-    texture = context.texture(size, 2, mirror_places(camera, atlas, samples), dtype="f4")
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
+    return size

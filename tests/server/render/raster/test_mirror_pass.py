@@ -10,7 +10,7 @@ from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pi
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.mirror_per_pixel import polygon_around_rim
+from catoptra_server.render.raster.mirror_pass import polygon_around_rim
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from helpers.worlds import omni_camera, raster_plan

@@ -1,5 +1,5 @@
 // Provides the polygon around the rim circle, outside of which no fragment need be asked.
-// Twin: catoptra_server.render.raster.mirror_per_pixel.polygon_around_rim.
+// Twin: catoptra_server.render.raster.mirror_pass.polygon_around_rim.
 in vec2 position;
 
 void main()

@@ -10,7 +10,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.plan.render_plan import PerPixel, highest_incidence
-from catoptra_server.render.raster.mirror_polygons import polygon_clip_positions
+from catoptra_server.render.raster.polygon_places import polygon_clip_positions
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit, mirror_mesh
 from helpers.worlds import omni_camera
 
