@@ -4,8 +4,8 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/questions/polygon_counts
 
 Prints the median milliseconds of frame and mirror pass for 16 to 4096 polygons and for the exact
 law, drawn in turns. Drawing the mesh anew in every frame took software OpenGL the longer, the more
-edges it had: it shades blocks of 4 x 4 samples once for each polygon in them, so that 4096 took 39 %
-more than 16. The mesh is therefore drawn once, into the places that its samples look up.
+edges it had: it shades blocks of 4 x 4 samples once for each polygon in them, so that 4096 took
+39 % more than 16. The mesh is therefore drawn once, into the places that its samples look up.
 """
 
 from __future__ import annotations

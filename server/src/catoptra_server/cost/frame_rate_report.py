@@ -87,8 +87,8 @@ def _faces_reason(meshes: list[StepCost]) -> str:
         "Why it does not depend: the faces of the cube, which show the scene, know nothing of the "
         f"mirror's polygons ({min(faces):.1f} to {max(faces):.1f} ms at every count of the ladder "
         "above), and the same pixels of the mirror are looked up, however many polygons they "
-        "belong to. What a sample sees through its polygon never changes, so both renderers find it "
-        "out once, before the first frame: trace its ray, raster its place in the atlas "
+        "belong to. What a sample sees through its polygon never changes, so both renderers find "
+        "it out once, before the first frame: trace its ray, raster its place in the atlas "
         "(`tests/cost/questions/polygon_counts.py`)."
     )
 

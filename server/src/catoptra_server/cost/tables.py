@@ -6,6 +6,9 @@ import math
 import textwrap
 from collections.abc import Sequence
 
+# Columns of the report's prose, so that its changes can be read line by line.
+_WIDTH = 100
+
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table; the first column is words, all others are numbers and stand right."""
@@ -38,9 +41,15 @@ def number(value: float, digits: int = 3) -> str:
 
 def paragraph(text: str) -> str:
     """Return a text wrapped as the sources are."""
-    return textwrap.fill(" ".join(text.split()), 100, break_on_hyphens=False)
+    return textwrap.fill(" ".join(text.split()), _WIDTH, break_on_hyphens=False)
 
 
 def bullet(text: str) -> str:
     """Return a wrapped line of a list."""
-    return textwrap.indent(paragraph(text), "  ").replace("  ", "* ", 1)
+    return textwrap.fill(
+        " ".join(text.split()),
+        _WIDTH,
+        initial_indent="* ",
+        subsequent_indent="  ",
+        break_on_hyphens=False,
+    )
