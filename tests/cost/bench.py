@@ -152,7 +152,7 @@ def _fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float
         delivered, elapsed_s = _watch(int(ports[0]), int(ports[1]))
         process.terminate()
         _, log = process.communicate()
-    drawn = re.search(r"drew (\d+) frames", log)
+    drawn = re.search(r"(\d+) shots in", log)
     assert drawn is not None, log
     # All frames since the start count on both sides, the warm-up too.
     return int(drawn[1]) / elapsed_s, delivered / elapsed_s
