@@ -20,17 +20,20 @@ RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find fontTools pygments -type d -name __pycache__ -exec rm -r {} +
 
-FROM debian:bookworm-slim
+FROM debian:bookworm-slim AS system
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt
-# An ordinary user; some bases have a root folder that such a user may not enter.
-RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra && chmod a+rx /
+RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra
 COPY --from=build /opt/catoptra /opt/catoptra
-ENV PATH=/opt/catoptra/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
+
+# A root folder of its own: that of an imported base may be closed to ordinary users.
+FROM scratch
+COPY --from=system / /
+ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
     MPLCONFIGDIR=/tmp/matplotlib OPENBLAS_NUM_THREADS=1
 # The proof: everything of the client is loaded, and there was no OpenGL that it could have used.
-RUN ! ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
+RUN ! /sbin/ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
  && python3 -c "import catoptra_client.__main__, catoptra_client.experiment.__main__" \
  && python3 -c "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, \
       ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL', 'embreex'])))"

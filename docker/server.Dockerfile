@@ -22,15 +22,18 @@ RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find fontTools pygments -type d -name __pycache__ -exec rm -r {} +
 
-FROM debian:bookworm-slim
+FROM debian:bookworm-slim AS system
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 libegl1 libgl1 libgl1-mesa-dri \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt
-# An ordinary user; some bases have a root folder that such a user may not enter.
-RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra && chmod a+rx /
+RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra
 COPY --from=build /opt/catoptra /opt/catoptra
+
+# A root folder of its own: that of an imported base may be closed to ordinary users.
+FROM scratch
+COPY --from=system / /
 # Drivers and matplotlib keep caches; the rest of the file system may be read-only.
-ENV PATH=/opt/catoptra/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
+ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
     XDG_CACHE_HOME=/tmp/cache MPLCONFIGDIR=/tmp/matplotlib \
     OPENBLAS_NUM_THREADS=1
 USER catoptra

@@ -26,8 +26,9 @@ DEADLINE_S = 120.0
 
 
 def command(*words: str) -> list[str]:
-    """Return the command line of compose on our file, as a project beside the user's own."""
-    return [*COMPOSE, "-p", "catoptra-test", "-f", "docker/compose.yaml", *words]
+    """Return a command line of compose, as a project beside the user's own."""
+    files = ("-f", "docker/compose.yaml", "-f", "tests/packaging/in_the_middle.yaml")
+    return [*COMPOSE, "-p", "catoptra-test", *files, *words]
 
 
 def compose(*words: str) -> subprocess.CompletedProcess[str]:
@@ -44,11 +45,11 @@ def compose(*words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(autouse=True)
 def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Start the simulated set-up's server; skip where that cannot be done."""
+    """Skip where no containers run; leave none behind."""
     monkeypatch.setenv("CATOPTRA_OUT", str(tmp_path))
     monkeypatch.setenv("CATOPTRA_USER", f"{os.getuid()}:{os.getgid()}")
     try:
-        there = compose("up", "-d", "--no-build", "--no-deps", "sim")
+        there = compose("up", "--no-build", "--no-start", "--no-deps", "sim", "client")
     except (OSError, subprocess.TimeoutExpired) as error:
         pytest.skip(f"needs a container engine: {error}")
     if there.returncode:
@@ -58,69 +59,68 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     compose("down", "--timeout", "5")
 
 
-def log_until(line: str, *, times: int = 1) -> list[str]:
-    """Return the log of the server up to the line that has a text for the n-th time."""
-    lines: list[str] = []
+class Containers:
+    """Some of the services while they run, and what they have said."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None, "stdout is a pipe"
+        self._lines = process.stdout
+        self.said: list[str] = []
+
+    def until(self, text: str) -> str:
+        """Read until a line has a text; return it."""
+        for line in self._lines:
+            self.said.append(line)
+            if text in line:
+                return line
+        raise AssertionError(f"nobody said {text!r}: {self.said[-5:]}")
+
+    def number_of(self, text: str) -> int:
+        """Return how many of the lines that were read have a text."""
+        return sum(text in line for line in self.said)
+
+
+@contextmanager
+def containers(*services: str) -> Iterator[Containers]:
+    """Run some of the services, and nothing else."""
     with subprocess.Popen(
-        command("logs", "--follow", "sim"),
+        command("up", "--no-build", "--no-deps", *services),
         cwd=REPOSITORY,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
     ) as process:
-        watchdog = threading.Timer(DEADLINE_S, end, (process,))
+        watchdog = threading.Timer(DEADLINE_S, _end, (process,))
         watchdog.start()
-        assert process.stdout is not None, "stdout is a pipe"
-        for said in process.stdout:
-            lines.append(said)
-            if sum(line in said for said in lines) == times:
-                break
-        watchdog.cancel()
-        end(process)
-    assert sum(line in said for said in lines) == times, lines[-5:]
-    return lines
+        try:
+            yield Containers(process)
+        finally:
+            watchdog.cancel()
+            _end(process)
 
 
-def end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[str]) -> None:
     """End a command of compose with all that it started."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
 
 
-@contextmanager
-def client() -> Iterator[subprocess.Popen[str]]:
-    """Run the experiment, which begins with the simulated set-up, until the block ends it."""
-    with subprocess.Popen(
-        command("up", "--no-build", "--no-deps", "--exit-code-from", "client", "client"),
-        cwd=REPOSITORY,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        watchdog = threading.Timer(DEADLINE_S, end, (process,))
-        watchdog.start()
-        yield process
-        process.wait(DEADLINE_S)
-        watchdog.cancel()
-
-
-def test_server_when_the_client_is_killed_frees_its_robot_and_serves_the_next() -> None:
-    with client():
-        log_until("robot Run0 of class")
-        compose("kill", "client")
-    with client():
-        lines = log_until("robot Trainer0 of class", times=2)
-        compose("kill", "client")
-    came, left = (sum(word in line for line in lines) for word in (" spawned at ", " left\n"))
-    assert came == left + 1, "only the new client's robot is there"
-
-
 def test_client_when_the_server_is_stopped_says_so_and_fails() -> None:
-    with client() as process:
-        log_until("robot Run0 of class")
+    with containers("sim", "client") as running:
+        running.until("robot Run0 of class")
         compose("stop", "--timeout", "5", "sim")
-        said, _ = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 1
-    assert "experiment: " in said
+        running.until("experiment: ")
+        assert "the client ended with 1" in running.until("the client ended with")
+
+
+def test_server_when_the_client_is_killed_frees_its_robot_and_serves_the_next(
+    tmp_path: Path,
+) -> None:
+    with containers("sim", "client", "next") as running:
+        running.until("robot Run0 of class")
+        compose("kill", "client")
+        (tmp_path / "begin").touch()
+        running.until("robot Trainer0 of class")
+        assert running.number_of(" spawned at ") == running.number_of(" left") + 1
+        running.until("the next client is done")
