@@ -72,7 +72,7 @@ soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten
 	$(BIN)/python tests/soak/run.py
 
 wheels: $(READY) ## Build the three distributions into out/wheels, and try them in environments of their own
-	rm -rf out/wheels
+	rm -rf out/wheels protocol/build server/build client/build
 	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client
 	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
 
