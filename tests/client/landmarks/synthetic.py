@@ -25,7 +25,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 FIELD = read_landmarks(Path(__file__).parents[3] / "configs/landmarks/four_legged_2006.csv")
 HEIGHT_M = 0.6
 SAMPLES = 2
-NOISE_LEVELS = 1.4  # of a CCD at mid-grey, optics.md 6
+NOISE_LEVELS = 1.4  # of a CCD at mid-grey
 
 ALBEDO = {
     "cyan": (0.05, 0.55, 0.70),

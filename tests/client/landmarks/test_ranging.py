@@ -1,4 +1,4 @@
-"""Ranges from angles, and their sigmas against the table of optics.md 4."""
+"""Ranges from angles, and their sigmas against derived values."""
 
 from __future__ import annotations
 

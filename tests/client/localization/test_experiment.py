@@ -1,6 +1,6 @@
 """The paper's experiment as a Monte Carlo in numbers: lock-out, re-lock, recovery.
 
-Set-up and expected values: optics.md 5.3 (200 seeds); here 20, so the bounds are wide. Left is
+Set-up and expected values are those of 200 seeds; here 20, so the bounds are wide. Left is
 negative in our frames (yaw positive to the right); the robot drives clockwise as the paper's did.
 """
 
@@ -31,7 +31,7 @@ from catoptra_client.localization.motion import moved
 
 SEEDS = 20
 VIEWPOINT_M, MARK_M, SEEN_TO_M = 0.6, 0.3, 2.5
-SIGMA_THETA = math.radians(0.554)  # 1 px at the horizon (optics.md 3.3)
+SIGMA_THETA = math.radians(0.554)  # 1 px at the horizon
 ALPHAS = (0.10**2, 0.0, 0.023**2, 0.08**2)
 R = np.diag([0.40**2, math.radians(2.5) ** 2])
 HONEST_P0 = np.diag([0.05**2, 0.05**2, math.radians(6.0) ** 2])

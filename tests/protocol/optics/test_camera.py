@@ -250,7 +250,7 @@ def test_opencv_pixel_of_the_first_pixel_s_centre_is_0() -> None:
 
 
 def test_law_when_judged_by_opencv_s_omnidirectional_model_agrees() -> None:
-    """optics.md 2.3: this mirror is Mei's model with xi and gamma = h xi, seen mirrored."""
+    """This mirror is Mei's model with xi and gamma = h xi, seen mirrored."""
     camera = camera_of(width_px=640, height_px=480)
     there = np.array([direction(t, g) for t in (5, 45, 90, 118) for g in range(0, 360, 25)])
     mirrored = np.stack((-there[:, 1], -there[:, 0], there[:, 2]), axis=-1)

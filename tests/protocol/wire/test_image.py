@@ -1,4 +1,4 @@
-"""The image server's bytes, both roles: usarsim.md 2."""
+"""The image server's bytes, both roles."""
 
 from __future__ import annotations
 

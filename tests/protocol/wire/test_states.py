@@ -1,4 +1,4 @@
-"""The table of states: complete, and as usarsim.md 1.2, 1.3 and 1.6 want it."""
+"""The table of states: complete, and as real clients and servers want it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def test_camera_when_read_is_the_paper_s() -> None:
     assert (camera.camera.width_px, camera.camera.height_px) == (360, 360)
     assert math.degrees(camera.camera.rim_rad) == pytest.approx(120.0)
     assert camera.camera.rim_radius_px == pytest.approx(180.0)
-    # optics.md's reference set-up.
+    # The reference set-up: the paper's mirror in 360 px.
     assert camera.camera.horizon_radius_px == pytest.approx(103.45267, abs=5e-6)
     assert camera.wish.surface == PerPixel()
 
@@ -51,7 +51,7 @@ def test_camera_when_read_has_five_texture_clients_at_the_viewpoint() -> None:
 
 
 def test_capture_camera_when_read_sees_the_rim_under_its_field_of_view() -> None:
-    # f = 1086.096 px and a rim of 180 px: optics.md's reference set-up.
+    # f = 1086.096 px and a rim of 180 px: the reference set-up.
     assert camera_of(OMNI_ROBOT).capture_fov_rad == pytest.approx(
         2.0 * math.atan(180.0 / 1086.096), abs=1e-6
     )

@@ -41,7 +41,7 @@ def test_p2at_when_read_has_the_reference_base() -> None:
     robot, _ = read_robot(OMNI_ROBOT)
     drive = robot.drive
     assert (robot.class_name, robot.model_name) == ("USARBot.OmniP2AT", "OmniP2AT")
-    # usarsim.md 4, UT2004 P2AT.
+    # What a real UT2004 server told of its P2AT.
     assert (drive.wheel_radius_m, drive.wheel_separation_m) == (0.13, 0.4712)
     assert (drive.wheel_base_m, drive.dimensions_m) == (0.2884, (0.5238, 0.4968, 0.2913))
     assert (drive.mass_kg, drive.max_speed_rad_s, drive.max_torque) == (14.0, 5.385, 60.0)
@@ -129,7 +129,7 @@ def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("text", "wheel_m", "separation_m", "mass_kg", "speed_rad_s", "body_m"),
-    # usarsim.md 4.
+    # As in real replies.
     [
         ("[USARBot.P2AT]\nMass=15", 0.13, 0.4712, 15.0, 5.385, (0.5238, 0.4968, 0.2913)),
         ("[usarbot.p3at]\nmsgTimer=.1", 0.098, 0.36, 11.9, 1.3, (0.508, 0.497, 0.277)),

@@ -1,4 +1,4 @@
-"""The grammar of Unreal's ini files, with the oddities that real ones have (usarsim.md 3.1)."""
+"""The grammar of Unreal's ini files, with the oddities that real ones have."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_densities_are_those_of_the_law_by_differences(camera: OmniCamera) -> No
 
 
 def test_texels_of_the_papers_mirror_are_those_of_the_reference() -> None:
-    # optics.md 3.3: about 365 for a 360 px image have one texel a pixel, and the middle of the
+    # Derived: about 365 for a 360 px image have one texel a pixel, and the middle of the
     # image has n / h; in the middle of a face a texel is 2 / n radians.
     texels = face_texels(CAMERA, even(CAMERA, 365))
     assert texels.min_per_px == pytest.approx(1.0, rel=0.02)

@@ -66,7 +66,7 @@ def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpola
 @pytest.mark.parametrize("k", [11.546, 1e4])
 def test_largest_error_is_that_of_the_formula(k: float, sectors: int, rings: int) -> None:
     camera = omni_camera(mirror=HyperbolicMirror(k, 0.2), width_px=360)
-    # optics.md 3.1, within 2 % from 64 polygons on; here with the reserve of the bound.
+    # Derived, within 2 % from 64 polygons on; here with the reserve of the bound.
     t = np.linspace(0.0, camera.rim_t, 400)
     below = (camera.rim_t / rings) ** 2 / 4.0 + np.square(t * math.pi / sectors)
     largest_px = camera.horizon_radius_px * (t * below / (1.0 + t * t)).max()

@@ -53,7 +53,7 @@ def test_scales_reach_from_the_axis_over_the_horizon_to_the_rim() -> None:
 
 def test_extremes_are_those_of_the_reference() -> None:
     scale = image_scale(CAMERA)
-    # optics.md 3.3: 0.272 degrees a pixel at the rim, 1.110 in the middle.
+    # Derived: 0.272 degrees a pixel at the rim, 1.110 in the middle.
     assert math.degrees(1.0 / scale.max_px_per_rad) == pytest.approx(0.272, abs=5e-4)
     assert math.degrees(1.0 / scale.along[0]) == pytest.approx(1.110, abs=5e-3)
     assert scale.along[0] < scale.rms_px_per_rad < scale.max_px_per_rad

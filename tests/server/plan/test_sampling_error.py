@@ -32,7 +32,7 @@ def test_traced_pictures_have_no_texels() -> None:
 
 
 def test_one_tap_passes_over_texels_where_the_middle_of_the_image_minifies() -> None:
-    # optics.md 3.3: n / h times at the centre, five times at n = 512.
+    # Derived: n / h times at the centre, five times at n = 512.
     coarse = sampling(RendererKind.RASTER, samples=1, face_size_px=512)
     assert coarse.minification > 512 / CAMERA.horizon_radius_px > 4.9
     assert coarse.one_tap_undersamples

@@ -176,6 +176,6 @@ def test_markers_appear_within_a_tenth_of_a_pixel(device: GlDevice) -> None:
 def test_markers_on_polygons_are_off_as_the_reference_says(
     device: GlDevice, polygons: int, largest_px: float
 ) -> None:
-    # optics.md 3.2, column "uv" and its tolerance; 64 places come near the largest error of all.
+    # The derived table's column "uv"; 64 places come near the largest error of all.
     errors = marker_errors(device, split_for(polygons), BETWEEN_CORNERS_DEG)
     assert 0.4 * largest_px < errors.max() < 1.15 * largest_px

@@ -57,7 +57,7 @@ def test_mesh_when_seen_by_the_camera_covers_its_rim_polygon(split: PolygonSplit
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
     rim = CAMERA.rim_radius_px / CAMERA.horizon_radius_px
     s = split.sectors
-    # optics.md 3.2: (S / 2 pi) sin(2 pi / S) of the disc; no overlap, no hole.
+    # Derived: (S / 2 pi) sin(2 pi / S) of the disc; no overlap, no hole.
     covered = s / (2.0 * math.pi) * math.sin(2.0 * math.pi / s)
     assert area / (math.pi * rim**2) == pytest.approx(covered, rel=1e-12)
 

@@ -30,7 +30,7 @@ from catoptra_protocol.optics.numerics import angle_between, angle_difference
 # the training. Measured in tests/client/landmarks/test_detector.py.
 CENTROID_SIGMA_PX = 0.2
 # A range whose relative sigma exceeds this is none: the mean of 1 / y is then biased by sigma^2, 4
-# %, and soon has no meaning at all (optics.md 4).
+# %, and soon has no meaning at all.
 LARGEST_RELATIVE_SIGMA = 0.2
 # Which part of the front the labels cover is known to about a tenth of the radius.
 FRONT_SIGMA = 0.1

@@ -12,7 +12,7 @@ from catoptra_protocol.errors import DomainError
 Bytes = npt.NDArray[np.uint8]
 Counts = npt.NDArray[np.int64]
 
-# 8 grey levels a bin: some five times a camera's noise (1.4 levels, optics.md 6), and a table that
+# 8 grey levels a bin: some five times a camera's noise (1.4 levels at mid-grey), and a table that
 # fits the first-level cache. The paper does not give its own.
 DEFAULT_BINS = 32
 _ALLOWED_BINS = (2, 4, 8, 16, 32, 64)

@@ -3,7 +3,6 @@
 A point `drop_m` below the viewpoint (negative: above it), seen at incidence angle theta, is at
 r = drop tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly; there r
 has no value, and close to it no mean, so what is not clear of it by three sigma is no range.
-Source: optics.md 4.
 """
 
 from __future__ import annotations

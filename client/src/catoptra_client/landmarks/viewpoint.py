@@ -20,7 +20,7 @@ class Viewpoint:
     """The viewpoint's height above the floor and its offset in the robot frame (x, y).
 
     The mirror's axes are the robot's: the camera is upright and not turned. The paper gives no
-    height; 0.6 m is assumed (optics.md 5.3).
+    height; 0.6 m is assumed.
     """
 
     height_m: float = 0.6

@@ -33,7 +33,7 @@ from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 
-# The image that the paper shows and optics.md's tables speak of.
+# The image that the paper shows and all tables of its errors speak of.
 PAPER_SIZE_PX = 360
 
 

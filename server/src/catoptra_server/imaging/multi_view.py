@@ -4,10 +4,10 @@ A tile shows a picture that was drawn at the tile's size; nothing is resized. Wh
 is black. Only who is looked at need be drawn: `tiles_within` tells which tiles a request touches,
 and a tile may stay empty.
 
-UDK: camera i of those registered is at x = (i mod CameraTileX) CameraWidth and, says usarsim.md
-2.4, y = (i div CameraTileY) CameraHeight. Here it is i div CameraTileX, the number of columns: the
-two agree for the square layouts that were shipped, only this fills any other without a gap, and it
-is how the Qt client with its four tiles a row counts.
+UDK: camera i of those registered is at x = (i mod CameraTileX) CameraWidth and, as UDK's source
+has it, y = (i div CameraTileY) CameraHeight. Here it is i div CameraTileX, the number of columns:
+the two agree for the square layouts that were shipped, only this fills any other without a gap, and
+it is how the Qt client with its four tiles a row counts.
 """
 
 from __future__ import annotations

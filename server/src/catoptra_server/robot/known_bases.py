@@ -1,6 +1,6 @@
 """The bases of USARSim's robots, which their files leave to the classes' source.
 
-UT2004 P2AT and UDK P3AT: real replies (usarsim.md 4). P2DX: wheels and body from the maker's data
+UT2004 P2AT and UDK P3AT: real replies. P2DX: wheels and body from the maker's data
 sheet of the Pioneer 2-DX, for no reply of its class is public; speed so that it drives as fast as
 the P2AT. Ride heights are ours: half of the body's height.
 """

@@ -1,4 +1,4 @@
-"""The hyperbolic mirror against optics.md's numbers and against geometry in 50 digits.
+"""The hyperbolic mirror against derived numbers and against geometry in 50 digits.
 
 The reference does not use the law: it meets Eq. 1 with a scene ray aimed at the viewpoint and
 projects the mirror point through the pinhole.

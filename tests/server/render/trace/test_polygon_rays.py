@@ -37,7 +37,7 @@ def test_directions_when_of_very_many_polygons_are_the_law_s() -> None:
     split = PolygonSplit(1024, 256, Interpolation.POSITION)
     directions, valid = polygon_directions(CAMERA, split, PIXELS)
     exact, _ = direction_from_pixel(CAMERA, PIXELS)
-    # optics.md 3.1: an error of order 1 / N; 0.0912 degrees at N = 4096 is 2.5e-5 rad here.
+    # Derived: an error of order 1 / N; 0.0912 degrees at N = 4096 is 2.5e-5 rad here.
     assert np.abs(directions - exact)[valid].max() < 2.5e-5
 
 

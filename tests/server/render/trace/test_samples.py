@@ -37,7 +37,7 @@ def test_ray_when_of_a_pixel_is_the_law_s() -> None:
 def test_rays_when_of_polygons_leave_out_what_they_do_not_cover() -> None:
     exact = omni_samples(CAMERA, raster_plan(CAMERA))
     polygons = omni_samples(CAMERA, raster_plan(CAMERA, split_for(16)))
-    # optics.md 3.2: four sectors cover 0.634 of the disc.
+    # Derived: four sectors cover 0.634 of the disc.
     assert len(polygons.pixels) / len(exact.pixels) == pytest.approx(0.634, abs=0.02)
 
 
