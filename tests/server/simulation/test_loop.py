@@ -418,3 +418,19 @@ def test_landmarks_when_sought_are_answered_with_the_time_and_none_without_such_
     simulation.post(Stop())
     simulation.run()
     assert told == [(0.5, ()), (0.5, None)]
+
+
+def test_camera_of_the_screen_s_robot_when_a_mere_viewer_leaves_goes_on_counting() -> None:
+    frames, drawn = list[Frame](), CameraChannel("", "")
+
+    def put(frame: Frame) -> None:
+        frames.append(frame)
+        if len(frames) == 1:
+            simulation.post(Left(FakeClient()))
+        simulation.post(Stop() if len(frames) == 2 else FrameWanted(channel=drawn))
+
+    simulation = simulation_of(put_frame=put)
+    for request in (Asked(FakeClient(), INIT), FrameWanted(channel=drawn)):
+        simulation.post(request)
+    simulation.run()
+    assert [frame.sequence for frame in frames] == [1, 2]

@@ -77,3 +77,15 @@ def test_channel_when_forgotten_counts_anew_and_late_drawings_do_no_harm() -> No
     reels.drawn(OTHER)
     reels.want(OTHER, 5)
     assert expose(reels, 0.0) == [1]
+
+
+def test_cameras_when_their_robot_left_are_forgotten_but_for_those_waited_for() -> None:
+    reels, front = Reels(), CameraChannel("R", "Front")
+    for channel in (OTHER, front, CameraChannel("S", "Rear"), SCREEN):
+        reels.want(channel, 0)
+    expose(reels, 0.0)
+    reels.drawn(front)
+    reels.want(front, 1)
+    reels.forget_idle("R")
+    assert reels.total() == 3  # all but the one that nobody waits for
+    assert due(reels, 0.0) == [front]

@@ -4,8 +4,8 @@ gain = clip(target / mean, least, most), the mean of the luminance (Rec. 709) of
 the mirror, in linear light: one value for all faces, so no face is brighter than its neighbour. It
 is the end that a control loop settles at, not the loop: a frame depends on no frame before it, so
 that the same exposure gives the same bytes for whoever asks. Domain: a black picture takes `most`.
-The usual target is the 18 % of a photographer's grey card. Criterion: the change of the
-grey that changes most over all gains that the scene's brightest light leaves possible.
+The usual target is the 18 % of a photographer's grey card. Criterion: the change of the grey that
+changes most over all gains that the scene's brightest light leaves possible.
 """
 
 from __future__ import annotations

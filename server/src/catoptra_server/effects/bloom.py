@@ -3,9 +3,9 @@
 L' = L + share * sum over k = +-1 .. +-n of w_k max(L_k - 1, 0), L_k the pixel k rows away, w_k
 falling linearly from its neighbour to nothing, sum 1. The share is what the anti-blooming drain
 leaves. What runs over runs on nowhere: charge is not counted twice. Domain: any light; beyond the
-picture's border nothing runs back. Source: CCDs bloom along their columns; the linear
-fall is ours. Criterion: nothing unless the scene's brightest light can fill
-a well; then what black gains beside it.
+picture's border nothing runs back. Source: CCDs bloom along their columns; the linear fall is ours.
+Criterion: nothing unless the scene's brightest light can fill a well; then what black gains beside
+it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Exposure: how long the shutter is open, against the time in which white fills a pixel's well.
 
 Electrons grow with the time: L' = L T / T_white. Domain: T, T_white > 0; linear up to the full
-well, where light is clipped. Source: EMVA Standard 1288, the linear camera
-model. Criterion: the change
-of the grey that changes most.
+well, where light is clipped. Source: EMVA Standard 1288, the linear camera model. Criterion: the
+change of the grey that changes most.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 L' = L (1 + s_PRNU n_1) + s_DSNU / N n_2, with N the full well in electrons and n_1, n_2 a camera's
 own normal numbers, one of each a pixel and colour. Source: EMVA Standard 1288: PRNU as a share of
-the signal, DSNU in electrons. Domain: any light; the pattern of a robot's
-camera follows from the server's seed and its name. Criterion: the largest normal number on the grey
-that shows it most.
+the signal, DSNU in electrons. Domain: any light; the pattern of a robot's camera follows from the
+server's seed and its name. Criterion: the largest normal number on the grey that shows it most.
 """
 
 from __future__ import annotations

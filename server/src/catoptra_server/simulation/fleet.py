@@ -85,13 +85,15 @@ class Fleet:
         """Return the boxes of all robots but one: world_from_box, and length, width, height."""
         return tuple(self._traffic.box(robot) for robot in self.others(except_robot))
 
-    def remove(self, client: Client) -> None:
-        """Take a client's robot out of the world; its name is free again."""
+    def remove(self, client: Client) -> str | None:
+        """Take a client's robot out of the world; return its name, now free, if it had one."""
         robot = self._robots.pop(client, None)
-        if robot is not None:
-            self._traffic.forget(robot)
-            self._screen.forget(robot)
-            log.info("robot %s left", robot.name)
+        if robot is None:
+            return None
+        self._traffic.forget(robot)
+        self._screen.forget(robot)
+        log.info("robot %s left", robot.name)
+        return robot.name
 
     def obey(self, client: Client, command: Command, time_s: float) -> None:
         """Carry out a command; what needs a robot and has none is ignored, as USARSim does.

@@ -125,7 +125,9 @@ class Simulation:
             case Asked(client, command):
                 self._fleet.obey(client, command, self._time_s)
             case Left(client):
-                self._fleet.remove(client)
+                name = self._fleet.remove(client)
+                if name is not None:
+                    self._reels.forget_idle(name)
             case FrameWanted(newer_than, channel):
                 self._reels.want(channel, newer_than)
             case Drawn(channel):

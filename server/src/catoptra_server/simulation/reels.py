@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from catoptra_server.imaging.shot import Channel
+from catoptra_server.imaging.shot import CameraChannel, Channel
 
 # Two times that differ by less than this are the same tick.
 _SAME_TIME_S = 1e-9
@@ -55,6 +55,13 @@ class Reels:
     def forget(self, channel: Channel) -> None:
         """Forget a channel that nothing shows any more."""
         self._reels.pop(channel, None)
+
+    def forget_idle(self, robot: str) -> None:
+        """Forget the cameras of a robot that left; who still waits for one is refused when due."""
+        for channel, reel in list(self._reels.items()):
+            is_its = isinstance(channel, CameraChannel) and channel.robot == robot
+            if is_its and not reel.is_wanted:
+                self.forget(channel)
 
     def due(self, time_s: float) -> Iterator[tuple[Channel, Reel]]:
         """Iterate over what is to be exposed now."""
