@@ -3,28 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects import EFFECTS
+from catoptra_server.effects.capture import Geometry
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.staging import captured
+from catoptra_server.scene.bodies import Body, body_mesh
 from catoptra_server.scene.colour import srgb_from_linear
-from helpers.worlds import omni_camera
+from catoptra_server.scene.description import Box, Material
+from catoptra_server.scene.motion import Twist
+from catoptra_server.scene.primitives import box
+from helpers.worlds import VIEW, omni_camera
 
 CAMERA = omni_camera(width_px=96)
 KEY = FrameKey((7, 11), 3)
 THRESHOLD = 0.5
+
+# A camera that drives ahead and turns while another body crosses its way.
+BODY = Body(
+    body_mesh([(box(Box((0.4, 0.4, 0.4))), Material((0.5, 0.5, 0.5)))]),
+    Pose.from_rpy((1.0, 0.5, -0.3)),
+    Twist((0.0, -0.6, 0.0), (0.0, 0.0, 1.0)),
+)
+EXPOSURE = Exposure(
+    VIEW.world_from_mirror, (BODY,), KEY, twist=Twist((0.5, 0.1, 0.0), (0.0, 0.0, 0.7))
+)
+
+
+def _geometry() -> Geometry:
+    """Return near and far, nothing at all, and two movers, with borders between them."""
+    rng = np.random.default_rng(6)
+    shape = (CAMERA.height_px, CAMERA.width_px)
+    range_m = rng.uniform(0.3, 5.0, shape).astype(np.float32)
+    range_m[:20] = np.inf
+    mover = np.zeros(shape, dtype=np.float32)
+    mover[40:60, 50:80] = 1.0
+    return Geometry(range_m, mover)
+
+
+GEOMETRY = _geometry()
+CAPTURE = replace(captured(EXPOSURE), geometry=GEOMETRY)
 
 
 def effect_of(name: str, changes: Mapping[str, float] | None = None) -> Effect:
     """Return an effect with the defaults of its keys; `changes` by field."""
     kind = next(kind for kind in EFFECTS if kind.name == name)
     fields = {p.field: p.default for p in kind.parameters} | dict(changes or {})
-    return kind.make(**fields)
+    effect = kind.make(**fields)
+    assert isinstance(effect, Effect), f"{name} changes the scene, not the picture"
+    return effect
 
 
 def card(largest: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
@@ -44,7 +80,7 @@ def card(largest: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
 
 def seen_change(effect: Effect, light: Floats, camera: OmniCamera = CAMERA) -> float:
     """Return by how many grey levels, not rounded, the pixel changes that changes most."""
-    changed = effect.apply(light, camera, KEY)
+    changed = effect.apply(light, camera, CAPTURE)
     return 255.0 * float(np.abs(srgb_from_linear(changed) - srgb_from_linear(light)).max())
 
 
@@ -66,5 +102,5 @@ def assert_called_for(effect: Effect, largest: float = 1.0, camera: OmniCamera =
 
 def assert_summary_holds(effect: Effect, largest: float = 1.0) -> None:
     """Assert that no pixel behind an effect is brighter than its summary says."""
-    behind = effect.apply(card(largest), CAMERA, KEY)
+    behind = effect.apply(card(largest), CAMERA, CAPTURE)
     assert behind.max() <= effect.after(SceneSummary(largest)).largest_radiance + 1e-9

@@ -11,11 +11,8 @@ from catoptra_server.effects.auto_exposure import mean_of
 from catoptra_server.effects.noise import frame_words, normals
 from catoptra_server.render.raster.effect_chain import EffectPass, LinearPicture, Meter
 from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.renderer import Exposure
-from helpers.effects import CAMERA, KEY, card, effect_of
-from helpers.worlds import VIEW
+from helpers.effects import CAMERA, CAPTURE, EXPOSURE, GEOMETRY, KEY, card, effect_of
 
-EXPOSURE = Exposure(VIEW.world_from_mirror, key=KEY)
 LIGHT = card(2.0).astype(np.float32)
 
 
@@ -27,21 +24,36 @@ def uploaded(context: moderngl.Context) -> LinearPicture:
     return picture
 
 
+class UploadedGeometry:
+    """The same geometry that the references are given."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        size = (CAMERA.width_px, CAMERA.height_px)
+        data = np.stack((GEOMETRY.range_m, GEOMETRY.mover), axis=-1).tobytes()
+        self.texture = context.texture(size, 2, data, dtype="f4")
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    def close(self) -> None:
+        self.texture.release()
+
+
 def shaded(
     context: moderngl.Context, name: str, changes: dict[str, float]
 ) -> np.ndarray[tuple[int, int, int]]:
     source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+    effect, geometry = effect_of(name, changes), UploadedGeometry(context)
     step = EffectPass(
         context,
         Programs(context),
-        effect_of(name, changes),
+        effect,
         CAMERA,
         source.texture,
         target.target,
+        geometry=geometry if effect.uses_geometry else None,
     )
     step.draw(EXPOSURE)
     read = target.read()
-    for made in (step, source, target):
+    for made in (step, source, target, geometry):
         made.close()
     return read
 
@@ -57,7 +69,7 @@ CHANGES: dict[str, dict[str, float]] = {
 @pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])
 def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> None:
     changes = CHANGES.get(name, {})
-    reference = effect_of(name, changes).apply(LIGHT.astype(np.float64), CAMERA, KEY)
+    reference = effect_of(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE)
     assert np.abs(reference - LIGHT).max() > 1e-4
     difference = np.abs(shaded(context, name, changes) - reference)
     if name == "Quantisation":  # a value at the border between two codes may become either

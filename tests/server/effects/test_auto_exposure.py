@@ -6,7 +6,7 @@ import pytest
 from catoptra_server.effects.auto_exposure import LUMINANCE, AutoExposure, mean_of, mirror_pixels
 from helpers.effects import (
     CAMERA,
-    KEY,
+    CAPTURE,
     assert_called_for,
     assert_left_out,
     assert_summary_holds,
@@ -18,7 +18,7 @@ USUAL = AutoExposure(0.18, 0.1, 10.0)
 
 @pytest.mark.parametrize("largest", [0.1, 1.0, 5.0])
 def test_mean_when_the_gain_suffices_is_the_target(largest: float) -> None:
-    behind = USUAL.apply(card(largest), CAMERA, KEY)
+    behind = USUAL.apply(card(largest), CAMERA, CAPTURE)
     rim = card().any(axis=-1)
     seen = behind.sum(axis=(0, 1)) @ LUMINANCE / mirror_pixels(CAMERA)
     assert rim.sum() <= mirror_pixels(CAMERA)

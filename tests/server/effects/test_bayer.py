@@ -6,7 +6,7 @@ import pytest
 from catoptra_server.effects.bayer import Bayer, mosaic
 from helpers.effects import (
     CAMERA,
-    KEY,
+    CAPTURE,
     assert_called_for,
     assert_left_out,
     assert_summary_holds,
@@ -15,7 +15,7 @@ from helpers.effects import (
 
 
 def demosaiced(light: np.ndarray) -> np.ndarray:
-    return Bayer().apply(light, CAMERA, KEY)
+    return Bayer().apply(light, CAMERA, CAPTURE)
 
 
 def test_filters_when_read_row_by_row_are_red_green_green_blue() -> None:

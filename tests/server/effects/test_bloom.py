@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.bloom import Bloom
-from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    assert_called_for,
+    assert_left_out,
+    assert_summary_holds,
+)
 
 LONG = Bloom(0.3, 5.0)
 
@@ -12,7 +18,7 @@ LONG = Bloom(0.3, 5.0)
 def bloomed(row: int) -> np.ndarray[tuple[int, int, int]]:
     light = np.zeros((20, 7, 3))
     light[row, 3] = (4.0, 1.0, 0.5)
-    return LONG.apply(light, CAMERA, KEY)
+    return LONG.apply(light, CAMERA, CAPTURE)
 
 
 def test_charge_when_it_runs_over_is_the_share_of_what_a_well_cannot_hold() -> None:
@@ -34,7 +40,7 @@ def test_charge_when_it_leaves_the_picture_is_gone() -> None:
 def test_dim_scene_when_criterion_is_asked_is_left_out() -> None:
     assert_left_out(LONG, 1.0)
     light = np.random.default_rng(1).uniform(0.0, 1.0, (20, 7, 3))
-    np.testing.assert_array_equal(LONG.apply(light, CAMERA, KEY), light)
+    np.testing.assert_array_equal(LONG.apply(light, CAMERA, CAPTURE), light)
 
 
 def test_bright_scene_when_criterion_is_asked_is_called_for() -> None:

@@ -10,7 +10,7 @@ import pytest
 from catoptra_server.effects import EFFECTS
 from catoptra_server.effects.effect import floats
 from catoptra_server.effects.frame_key import FrameKey
-from helpers.effects import CAMERA, KEY, card, effect_of
+from helpers.effects import CAMERA, CAPTURE, KEY, card, effect_of
 
 NAMES = [kind.name for kind in EFFECTS]
 
@@ -30,7 +30,7 @@ def test_default_when_checked_lies_within_its_range(name: str) -> None:
 def test_effect_when_applied_leaves_its_picture_alone_and_keeps_its_type(name: str) -> None:
     effect, light = effect_of(name), card(2.0).astype(np.float32)
     before = light.copy()
-    after = effect.apply(light, CAMERA, KEY)
+    after = effect.apply(light, CAMERA, CAPTURE)
     assert after.dtype == np.float32
     assert after.shape == light.shape
     np.testing.assert_array_equal(light, before)
@@ -39,10 +39,10 @@ def test_effect_when_applied_leaves_its_picture_alone_and_keeps_its_type(name: s
 @pytest.mark.parametrize("name", NAMES)
 def test_float32_when_compared_with_the_reference_agrees(name: str) -> None:
     effect, light = effect_of(name), card(2.0).astype(np.float32)
-    reference = effect.apply(light.astype(np.float64), CAMERA, KEY)
+    reference = effect.apply(light.astype(np.float64), CAMERA, CAPTURE)
     # A code of the converter at most, elsewhere float32.
     limit = 1.01 / 4095.0 if name == "Quantisation" else 1e-5
-    assert np.abs(effect.apply(light, CAMERA, KEY) - reference).max() < limit
+    assert np.abs(effect.apply(light, CAMERA, CAPTURE) - reference).max() < limit
 
 
 def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 from catoptra_server.effects.exposure import Exposure
 from helpers.effects import (
     CAMERA,
-    KEY,
+    CAPTURE,
     assert_called_for,
     assert_left_out,
     assert_summary_holds,
@@ -16,7 +16,7 @@ LONG = Exposure(0.1, 0.02)
 
 
 def test_light_when_the_shutter_is_open_longer_grows_with_the_time() -> None:
-    np.testing.assert_allclose(LONG.apply(card(), CAMERA, KEY), 5.0 * card(), rtol=1e-15)
+    np.testing.assert_allclose(LONG.apply(card(), CAMERA, CAPTURE), 5.0 * card(), rtol=1e-15)
 
 
 def test_white_time_when_criterion_is_asked_is_left_out() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.frame_key import FrameKey
 from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
@@ -11,7 +12,7 @@ SENSOR = FixedPattern(0.02, 9.0, 18000.0)
 
 
 def measured(level: float, key: FrameKey = KEY) -> np.ndarray[tuple[int, int, int]]:
-    return SENSOR.apply(np.full((200, 200, 3), level), CAMERA, key)
+    return SENSOR.apply(np.full((200, 200, 3), level), CAMERA, Capture(key))
 
 
 def test_pixels_when_dark_differ_by_the_dark_signal_alone() -> None:

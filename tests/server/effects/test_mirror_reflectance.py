@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.mirror_reflectance import MirrorReflectance, incidence, reflectance
-from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    assert_called_for,
+    assert_left_out,
+    assert_summary_holds,
+)
 from helpers.worlds import omni_camera
 
 ALUMINIUM = MirrorReflectance(0.96, 6.7)
@@ -46,7 +52,7 @@ def test_mirror_when_met_at_its_rim_is_met_at_half_the_sum_of_both_angles() -> N
 
 def test_centre_when_light_meets_it_straight_keeps_its_light() -> None:
     light = np.ones((97, 97, 3))
-    behind = STEEL.apply(light, omni_camera(width_px=97), KEY)
+    behind = STEEL.apply(light, omni_camera(width_px=97), CAPTURE)
     np.testing.assert_allclose(behind[48, 48], 1.0, rtol=1e-12)
 
 

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.read_noise import ReadNoise
-from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    assert_called_for,
+    assert_left_out,
+    assert_summary_holds,
+)
 
 SENSOR = ReadNoise(13.0, 18000.0)
 
@@ -12,7 +18,9 @@ SENSOR = ReadNoise(13.0, 18000.0)
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_spread_in_electrons_is_the_amplifiers_whatever_the_light(level: float) -> None:
     light = np.full((200, 200, 3), level)
-    assert 18000.0 * (SENSOR.apply(light, CAMERA, KEY) - light).std() == pytest.approx(13, rel=0.01)
+    assert 18000.0 * (SENSOR.apply(light, CAMERA, CAPTURE) - light).std() == pytest.approx(
+        13, rel=0.01
+    )
 
 
 def test_quiet_amplifier_when_criterion_is_asked_is_left_out() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.shot_noise import ShotNoise
 from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
@@ -11,7 +12,7 @@ SENSOR = ShotNoise(18000.0)
 
 
 def measured(level: float, key: FrameKey = KEY) -> np.ndarray[tuple[int, int, int]]:
-    return SENSOR.apply(np.full((200, 200, 3), level), CAMERA, key)
+    return SENSOR.apply(np.full((200, 200, 3), level), CAMERA, Capture(key))
 
 
 @pytest.mark.parametrize("level", [0.001, 0.05, 0.5, 0.9])

@@ -7,7 +7,13 @@ import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.effects.vignetting import Vignetting, cos4, inverse_focal
-from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    assert_called_for,
+    assert_left_out,
+    assert_summary_holds,
+)
 from helpers.worlds import omni_camera
 
 
@@ -21,7 +27,7 @@ def test_axis_when_a_pixel_is_there_keeps_its_light() -> None:
     camera = omni_camera(width_px=97)
     assert cos4(camera)[48, 48, 0] == 1.0
     light = np.ones((97, 97, 3))
-    np.testing.assert_array_equal(Vignetting().apply(light, camera, KEY)[48, 48], 1.0)
+    np.testing.assert_array_equal(Vignetting().apply(light, camera, CAPTURE)[48, 48], 1.0)
 
 
 def test_darkening_follows_the_angle_of_the_ray_to_the_mirrors_point() -> None:

@@ -3,18 +3,24 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_server.effects.white_balance import WhiteBalance
-from helpers.effects import CAMERA, KEY, assert_called_for, assert_left_out, assert_summary_holds
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    assert_called_for,
+    assert_left_out,
+    assert_summary_holds,
+)
 
 WARM = WhiteBalance(1.6, 0.7)
 
 
 def test_colours_when_balanced_are_amplified_against_green() -> None:
-    behind = WARM.apply(np.full((1, 1, 3), 0.5), CAMERA, KEY)
+    behind = WARM.apply(np.full((1, 1, 3), 0.5), CAMERA, CAPTURE)
     np.testing.assert_allclose(behind[0, 0], (0.8, 0.5, 0.35), rtol=1e-15)
 
 
 def test_white_when_clipped_before_takes_on_the_gains() -> None:
-    behind = WARM.apply(np.full((1, 1, 3), 40.0), CAMERA, KEY)
+    behind = WARM.apply(np.full((1, 1, 3), 40.0), CAMERA, CAPTURE)
     np.testing.assert_allclose(behind[0, 0], (1.6, 1.0, 0.7), rtol=1e-15)
 
 

@@ -106,18 +106,24 @@ def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
 
 
 class EffectRenderer(CountingRenderer):
-    """Writes down which effects it is asked for, and how often for its summary."""
+    """Writes down with which effects its views are drawn, and how often it is asked what it sees.
 
-    @property
-    def summary(self) -> SceneSummary:
+    The background is as bright as the viewpoint is far from the world's middle.
+    """
+
+    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         self.log.append("summary")
-        return SceneSummary(1.0)
+        return SceneSummary(max(1.0, float(exposure.world_from_mirror.translation[0])))
 
-    def prepare_with_effects(
-        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
-    ) -> Any:
-        self.log.append(" ".join(effect.name for effect in effects))
-        return CountingView(self.log, camera)
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        super().prepare(camera, plan)
+        return EffectView(self.log, camera)
+
+
+class EffectView(CountingView):
+    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+        self._log.append(" ".join(("draw", *(effect.name for effect in effects))))
+        return super().draw(exposure)
 
 
 def eye_with(*effects: Effect) -> OmniEye:
@@ -128,22 +134,29 @@ def eye_with(*effects: Effect) -> OmniEye:
 def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
     renderer = EffectRenderer()
     picture = views_of(renderer).draw(Take(eye_with(), HERE))
-    assert (renderer.log, picture.effects) == (["prepare omni 8"], ())
+    assert (renderer.log, picture.effects) == (["prepare omni 8", "draw"], ())
 
 
-def test_eye_when_its_effects_are_needless_is_prepared_without_and_says_why() -> None:
+def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
     renderer = EffectRenderer()
     picture = views_of(renderer).draw(Take(eye_with(Quantisation(12)), HERE))
-    assert renderer.log[-1] == "prepare omni 8"
+    assert renderer.log == ["prepare omni 8", "summary", "draw"]
     assert [(one.effect, one.is_on) for one in picture.effects] == [("Quantisation", False)]
 
 
-def test_eye_when_an_effect_is_called_for_is_prepared_with_that_alone() -> None:
+def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
     renderer = EffectRenderer()
     views, eye = views_of(renderer), eye_with(Bloom(0.1, 8.0), Quantisation(8))
-    pictures = [views.draw(Take(eye, HERE)) for _ in range(2)]
-    assert [entry for entry in renderer.log if entry != "summary"] == ["Quantisation"]
-    assert [one.is_on for one in pictures[1].effects] == [False, True]
+    glare = Exposure(Pose.from_rpy((3.0, 0.0, 0.0)))
+    pictures = [views.draw(Take(eye, exposure)) for exposure in (HERE, glare, HERE)]
+    told = [entry for entry in renderer.log if entry != "summary"]
+    expected = ["draw Quantisation", "draw Bloom Quantisation", "draw Quantisation"]
+    assert told == ["prepare omni 8", *expected]
+    assert [[one.is_on for one in picture.effects] for picture in pictures] == [
+        [False, True],
+        [True, True],
+        [False, True],
+    ]
 
 
 class SlowRenderer:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.brightness import summarise
+from catoptra_server.render.brightness import largest_radiance
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import (
     DirectionalLight,
@@ -23,7 +23,7 @@ from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room
 
 
 def largest_of(world: World) -> float:
-    return summarise(build_scene(world), world).largest_radiance
+    return largest_radiance(build_scene(world), world)
 
 
 @pytest.mark.parametrize("lights", [(SKY,), (SKY, SUN), (SKY, SUN, LAMP)])
@@ -33,7 +33,7 @@ def test_picture_when_drawn_is_never_brighter_than_the_summary_says(
     world = room(lights=lights)
     scene, camera = build_scene(world), omni_camera()
     renderer = TraceRenderer(scene, world, threads=1)
-    view = renderer.prepare_with_effects(camera, raster_plan(camera), ())
+    view = renderer.prepare(camera, raster_plan(camera))
     assert view.draw_linear(VIEW).max() <= largest_of(world) * (1.0 + 1e-6)
     renderer.close()
 

@@ -18,7 +18,7 @@ from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import EffectView
+from catoptra_server.render.renderer import OmniView
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
@@ -59,9 +59,9 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
     trace = TraceRenderer(scene, world, threads=2)
     raster = RasterRenderer(scene, world, device=device)
     calm = trace.prepare(CAMERA, plan).draw(VIEW).rgb
-    view = raster.prepare_with_effects(CAMERA, plan, SENSOR)
-    traced = trace.prepare_with_effects(CAMERA, plan, SENSOR).draw(VIEW).rgb
-    difference = level_differences(view.draw(VIEW).rgb, traced)
+    view = raster.prepare(CAMERA, plan)
+    traced = trace.prepare(CAMERA, plan).draw(VIEW, SENSOR).rgb
+    difference = level_differences(view.draw(VIEW, SENSOR).rgb, traced)
     smooth = away_from_edges(calm)
     assert smooth.mean() > 0.5
     # One grey level: of the converter's codes either neighbour, rounded.
@@ -71,23 +71,23 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
     trace.close()
 
 
-def traced(world: World, effects: tuple[Effect, ...], device: GlDevice) -> EffectView:
+def traced(world: World, device: GlDevice) -> OmniView:
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    return renderer.prepare_with_effects(FLAT, raster_plan(FLAT), effects)
+    return renderer.prepare(FLAT, raster_plan(FLAT))
 
 
-def rastered(world: World, effects: tuple[Effect, ...], device: GlDevice) -> EffectView:
+def rastered(world: World, device: GlDevice) -> OmniView:
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    return renderer.prepare_with_effects(FLAT, raster_plan(FLAT), effects)
+    return renderer.prepare(FLAT, raster_plan(FLAT))
 
 
-Prepare = Callable[[World, tuple[Effect, ...], GlDevice], EffectView]
+Prepare = Callable[[World, GlDevice], OmniView]
 
 
-def codes(view: EffectView, index: int) -> Floats:
+def codes(view: OmniView, chain: tuple[Effect, ...], index: int) -> Floats:
     """Return the codes of the middle of a flat field: one exposure."""
     exposure = replace(VIEW, key=FrameKey((1, 2), index))
-    return STEPS * view.draw_linear(exposure)[MIDDLE].astype(np.float64)
+    return STEPS * view.draw_linear(exposure, chain)[MIDDLE].astype(np.float64)
 
 
 def flat_field(level: float) -> World:
@@ -106,8 +106,8 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
     )
     means, variances = [], []
     for level in (0.0, 0.1, 0.3, 0.5, 0.7):
-        view = prepare(flat_field(level), chain, device)
-        first, second = codes(view, 1), codes(view, 2)
+        view = prepare(flat_field(level), device)
+        first, second = codes(view, chain, 1), codes(view, chain, 2)
         view.close()
         means.append(0.5 * (first + second).mean())
         variances.append(0.5 * (first - second).var())
@@ -126,8 +126,9 @@ def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     noise = effect_of("ShotNoise", {"full_well_e": FULL_WELL})
     spreads = []
     for level in (0.0, 0.5):
-        view = prepare(flat_field(level), (pattern, noise), device)
-        spreads.append(np.mean([codes(view, index) for index in range(16)], axis=0).std())
+        view = prepare(flat_field(level), device)
+        exposed = [codes(view, (pattern, noise), index) for index in range(16)]
+        spreads.append(np.mean(exposed, axis=0).std())
         view.close()
     dsnu_e = spreads[0] / GAIN
     temporal = GAIN**2 * 0.5 * FULL_WELL / 16

@@ -16,8 +16,11 @@ _MODES = [mode.value for mode in Mode]
 def read_effects(section: Settings) -> EffectWishes:
     """Return the effects that a section names, in optical order."""
     wishes = [_wish(section, kind) for kind in EFFECTS]
-    threshold = section.number("EffectThreshold", 0.5, at_least=0.0, at_most=255.0)
-    return EffectWishes(tuple(wish for wish in wishes if wish is not None), threshold)
+    return EffectWishes(
+        tuple(wish for wish in wishes if wish is not None),
+        threshold_grey_levels=section.number("EffectThreshold", 0.5, at_least=0.0, at_most=255.0),
+        threshold_px=section.number("EffectThresholdPx", 0.5, at_least=0.0, at_most=1000.0),
+    )
 
 
 def _wish(section: Settings, kind: Kind) -> Wish | None:

@@ -11,7 +11,7 @@ changes most over all gains that the scene's brightest light leaves possible.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -28,7 +29,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -45,6 +45,7 @@ class AutoExposure:
 
     name: ClassVar[str] = "AutoExposure"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def gain(self, mean: float) -> float:
         """Return by how much a picture of this mean light is multiplied."""
@@ -59,16 +60,16 @@ class AutoExposure:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what is multiplied by the most."""
-        return SceneSummary(self.most * summary.largest_radiance)
+        return replace(summary, largest_radiance=self.most * summary.largest_radiance)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the multiplied picture."""
         return light * light.dtype.type(self.gain(mean_of(light, camera)))
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the gain."""
         return {"gain": floats(self.gain(mean_light()))}

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -32,6 +32,7 @@ class Bayer:
 
     name: ClassVar[str] = "Bayer"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return how far the brightest light is from black."""
@@ -43,7 +44,7 @@ class Bayer:
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the picture of one measured colour a pixel."""
         raw = mosaic(light)
@@ -58,7 +59,7 @@ class Bayer:
         return _assembled(raw, across, along, corners, plus)
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return nothing."""
         return {}

@@ -11,13 +11,14 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -27,7 +28,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -41,6 +41,7 @@ class Bloom:
 
     name: ClassVar[str] = "Bloom"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what black gains where the brightest light stands above and below."""
@@ -51,7 +52,7 @@ class Bloom:
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the brightest light between two of its like."""
         over = max(summary.largest_radiance - 1.0, 0.0)
-        return SceneSummary(summary.largest_radiance + self.share * over)
+        return replace(summary, largest_radiance=summary.largest_radiance + self.share * over)
 
     def weights(self) -> tuple[float, ...]:
         """Return w_k of k = 1 .. n; both sides together have 1."""
@@ -59,7 +60,7 @@ class Bloom:
         return tuple((rows + 1 - k) / (rows * (rows + 1)) for k in range(1, rows + 1))
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the picture with what runs over."""
         over = np.maximum(light - light.dtype.type(1.0), light.dtype.type(0.0))
@@ -74,7 +75,7 @@ class Bloom:
         return bloomed
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return share and length."""
         return {"share": floats(self.share), "length_px": floats(int(self.length_px))}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import Criterion, Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.scene_summary import SceneSummary
 
 _ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
@@ -30,9 +30,13 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class EffectPlan:
-    """The decisions on all effects that a robot's file names, and those that run, in order."""
+    """The decisions on all effects that a robot's file names, and those that run, in order.
+
+    staged: what changes the scene. active: what changes the picture.
+    """
 
     decisions: tuple[Decision, ...] = ()
+    staged: tuple[Criterion, ...] = ()
     active: tuple[Effect, ...] = ()
 
     def __str__(self) -> str:
@@ -45,14 +49,19 @@ NO_EFFECTS = EffectPlan()
 @lru_cache(maxsize=64)
 def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
     """Return which effects run: `always`, or `auto` with a bound above the threshold."""
-    decisions, active = [], []
+    decisions: list[Decision] = []
+    running: list[Criterion] = []
     for wish in wishes.wishes:
-        decision = _decision(wish, summary, camera, threshold=wishes.threshold_grey_levels)
-        decisions.append(decision)
-        if decision.is_on:
-            active.append(wish.effect)
+        threshold = wishes.threshold(wish.effect.unit)
+        decisions.append(_decision(wish, summary, camera, threshold=threshold))
+        if decisions[-1].is_on:
+            running.append(wish.effect)
             summary = wish.effect.after(summary)
-    return EffectPlan(tuple(decisions), tuple(active))
+    return EffectPlan(
+        tuple(decisions),
+        staged=tuple(effect for effect in running if not isinstance(effect, Effect)),
+        active=tuple(effect for effect in running if isinstance(effect, Effect)),
+    )
 
 
 def _decision(

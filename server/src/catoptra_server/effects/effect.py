@@ -9,20 +9,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # float64 for the reference; float32 where a renderer applies it to its pictures.
 Real = TypeVar("Real", np.float32, np.float64)
+# What has three dimensions is a map of (rows, columns, 1 to 4) float32: in a shader a texture, read
+# unfiltered. It is uploaded once, as long as the same array is returned.
 Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
 
+# Units of bounds: how far a grey changes, or how far off what a pixel shows comes from.
 GREY_LEVELS = "grey levels"
+PIXELS = "px"
 
 
 class Mode(Enum):
@@ -41,10 +45,11 @@ class Bound:
     reason: str
 
 
-class Effect(Protocol):
-    """Frozen parameters in physical units, hashable. Every module of this folder but a few is one.
+class Criterion(Protocol):
+    """What every effect has: frozen parameters in physical units, hashable, and its criterion.
 
-    Its shader is `glsl/effect_<name>.frag`, with the texture `picture` and the uniforms named here.
+    What has no more than this changes what there is to be seen, before anything is drawn:
+    `render/staging` knows how.
     """
 
     @property
@@ -53,7 +58,7 @@ class Effect(Protocol):
 
     @property
     def unit(self) -> str:
-        """Return the unit of its bound."""
+        """Return the unit of its bound: GREY_LEVELS or PIXELS."""
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the most that it can change any pixel of what reaches it."""
@@ -61,13 +66,26 @@ class Effect(Protocol):
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return what the summary is behind it."""
 
+
+@runtime_checkable
+class Effect(Criterion, Protocol):
+    """What changes the picture. Most modules of this folder hold one.
+
+    Its shader is `glsl/effect_<name>.frag`, with the texture `picture`, `geometry` if it uses that,
+    and the uniforms named here.
+    """
+
+    @property
+    def uses_geometry(self) -> bool:
+        """Return whether it asks what each pixel sees: then renderers find that out."""
+
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the changed picture, a new array of the same type."""
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
 
@@ -88,7 +106,7 @@ class Kind:
     """An effect as it is configured: the key of its mode, and its numbers."""
 
     name: str
-    make: Callable[..., Effect]
+    make: Callable[..., Criterion]
     parameters: tuple[Parameter, ...] = ()
 
 
@@ -96,7 +114,7 @@ class Kind:
 class Wish:
     """An effect that a robot's file names, and who decides about it."""
 
-    effect: Effect
+    effect: Criterion
     mode: Mode
 
 
@@ -104,11 +122,16 @@ class Wish:
 class EffectWishes:
     """What a robot's file says of effects, in optical order; most files say nothing.
 
-    threshold_grey_levels: what may be left out changes no pixel by more.
+    threshold_grey_levels, threshold_px: what may be left out changes no pixel by more.
     """
 
     wishes: tuple[Wish, ...] = ()
     threshold_grey_levels: float = 0.5
+    threshold_px: float = 0.5
+
+    def threshold(self, unit: str) -> float:
+        """Return the threshold of bounds in a unit."""
+        return self.threshold_px if unit == PIXELS else self.threshold_grey_levels
 
 
 NO_WISHES = EffectWishes()

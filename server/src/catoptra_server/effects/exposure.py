@@ -8,12 +8,13 @@ change of the grey that changes most.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -23,7 +24,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -37,6 +37,7 @@ class Exposure:
 
     name: ClassVar[str] = "Exposure"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     @property
     def gain(self) -> float:
@@ -50,16 +51,16 @@ class Exposure:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what is multiplied."""
-        return SceneSummary(self.gain * summary.largest_radiance)
+        return replace(summary, largest_radiance=self.gain * summary.largest_radiance)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the multiplied picture."""
         return light * light.dtype.type(self.gain)
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the gain."""
         return {"gain": floats(self.gain)}

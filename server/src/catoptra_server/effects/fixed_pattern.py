@@ -9,7 +9,7 @@ server's seed and its name. Criterion: the largest normal number on the grey tha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -42,6 +43,7 @@ class FixedPattern:
 
     name: ClassVar[str] = "FixedPattern"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the largest normal number does to the grey that shows it most."""
@@ -56,23 +58,23 @@ class FixedPattern:
         """Return the summary of the most sensitive pixel."""
         gain = 1.0 + LARGEST_NORMAL * self.prnu
         dark = LARGEST_NORMAL * self.dsnu_e / self.full_well_e
-        return SceneSummary(gain * summary.largest_radiance + dark)
+        return replace(summary, largest_radiance=gain * summary.largest_radiance + dark)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the picture as unequal pixels measure it."""
-        gain, offset = _pattern(self, FrameKey(key.camera), *light.shape[:2])
+        gain, offset = _pattern(self, FrameKey(capture.key.camera), *light.shape[:2])
         return light * gain.astype(light.dtype) + offset.astype(light.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return both spreads, and the words of their numbers."""
         return {
             "spread": floats(self.prnu, self.dsnu_e / self.full_well_e),
-            "gain_words": camera_words(key, "PRNU"),
-            "offset_words": camera_words(key, "DSNU"),
+            "gain_words": camera_words(capture.key, "PRNU"),
+            "offset_words": camera_words(capture.key, "DSNU"),
         }
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -30,7 +31,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.vignetting import inverse_focal
@@ -49,6 +49,7 @@ class MirrorReflectance:
 
     name: ClassVar[str] = "MirrorReflectance"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the change of the brightest light at the angle that changes it most."""
@@ -60,7 +61,7 @@ class MirrorReflectance:
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a mirror that reflects all where it reflects most."""
         most = 1.0 / float(reflectance(np.array(0.0), self.n, self.k))
-        return SceneSummary(most * summary.largest_radiance)
+        return replace(summary, largest_radiance=most * summary.largest_radiance)
 
     def gains(self, camera: OmniCamera) -> Floats:
         """Return R(i) / R(0) at `_STEPS` + 1 equal steps of the radius, centre to rim."""
@@ -72,13 +73,13 @@ class MirrorReflectance:
         return relative
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the picture in the mirror of this metal."""
         return light * _gain_map(self, camera).astype(light.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the middle, the rim, and gains by radius."""
         return {

@@ -9,13 +9,14 @@ dark, where the sRGB curve is steepest: 12 bits stay below half a grey level, 8 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -25,7 +26,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_offset
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -38,6 +38,7 @@ class Quantisation:
 
     name: ClassVar[str] = "Quantisation"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     @property
     def steps(self) -> float:
@@ -53,10 +54,12 @@ class Quantisation:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what was rounded up."""
-        return SceneSummary(min(summary.largest_radiance + 0.5 / self.steps, 1.0))
+        return replace(
+            summary, largest_radiance=min(summary.largest_radiance + 0.5 / self.steps, 1.0)
+        )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the rounded picture."""
         kind = light.dtype.type
@@ -65,7 +68,7 @@ class Quantisation:
         return rounded
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the largest code."""
         return {"steps": floats(self.steps)}

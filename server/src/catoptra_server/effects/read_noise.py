@@ -9,13 +9,14 @@ largest normal number in the dark, where the sRGB curve is steepest.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -25,7 +26,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_offset
 from catoptra_server.effects.noise import LARGEST_NORMAL, frame_words, normals
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -40,6 +40,7 @@ class ReadNoise:
 
     name: ClassVar[str] = "ReadNoise"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     @property
     def spread(self) -> float:
@@ -58,20 +59,22 @@ class ReadNoise:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel."""
-        return SceneSummary(summary.largest_radiance + LARGEST_NORMAL * self.spread)
+        return replace(
+            summary, largest_radiance=summary.largest_radiance + LARGEST_NORMAL * self.spread
+        )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the noisy picture."""
-        drawn = normals(frame_words(key, self.name), *light.shape[:2]).astype(light.dtype)
+        drawn = normals(frame_words(capture.key, self.name), *light.shape[:2]).astype(light.dtype)
         return light + light.dtype.type(self.spread) * drawn
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the spread, and the words of the frame's numbers."""
-        return {"spread": floats(self.spread), "words": frame_words(key, self.name)}
+        return {"spread": floats(self.spread), "words": frame_words(capture.key, self.name)}
 
 
 KIND = Kind(

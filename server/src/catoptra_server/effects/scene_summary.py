@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from catoptra_server.scene.motion import AT_REST, Twist
+
+# The image is told in so many rings of equal width, from the middle of the mirror to its rim.
+RINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class SceneSummary:
-    """What can reach a pixel at most.
+    """What a frame can show at most. Hashable: equal summaries give equal decisions.
 
     largest_radiance: of any colour; 1 = what fills a pixel's well. The least is 0: beside the
     mirror every picture is black.
+    nearest_m: RINGS distances from the effective viewpoint; what a ring shows is not nearer.
+    farthest_m: what is shown is not farther; inf where the background is seen.
+    motion: of the scene as the camera sees it, `Capture.motion`'s first.
+    passing_rad_s: at most how fast anything that moves of its own passes by, by ring, on top.
+    largest_shadow: the most radiance that a surface can lose where all lights with a place or a
+    direction are hidden from it; 0 where nothing could hide one.
+    own_body_rad: how far from the pole of the image, about the axis, the robot's own body reaches;
+    0 without one.
     """
 
     largest_radiance: float
+    nearest_m: tuple[float, ...] = (math.inf,) * RINGS
+    farthest_m: float = math.inf
+    motion: Twist = AT_REST
+    passing_rad_s: tuple[float, ...] = (0.0,) * RINGS
+    largest_shadow: float = 0.0
+    own_body_rad: float = 0.0

@@ -10,13 +10,14 @@ largest normal number on the grey that shows it most.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -26,7 +27,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_offset
 from catoptra_server.effects.noise import LARGEST_NORMAL, frame_words, normals
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -40,6 +40,7 @@ class ShotNoise:
 
     name: ClassVar[str] = "ShotNoise"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the largest normal number does to the grey that shows it most."""
@@ -53,26 +54,25 @@ class ShotNoise:
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel; no well holds more than is full."""
         largest = summary.largest_radiance
-        return SceneSummary(
-            min(largest + LARGEST_NORMAL * float(np.sqrt(largest / self.full_well_e)), 1.0)
-        )
+        noisy = largest + LARGEST_NORMAL * float(np.sqrt(largest / self.full_well_e))
+        return replace(summary, largest_radiance=min(noisy, 1.0))
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the noisy picture."""
-        drawn = normals(frame_words(key, self.name), *light.shape[:2]).astype(light.dtype)
+        drawn = normals(frame_words(capture.key, self.name), *light.shape[:2]).astype(light.dtype)
         scale = light.dtype.type(1.0 / self.full_well_e)
         spread = np.sqrt(np.maximum(light, light.dtype.type(0.0)) * scale)
         return np.minimum(light + spread * drawn, light.dtype.type(1.0))
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the light of an electron, and the words of the frame's numbers."""
         return {
             "electron": floats(1.0 / self.full_well_e),
-            "words": frame_words(key, self.name),
+            "words": frame_words(capture.key, self.name),
         }
 
 

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms, floats
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -32,6 +32,7 @@ class Vignetting:
 
     name: ClassVar[str] = "Vignetting"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the brightest light loses at the rim."""
@@ -45,13 +46,13 @@ class Vignetting:
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the darkened picture."""
         return light * cos4(camera).astype(light.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the middle and the focal length."""
         return {

@@ -8,13 +8,14 @@ camera's own colours. Domain: gains > 0. Criterion: the change of the grey that 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -24,7 +25,6 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -38,6 +38,7 @@ class WhiteBalance:
 
     name: ClassVar[str] = "WhiteBalance"
     unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the change of the grey that changes most."""
@@ -46,17 +47,20 @@ class WhiteBalance:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the most amplified colour."""
-        return SceneSummary(min(summary.largest_radiance, 1.0) * max(self.red, 1.0, self.blue))
+        return replace(
+            summary,
+            largest_radiance=min(summary.largest_radiance, 1.0) * max(self.red, 1.0, self.blue),
+        )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, key: FrameKey
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the balanced picture."""
         gains = np.array((self.red, 1.0, self.blue), dtype=light.dtype)
         return np.minimum(light, light.dtype.type(1.0)) * gains
 
     def uniforms(
-        self, camera: OmniCamera, key: FrameKey, mean_light: Callable[[], float]
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return the gains."""
         return {"gains": floats(self.red, 1.0, self.blue)}

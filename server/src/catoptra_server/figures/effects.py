@@ -26,6 +26,7 @@ from catoptra_server.config.shipped import configuration_file
 from catoptra_server.effects.auto_exposure import AutoExposure
 from catoptra_server.effects.bayer import Bayer
 from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.decide import Decision, decide
 from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.exposure import Exposure as ShutterTime
@@ -48,7 +49,7 @@ from catoptra_server.setup import read_setup
 
 _SIDE_PX = 480
 _PANEL_PX = 480
-_KEY = FrameKey((1, 2), 3)
+_CAPTURE = Capture(FrameKey((1, 2), 3))
 _DIM = ShutterTime(0.004, 0.02)
 _LONG = ShutterTime(0.06, 0.02)
 
@@ -167,8 +168,8 @@ def _field() -> tuple[Floats, SceneSummary]:
         RenderWish(samples=3), camera, kind=RendererKind.TRACE, why="for a figure"
     )
     exposure = Exposure(Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)))
-    light = renderer.prepare_with_effects(camera, plan, ()).draw_linear(exposure)
-    summary = renderer.summary
+    light = renderer.prepare(camera, plan).draw_linear(exposure)
+    summary = renderer.summary(exposure, camera)
     renderer.close()
     return light.astype(np.float64), summary
 
@@ -193,9 +194,9 @@ def _decisions(case: Case, summary: SceneSummary) -> tuple[Decision, Decision]:
 def _draw(page: style.Page, case: Case, light: Floats, here: Decision, there: Decision) -> None:
     camera = _camera(120.0)
     for effect in case.before:
-        light = effect.apply(light, camera, _KEY)
+        light = effect.apply(light, camera, _CAPTURE)
     without = srgb_from_linear(light)
-    with_it = srgb_from_linear(case.effect.apply(light, camera, _KEY))
+    with_it = srgb_from_linear(case.effect.apply(light, camera, _CAPTURE))
     difference = with_it - without
     gain = _gain(_middle(difference, case.zoom))
     pictures = (without, with_it, 0.5 + gain * difference)

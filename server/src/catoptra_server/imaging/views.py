@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.effects.decide import NO_EFFECTS, EffectPlan, decide
@@ -21,7 +22,8 @@ from catoptra_server.plan.error_bound import ErrorBound
 from catoptra_server.plan.perspective_plan import PerspectivePlan, plan_perspective
 from catoptra_server.plan.planner import PlanChoice
 from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.renderer import Exposure, RenderedImage, View
+from catoptra_server.render.renderer import Exposure, OmniView, RenderedImage, View
+from catoptra_server.render.staging import staged
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +46,8 @@ class ViewState:
 
 @dataclass(slots=True, eq=False)
 class _Prepared:
-    """A view and the plan that it follows. choice, effects: of an omnidirectional camera.
+    """A view and the plan that it follows. choice, effects: of an omnidirectional camera's last
+    frame.
 
     verdict: of its last frames. has_given_up: nothing is faster, and that was said.
     """
@@ -108,12 +111,24 @@ class Views:
         prepared = self._used(take.eye)
         if isinstance(take.eye, OmniEye) and prepared.verdict is not Verdict.KEPT:
             self._choose_again(take.eye, prepared)
+        if not isinstance(take.eye, OmniEye):
+            return prepared.view.draw(take.exposure)
         begin_s = self._clock()
-        picture = prepared.view.draw(take.exposure)
-        if isinstance(take.eye, OmniEye):
-            self._note(take.eye, prepared, 1e3 * (self._clock() - begin_s))
-        decisions = prepared.effects.decisions
-        return replace(picture, effects=decisions) if decisions else picture
+        picture = self._omni_picture(take.eye, take.exposure, prepared)
+        self._note(take.eye, prepared, 1e3 * (self._clock() - begin_s))
+        return picture
+
+    def _omni_picture(self, eye: OmniEye, exposure: Exposure, prepared: _Prepared) -> RenderedImage:
+        """Return the picture with those effects that the exposure calls for."""
+        view = cast(OmniView, prepared.view)
+        if not eye.effects.wishes:
+            return view.draw(exposure)
+        plan = self._effects(eye, exposure)
+        if plan != prepared.effects:
+            prepared.effects = plan
+            log.info("effects:\n%s", plan)
+        picture = view.draw(staged(exposure, plan.staged), plan.active)
+        return replace(picture, effects=plan.decisions)
 
     def plan(self, eye: Eye) -> Plan:
         """Return how an eye is drawn."""
@@ -144,8 +159,7 @@ class Views:
         if isinstance(eye, OmniEye):
             choice = self._planning.choose(eye, self._places)
             watch = BudgetWatch(eye.wish.dial.budget_ms)
-            effects = self._effects(eye)
-            return _Prepared(choice.plan, self._view(eye, choice), watch, choice, effects)
+            return _Prepared(choice.plan, self._view(eye, choice), watch, choice)
         kind = self._planning.kind
         flat = plan_perspective(0, kind=kind, why=self._planning.why)
         view = self._planning.renderer(kind).prepare_perspective(eye, flat.samples)
@@ -156,20 +170,13 @@ class Views:
         camera = eye.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("its outlines: %s", choice.bound or "no bound is known")
-        if eye.effects.wishes:
-            log.info("its effects:\n%s", self._effects(eye))
         self._published.put(eye, choice.bound)
-        renderer, active = self._planning.renderer(choice.plan.renderer), self._effects(eye).active
-        if active:
-            return renderer.prepare_with_effects(camera, choice.plan, active)
-        return renderer.prepare(camera, choice.plan)
+        return self._planning.renderer(choice.plan.renderer).prepare(camera, choice.plan)
 
-    def _effects(self, eye: OmniEye) -> EffectPlan:
-        """Return which effects the scene calls for; of none that is named it is not even asked."""
-        if not eye.effects.wishes:
-            return NO_EFFECTS
-        summary = self._planning.renderer(self._planning.kind).summary
-        return decide(eye.effects, summary, eye.camera)
+    def _effects(self, eye: OmniEye, exposure: Exposure) -> EffectPlan:
+        """Return which effects an exposure calls for."""
+        renderer = self._planning.renderer(self._planning.kind)
+        return decide(eye.effects, renderer.summary(exposure, eye.camera), eye.camera)
 
     def _note(self, eye: OmniEye, prepared: _Prepared, ms: float) -> None:
         """Take note of a frame's time, and of what it says of the plan."""

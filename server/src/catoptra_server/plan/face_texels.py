@@ -17,9 +17,9 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import FACE_AXES, Face, face_from_direction
+from catoptra_protocol.optics.image_scale import ImageScale, image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.plan.face_sizes import FacePart
-from catoptra_server.plan.image_scale import ImageScale, image_scale
 
 # From the middle of the forward face to its right edge: the other side faces have the same parts,
 # each with a left half like its right one, so the other seven eighths of the turn repeat.

@@ -24,9 +24,9 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera, half_angle_tangent
+from catoptra_protocol.optics.image_scale import shows_whole_rim
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.plan.geometric_error import GeometricError
-from catoptra_server.plan.image_scale import shows_whole_rim
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit, mirror_mesh
 
 # Finest first; even, as the quadrature needs. 2 x 2 steps overstate the error by a third.

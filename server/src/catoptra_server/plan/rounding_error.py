@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.image_scale import image_scale
 from catoptra_server.plan.face_sizes import FacePart
 from catoptra_server.plan.face_texels import face_texels
 from catoptra_server.plan.geometric_error import GeometricError, summed
-from catoptra_server.plan.image_scale import image_scale
 from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
 
 _U = 2.0**-24

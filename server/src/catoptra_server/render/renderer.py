@@ -23,6 +23,7 @@ from catoptra_server.effects.frame_key import UNKEYED, FrameKey
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.motion import AT_REST, Twist
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
@@ -35,12 +36,17 @@ class Exposure:
     world_from_mirror: of an omnidirectional camera's mirror frame; of a perspective camera's own
     frame (x ahead, y right, z down), which a mirror frame's axes equal. bodies: what is seen beside
     the scene; the robot that carries the camera is left out by who asks. key: of the noise, where
-    there is any.
+    there is any. twist: of the frame, told at its origin in the world's axes. own_body: of the
+    robot that carries the camera, seen only where `staging` puts it among the bodies. has_shadows:
+    whether lights with a place or a direction are hidden by what stands before them.
     """
 
     world_from_mirror: Pose
     bodies: tuple[Body, ...] = ()
     key: FrameKey = UNKEYED
+    twist: Twist = AT_REST
+    own_body: Body | None = None
+    has_shadows: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +90,16 @@ class View(Protocol):
         """Free what the view holds."""
 
 
-class EffectView(View, Protocol):
-    """A view whose picture is changed by effects in linear light, and encoded last."""
+class OmniView(View, Protocol):
+    """A view whose picture can be changed by effects, in linear light, before it is encoded.
 
-    def draw_linear(self, exposure: Exposure) -> LinearImage:
+    What they need is built when they are first asked for; without any it is what it always is.
+    """
+
+    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+        """Return the picture of an exposure as effects change it, one after the other."""
+
+    def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
 
 
@@ -97,17 +109,11 @@ class Renderer(Protocol):
     def describe(self) -> str:
         """Return what draws, for logs: library, device, threads."""
 
-    @property
-    def summary(self) -> SceneSummary:
-        """Return what its scene can show at most; found when it is first asked for."""
+    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+        """Return what an exposure can show at most; what never changes is found only once."""
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:
         """Return a view of the scene by an omnidirectional camera."""
-
-    def prepare_with_effects(
-        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
-    ) -> EffectView:
-        """Return a view whose picture stays in linear light until all effects have changed it."""
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
         """Return a view of the scene by an ordinary camera, samples^2 a pixel."""

@@ -14,6 +14,7 @@ import numpy as np
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.description import Material
+from catoptra_server.scene.motion import AT_REST, Twist
 from catoptra_server.scene.primitives import Patch, joined
 
 
@@ -39,10 +40,14 @@ class BodyMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A body at its place. Bodies of one class share their mesh."""
+    """A body at its place. Bodies of one class share their mesh.
+
+    twist: of the body's frame, told at its origin in the world's axes.
+    """
 
     mesh: BodyMesh
     world_from_body: Pose
+    twist: Twist = AT_REST
 
     @property
     def centre(self) -> Floats:

@@ -19,7 +19,7 @@ class Appearance:
     def bodies(self, robots: Iterable[SpawnedRobot]) -> tuple[Body, ...]:
         """Return the bodies of robots where they stand now."""
         return tuple(
-            Body(self._meshes[robot.description.class_name], robot.world_from_robot)
+            Body(self._meshes[robot.description.class_name], robot.world_from_robot, robot.twist)
             for robot in robots
         )
 

@@ -98,8 +98,11 @@ def _take(mounted: _Mounted, place: Tile, bodies_of: BodiesOf) -> Take:
     robot = mounted.robot
     bodies = bodies_of(robot)
     camera = mounted.camera
-    take = camera.take(robot.world_from_robot, bodies, joints=robot.joints, tile=place)
-    return replace(take, exposure=replace(take.exposure, key=robot.frame_key(camera.name)))
+    robot_pose = robot.world_from_robot
+    take = camera.take(robot_pose, bodies, joints=robot.joints, tile=place)
+    way = take.exposure.world_from_mirror.translation - robot_pose.translation
+    key = robot.frame_key(camera.name)
+    return replace(take, exposure=replace(take.exposure, key=key, twist=robot.twist.at(way)))
 
 
 def _caption(shown: Sequence[_Mounted | None], place: Tile) -> Caption:

@@ -19,6 +19,7 @@ from catoptra_server.robot.body import Body, driven
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelSpin
+from catoptra_server.scene.motion import AT_REST, Twist
 from catoptra_server.scene.obstacles import Obstacles
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors import Moment, Move, Part, Sensor, build_sensors
@@ -39,7 +40,8 @@ _FLOOR = "slip"
 class SpawnedRobot:
     """A robot of one client. Its random numbers depend on the seed and its name alone.
 
-    view: the tile of its first camera in a multi-view, -1 without.
+    view: the tile of its first camera in a multi-view, -1 without. twist: how it really moved in
+    the last tick, told at the chassis in the world's axes.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class SpawnedRobot:
         self._schedule = Schedule([*intervals, description.status_interval_s], time_s)
         self._battery_ends_s = time_s + description.battery_s
         self._light = False
+        self.twist = AT_REST
         self.viewports = Viewports([camera.name for camera in self.all_cameras])
         self.view = -1
 
@@ -148,7 +151,9 @@ class SpawnedRobot:
         else:
             for package in (*self._joint_parts, *self.packages):
                 package.move(duration_s)
+        before = self._body.pose
         self._body, way = driven(self._body, duration_s, obstacles=obstacles, stream=self._slip)
+        self.twist = _twist(before, self._body.pose, duration_s)
         move = Move(way, self._body.tick, duration_s, self._body.pose)
         for sensor in self.sensors:
             sensor.follow(move)
@@ -208,6 +213,13 @@ class SpawnedRobot:
             wheel_separation_m=drive.wheel_separation_m,
             wheel_base_m=drive.wheel_base_m,
         )
+
+
+def _twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
+    """Return the mean motion of a tick; most robots stand most of the time."""
+    if before == after:
+        return AT_REST
+    return Twist.between(before.at_height(0.0), after.at_height(0.0), duration_s)
 
 
 def _omni_camera(description: RobotDescription) -> OmniCameraSensor | None:

@@ -19,8 +19,8 @@ def renderer_on(device: GlDevice) -> RasterRenderer:
 
 def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
     effects = (effect_of("Vignetting"),)
-    view = renderer_on(device).prepare_with_effects(CAMERA, raster_plan(CAMERA), effects)
-    light, rgb = view.draw_linear(VIEW), view.draw(VIEW).rgb
+    view = renderer_on(device).prepare(CAMERA, raster_plan(CAMERA))
+    light, rgb = view.draw_linear(VIEW, effects), view.draw(VIEW, effects).rgb
     assert (light.dtype, light.shape) == (np.float32, rgb.shape)
     # Half a level is rounding, the rest the shader's square roots.
     assert np.abs(255.0 * srgb_from_linear(light.astype(np.float64)) - rgb).max() < 0.5 + 0.03

@@ -9,18 +9,28 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from typing import Protocol
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.auto_exposure import LUMINANCE, mirror_pixels
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.noise import TABLE_SIDE, normal_table
 from catoptra_server.render.raster.passes import AveragePass, Pass
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
+from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler
 from catoptra_server.render.renderer import Exposure, LinearImage
+from catoptra_server.render.staging import captured
 
+Values = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
+
+
+# What an effect tells is a map if it has so many dimensions.
+_MAP_DIMENSIONS = 3
+# Texture units: the picture has 0, what each pixel sees 1, maps the next ones.
+_GEOMETRY_UNIT, _FIRST_MAP_UNIT = 1, 2
 # Light is summed in so many rectangles a side before the sums are read back.
 _METER_GRID = 16
 
@@ -35,6 +45,8 @@ class EffectChain:
         effects: tuple[Effect, ...],
         camera: OmniCamera,
         target: moderngl.Framebuffer,
+        *,
+        geometry: GeometrySource | None = None,
     ) -> None:
         self._pictures = [
             LinearPicture(context, camera.width_px, camera.height_px)
@@ -42,6 +54,7 @@ class EffectChain:
         ]
         self._programs = programs
         self._context = context
+        self._geometry = geometry
         steps = [self._step(effect, camera, index) for index, effect in enumerate(effects)]
         self._last = self._pictures[len(effects) % len(self._pictures)]
         encode = EncodePass(context, programs, self._last.texture, target)
@@ -55,7 +68,13 @@ class EffectChain:
     def _step(self, effect: Effect, camera: OmniCamera, index: int) -> EffectPass:
         source, target = self._pictures[index % 2], self._pictures[(index + 1) % 2]
         return EffectPass(
-            self._context, self._programs, effect, camera, source.texture, target.target
+            self._context,
+            self._programs,
+            effect,
+            camera,
+            source.texture,
+            target.target,
+            geometry=self._geometry if effect.uses_geometry else None,
         )
 
     def read(self) -> LinearImage:
@@ -66,6 +85,14 @@ class EffectChain:
         """Free the pictures; passes are freed by who draws them."""
         for picture in self._pictures:
             picture.close()
+
+
+class GeometrySource(Protocol):
+    """What finds out what each pixel sees, before the effects run."""
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        """Return the picture of (range, mover)."""
 
 
 class EffectPass:
@@ -79,6 +106,8 @@ class EffectPass:
         camera: OmniCamera,
         source: moderngl.Texture,
         target: moderngl.Framebuffer,
+        *,
+        geometry: GeometrySource | None = None,
     ) -> None:
         self.name = effect.name
         self._context = context
@@ -89,32 +118,70 @@ class EffectPass:
         self._program = programs.get(ProgramSpec("cover", f"effect_{_file_name(effect.name)}"))
         self._cover = context.vertex_array(self._program, [])
         self._meter = Meter(context, programs, source)
-        self._normals: moderngl.Texture | None = None
+        self._maps = Maps(context, self._program)
+        self._geometry = geometry
         if "normal_table" in self._program:
-            self._normals = _normal_texture(context)
-            self._program["normal_table"] = 1
+            self._maps.use("normal_table", normal_table().reshape(TABLE_SIDE, TABLE_SIDE, 1))
 
     def draw(self, exposure: Exposure) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
         mean_light = partial(self._meter.mean, self._camera)
-        told = self._effect.uniforms(self._camera, exposure.key, mean_light)
+        told = self._effect.uniforms(self._camera, captured(exposure), mean_light)
         for name, values in told.items():
+            if values.ndim == _MAP_DIMENSIONS:
+                self._maps.use(name, values)
+                continue
             uniform = self._program[name]
             assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
             uniform.write(values.tobytes())
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._source.use(0)
-        if self._normals is not None:
-            self._normals.use(1)
+        self._maps.bind()
+        if self._geometry is not None:
+            set_sampler(self._program, "geometry", _GEOMETRY_UNIT)
+            self._geometry.texture.use(_GEOMETRY_UNIT)
         self._cover.render(vertices=3)
 
     def close(self) -> None:
-        """Free the vertex array, the table of normal numbers and the meter, where they are."""
+        """Free the vertex array, the maps and the meter, where they are."""
         self._cover.release()
         self._meter.close()
-        if self._normals is not None:
-            self._normals.release()
+        self._maps.close()
+
+
+class Maps:
+    """The textures of one effect's program, by name; what stays the same is uploaded once."""
+
+    def __init__(self, context: moderngl.Context, program: moderngl.Program) -> None:
+        self._context = context
+        self._program = program
+        self._held: dict[str, tuple[Values, moderngl.Texture]] = {}
+
+    def use(self, name: str, values: Values) -> None:
+        """Have a name mean (rows, columns, channels) values; the same array is not sent again."""
+        held = self._held.get(name)
+        if held is not None and held[0] is values:
+            return
+        if held is not None:
+            held[1].release()
+        rows, columns, channels = values.shape
+        data = np.ascontiguousarray(values, dtype=np.float32).tobytes()
+        texture = self._context.texture((columns, rows), channels, data, dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._held[name] = (values, texture)
+
+    def bind(self) -> None:
+        """Bind all textures for a draw."""
+        for unit, (name, (_, texture)) in enumerate(self._held.items(), _FIRST_MAP_UNIT):
+            set_sampler(self._program, name, unit)
+            texture.use(unit)
+
+    def close(self) -> None:
+        """Free the textures."""
+        for _, texture in self._held.values():
+            texture.release()
+        self._held.clear()
 
 
 class EncodePass:
@@ -189,12 +256,6 @@ class LinearPicture:
         """Free texture and target."""
         self.target.release()
         self.texture.release()
-
-
-def _normal_texture(context: moderngl.Context) -> moderngl.Texture:
-    table = context.texture((TABLE_SIDE, TABLE_SIDE), 1, normal_table().tobytes(), dtype="f4")
-    table.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return table
 
 
 def _file_name(name: str) -> str:

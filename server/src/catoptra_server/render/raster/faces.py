@@ -14,7 +14,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.depth import FARTHEST_NEAR_M
+from catoptra_server.render.raster.depth import FARTHEST_NEAR_M, DepthRange
 from catoptra_server.render.raster.moving_bodies import reach_of
 from catoptra_server.render.raster.passes import LINEAR_STORAGE
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
@@ -74,6 +74,13 @@ class DrawCounts:
     triangles: int
 
 
+def frame_depth(scene: SceneBuffers, exposure: Exposure, spread: float) -> DepthRange:
+    """Return between which distances faces are drawn; spread: the largest of their cells'."""
+    at = exposure.world_from_mirror.translation
+    reach = reach_of(exposure.bodies, at, FARTHEST_NEAR_M * spread)
+    return scene.surroundings.depth_range(at - scene.origin, spread=spread, beside=reach)
+
+
 class FacePass(Generic[LayoutT]):
     """The atlas of one view, and how it is filled."""
 
@@ -114,12 +121,7 @@ class FacePass(Generic[LayoutT]):
         """Fill the atlas with what is seen from an exposure's viewpoint."""
         pose = exposure.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
-        near = FARTHEST_NEAR_M * self._spread
-        depth = self._scene.surroundings.depth_range(
-            viewpoint,
-            spread=self._spread,
-            beside=reach_of(exposure.bodies, pose.translation, near),
-        )
+        depth = frame_depth(self._scene, exposure, self._spread)
         self._scene.bodies.place(exposure.bodies)
         self._scene.place(viewpoint, depth.clip_z_from_w)
         self._begin()

@@ -39,7 +39,7 @@ def polygon_around_rim(camera: OmniCamera) -> Floats:
 class MirrorPass:
     """One draw of the polygon around the rim, over black. encoding: ENCODED or LINEAR.
 
-    places: of samples x samples a pixel; the pass frees it.
+    places: of samples x samples a pixel; its view frees them.
     """
 
     name = "mirror"
@@ -76,8 +76,7 @@ class MirrorPass:
         self._vertices.render(moderngl.TRIANGLE_FAN)
 
     def close(self) -> None:
-        """Free the polygon and the places."""
-        self._places.release()
+        """Free the polygon."""
         self._vertices.release()
         self._corners.release()
 

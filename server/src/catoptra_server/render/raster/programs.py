@@ -64,6 +64,13 @@ def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> 
     uniform.write(np.asarray(values, dtype=np.float32).tobytes())
 
 
+def set_sampler(program: moderngl.Program, name: str, unit: int) -> None:
+    """Have a sampler read the texture of a unit."""
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform), f"{name} is no sampler"
+    uniform.value = unit
+
+
 def source(path: str, define: Definitions = ()) -> str:
     """Return the full text of a shader: version, definitions, the file with its includes."""
     head = [VERSION, *(f"#define {name} {value}" for name, value in define)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from contextlib import ExitStack
-from functools import cached_property
 
 import moderngl
 
@@ -19,19 +18,20 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
-from catoptra_server.render.brightness import summarise
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.faces import FacePass
+from catoptra_server.render.raster.geometry_pass import GeometryPass
 from catoptra_server.render.raster.lens_cell import lens_cell
 from catoptra_server.render.raster.mirror_pass import MirrorPass, law_places
-from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output, Pass
+from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output
 from catoptra_server.render.raster.polygon_places import polygon_places
 from catoptra_server.render.raster.programs import Definitions, Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.views import RasterEffectView, RasterView
+from catoptra_server.render.raster.views import Developed, RasterOmniView, RasterView
 from catoptra_server.render.renderer import Exposure, FaceCamera, View
+from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -45,8 +45,8 @@ class RasterRenderer:
     def __init__(self, scene: SceneMesh, world: World, *, device: GlDevice | None = None) -> None:
         self._device = device or open_device()
         self._thread = threading.get_ident()
-        self._mesh = scene
-        self._world = world
+        self._triangles = len(scene)
+        self._summaries = SceneSummaries(scene, world)
         with self._device.context as context:
             self._programs = Programs(context)
             self._scene = SceneBuffers(context, self._programs, scene, world)
@@ -63,44 +63,66 @@ class RasterRenderer:
 
     def describe(self) -> str:
         """Return what draws, for logs."""
-        return f"raster: {self._device}, {len(self._mesh)} triangles"
+        return f"raster: {self._device}, {self._triangles} triangles"
 
-    @cached_property
-    def summary(self) -> SceneSummary:
-        """Return what the scene can show at most."""
-        return summarise(self._mesh, self._world)
+    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+        """Return what an exposure can show at most."""
+        return self._summaries.of(exposure, camera)
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterView:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Return a view of the scene by an omnidirectional camera."""
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
             faces = self._faces_of(plan, undo)
             output = Output(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
-            mirror = self._mirror_passes(camera, plan, faces, output.target, ENCODED)
+            places = self._places(camera, plan, faces.atlas, plan.samples)
+            undo.callback(places.release)
+            faces.draw(Exposure(Pose.from_rpy(self._scene.origin)))  # compiles what scenes need
             undo.pop_all()
-        view = RasterView(self._device, faces, mirror, output, self._thread)
-        self._warm(view)
-        return view
 
-    def prepare_with_effects(
-        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
-    ) -> RasterEffectView:
-        """Return a view whose picture stays in linear light until all effects have changed it."""
-        self._check_thread()
-        with self._device.context as context, ExitStack() as undo:
-            faces = self._faces_of(plan, undo)
-            output = Output(context, camera.width_px, camera.height_px)
-            undo.callback(output.close)
-            chain = EffectChain(context, self._programs, effects, camera, output.target)
-            undo.callback(chain.close)
-            mirror = self._mirror_passes(camera, plan, faces, chain.first, LINEAR)
-            undo.pop_all()
-        passes = (*mirror, *chain.passes)
-        view = RasterView(self._device, faces, passes, output, self._thread)
-        whole = RasterEffectView(self._device, view, chain)
-        self._warm(whole)
-        return whole
+        def plain() -> Developed:
+            return Developed((mirror(output.target, ENCODED),))
+
+        def mirror(target: moderngl.Framebuffer, encoding: Definitions) -> MirrorPass:
+            return MirrorPass(
+                context,
+                self._programs,
+                faces,
+                camera,
+                places,
+                plan.samples,
+                target,
+                encoding=encoding,
+            )
+
+        def linear(effects: tuple[Effect, ...]) -> Developed:
+            geometry = self._geometry(camera, plan, faces, effects)
+            chain = EffectChain(
+                context, self._programs, effects, camera, output.target, geometry=geometry
+            )
+            first = mirror(chain.first, LINEAR)
+            between = (geometry,) if geometry is not None else ()
+            return Developed((first, *between, *chain.passes), chain)
+
+        return RasterOmniView(
+            self._device, faces, places, output, plain=plain, linear=linear, thread=self._thread
+        )
+
+    def _geometry(
+        self,
+        camera: OmniCamera,
+        plan: RenderPlan,
+        faces: FacePass[Atlas],
+        effects: tuple[Effect, ...],
+    ) -> GeometryPass | None:
+        """Return the pass that finds what each pixel sees, if some effect uses it."""
+        if not any(effect.uses_geometry for effect in effects):
+            return None
+        places = self._places(camera, plan, faces.atlas, 1)
+        return GeometryPass(
+            self._device.context, self._programs, self._scene, faces.atlas, camera, places
+        )
 
     def _faces_of(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
         atlas = pack_atlas(plan.face_parts, guard=GUARD_TEXELS, max_texels=self._max_texels)
@@ -135,24 +157,14 @@ class RasterRenderer:
     def _max_texels(self) -> int:
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
 
-    def _mirror_passes(
-        self,
-        camera: OmniCamera,
-        plan: RenderPlan,
-        faces: FacePass[Atlas],
-        target: moderngl.Framebuffer,
-        encoding: Definitions,
-    ) -> tuple[Pass, ...]:
-        context, samples, surface = self._device.context, plan.samples, plan.surface
-        if isinstance(surface, PerPixel):
-            places = law_places(context, camera, faces.atlas, samples)
-        else:
-            places = polygon_places(context, self._programs, camera, surface, samples, faces.atlas)
-        return (
-            MirrorPass(
-                context, self._programs, faces, camera, places, samples, target, encoding=encoding
-            ),
-        )
+    def _places(
+        self, camera: OmniCamera, plan: RenderPlan, atlas: Atlas, samples: int
+    ) -> moderngl.Texture:
+        """Return where samples^2 of each pixel look in the atlas."""
+        context = self._device.context
+        if isinstance(plan.surface, PerPixel):
+            return law_places(context, camera, atlas, samples)
+        return polygon_places(context, self._programs, camera, plan.surface, samples, atlas)
 
     def _warm(self, view: View) -> None:
         """Draw once for nothing: drivers compile a program's machine code at its first draw."""

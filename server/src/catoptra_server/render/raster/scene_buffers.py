@@ -110,6 +110,11 @@ class SceneBuffers:
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
         )
 
+    def positions(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """Return all corners, chunk by chunk, for a program that needs no more; not freed here."""
+        buffer, layout = self._attributes["position"]
+        return self._context.vertex_array(program, [(buffer, layout, "position")])
+
     def place(self, viewpoint: Floats, depth: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
         frame = FrameUniforms.of(viewpoint, depth, lights=self._lights, origin=self.origin)

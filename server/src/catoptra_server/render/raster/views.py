@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from dataclasses import dataclass
 
+import moderngl
+
+from catoptra_server.effects.effect import Effect
 from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
@@ -61,31 +66,121 @@ class RasterView:
             self._output.close()
 
 
-class RasterEffectView:
-    """A view with effects between its mirror and its greys."""
+# Of pictures with effects so many are kept ready: what the scene calls for now, and what it did
+# before, lest a robot that stops and goes builds its passes anew each time.
+_KEPT = 2
 
-    def __init__(self, device: GlDevice, view: RasterView, chain: EffectChain) -> None:
+# Makes the passes of a picture: what is built is returned, and closed with the picture.
+MakePicture = Callable[[tuple[Effect, ...]], "Developed"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Developed:
+    """The passes from the faces to the finished picture; chain: None where there are no effects."""
+
+    passes: tuple[Pass, ...]
+    chain: EffectChain | None = None
+
+    def close(self) -> None:
+        """Free the passes, and what is between them."""
+        for step in reversed(self.passes):
+            step.close()
+        if self.chain is not None:
+            self.chain.close()
+
+
+class RasterOmniView:
+    """A mirror camera: its faces, where samples look in them, and a picture a list of effects.
+
+    plain: makes what needs no linear light; linear: what effects change. Neither is built before it
+    is asked for; places are freed with the view.
+    """
+
+    def __init__(
+        self,
+        device: GlDevice,
+        faces: FacePass[Atlas],
+        places: moderngl.Texture,
+        output: Output,
+        *,
+        plain: Callable[[], Developed],
+        linear: MakePicture,
+        thread: int,
+    ) -> None:
         self._device = device
-        self._view = view
-        self._chain = chain
+        self._faces = faces
+        self._places = places
+        self._output = output
+        self._make_plain = plain
+        self._make_linear = linear
+        self._thread = thread
+        self._plain: Developed | None = None
+        self._linear: dict[tuple[Effect, ...], Developed] = {}  # the last drawn at the end
+        self._last: Developed | None = None
 
     @property
     def passes(self) -> tuple[str, ...]:
-        """Return the names of the passes that every frame goes through."""
-        return self._view.passes
+        """Return the names of the passes that the last frame went through."""
+        return tuple(step.name for step in self.steps)
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
-        """Return the picture of an exposure."""
-        return self._view.draw(exposure)
+    @property
+    def steps(self) -> tuple[Pass, ...]:
+        """Return the passes themselves."""
+        return (self._faces, *(self._last.passes if self._last else ()))
 
-    def draw_linear(self, exposure: Exposure) -> LinearImage:
+    @property
+    def pictures(self) -> int:
+        """Return how many pictures are kept ready."""
+        return len(self._linear) + (self._plain is not None)
+
+    @property
+    def face_counts(self) -> DrawCounts:
+        """Return what the faces of the last frame cost."""
+        return self._faces.counts
+
+    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+        """Return the picture of an exposure as effects change it."""
+        assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
+        with self._device.context as context:
+            picture = self._with(effects) if effects else self._without()
+            clock = StageClock(context.finish)
+            self._run(picture, exposure, clock)
+            image = self._output.read()
+            clock.mark("readback")
+        return RenderedImage(image, clock.ms)
+
+    def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
-        self._view.draw(exposure)
-        with self._device.context:
-            return self._chain.read()
+        with self._device.context as context:
+            picture = self._with(effects)
+            self._run(picture, exposure, StageClock(context.finish))
+            assert picture.chain is not None, "a linear picture has a chain"
+            return picture.chain.read()
+
+    def _run(self, picture: Developed, exposure: Exposure, clock: StageClock) -> None:
+        self._last = picture
+        for step in (self._faces, *picture.passes):
+            step.draw(exposure)
+            clock.mark(step.name)
+
+    def _without(self) -> Developed:
+        if self._plain is None:
+            self._plain = self._make_plain()
+        return self._plain
+
+    def _with(self, effects: tuple[Effect, ...]) -> Developed:
+        picture = self._linear.pop(effects, None) or self._make_linear(effects)
+        while len(self._linear) >= _KEPT:
+            self._linear.pop(next(iter(self._linear))).close()
+        self._linear[effects] = picture
+        return picture
 
     def close(self) -> None:
         """Free what the view holds on the device."""
-        self._view.close()
         with self._device.context:
-            self._chain.close()
+            for picture in (self._plain, *self._linear.values()):
+                if picture is not None:
+                    picture.close()
+            self._faces.close()
+            self._places.release()
+            self._output.close()

@@ -26,6 +26,8 @@ from catoptra_server.scene.meshes import SceneMesh
 _CONSTANT = -2
 _POINT_LIT = -1
 
+# Embree answers 1e37 where nothing is met; no scene reaches this far.
+_BEYOND_M = 1e30
 # A triangle that nothing reaches, for a scene without any: Embree commits no empty one.
 _NOWHERE = np.full((1, 3, 3), 1e6)
 
@@ -126,6 +128,11 @@ class EmbreeScene:
         """Return the (n,) triangle that each ray meets, -1 for none."""
         hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
         return hits
+
+    def distances(self, origins: Float32s, directions: Float32s) -> Float32s:
+        """Return the (n,) metres to what each unit ray meets, inf where it meets nothing."""
+        met = self._embree.run(origins, directions, query="DISTANCE")
+        return np.where(met < _BEYOND_M, met, np.float32(np.inf))
 
     def hidden(self, origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
         """Return (n,) whether some triangle is met before each ray's distance."""

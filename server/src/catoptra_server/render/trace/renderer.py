@@ -8,23 +8,22 @@ all; `cell_view` those of a mirror camera that are not known beforehand.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property, partial
+from functools import cached_property
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.brightness import summarise
-from catoptra_server.render.renderer import EffectView, FaceCamera, View
+from catoptra_server.render.renderer import Exposure, FaceCamera
+from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.render.trace.cell_view import CellView
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.effect_view import TraceEffectView
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import BodyScenes
+from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.render.trace.packed_light import LightScale, LinearScale, Scale
+from catoptra_server.render.trace.pixel_geometry import PixelGeometry
 from catoptra_server.render.trace.pixel_law import PixelLaw
 from catoptra_server.render.trace.ray_colours import RayColours
 from catoptra_server.render.trace.ray_view import RayView
@@ -47,8 +46,8 @@ class TraceRenderer:
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
         self._scene = EmbreeScene(scene, world)
         self._bodies = BodyScenes(world.lights)
+        self._summaries = SceneSummaries(scene, world)
         self._mesh = scene
-        self._world = world
 
     @property
     def body_meshes(self) -> int:
@@ -59,56 +58,57 @@ class TraceRenderer:
         """Return what draws, for logs."""
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
 
-    @cached_property
-    def summary(self) -> SceneSummary:
-        """Return what the scene can show at most."""
-        return summarise(self._mesh, self._world)
+    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+        """Return what an exposure can show at most."""
+        return self._summaries.of(exposure, camera)
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
         """Return the scene's surfaces: 1.5 s of work for a million triangles, if asked for."""
         return SurfacePlanes(self._mesh)
 
-    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> View:
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
         """Return a view of the scene by an omnidirectional camera."""
-        return self._omni_view(camera, plan, LightScale.for_samples)
-
-    def prepare_with_effects(
-        self, camera: OmniCamera, plan: RenderPlan, effects: tuple[Effect, ...]
-    ) -> EffectView:
-        """Return a view whose picture stays in linear light until all effects have changed it."""
-        scale_of = partial(LinearScale.for_samples, largest=self.summary.largest_radiance)
-        view = self._omni_view(camera, plan, scale_of)
-        return TraceEffectView(view, effects, camera)
-
-    def _omni_view(
-        self, camera: OmniCamera, plan: RenderPlan, scale_of: Callable[[int], Scale]
-    ) -> RayView | CellView:
         samples = omni_samples(camera, plan)
-        scale = scale_of(samples.per_pixel)
+        grid, law = self._cells(camera, plan, samples)
+
+        def source(scale: Scale) -> RayView | CellView:
+            colours = RayColours(self._scene, self._bodies, scale)
+            if grid is None or law is None:
+                return RayView(colours, samples, self._pool)
+            return CellView(self._planes, colours, grid, law, self._pool)
+
+        def linear() -> RayView | CellView:
+            largest = self._summaries.largest_radiance
+            return source(LinearScale.for_samples(samples.per_pixel, largest=largest))
+
+        return TraceOmniView(
+            camera,
+            greys=lambda: source(LightScale.for_samples(samples.per_pixel)),
+            linear=linear,
+            geometry=lambda: PixelGeometry(self._scene, self._bodies, camera, plan, self._pool).of,
+        )
+
+    def _cells(
+        self, camera: OmniCamera, plan: RenderPlan, samples: RaySamples
+    ) -> tuple[CellGrid | None, PixelLaw | None]:
+        """Return the cells whose corners are asked before their rays; None: all rays are traced."""
         if plan.stride_px == 1:
-            return self._view(samples, scale)
+            return None, None
         grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
-        law = PixelLaw.of(camera) if len(grid.pixels) else None
-        if law is None:
-            return self._view(samples, scale)
-        colours = RayColours(self._scene, self._bodies, scale)
-        return CellView(self._planes, colours, grid, law, self._pool)
+        return grid, PixelLaw.of(camera) if len(grid.pixels) else None
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RayView:
         """Return a view of the scene by an ordinary camera."""
-        return self._greys_view(lens_samples(camera, samples))
+        return self._view(lens_samples(camera, samples))
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> RayView:
         """Return a view of the scene by one virtual camera of the cube."""
-        return self._greys_view(face_samples(camera, samples))
+        return self._view(face_samples(camera, samples))
 
-    def _greys_view(self, samples: RaySamples) -> RayView:
-        return self._view(samples, LightScale.for_samples(samples.per_pixel))
-
-    def _view(self, samples: RaySamples, scale: Scale) -> RayView:
-        colours = RayColours(self._scene, self._bodies, scale)
-        return RayView(colours, samples, self._pool)
+    def _view(self, samples: RaySamples) -> RayView:
+        scale = LightScale.for_samples(samples.per_pixel)
+        return RayView(RayColours(self._scene, self._bodies, scale), samples, self._pool)
 
     def close(self) -> None:
         """End the threads."""

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
+from catoptra_protocol.optics.image_scale import image_scale, shows_whole_rim, visible_radii_px
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
-from catoptra_server.plan.image_scale import image_scale, shows_whole_rim, visible_radii_px
 from helpers.worlds import PAPER_MIRROR, omni_camera
 
 CAMERA = omni_camera(width_px=360)

@@ -1,0 +1,73 @@
+"""How things move while a picture is exposed: velocities, and what a viewpoint sees of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import Floats
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """A rigid motion: m/s of what is at the frame's origin, and rad/s about axes through it.
+
+    The origin and the axes are those of the frame that whoever holds it names.
+    """
+
+    linear_m_s: Vector = (0.0, 0.0, 0.0)
+    angular_rad_s: Vector = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def between(cls, before: Pose, after: Pose, duration_s: float) -> Twist:
+        """Return the mean motion from one pose to another, in their parent's axes."""
+        step = after.rotation @ before.rotation.T
+        linear = (after.translation - before.translation) / duration_s
+        return cls(_vector(linear), _vector(_rotation_vector(step) / duration_s))
+
+    def at(self, offset_m: Floats) -> Twist:
+        """Return the same motion, told at another origin: (3,) metres from this one."""
+        linear = np.asarray(self.linear_m_s) + np.cross(self.angular_rad_s, offset_m)
+        return Twist(_vector(linear), self.angular_rad_s)
+
+    def minus(self, other: Twist) -> Twist:
+        """Return the motion as seen from what moves otherwise, both told at one origin."""
+        linear = np.subtract(self.linear_m_s, other.linear_m_s)
+        return Twist(_vector(linear), _vector(np.subtract(self.angular_rad_s, other.angular_rad_s)))
+
+    def turned(self, rotation: Floats) -> Twist:
+        """Return the same motion in axes that a (3, 3) rotation leads to."""
+        linear = rotation @ np.asarray(self.linear_m_s)
+        return Twist(_vector(linear), _vector(rotation @ np.asarray(self.angular_rad_s)))
+
+    @property
+    def speed_m_s(self) -> float:
+        """Return how fast the origin moves."""
+        return float(np.linalg.norm(self.linear_m_s))
+
+
+AT_REST = Twist()
+
+
+def _vector(values: Floats) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _rotation_vector(rotation: Floats) -> Floats:
+    """Return axis times angle of a (3, 3) rotation by less than half a turn."""
+    twice_sine = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    length = float(np.linalg.norm(twice_sine))
+    angle = float(np.arctan2(length, np.trace(rotation) - 1.0))
+    # sin(x) / x is 1 to the last bit below 1e-8.
+    return 0.5 * twice_sine if length < 1e-8 else twice_sine * (angle / length)

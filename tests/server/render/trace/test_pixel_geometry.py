@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from helpers.effects import CAMERA
+from helpers.geometry import ABOVE, EYE_M, FLOOR, traced
+
+
+def test_range_when_over_a_level_floor_is_that_of_the_law() -> None:
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[..., 0, :])
+    down = directions[..., 2]
+    near = on_mirror & (down > 0.1)
+    seen = traced(FLOOR, ABOVE)
+    assert not np.isfinite(seen.range_m[~on_mirror | (down < 0.0)]).any()
+    np.testing.assert_allclose(seen.range_m[near], EYE_M / down[near], rtol=1e-5)
+    assert not seen.mover.any()
