@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from catoptra_server.effects import EFFECTS
 from catoptra_server.explain import main
 
 QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
@@ -15,7 +16,9 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     assert main(["--robot", "p2at_omni_real", *QUESTION]) == 0
     head, _, *rows, cost = capsys.readouterr().out.splitlines()
     assert head.startswith("USARBot.OmniP2AT OmniCamPillar_Link4: trace")
-    assert [row.split()[0] for row in rows][:3] == ["MirrorReflectance", "Vignetting", "Exposure"]
+    names = [row.split()[0] for row in rows]
+    assert names == [kind.name for kind in EFFECTS if kind.name in names], "in optical order"
+    assert {"Fog", "Vignetting", "ShotNoise"} <= set(names)
     assert any("a converter of 12 bits" in row and " off " in row for row in rows)
     assert cost.startswith("a frame takes ")
 

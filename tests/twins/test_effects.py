@@ -61,6 +61,7 @@ def shaded(
 # Beside the defaults, numbers with which an effect does something.
 CHANGES: dict[str, dict[str, float]] = {
     "Exposure": {"time_s": 0.05},
+    "Fog": {"density_per_m": 0.2, "red": 0.9},
     "MirrorReflectance": {"n": 2.8, "k": 3.4},
     "WhiteBalance": {"red": 1.7, "blue": 0.6},
 }

@@ -14,6 +14,7 @@ from catoptra_server.effects import (
     bloom,
     exposure,
     fixed_pattern,
+    fog,
     mirror_reflectance,
     quantisation,
     read_noise,
@@ -24,6 +25,7 @@ from catoptra_server.effects import (
 from catoptra_server.effects.effect import Kind
 
 EFFECTS: tuple[Kind, ...] = (
+    fog.KIND,
     mirror_reflectance.KIND,
     vignetting.KIND,
     exposure.KIND,

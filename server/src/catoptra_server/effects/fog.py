@@ -1,0 +1,131 @@
+"""Fog: what lies between the mirror and a surface swallows its light, and adds its own.
+
+L' = L exp(-beta D) + A (1 - exp(-beta D)), D the range of what the middle of a pixel sees, beta the
+extinction of light a metre, A the airlight: the fog's own light, alike in all directions. What is
+endlessly far away has the airlight's colour. Source: Koschmieder's law. Domain: fog that is the
+same everywhere; beta 0 is none; where the eye loses contrast, at 5 %, beta is 3 over the distance.
+Beside the mirror nothing is added. The error: a pixel that shows two surfaces has the range of one
+of them, and one at the rim counts as on the mirror or beside it as its middle is; so an edge is off
+by at most the airlight's difference between both ranges, in a row of one pixel. Criterion: how much
+light between black and the brightest changes at the farthest range, in encoded grey levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.effect import (
+    GREY_LEVELS,
+    Bound,
+    Kind,
+    Parameter,
+    Real,
+    Uniforms,
+    floats,
+)
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.scene.colour import srgb_from_linear
+
+# The change has its extremes at black and at the brightest light; the grid is for the kink of the
+# sRGB curve, beside which it may be larger by a hundredth of what little it is there.
+_STEPS = 257
+
+
+@dataclass(frozen=True, slots=True)
+class Fog:
+    """density_per_m: beta. red, green, blue: the airlight, linear."""
+
+    density_per_m: float
+    red: float
+    green: float
+    blue: float
+
+    name: ClassVar[str] = "Fog"
+    unit: ClassVar[str] = GREY_LEVELS
+    uses_geometry: ClassVar[bool] = True
+
+    @property
+    def airlight(self) -> tuple[float, float, float]:
+        """Return the fog's own colour, linear."""
+        return self.red, self.green, self.blue
+
+    @np.errstate(under="ignore")  # what vanishes does not come through
+    def passed(self, range_m: npt.NDArray[Real]) -> npt.NDArray[Real]:
+        """Return the part of light that comes through ranges; inf: none, if there is any fog."""
+        if self.density_per_m == 0.0:
+            return np.ones_like(range_m)
+        through: npt.NDArray[Real] = np.exp(range_m * range_m.dtype.type(-self.density_per_m))
+        return through
+
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+        """Return the change of the light that changes most, at the farthest range."""
+        least = float(self.passed(np.array(summary.farthest_m)))
+        top = min(summary.largest_radiance, 1.0)
+        light = np.append(0.0, np.geomspace(1e-7, 1.0, _STEPS) * top)[:, None]
+        fogged = light * least + np.asarray(self.airlight) * (1.0 - least)
+        change = np.abs(srgb_from_linear(fogged) - srgb_from_linear(light))
+        reason = f"{100.0 * least:.3g} % of light comes through {summary.farthest_m:.3g} m of fog"
+        return Bound(255.0 * float(change.max()), reason)
+
+    def after(self, summary: SceneSummary) -> SceneSummary:
+        """Return the summary of a scene that is as bright as the fog where that is brighter."""
+        if self.density_per_m == 0.0:
+            return summary
+        largest = max(summary.largest_radiance, *self.airlight)
+        return replace(summary, largest_radiance=largest)
+
+    @np.errstate(under="ignore")
+    def apply(
+        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+    ) -> npt.NDArray[Real]:
+        """Return the picture through the fog."""
+        assert capture.geometry is not None, "fog asks what each pixel sees"
+        through = self.passed(capture.geometry.range_m.astype(light.dtype))[..., None]
+        airlight = np.asarray(self.airlight, dtype=light.dtype)
+        added = (1 - through) * mirror_mask(camera).astype(light.dtype)
+        return light * through + airlight * added
+
+    def uniforms(
+        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+    ) -> Uniforms:
+        """Return density, airlight, and which pixels see the mirror."""
+        return {
+            "density_per_m": floats(self.density_per_m),
+            "airlight": floats(*self.airlight),
+            "mirror_mask": _shader_mask(camera),
+        }
+
+
+@lru_cache(maxsize=4)
+def mirror_mask(camera: OmniCamera) -> Floats:
+    """Return (h, w, 1): 1 where a pixel sees the mirror in its middle, 0 beside."""
+    mask = direction_from_pixel(camera, pixel_centres(camera))[1].astype(np.float64)
+    mask.setflags(write=False)
+    return mask
+
+
+@lru_cache(maxsize=4)
+def _shader_mask(camera: OmniCamera) -> npt.NDArray[np.float32]:
+    return mirror_mask(camera).astype(np.float32)
+
+
+KIND = Kind(
+    "Fog",
+    Fog,
+    (
+        Parameter("FogDensity", "density_per_m", 0.0, 0.0, 100.0),
+        # Grey as an overcast sky, which scatters the same light into it.
+        Parameter("FogRed", "red", 0.5, 0.0, 100.0),
+        Parameter("FogGreen", "green", 0.5, 0.0, 100.0),
+        Parameter("FogBlue", "blue", 0.5, 0.0, 100.0),
+    ),
+)

@@ -1,0 +1,18 @@
+// Provides the picture through fog, by the range of what each pixel sees.
+// Twin: catoptra_server.effects.fog.Fog.apply.
+uniform sampler2D picture;
+uniform sampler2D geometry;          // (range, mover)
+uniform sampler2D mirror_mask;       // 1 where a pixel sees the mirror
+uniform float density_per_m;
+uniform vec3 airlight;
+out vec4 colour;
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    float range_m = texelFetch(geometry, pixel, 0).x;
+    // No fog, and nothing to be seen: 0 times infinity is no number.
+    float through = density_per_m > 0.0 ? exp(-density_per_m * range_m) : 1.0;
+    float added = (1.0 - through) * texelFetch(mirror_mask, pixel, 0).x;
+    colour = vec4(texelFetch(picture, pixel, 0).rgb * through + airlight * added, 1.0);
+}
