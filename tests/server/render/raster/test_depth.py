@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.chunks import make_chunks
+from catoptra_server.render.chunks import make_chunks
 from catoptra_server.render.raster.depth import (
     FARTHEST_NEAR_M,
     NEAREST_M,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.chunks import Chunks
+from catoptra_server.render.chunks import Chunks
 
 # What is nearer than a millimetre is cut away.
 NEAREST_M = 0.001

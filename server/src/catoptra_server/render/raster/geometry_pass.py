@@ -15,7 +15,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.capture import SCENE, Geometry
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.chunks import runs
+from catoptra_server.render.chunks import runs
 from catoptra_server.render.raster.faces import frame_depth
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler, set_uniform
 from catoptra_server.render.raster.scene_buffers import SceneBuffers

@@ -13,7 +13,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
-from catoptra_server.render.raster.chunks import Indices, runs
+from catoptra_server.render.chunks import Indices, runs
 from catoptra_server.render.raster.depth import nearest_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.programs import (

@@ -16,7 +16,7 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.raster.chunks import make_chunks, runs
+from catoptra_server.render.chunks import make_chunks, runs
 from catoptra_server.render.raster.depth import Surroundings
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.moving_bodies import MovingBodies

@@ -1,7 +1,8 @@
-"""Triangles in pieces that lie together, each with a box: what a face cannot see is not sent.
+"""Triangles in pieces that lie together, each with a box: of most scenes most is never looked at.
 
-Without it five faces send five times the scene, and a frame of 60 000 or a million triangles takes
-a fifth longer on llvmpipe (tests/cost/questions/raster_faces.py). Knows no GL.
+Raster sends a face no chunk that it cannot see: without it five faces send five times the scene,
+and a frame of 60 000 or a million triangles takes a fifth longer on llvmpipe
+(tests/cost/questions/raster_faces.py). Summaries ask no chunk that is not near.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.chunks import make_chunks, runs
+from catoptra_server.render.chunks import make_chunks, runs
 
 
 def triangles(count: int, *, seed: int = 0) -> Floats:
