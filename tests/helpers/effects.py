@@ -54,6 +54,14 @@ GEOMETRY = _geometry()
 CAPTURE = replace(captured(EXPOSURE), geometry=GEOMETRY)
 
 
+# The names of the effects that change the picture; the others change what there is to be seen.
+PICTURE_EFFECTS = [
+    kind.name
+    for kind in EFFECTS
+    if isinstance(kind.make(**{p.field: p.default for p in kind.parameters}), Effect)
+]
+
+
 def effect_of(name: str, changes: Mapping[str, float] | None = None) -> Effect:
     """Return an effect with the defaults of its keys; `changes` by field."""
     kind = next(kind for kind in EFFECTS if kind.name == name)

@@ -6,12 +6,20 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects import EFFECTS
 from catoptra_server.effects.auto_exposure import mean_of
 from catoptra_server.effects.noise import frame_words, normals
 from catoptra_server.render.raster.effect_chain import EffectPass, LinearPicture, Meter
 from catoptra_server.render.raster.programs import Programs
-from helpers.effects import CAMERA, CAPTURE, EXPOSURE, GEOMETRY, KEY, card, effect_of
+from helpers.effects import (
+    CAMERA,
+    CAPTURE,
+    EXPOSURE,
+    GEOMETRY,
+    KEY,
+    PICTURE_EFFECTS,
+    card,
+    effect_of,
+)
 
 LIGHT = card(2.0).astype(np.float32)
 
@@ -67,7 +75,7 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])
+@pytest.mark.parametrize("name", PICTURE_EFFECTS)
 def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> None:
     changes = CHANGES.get(name, {})
     reference = effect_of(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE)

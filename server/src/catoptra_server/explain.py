@@ -92,7 +92,7 @@ def _explained(
     plan = str(views.plan(eye))
     views.close()
     stages = {name: median(one.stage_ms[name] for one in drawn) for name in drawn[0].stage_ms}
-    running = {d.effect: stages.pop(d.effect) for d in drawn[0].effects if d.is_on}
+    running = {d.effect: stages.pop(d.effect) for d in drawn[0].effects if d.effect in stages}
     others_ms = sum(stages.values())
     return Explained(robot.class_name, omni.name, plan, drawn[0].effects, running, others_ms)
 

@@ -10,17 +10,24 @@ import pytest
 from catoptra_server.effects import EFFECTS
 from catoptra_server.effects.effect import floats
 from catoptra_server.effects.frame_key import FrameKey
-from helpers.effects import CAMERA, CAPTURE, KEY, card, effect_of
+from helpers.effects import CAMERA, CAPTURE, KEY, PICTURE_EFFECTS, card, effect_of
 
-NAMES = [kind.name for kind in EFFECTS]
+NAMES = PICTURE_EFFECTS
 
 
 def test_table_names_each_effect_once_as_it_names_itself() -> None:
-    assert len(set(NAMES)) == len(NAMES)
-    assert [effect_of(name).name for name in NAMES] == NAMES
+    names = [kind.name for kind in EFFECTS]
+    assert len(set(names)) == len(names)
+    for kind in EFFECTS:
+        assert kind.make(**{p.field: p.default for p in kind.parameters}).name == kind.name
 
 
-@pytest.mark.parametrize("name", NAMES)
+def test_table_when_read_has_what_changes_the_scene_before_what_changes_its_picture() -> None:
+    names = [kind.name for kind in EFFECTS]
+    assert names[len(names) - len(PICTURE_EFFECTS) :] == PICTURE_EFFECTS
+
+
+@pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])
 def test_default_when_checked_lies_within_its_range(name: str) -> None:
     kind = next(kind for kind in EFFECTS if kind.name == name)
     assert all(p.at_least <= p.default <= p.at_most for p in kind.parameters)

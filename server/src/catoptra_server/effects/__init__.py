@@ -16,6 +16,7 @@ from catoptra_server.effects import (
     fixed_pattern,
     fog,
     mirror_reflectance,
+    own_body,
     quantisation,
     read_noise,
     shot_noise,
@@ -25,6 +26,7 @@ from catoptra_server.effects import (
 from catoptra_server.effects.effect import Kind
 
 EFFECTS: tuple[Kind, ...] = (
+    own_body.KIND,
     fog.KIND,
     mirror_reflectance.KIND,
     vignetting.KIND,

@@ -24,7 +24,7 @@ class SceneSummary:
     largest_shadow: the most radiance that a surface can lose where all lights with a place or a
     direction are hidden from it; 0 where nothing could hide one.
     own_body_rad: how far from the pole of the image, about the axis, the robot's own body reaches;
-    0 without one.
+    0 where none of it is within the rim. own_body_m: by ring, what is seen of it is not nearer.
     """
 
     largest_radiance: float
@@ -34,3 +34,4 @@ class SceneSummary:
     passing_rad_s: tuple[float, ...] = (0.0,) * RINGS
     largest_shadow: float = 0.0
     own_body_rad: float = 0.0
+    own_body_m: tuple[float, ...] = (math.inf,) * RINGS

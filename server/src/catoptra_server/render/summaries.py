@@ -7,6 +7,7 @@ from functools import cached_property
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.brightness import largest_radiance
+from catoptra_server.render.own_reach import own_reach
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.staging import captured
 from catoptra_server.scene.description import World
@@ -27,4 +28,10 @@ class SceneSummaries:
 
     def of(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most."""
-        return SceneSummary(self.largest_radiance, motion=captured(exposure).motion[0])
+        own = own_reach(exposure, camera)
+        return SceneSummary(
+            self.largest_radiance,
+            motion=captured(exposure).motion[0],
+            own_body_rad=own.angle_rad,
+            own_body_m=own.nearest_m,
+        )

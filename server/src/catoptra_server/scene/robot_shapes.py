@@ -23,9 +23,14 @@ CHASSIS = Material((0.45, 0.04, 0.03))  # ActivMedia's red
 DECK = Material((0.04, 0.04, 0.04))
 TYRE = Material((0.03, 0.03, 0.03))
 METAL = Material((0.55, 0.55, 0.55))
+HOUSING = Material((0.12, 0.12, 0.12))
+LENS = Material((0.01, 0.01, 0.015))
 
 DECK_M = 0.01  # thickness of the black top plate
 PILLAR_RADIUS_M = 0.03
+# A board camera's housing, its lens ahead of it; the lens ends at the pinhole.
+CAMERA_RADIUS_M, CAMERA_LENGTH_M = 0.025, 0.05
+LENS_RADIUS_M, LENS_LENGTH_M = 0.012, 0.003
 CARRIER_RADIUS_M = 0.005  # stands for the glass that carries the mirror over the camera
 # A tyre's width is this part of its radius: 50 mm on a P2AT, so that it ends with the robot's side.
 _TYRE_WIDTH = 0.4
@@ -59,6 +64,11 @@ def robot_mesh(shape: RobotShape, tower: OmniTower | None = None) -> BodyMesh:
     if tower is not None:
         parts += _tower(tower, deck_z=_top_z(shape))
     return body_mesh(parts)
+
+
+def own_body_mesh(shape: RobotShape, tower: OmniTower) -> BodyMesh:
+    """Return what a robot's own mirror sees of it: neither itself nor the glass that carries it."""
+    return body_mesh([*_chassis(shape), *_wheels(shape), *_camera(tower, deck_z=_top_z(shape))])
 
 
 def _top_z(shape: RobotShape) -> float:
@@ -96,19 +106,42 @@ def _tower(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
 
     An orthographic capture camera is nowhere in particular: its pillar ends at the deck.
     """
-    at = tower.robot_from_mirror.translation
     surface = _mirror(tower.camera)
     patch = Patch(tower.robot_from_mirror.points(surface.corners), surface.uv)
     yield patch, METAL
-    lens_z = min(float(at[2]) + tower.camera.mirror.pinhole_m, deck_z)
+    lens_z = _lens_z(tower, deck_z)
     apex_z = float(patch.corners[..., 2].max())
-    for radius, low, high in (
-        (PILLAR_RADIUS_M, deck_z, lens_z),
-        (CARRIER_RADIUS_M, lens_z, apex_z),
-    ):
-        if low > high:
-            post = primitives.cylinder(Cylinder(radius, low - high, _SECTORS))
-            yield post.at((float(at[0]), float(at[1]), 0.5 * (low + high))), DECK
+    yield from _post(tower, PILLAR_RADIUS_M, deck_z, lens_z, DECK)
+    yield from _post(tower, CARRIER_RADIUS_M, lens_z, apex_z, DECK)
+
+
+def _camera(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
+    """Yield the pillar, the capture camera's housing on it, and the lens up to the pinhole.
+
+    Where the pinhole is near the deck the camera is sunk into the robot.
+    """
+    lens_z = _lens_z(tower, deck_z)
+    top_z = min(lens_z + LENS_LENGTH_M, deck_z)
+    foot_z = min(top_z + CAMERA_LENGTH_M, deck_z)
+    yield from _post(tower, PILLAR_RADIUS_M, deck_z, foot_z, DECK)
+    yield from _post(tower, CAMERA_RADIUS_M, foot_z, top_z, HOUSING)
+    yield from _post(tower, LENS_RADIUS_M, top_z, lens_z, LENS)
+
+
+def _lens_z(tower: OmniTower, deck_z: float) -> float:
+    """Return z of the pinhole, that of the deck where it would be in the robot or nowhere."""
+    viewpoint_z = float(tower.robot_from_mirror.translation[2])
+    return min(viewpoint_z + tower.camera.mirror.pinhole_m, deck_z)
+
+
+def _post(
+    tower: OmniTower, radius_m: float, low_z: float, high_z: float, look: Material
+) -> Iterator[Part]:
+    """Yield an upright cylinder under the viewpoint, if it has a length; z grows downwards."""
+    if low_z > high_z:
+        x, y, _ = tower.robot_from_mirror.translation.tolist()
+        post = primitives.cylinder(Cylinder(radius_m, low_z - high_z, _SECTORS))
+        yield post.at((x, y, 0.5 * (low_z + high_z))), look
 
 
 def _mirror(camera: OmniCamera) -> Patch:

@@ -23,7 +23,6 @@ from catoptra_protocol.wire.reports import Report, StartPose, StartPoses
 from catoptra_server.imaging.multi_view import TileLayout
 from catoptra_server.imaging.shot import CameraChannel, Channel, OmniEye, Scenery, ScreenChannel
 from catoptra_server.robot.description import RobotDescription
-from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
@@ -32,7 +31,7 @@ from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
 from catoptra_server.simulation.answers import BoundOf, configurations, geometries
 from catoptra_server.simulation.appearance import Appearance
 from catoptra_server.simulation.requests import Client, DialTurned
-from catoptra_server.simulation.screen import Screen, own_scenery, watched
+from catoptra_server.simulation.screen import Around, Screen, own_scenery, watched
 from catoptra_server.simulation.set_commands import obey_set
 from catoptra_server.simulation.sightings import Sighting, sightings
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
@@ -202,10 +201,10 @@ class Fleet:
         robots = list(self._robots.values())
         match channel:
             case ScreenChannel(tile):
-                return self._screen.scenery(robots, self._bodies_of, tile=tile)
+                return self._screen.scenery(robots, self._around_of, tile=tile)
             case CameraChannel():
                 found = self._camera(channel)
-                return own_scenery(*found, self._bodies_of) if found else None
+                return own_scenery(*found, self._around_of) if found else None
 
     def sightings(self, channel: CameraChannel) -> tuple[Sighting, ...] | None:
         """Return what a camera sees of the landmarks now; None: no such robot or camera."""
@@ -221,8 +220,9 @@ class Fleet:
         camera = robot.camera_named(channel.camera) if robot else None
         return (robot, camera) if robot and camera else None
 
-    def _bodies_of(self, robot: SpawnedRobot) -> tuple[Body, ...]:
-        return self._appearance.bodies(self.others(robot))
+    def _around_of(self, robot: SpawnedRobot) -> Around:
+        seen = self._appearance
+        return Around(seen.bodies(self.others(robot)), seen.own_body(robot))
 
 
 def _named(robots: Sequence[SpawnedRobot], name: str) -> SpawnedRobot | None:

@@ -10,13 +10,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from catoptra_server.imaging.multi_view import Tile, TileLayout, ViewportConfig, viewports
-from catoptra_server.imaging.shot import Caption, Scenery, Take
+from catoptra_server.imaging.shot import Caption, OmniEye, Scenery, Take
 from catoptra_server.scene.bodies import Body
 from catoptra_server.sensors.camera import Camera
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 
-# What a robot's cameras see of the others.
-BodiesOf = Callable[[SpawnedRobot], tuple[Body, ...]]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Around:
+    """What a robot's cameras see beside the scene: others, and its own body where that is asked."""
+
+    bodies: tuple[Body, ...]
+    own_body: Body | None = None
+
+
+AroundOf = Callable[[SpawnedRobot], Around]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,29 +59,29 @@ class Screen:
         self._shown = [m if m and m.robot is not robot else None for m in self._shown]
 
     def scenery(
-        self, robots: Sequence[SpawnedRobot], bodies_of: BodiesOf, *, tile: int | None = None
+        self, robots: Sequence[SpawnedRobot], around_of: AroundOf, *, tile: int | None = None
     ) -> Scenery:
         """Return what is shown now: all of the screen, or one tile of a multi-view."""
         if self._layout is None:
-            return self._viewports(robots, bodies_of)
+            return self._viewports(robots, around_of)
         if tile is None:
-            return _composed(self._layout, self._shown, bodies_of)
+            return _composed(self._layout, self._shown, around_of)
         mounted = self._shown[tile] if tile < len(self._shown) else None
-        return _composed(_single(self._tiles[0]), [mounted], bodies_of)
+        return _composed(_single(self._tiles[0]), [mounted], around_of)
 
-    def _viewports(self, robots: Sequence[SpawnedRobot], bodies_of: BodiesOf) -> Scenery:
+    def _viewports(self, robots: Sequence[SpawnedRobot], around_of: AroundOf) -> Scenery:
         """Return the viewports of the robot that is there longest; black without one."""
         robot = watched(robots)
         if robot is None:
             layout = viewports(ViewportConfig.SINGLE_VIEW, **_sides(self._black_px))
-            return _composed(layout, [None], bodies_of)
+            return _composed(layout, [None], around_of)
         shown = [robot.camera_named(name) for name in robot.viewports.shown]
         first = shown[0] or robot.all_cameras[0]
         single = robot.viewports.config is ViewportConfig.SINGLE_VIEW
         whole = first if single else robot.all_cameras[0]
         layout = viewports(robot.viewports.config, **_sides(whole.size_px))
         mounted = [_Mounted(robot, c) if c else None for c in shown[: len(layout)]]
-        return _composed(layout, mounted, bodies_of)
+        return _composed(layout, mounted, around_of)
 
 
 def watched(robots: Sequence[SpawnedRobot]) -> SpawnedRobot | None:
@@ -81,28 +89,33 @@ def watched(robots: Sequence[SpawnedRobot]) -> SpawnedRobot | None:
     return next((robot for robot in robots if robot.all_cameras), None)
 
 
-def own_scenery(robot: SpawnedRobot, camera: Camera, bodies_of: BodiesOf) -> Scenery:
+def own_scenery(robot: SpawnedRobot, camera: Camera, around_of: AroundOf) -> Scenery:
     """Return one camera's own picture at its own size."""
     layout = viewports(ViewportConfig.SINGLE_VIEW, **_sides(camera.size_px))
-    return _composed(layout, [_Mounted(robot, camera)], bodies_of)
+    return _composed(layout, [_Mounted(robot, camera)], around_of)
 
 
-def _composed(layout: TileLayout, shown: Sequence[_Mounted | None], bodies_of: BodiesOf) -> Scenery:
+def _composed(layout: TileLayout, shown: Sequence[_Mounted | None], around_of: AroundOf) -> Scenery:
     place = layout.tiles[0]
-    takes = tuple(_take(m, place, bodies_of) if m else None for m in shown)
+    takes = tuple(_take(m, place, around_of) if m else None for m in shown)
     intervals = [mounted.camera.frame_interval_s for mounted in shown if mounted]
     return Scenery(layout, takes, _caption(shown, place), min(intervals, default=0.0))
 
 
-def _take(mounted: _Mounted, place: Tile, bodies_of: BodiesOf) -> Take:
+def _take(mounted: _Mounted, place: Tile, around_of: AroundOf) -> Take:
     robot = mounted.robot
-    bodies = bodies_of(robot)
+    around = around_of(robot)
     camera = mounted.camera
     robot_pose = robot.world_from_robot
-    take = camera.take(robot_pose, bodies, joints=robot.joints, tile=place)
+    take = camera.take(robot_pose, around.bodies, joints=robot.joints, tile=place)
     way = take.exposure.world_from_mirror.translation - robot_pose.translation
-    key = robot.frame_key(camera.name)
-    return replace(take, exposure=replace(take.exposure, key=key, twist=robot.twist.at(way)))
+    exposure = replace(
+        take.exposure,
+        key=robot.frame_key(camera.name),
+        twist=robot.twist.at(way),
+        own_body=around.own_body if isinstance(take.eye, OmniEye) else None,
+    )
+    return replace(take, exposure=exposure)
 
 
 def _caption(shown: Sequence[_Mounted | None], place: Tile) -> Caption:
