@@ -9,6 +9,7 @@ scene hides it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ from catoptra_server.scene.description import Light
 _NOTHING = np.float32(1e30)
 # Rays this much outside a body's cone are asked too: directions are float32.
 _CONE_MARGIN = 1e-5
+# A corner that is this near the viewpoint is all around it.
+_TOUCHING_M = 1e-9
 
 Rays = npt.NDArray[np.intp]
 
@@ -51,18 +54,14 @@ class BodyScenes:
     def _placed(self, body: Body, viewpoint: Floats, scale: Scale) -> PlacedBody:
         if body.mesh not in self._scenes:
             self._scenes[body.mesh] = _committed(body.mesh)
-        towards = body.centre - viewpoint
-        distance, radius = float(np.linalg.norm(towards)), body.mesh.radius_m
-        # Within the sphere every direction may meet the body.
-        outside = distance > radius
-        cosine = np.sqrt(1.0 - (radius / distance) ** 2) if outside else -2.0
+        axis, cosine = _cone(body, viewpoint)
         radiance = shading.facet_radiance(facets(body), self._lights).T.astype(np.float32)
         return PlacedBody(
             body=body,
             embree=self._scenes[body.mesh],
             viewpoint=body.world_from_body.inverse().points(viewpoint),
-            axis=(towards / distance if outside else np.zeros(3)).astype(np.float32),
-            cosine=float(cosine) - _CONE_MARGIN,
+            axis=axis.astype(np.float32),
+            cosine=cosine - _CONE_MARGIN,
             radiance=radiance,
             table=scale.packed(radiance),
             lights=shading.point_lights(self._lights),
@@ -133,6 +132,26 @@ def body_hits(
             light[rays] = body.light(triangle, directions[rays], far, scale)
     met = np.flatnonzero(distance < _NOTHING)
     return met, distance[met], light[met]
+
+
+def _cone(body: Body, viewpoint: Floats) -> tuple[Floats, float]:
+    """Return a (3,) axis and the cosine around it within which a body is; -2 for all directions.
+
+    It is that of the sphere around the body, and within that sphere, as a robot's own mirror is,
+    that of the corners: a cone of less than a half-space is convex, so it has all that is between
+    them.
+    """
+    towards = body.centre - viewpoint
+    distance, radius = float(np.linalg.norm(towards)), body.mesh.radius_m
+    if distance > radius:
+        return towards / distance, math.sqrt(1.0 - (radius / distance) ** 2)
+    nowhere: tuple[Floats, float] = np.zeros(3), -2.0
+    if distance == 0.0:
+        return nowhere
+    axis = towards / distance
+    rays = (body.world_from_body.points(body.mesh.corners) - viewpoint).reshape(-1, 3)
+    cosine = float((rays @ axis / np.maximum(np.linalg.norm(rays, axis=-1), _TOUCHING_M)).min())
+    return (axis, cosine) if cosine > 0.0 else nowhere
 
 
 def _committed(mesh: BodyMesh) -> rtcore_scene.EmbreeScene:
