@@ -3,8 +3,9 @@
 A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
 times irradiance, with 1 = a white facet at full scale. Hemisphere and directional light depend on
 the normal alone and so are computed once a triangle; point lights depend on the place and are
-computed per sample. Textures repeat and are interpolated bilinearly in linear light. Encoding to
-sRGB comes last.
+computed per sample. Where there are shadows, so is the light of all that have a direction or a
+place, since it may be hidden. Textures repeat and are interpolated bilinearly in linear light.
+Encoding to sRGB comes last.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.description import DirectionalLight, HemisphereLight, Light, PointLight
+
+# What something may stand before.
+HideableLight = DirectionalLight | PointLight
 
 
 class LitFacets(Protocol):
@@ -69,6 +73,34 @@ def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -
 def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
     """Return the point lights among the lights."""
     return tuple(light for light in lights if isinstance(light, PointLight))
+
+
+def hideable_lights(lights: Iterable[Light]) -> tuple[HideableLight, ...]:
+    """Return the lights that cast shadows: those with a direction first, then those at places."""
+    suns = tuple(light for light in lights if isinstance(light, DirectionalLight))
+    return (*suns, *point_lights(lights))
+
+
+def sky_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
+    """Return the lights from everywhere, which nothing hides."""
+    return tuple(light for light in lights if isinstance(light, HemisphereLight))
+
+
+def light_irradiance(light: HideableLight, points: Floats, normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by one light that nothing hides, at (n, 3) places."""
+    if isinstance(light, PointLight):
+        return point_irradiance((light,), points, normals)
+    return facet_irradiance((light,), normals)
+
+
+def towards_light(light: HideableLight, points: Floats) -> tuple[Floats, Floats]:
+    """Return (n, 3) unit directions from places to a light, and its (n,) distances, perhaps inf."""
+    if isinstance(light, DirectionalLight):
+        towards = np.broadcast_to(-np.asarray(light.direction), points.shape)
+        return towards, np.full(len(points), np.inf)
+    offset = np.asarray(light.position_m) - points
+    distance = np.linalg.norm(offset, axis=-1)
+    return offset / np.maximum(distance, 1e-3)[:, None], distance
 
 
 def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:

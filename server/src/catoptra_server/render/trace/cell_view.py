@@ -27,7 +27,7 @@ from catoptra_server.render.trace.moving_bodies import PlacedBody
 from catoptra_server.render.trace.outlines import Outlines
 from catoptra_server.render.trace.packed_light import Colours, Float32s
 from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.ray_colours import Placement, RayColours
+from catoptra_server.render.trace.ray_colours import Colouring, Placement
 from catoptra_server.render.trace.ray_view import Drawn, ray_chunks
 from catoptra_server.render.trace.seen_surfaces import PlanePlaces, SeenSurfaces, SurfacePlanes
 from catoptra_server.render.trace.surfaces import NO_SURFACE
@@ -48,7 +48,7 @@ class CellView:
     def __init__(
         self,
         planes: SurfacePlanes,
-        colours: RayColours,
+        colours: Colouring,
         grid: CellGrid,
         law: PixelLaw,
         pool: ThreadPoolExecutor,
@@ -67,7 +67,7 @@ class CellView:
         of_surface = colours.of_triangles(planes.surfaces.triangle)
         of_surface[NO_SURFACE] = 0
         self._colour_of_surface = of_surface.view(colours.pixel).reshape(-1)
-        self._varies = colours.scene.varies(planes.surfaces.triangle)
+        self._varies = colours.varies(planes.surfaces.triangle)
 
     def draw(self, exposure: Exposure) -> RenderedImage:
         """Return the picture of an exposure."""
@@ -188,7 +188,7 @@ class CellView:
                 uv_vectors=seen.uv.take(of, axis=0),
             )
             triangle = np.repeat(triangles.take(of), directions.shape[1])
-            self._scatter(rows, self._colours.of_places(triangle, places), rgb)
+            self._scatter(rows, self._colours.of_places(triangle, places, placement), rgb)
 
         for part in self._parts(cells):
             yield partial(compute, part)

@@ -7,6 +7,7 @@ place that a point light reaches, is it computed, for those rays.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -52,6 +53,7 @@ class EmbreeScene:
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
         self._lights = world.lights
+        self._background = world.background
         corners = scene.corners if len(scene) else _NOWHERE
         self.origin: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
         self._embree = rtcore_scene.EmbreeScene()
@@ -85,6 +87,11 @@ class EmbreeScene:
         if not self.light_varies:
             known: Packed = table.take(self.met(origins, directions), mode="wrap")
             return known
+        triangle, places = self.hits(origins, directions)
+        return self.place_light(triangle, places, table=table, scale=scale)
+
+    def hits(self, origins: Float32s, directions: Float32s) -> tuple[npt.NDArray[np.int32], Places]:
+        """Return the (n,) triangle that each ray meets, -1 for none, and where."""
         hit = self._embree.run(origins, directions, output=True)
         places = _Hits(
             origins=origins,
@@ -95,7 +102,7 @@ class EmbreeScene:
             distance=hit["tfar"],
             uv_frames=self._uv_frames,
         )
-        return self.place_light(hit["primID"], places, table=table, scale=scale)
+        return hit["primID"], places
 
     def place_light(
         self,
@@ -119,6 +126,27 @@ class EmbreeScene:
                     radiance *= self._textures[index].value(*places.uv(rays))
                 light[rays] = scale.packed(radiance)
         return light
+
+    @cached_property
+    def sky_radiance(self) -> Float32s:
+        """Return (3, n + 1) radiance by what nothing hides; the last is the background's."""
+        sky = shading.facet_radiance(self._scene, shading.sky_lights(self._lights))
+        whole = np.concatenate([sky, [self._background]])
+        return np.ascontiguousarray(whole.T, dtype=np.float32)
+
+    def texture(
+        self,
+        radiance: Float32s,
+        rays: npt.NDArray[np.intp],
+        triangle: npt.NDArray[np.int32],
+        places: Places,
+    ) -> None:
+        """Multiply the (3, k) radiance of (k,) rays by the textures of their (k,) triangles."""
+        look = self._look.take(triangle)
+        for index, texture in enumerate(self._textures):
+            of = np.flatnonzero(look == index)
+            if len(of):
+                radiance[:, of] *= texture.value(*places.uv(rays.take(of)))
 
     def varies(self, triangle: npt.NDArray[np.int32]) -> Bools:
         """Return (n,) whether light varies over triangles; -1 is the background."""

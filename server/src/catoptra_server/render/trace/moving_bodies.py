@@ -10,7 +10,9 @@ scene hides it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +20,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
 from catoptra_server.render.trace.packed_light import Float32s, Packed, Scale
 from catoptra_server.scene.bodies import Body, BodyMesh, facets
@@ -44,6 +46,12 @@ class BodyScenes:
     def __len__(self) -> int:
         """Return how many meshes were committed so far."""
         return len(self._scenes)
+
+    def under(self, lights: tuple[Light, ...]) -> BodyScenes:
+        """Return the same meshes in another light."""
+        others = BodyScenes(lights)
+        others._scenes = self._scenes
+        return others
 
     def placed(
         self, bodies: tuple[Body, ...], viewpoint: Floats, scale: Scale
@@ -100,6 +108,24 @@ class PlacedBody:
         met = np.flatnonzero(hit["primID"] >= 0)
         return rays[met], hit["tfar"][met], hit["primID"][met]
 
+    def hides(self, origins: Floats, directions: Float32s, distance: Float32s) -> Bools:
+        """Return (n,) whether it is met before each ray's distance; world frame."""
+        pose, mesh = self.body.world_from_body, self.body.mesh
+        from_middle = origins - self.body.centre
+        along = np.einsum("ni,ni->n", from_middle, directions)
+        aside = np.einsum("ni,ni->n", from_middle, from_middle) - along**2
+        # Nothing of a body behind a ray's origin, or beside the ray, is met.
+        near = aside <= mesh.radius_m**2 * (1.0 + _CONE_MARGIN) + _CONE_MARGIN
+        rays = np.flatnonzero(near & (along <= mesh.radius_m))
+        hidden = np.zeros(len(origins), dtype=bool)
+        if len(rays):
+            local = pose.inverse().points(origins.take(rays, axis=0)).astype(np.float32)
+            turned = directions.take(rays, axis=0) @ pose.rotation.astype(np.float32)
+            reach = distance.take(rays)
+            answer = self.embree.run(local, turned, dists=reach, query="OCCLUDED")
+            hidden[rays] = answer >= 0
+        return hidden
+
     def light(
         self, triangle: Rays, directions: Float32s, distance: Float32s, scale: Scale
     ) -> Packed:
@@ -119,8 +145,20 @@ class PlacedBody:
         return pose.points(self.viewpoint)
 
 
+class LitBody(Protocol):
+    """A body that rays meet, with its light."""
+
+    def nearer(self, directions: Float32s, distance: Float32s) -> tuple[Rays, Float32s, Rays]:
+        """Return the rays that meet it before their distance: which, how far, what triangle."""
+
+    def light(
+        self, triangle: Rays, directions: Float32s, distance: Float32s, scale: Scale
+    ) -> Packed:
+        """Return the (n,) packed light of hits."""
+
+
 def body_hits(
-    bodies: tuple[PlacedBody, ...], directions: Float32s, scale: Scale
+    bodies: Sequence[LitBody], directions: Float32s, scale: Scale
 ) -> tuple[Rays, Float32s, Packed]:
     """Return which of (n, 3) rays meet a body, how far away the nearest is, and its light."""
     distance = np.full(len(directions), _NOTHING)

@@ -1,5 +1,7 @@
 """A mirror camera's traced picture: finished greys, or linear light that effects change first.
 
+Each with or without shadows.
+
 The effects are those of `effects/` themselves, in float32: NumPy releases the GIL for whole arrays.
 """
 
@@ -8,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Protocol, cast
 
 from catoptra_protocol.optics.camera import OmniCamera
@@ -28,28 +30,23 @@ class Source(Protocol):
 
 
 class TraceOmniView:
-    """Two sources of one camera, and what each pixel sees; none exists before it is asked for."""
+    """Sources of one camera, and what each pixel sees; none exists before it is asked for.
+
+    greys, linear: make a source with or without shadows.
+    """
 
     def __init__(
         self,
         camera: OmniCamera,
         *,
-        greys: Callable[[], Source],
-        linear: Callable[[], Source],
+        greys: Callable[[bool], Source],
+        linear: Callable[[bool], Source],
         geometry: Callable[[], Callable[[Exposure], Geometry]],
     ) -> None:
         self._camera = camera
-        self._make_greys = greys
-        self._make_linear = linear
+        self._greys = cache(greys)
+        self._linear = cache(linear)
         self._make_geometry = geometry
-
-    @cached_property
-    def _greys(self) -> Source:
-        return self._make_greys()
-
-    @cached_property
-    def _linear(self) -> Source:
-        return self._make_linear()
 
     @cached_property
     def _geometry(self) -> Callable[[Exposure], Geometry]:
@@ -58,7 +55,7 @@ class TraceOmniView:
     def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
         """Return the picture of an exposure as effects change it; each is a stage of its own."""
         if not effects:
-            rgb, stage_ms = self._greys.picture(exposure)
+            rgb, stage_ms = self._greys(exposure.has_shadows).picture(exposure)
             return RenderedImage(cast(Image, rgb), stage_ms)
         light, stage_ms = self._developed(exposure, effects)
         begin = time.perf_counter()
@@ -73,7 +70,7 @@ class TraceOmniView:
     def _developed(
         self, exposure: Exposure, effects: tuple[Effect, ...]
     ) -> tuple[LinearImage, dict[str, float]]:
-        drawn, stage_ms = self._linear.picture(exposure)
+        drawn, stage_ms = self._linear(exposure.has_shadows).picture(exposure)
         light = cast(LinearImage, drawn)
         capture = self._captured(exposure, effects, stage_ms)
         for effect in effects:

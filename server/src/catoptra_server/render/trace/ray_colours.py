@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_protocol.optics.numerics import Bools
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace.embree_scene import EmbreeScene, Places
 from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody, body_hits
@@ -20,6 +22,36 @@ class Placement:
     rotation: Float32s
     origin: Float32s
     bodies: tuple[PlacedBody, ...]
+
+
+class Colouring(Protocol):
+    """What the rays of a scene bring back.
+
+    channel, pixel: what a colour and a whole pixel are stored as.
+    """
+
+    scene: EmbreeScene
+    channel: np.dtype[np.uint8] | np.dtype[np.float32]
+    pixel: np.dtype[np.void]
+
+    def placed(self, exposure: Exposure) -> Placement:
+        """Return what does not change within an exposure."""
+
+    def varies(self, triangle: npt.NDArray[np.int32]) -> Bools:
+        """Return (n,) whether light varies over triangles; -1 is the background."""
+
+    def of_rays(
+        self, directions: Float32s, placement: Placement, *, off_mirror: npt.NDArray[np.intp]
+    ) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+
+    def of_places(
+        self, triangle: npt.NDArray[np.int32], places: Places, placement: Placement
+    ) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
+
+    def of_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
+        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
 
 
 class RayColours:
@@ -66,7 +98,13 @@ class RayColours:
         light[off_mirror] = 0
         return self._encoded(light)
 
-    def of_places(self, triangle: npt.NDArray[np.int32], places: Places) -> Colours:
+    def varies(self, triangle: npt.NDArray[np.int32]) -> Bools:
+        """Return (n,) whether light varies over triangles; -1 is the background."""
+        return self.scene.varies(triangle)
+
+    def of_places(
+        self, triangle: npt.NDArray[np.int32], places: Places, placement: Placement
+    ) -> Colours:
         """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
         light = self.scene.place_light(triangle, places, table=self._table, scale=self._scale)
         return self._encoded(light)
@@ -81,10 +119,22 @@ class RayColours:
 
     def _add_bodies(self, light: Packed, directions: Float32s, placement: Placement) -> None:
         """Replace the light of rays that meet a body which the scene does not hide."""
-        rays, distance, of_bodies = body_hits(placement.bodies, directions, self._scale)
-        if not len(rays):
-            return
-        along = directions[rays]
-        origins = np.broadcast_to(placement.origin, along.shape)
-        hidden = self.scene.hidden(origins, along, distance)
-        light[rays[~hidden]] = of_bodies[~hidden]
+        met = body_hits(placement.bodies, directions, self._scale)
+        replace_hits(light, met, directions, scene=self.scene, origin=placement.origin)
+
+
+def replace_hits(
+    light: Packed,
+    met: tuple[npt.NDArray[np.intp], Float32s, Packed],
+    directions: Float32s,
+    *,
+    scene: EmbreeScene,
+    origin: Float32s,
+) -> None:
+    """Replace the light of rays that met a body which the scene does not hide."""
+    rays, distance, of_bodies = met
+    if not len(rays):
+        return
+    along = directions[rays]
+    hidden = scene.hidden(np.broadcast_to(origin, along.shape), along, distance)
+    light[rays[~hidden]] = of_bodies[~hidden]

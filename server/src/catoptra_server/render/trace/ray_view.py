@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from catoptra_server.render.renderer import Exposure, Image, RenderedImage
 from catoptra_server.render.trace.packed_light import Colours, Float32s
-from catoptra_server.render.trace.ray_colours import Placement, RayColours
+from catoptra_server.render.trace.ray_colours import Colouring, Placement
 from catoptra_server.render.trace.samples import RaySamples
 
 # Rays a task: enough that the last ones to finish leave other threads idle only briefly, and not so
@@ -28,7 +28,7 @@ Drawn = tuple[Colours, dict[str, float]]
 class RayView:
     """The prepared rays of one picture."""
 
-    def __init__(self, colours: RayColours, samples: RaySamples, pool: ThreadPoolExecutor) -> None:
+    def __init__(self, colours: Colouring, samples: RaySamples, pool: ThreadPoolExecutor) -> None:
         self._colours = colours
         self._samples = samples
         self._pool = pool
@@ -65,7 +65,7 @@ class RayChunk:
     directions: Float32s
     off_mirror: npt.NDArray[np.intp]
 
-    def draw(self, rgb: Colours, colours: RayColours, placement: Placement) -> None:
+    def draw(self, rgb: Colours, colours: Colouring, placement: Placement) -> None:
         """Write the chunk's pixels into a picture."""
         found = colours.of_rays(self.directions, placement, off_mirror=self.off_mirror)
         rgb.reshape(-1).view(colours.pixel)[self.pixels] = found.view(colours.pixel).reshape(-1)

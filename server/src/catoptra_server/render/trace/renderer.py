@@ -25,7 +25,7 @@ from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.render.trace.packed_light import LightScale, LinearScale, Scale
 from catoptra_server.render.trace.pixel_geometry import PixelGeometry
 from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.ray_colours import RayColours
+from catoptra_server.render.trace.ray_colours import Colouring, RayColours
 from catoptra_server.render.trace.ray_view import RayView
 from catoptra_server.render.trace.samples import (
     RaySamples,
@@ -34,6 +34,7 @@ from catoptra_server.render.trace.samples import (
     omni_samples,
 )
 from catoptra_server.render.trace.seen_surfaces import SurfacePlanes
+from catoptra_server.render.trace.shadowed_colours import LitTriangles, ShadowedColours
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -48,6 +49,7 @@ class TraceRenderer:
         self._bodies = BodyScenes(world.lights)
         self._summaries = SceneSummaries(scene, world)
         self._mesh = scene
+        self._world = world
 
     @property
     def body_meshes(self) -> int:
@@ -72,22 +74,35 @@ class TraceRenderer:
         samples = omni_samples(camera, plan)
         grid, law = self._cells(camera, plan, samples)
 
-        def source(scale: Scale) -> RayView | CellView:
-            colours = RayColours(self._scene, self._bodies, scale)
+        def source(scale: Scale, has_shadows: bool) -> RayView | CellView:
+            colours = self._colours(scale, has_shadows)
             if grid is None or law is None:
                 return RayView(colours, samples, self._pool)
             return CellView(self._planes, colours, grid, law, self._pool)
 
-        def linear() -> RayView | CellView:
+        def greys(has_shadows: bool) -> RayView | CellView:
+            return source(LightScale.for_samples(samples.per_pixel), has_shadows)
+
+        def linear(has_shadows: bool) -> RayView | CellView:
             largest = self._summaries.largest_radiance
-            return source(LinearScale.for_samples(samples.per_pixel, largest=largest))
+            return source(LinearScale.for_samples(samples.per_pixel, largest=largest), has_shadows)
 
         return TraceOmniView(
             camera,
-            greys=lambda: source(LightScale.for_samples(samples.per_pixel)),
+            greys=greys,
             linear=linear,
             geometry=lambda: PixelGeometry(self._scene, self._bodies, camera, plan, self._pool).of,
         )
+
+    def _colours(self, scale: Scale, has_shadows: bool) -> Colouring:
+        if has_shadows:
+            return ShadowedColours(self._scene, self._bodies, scale, self._lit)
+        return RayColours(self._scene, self._bodies, scale)
+
+    @cached_property
+    def _lit(self) -> LitTriangles:
+        """Return what lights can reach, for shadows, if asked for."""
+        return LitTriangles(self._scene, self._mesh, self._world)
 
     def _cells(
         self, camera: OmniCamera, plan: RenderPlan, samples: RaySamples
