@@ -68,6 +68,8 @@ def shaded(
 
 # Beside the defaults, numbers with which an effect does something.
 CHANGES: dict[str, dict[str, float]] = {
+    "Defocus": {"f_number": 1.0, "pixel_pitch_m": 3e-5},
+    "DefocusByDepth": {"f_number": 0.8, "pixel_pitch_m": 3e-5},
     "Exposure": {"time_s": 0.05},
     "Fog": {"density_per_m": 0.2, "red": 0.9},
     "MirrorReflectance": {"n": 2.8, "k": 3.4},

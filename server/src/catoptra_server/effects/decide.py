@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import Criterion, Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import Bound, Criterion, Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.scene_summary import SceneSummary
 
 _ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
@@ -48,7 +48,10 @@ NO_EFFECTS = EffectPlan()
 
 @lru_cache(maxsize=64)
 def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
-    """Return which effects run: `always`, or `auto` with a bound above the threshold."""
+    """Return which effects run: `always`, or `auto` with a bound above the threshold.
+
+    What one before it does as well is left out, whatever the robot's file says.
+    """
     decisions: list[Decision] = []
     running: list[Criterion] = []
     for wish in wishes.wishes:
@@ -68,8 +71,9 @@ def _decision(
     wish: Wish, summary: SceneSummary, camera: OmniCamera, *, threshold: float
 ) -> Decision:
     effect = wish.effect
-    bound = effect.bound(summary, camera)
-    is_on = {
+    is_done = effect.name in summary.done
+    bound = Bound(0.0, "it is done already") if is_done else effect.bound(summary, camera)
+    wanted = {
         Mode.ALWAYS: True,
         Mode.NEVER: False,
         Mode.AUTO: bound.value > threshold,
@@ -77,7 +81,7 @@ def _decision(
     asked = "" if wish.mode is Mode.AUTO else f"{wish.mode.value} by the robot's file; "
     return Decision(
         effect=effect.name,
-        is_on=is_on,
+        is_on=wanted and not is_done,
         bound=bound.value,
         threshold=threshold,
         unit=effect.unit,

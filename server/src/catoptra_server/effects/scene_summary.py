@@ -25,6 +25,7 @@ class SceneSummary:
     direction are hidden from it; 0 where nothing could hide one.
     own_body_rad: how far from the pole of the image, about the axis, the robot's own body reaches;
     0 where none of it is within the rim. own_body_m: by ring, what is seen of it is not nearer.
+    done: names of effects that one before them does as well: they are left out, whoever asks.
     """
 
     largest_radiance: float
@@ -35,3 +36,4 @@ class SceneSummary:
     largest_shadow: float = 0.0
     own_body_rad: float = 0.0
     own_body_m: tuple[float, ...] = (math.inf,) * RINGS
+    done: frozenset[str] = frozenset()

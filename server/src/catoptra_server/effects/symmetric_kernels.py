@@ -1,0 +1,76 @@
+"""Gathers light by kernels that look the same from all four sides and along both diagonals.
+
+Such a kernel has one weight for each pair i >= j >= 0 of distances in columns and rows: the pixels
+at (+-i, +-j) and (+-j, +-i) share it, and are summed before they are weighted. Weights may differ
+from pixel to pixel. Beyond the border the last pixel's light goes on. Twin:
+glsl/include/symmetric_kernels.glsl.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.effect import Real
+
+# Rows that are worked on at a time, so that what is summed stays in the processor's cache.
+_STRIP = 32
+
+# Of some rows: (pairs, rows, w) or, the same for all pixels of a colour, (pairs, 3, 1, 1).
+Weigh = Callable[[slice], npt.NDArray[Real]]
+
+
+def pair_count(reach_px: int) -> int:
+    """Return how many weights a kernel has that reaches so many pixels."""
+    return (reach_px + 1) * (reach_px + 2) // 2
+
+
+def pairs(reach_px: int) -> Iterator[tuple[int, int]]:
+    """Return the pairs (i, j) in the order of their weights: index i (i + 1) / 2 + j."""
+    return ((i, j) for i in range(reach_px + 1) for j in range(i + 1))
+
+
+def pair_sizes(reach_px: int) -> Floats:
+    """Return how many pixels share each weight."""
+    sizes = [1 if i == 0 else 4 if j in (0, i) else 8 for i, j in pairs(reach_px)]
+    return np.array(sizes, dtype=np.float64)
+
+
+def gathered(light: npt.NDArray[Real], reach_px: int, weigh: Weigh[Real]) -> npt.NDArray[Real]:
+    """Return the (h, w, 3) picture whose pixels are weighted sums of what is around them."""
+    height, width = light.shape[:2]
+    planes = np.pad(np.moveaxis(light, -1, 0), ((0, 0), (reach_px,) * 2, (reach_px,) * 2), "edge")
+    result = np.zeros_like(light)
+    for top in range(0, height, _STRIP):
+        rows = slice(top, min(top + _STRIP, height))
+        strip = planes[:, top : rows.stop + 2 * reach_px]
+        sums = _pair_sums(strip, reach_px, rows.stop - top, width)
+        total = np.zeros((3, rows.stop - top, width), dtype=light.dtype)
+        for pair_sum, weight in zip(sums, weigh(rows), strict=True):
+            total += weight * pair_sum
+        result[rows] = np.moveaxis(total, 0, -1)
+    return result
+
+
+def _pair_sums(
+    strip: npt.NDArray[Real], reach_px: int, height: int, width: int
+) -> Iterator[npt.NDArray[Real]]:
+    """Return the (3, height, width) sums of the pixels of each pair."""
+    beside = [_both_ways(strip, i, reach_px, width, axis=2) for i in range(reach_px + 1)]
+    for i, j in pairs(reach_px):
+        total = _both_ways(beside[j], i, reach_px, height, axis=1)
+        yield total if i == j else total + _both_ways(beside[i], j, reach_px, height, axis=1)
+
+
+def _both_ways(
+    planes: npt.NDArray[Real], step: int, reach_px: int, length: int, *, axis: int
+) -> npt.NDArray[Real]:
+    """Return what lies `step` before plus what lies `step` behind; of 0 the pixel itself."""
+    before, behind = (
+        planes[(slice(None),) * axis + (slice(reach_px + at, reach_px + at + length),)]
+        for at in (-step, step)
+    )
+    return before if step == 0 else before + behind

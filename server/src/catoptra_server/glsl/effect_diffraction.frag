@@ -1,0 +1,18 @@
+// Provides the picture as the lens's aperture spreads every point, each colour differently.
+// Twin: catoptra_server.effects.diffraction.Diffraction.apply.
+#include "include/symmetric_kernels.glsl"
+uniform sampler2D picture;
+uniform sampler2D weights;           // a column a pair of distances
+out vec4 colour;
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    int pairs = textureSize(weights, 0).x;
+    vec3 total = vec3(0.0);
+    int pair = 0;
+    for (int i = 0; pair < pairs; ++i)
+        for (int j = 0; j <= i; ++j, ++pair)
+            total += texelFetch(weights, ivec2(pair, 0), 0).rgb * pair_sum(picture, pixel, i, j);
+    colour = vec4(total, 1.0);
+}
