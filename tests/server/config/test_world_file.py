@@ -77,13 +77,14 @@ def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object
 def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
     line = (
         'Cylinders=(Name="Post",Radius=1,Height=1,Position=(X=1,Y=2,Z=-3),'
-        "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true)"
+        "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true,CastShadow=false)"
     )
     item = world_of(tmp_path, line).items[-1]
     assert item.name == "Post"
     assert item.world_from_item.translation.tolist() == [1.0, 2.0, -3.0]
     assert item.world_from_item.rpy() == pytest.approx((0.0, 0.0, 1.5))
     assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
+    assert not item.casts_shadows
 
 
 def test_mesh_when_it_says_nothing_of_its_look_keeps_its_own(tmp_path: Path) -> None:
@@ -131,6 +132,7 @@ def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
         ("Rectangles=(Size=(X=1))", "Size.Y", "missing"),
         ("Boxes=(Size=(X=1,Y=1,Z=1),Colour=(R=256))", "R", "from 0 to 255"),
         ("Boxes=(Size=(X=1,Y=1,Z=1),Unlit=perhaps)", "Unlit", "true or false"),
+        ("Boxes=(Size=(X=1,Y=1,Z=1),CastShadow=2)", "CastShadow", "true or false"),
         ('Boxes=(Size=(X=1,Y=1,Z=1),Texture="no.png")', "Boxes.Texture", "a file that exists"),
         ("Meshes=(Scale=1)", "Meshes.File", "missing"),
         ("Meshes=(File=no.glb)", "Meshes.File", "a file that exists"),

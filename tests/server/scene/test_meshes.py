@@ -81,6 +81,12 @@ def test_items_when_several_are_told_apart() -> None:
     )
 
 
+def test_item_when_it_lets_light_through_has_triangles_that_cast_no_shadows() -> None:
+    glass = Item("glass", BOX, Pose.identity(), GREY, casts_shadows=False)
+    mesh = build_scene(World("w", (item(BOX), glass)))
+    assert mesh.casts_shadows.tolist() == [True] * 12 + [False] * 12
+
+
 def test_scene_when_built_cannot_be_changed() -> None:
     scene = build_scene(World("w", (item(BOX),)))
     with pytest.raises(ValueError, match="read-only"):

@@ -179,7 +179,8 @@ def _item(struct: Settings, shape: Shape, default_name: str, folder: Path) -> It
         isinstance(shape, MeshFile) and not struct.has("Colour") and not struct.has("Texture")
     )
     material = None if own_look else _material(struct, folder)
-    return Item(struct.text("Name", default_name), shape, pose, material)
+    name, casts_shadows = struct.text("Name", default_name), struct.boolean("CastShadow", True)
+    return Item(name, shape, pose, material, casts_shadows)
 
 
 def _material(struct: Settings, folder: Path) -> Material:

@@ -88,12 +88,16 @@ Shape = Box | Cylinder | Rectangle | Ring | SphereBand | MeshFile
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A shape of one material at a place. `material` None: the mesh file's own materials."""
+    """A shape of one material at a place. `material` None: the mesh file's own materials.
+
+    casts_shadows: false for what lets light through, such as a ceiling under lamps.
+    """
 
     name: str
     shape: Shape
     world_from_item: Pose
     material: Material | None
+    casts_shadows: bool = True
 
 
 @dataclass(frozen=True, slots=True)

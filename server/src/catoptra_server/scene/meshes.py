@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, Where
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene import primitives
 from catoptra_server.scene.description import (
     Box,
@@ -42,6 +42,7 @@ class SceneMesh:
     corners: (n, 3, 3) float64 metres, world frame. normals: (n, 3) unit, from the winding.
     uv: (n, 3, 2). albedo: (n, 3) linear. unlit: (n,) bool. texture_index: (n,), -1 = none.
     textures: (h, w, 3) uint8 sRGB each. item_index: (n,), which item of `item_names` it belongs to.
+    casts_shadows: (n,) whether it hides lights.
     """
 
     corners: Floats
@@ -53,6 +54,7 @@ class SceneMesh:
     textures: tuple[Texture, ...]
     item_index: npt.NDArray[np.int32]
     item_names: tuple[str, ...]
+    casts_shadows: Bools
 
     def __len__(self) -> int:
         """Return the number of triangles."""
@@ -79,10 +81,10 @@ def build_scene(world: World) -> SceneMesh:
     ]
     items = (*world.items, *drawn)
     parts = [part for index, item in enumerate(items) for part in _parts(index, item)]
-    return _joined(parts, tuple(item.name for item in items))
+    return _joined(parts, items)
 
 
-def _joined(parts: list[_Part], names: tuple[str, ...]) -> SceneMesh:
+def _joined(parts: list[_Part], items: tuple[Item, ...]) -> SceneMesh:
     counts = [len(part.patch.corners) for part in parts]
     textures: list[Texture] = []
     indices: list[int] = []
@@ -107,7 +109,10 @@ def _joined(parts: list[_Part], names: tuple[str, ...]) -> SceneMesh:
         texture_index=np.repeat(np.array(indices, dtype=np.int32), counts),
         textures=tuple(textures),
         item_index=np.repeat(np.array([part.item for part in parts], dtype=np.int32), counts),
-        item_names=names,
+        item_names=tuple(item.name for item in items),
+        casts_shadows=np.repeat(
+            np.array([items[part.item].casts_shadows for part in parts], dtype=bool), counts
+        ),
     )
     for array in (mesh.corners, mesh.normals, mesh.uv, mesh.albedo, mesh.unlit):
         array.setflags(write=False)

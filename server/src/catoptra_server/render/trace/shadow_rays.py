@@ -7,25 +7,57 @@ Float64 twin: the functions of `render/shading`, with every triangle tried.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
 from catoptra_server.render.shading import HideableLight
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import PlacedBody
+from catoptra_server.render.trace.packed_light import Float32s
 from catoptra_server.scene.description import Light
+from catoptra_server.scene.meshes import SceneMesh
 
 # How far in front of a facet rays begin, of the largest coordinate: places and corners are rounded
 # to 2^-24 each, and meeting a plane loses a few times that. 40 micrometres at 10 m.
 _LIFT = 2.0**-18
 
 
-class ShadowRays:
-    """The lights of a world that can be hidden, and the scene that hides them."""
+# Whether something is met before rays' (n,) distances, of their (n, 3) origins and directions.
+Hidden = Callable[[Float32s, Float32s, Float32s], Bools]
 
-    def __init__(self, scene: EmbreeScene, lights: tuple[Light, ...]) -> None:
-        self._scene = scene
+
+def casters(embree: EmbreeScene, scene: SceneMesh) -> Hidden:
+    """Return what asks those triangles of a scene that hide lights: the scene itself if all do."""
+    if scene.casts_shadows.all():
+        return embree.hidden
+    casting = rtcore_scene.EmbreeScene()
+    corners = scene.corners[scene.casts_shadows] - embree.origin
+    if not len(corners):
+        return lambda origins, directions, distance: np.zeros(len(origins), dtype=bool)
+    TriangleMesh(casting, corners.astype(np.float32))
+
+    def hidden(origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
+        answer = casting.run(origins, directions, dists=distance, query="OCCLUDED")
+        return np.asarray(answer >= 0)
+
+    hidden(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), np.ones(1, np.float32))
+    return hidden
+
+
+class ShadowRays:
+    """The lights of a world that can be hidden, and the scene that hides them.
+
+    origin: (3,), of Embree's coordinates.
+    """
+
+    def __init__(self, hidden: Hidden, origin: Floats, lights: tuple[Light, ...]) -> None:
+        self._hidden_by_scene = hidden
+        self._origin = origin
         self._lights = shading.hideable_lights(lights)
 
     def irradiance(self, points: Floats, normals: Floats, bodies: tuple[PlacedBody, ...]) -> Floats:
@@ -34,7 +66,7 @@ class ShadowRays:
         points: (n, 3) in Embree's coordinates, on facets of (n, 3) unit normals.
         """
         lift = _LIFT * np.abs(points).max(initial=0.0)
-        places: Floats = points + lift * normals + self._scene.origin
+        places: Floats = points + lift * normals + self._origin
         total: Floats = np.zeros_like(places)
         for light in self._lights:
             unhidden = shading.light_irradiance(light, places, normals)
@@ -50,8 +82,8 @@ class ShadowRays:
         """Return (n,) whether something stands between (n, 3) places and a light; world frame."""
         towards, far = shading.towards_light(light, places)
         directions, distance = towards.astype(np.float32), far.astype(np.float32)
-        origins = (places - self._scene.origin).astype(np.float32)
-        hidden = self._scene.hidden(origins, directions, distance)
+        origins = (places - self._origin).astype(np.float32)
+        hidden = self._hidden_by_scene(origins, directions, distance)
         for body in bodies:
             left = np.flatnonzero(~hidden)
             hidden[left] = body.hides(places[left], directions[left], distance[left])

@@ -18,7 +18,7 @@ from catoptra_server.render.trace.embree_scene import EmbreeScene, Places
 from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody, Rays, body_hits
 from catoptra_server.render.trace.packed_light import Colours, Float32s, Packed, Scale
 from catoptra_server.render.trace.ray_colours import Placement, replace_hits
-from catoptra_server.render.trace.shadow_rays import ShadowRays
+from catoptra_server.render.trace.shadow_rays import ShadowRays, casters
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -108,7 +108,7 @@ class LitTriangles:
 
     def __init__(self, embree: EmbreeScene, scene: SceneMesh, world: World) -> None:
         self.sky = shading.sky_lights(world.lights)
-        self.rays = ShadowRays(embree, world.lights)
+        self.rays = ShadowRays(casters(embree, scene), embree.origin, world.lights)
         self.normals = scene.normals
         self.albedo = np.ascontiguousarray(scene.albedo.T, dtype=np.float32)
         by_suns = shading.facet_irradiance(shading.hideable_lights(world.lights), scene.normals)
