@@ -5,7 +5,13 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.scene.robot_shapes import METAL, OmniTower, RobotShape, robot_mesh
+from catoptra_server.scene.robot_shapes import (
+    METAL,
+    OmniTower,
+    RobotShape,
+    own_body_mesh,
+    robot_mesh,
+)
 from helpers.worlds import omni_camera
 
 P2AT = RobotShape((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
@@ -56,3 +62,20 @@ def test_pillar_ends_at_the_pinhole_and_without_one_at_the_deck() -> None:
     flat = OmniTower(omni_camera(mirror=ParabolicMirror(0.03)), TOWER.robot_from_mirror)
     # One post less: only what carries the mirror stands on the deck.
     assert len(robot_mesh(P2AT, TOWER)) - len(robot_mesh(P2AT, flat)) == 80
+
+
+def test_own_body_ends_at_the_pinhole_and_has_neither_mirror_nor_glass() -> None:
+    mesh = own_body_mesh(P2AT, TOWER)
+    above_deck = mesh.corners[mesh.corners[..., 2].min(axis=1) < -0.15]
+    assert above_deck[..., 2].min() == pytest.approx(-0.4543 + 0.2321)
+    aside = np.hypot(above_deck[..., 0] - 0.05, above_deck[..., 1])
+    assert aside.max() == pytest.approx(0.03), "the pillar is the widest part of the tower"
+    assert not np.isclose(mesh.albedo, METAL.albedo).all(axis=-1).any()
+
+
+def test_own_body_when_the_pinhole_is_nowhere_ends_at_the_deck() -> None:
+    tower = OmniTower(
+        omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0), TOWER.robot_from_mirror
+    )
+    mesh = own_body_mesh(P2AT, tower)
+    assert len(mesh) == len(robot_mesh(P2AT))

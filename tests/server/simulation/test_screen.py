@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.wire.commands import Init, Set, SetViewports
+from catoptra_protocol.wire.commands import Drive, Init, Set, SetViewports
 from catoptra_protocol.wire.reports import CameraConfiguration, Report, VehicleStatus
+from catoptra_server.effects.effect import EffectWishes, Mode, Wish
+from catoptra_server.effects.own_body import OwnBody
 from catoptra_server.imaging.multi_view import TileLayout, multi_view
 from catoptra_server.imaging.shot import SCREEN, OmniEye, ScreenChannel
+from catoptra_server.render.staging import captured
 from catoptra_server.robot.description import CameraDescription, Mount
 from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.motion import AT_REST
 from catoptra_server.simulation import Fleet
 from helpers.robots import FakeClient, FakeViews, p2at, shown, walled_world
 
@@ -61,6 +66,41 @@ def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
     robot = fleet.robot_of(client)
     assert robot is not None
     assert views.takes[0].exposure.key == robot.frame_key("OmniCam")
+
+
+def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> None:
+    wishes = EffectWishes((Wish(OwnBody(), Mode.AUTO),))
+    plain = p2at(cameras=(AHEAD,))
+    assert plain.omni_camera is not None
+    omni = dataclasses.replace(plain.omni_camera, effects=wishes)
+    world = walled_world()
+    robot = dataclasses.replace(plain, omni_camera=omni)
+    fleet, views = Fleet([robot], world, build_scene(world), seed=1, multi_view=TILES), FakeViews()
+    client = spawned(fleet)
+    fleet.obey(client, Drive(left=2.0, right=0.5), 0.0)
+    fleet.move(0.02, 0.02)
+    shown(fleet, views)
+    mirror, ahead = (take.exposure for take in views.takes)
+    assert mirror.own_body is not None
+    assert ahead.own_body is None, "only a mirror looks back at its robot"
+    standing = fleet.robot_of(client)
+    assert standing is not None
+    for own, is_ in zip(
+        (mirror.own_body.world_from_body.translation, mirror.own_body.world_from_body.rotation),
+        (standing.world_from_robot.translation, standing.world_from_robot.rotation),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(own, is_)
+    seen = captured(dataclasses.replace(mirror, bodies=(mirror.own_body,))).motion
+    assert seen[0] != AT_REST
+    assert seen[1] == AT_REST
+
+
+def test_take_when_no_effect_asks_for_it_has_no_own_body() -> None:
+    fleet, views = fleet_of(), FakeViews()
+    spawned(fleet)
+    shown(fleet, views)
+    assert views.takes[0].exposure.own_body is None
 
 
 def test_screen_when_the_robot_has_ordinary_cameras_alone_shows_the_first_at_its_size() -> None:

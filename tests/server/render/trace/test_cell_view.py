@@ -26,7 +26,8 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS, cube
+from catoptra_server.scene.robot_shapes import OmniTower, own_body_mesh
+from helpers.bodies import P2AT, TWO_ROBOTS, cube
 from helpers.pictures import level_differences
 from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room, smooth_texture
 
@@ -150,6 +151,18 @@ def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(
     exposures = [VIEW, *(Exposure(pose) for pose in poses(2))]
     # Where on a triangle a pixel looks is rounded in another place: it may tip a level.
     assert worst(world, exposures, samples=samples) <= 1
+
+
+@pytest.mark.parametrize("roll_rad", [0.0, 0.3])
+def test_body_when_it_is_all_around_the_pole_is_drawn_as_by_all_rays(roll_rad: float) -> None:
+    mirror = Pose.from_rpy((0.0, 0.0, -0.4543), (roll_rad, 0.0, 0.0))
+    mesh = own_body_mesh(P2AT, OmniTower(CAMERA, mirror))
+    base = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
+    own = Exposure(base @ mirror, (Body(mesh, base),))
+    plain = Exposure(base @ mirror)
+    shown, without = pictures(room(), [own, plain], stride_px=4)
+    assert (level_differences(shown, without) > 0).mean() > 0.03
+    assert worst(room(), [own]) == 0
 
 
 def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:

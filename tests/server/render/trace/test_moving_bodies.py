@@ -12,8 +12,10 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import BodyScenes, body_hits
 from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import ROBOT, TWO_ROBOTS, cube_at
+from catoptra_server.scene.robot_shapes import OmniTower, own_body_mesh
+from helpers.bodies import P2AT, ROBOT, TWO_ROBOTS, cube_at
 from helpers.worlds import SKY, VIEW, omni_camera, raster_plan, room
 
 WITH_ROBOTS = dataclasses.replace(VIEW, bodies=TWO_ROBOTS)
@@ -61,6 +63,33 @@ def test_cone_holds_every_ray_that_meets_the_body() -> None:
     all_rays, _, _ = everywhere.nearer(directions, np.full(20_000, 1e30, np.float32))
     assert len(rays) > 100
     assert np.array_equal(rays, all_rays)
+
+
+@pytest.mark.parametrize("height_m", [0.25, 0.45, 0.8])
+def test_cone_when_the_body_is_around_the_pole_below_holds_every_ray_that_meets_it(
+    height_m: float,
+) -> None:
+    rng = np.random.default_rng(7)
+    directions = rng.normal(size=(20_000, 3))
+    directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    mesh = own_body_mesh(P2AT, OmniTower(omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543))))
+    body = Body(mesh, Pose.from_rpy((0.7, -0.2, -0.1457), (0.1, 0.0, 1.0)))
+    viewpoint = body.world_from_body.points(np.array((0.05, 0.02, -height_m)))
+    (placed,) = BodyScenes((SKY,)).placed((body,), viewpoint, SCALE)
+    rays, _, _ = placed.nearer(directions, np.full(20_000, 1e30, np.float32))
+    everywhere = dataclasses.replace(placed, cosine=-2.0)
+    all_rays, _, _ = everywhere.nearer(directions, np.full(20_000, 1e30, np.float32))
+    assert 0.0 < placed.cosine < 1.0
+    assert len(rays) > 100
+    assert np.array_equal(rays, all_rays)
+
+
+def test_cone_when_the_body_is_near_is_no_wider_than_its_corners() -> None:
+    mesh = own_body_mesh(P2AT, OmniTower(omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543))))
+    body, viewpoint = Body(mesh, Pose.identity()), np.array((0.0, 0.0, -0.4543))
+    (placed,) = BodyScenes((SKY,)).placed((body,), viewpoint, SCALE)
+    # The deck's corners, half its length and the width between the wheels away, 0.31 m below.
+    assert np.degrees(np.arccos(placed.cosine)) == pytest.approx(46.7, abs=0.1)
 
 
 def test_ray_that_something_stopped_before_meets_nothing() -> None:

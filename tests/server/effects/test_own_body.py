@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import pixel_from_direction
+from catoptra_server.effects.decide import decide
+from catoptra_server.effects.effect import Criterion, Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.own_body import OwnBody
+from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from helpers.effects import CAMERA
+
+AUTO = EffectWishes((Wish(OwnBody(), Mode.AUTO),))
+
+
+def bound_at(angle_deg: float) -> float:
+    summary = SceneSummary(1.0, own_body_rad=math.radians(angle_deg))
+    return OwnBody().bound(summary, CAMERA).value
+
+
+def test_bound_when_a_robot_is_seen_is_the_image_radius_that_it_reaches() -> None:
+    angle = math.radians(47.0)
+    pixel, _ = pixel_from_direction(CAMERA, np.array((math.sin(angle), 0.0, math.cos(angle))))
+    assert bound_at(47.0) == pytest.approx(math.dist(pixel, CAMERA.centre_px), rel=1e-12)
+
+
+def test_bound_when_a_robot_reaches_beyond_the_rim_ends_there() -> None:
+    assert bound_at(150.0) == pytest.approx(CAMERA.rim_radius_px, rel=1e-12)
+
+
+@pytest.mark.parametrize(("angle_deg", "is_on"), [(0.0, False), (0.5, False), (6.0, True)])
+def test_robot_when_it_is_less_than_the_threshold_is_left_out(
+    angle_deg: float, is_on: bool
+) -> None:
+    summary = SceneSummary(1.0, own_body_rad=math.radians(angle_deg))
+    plan = decide(AUTO, summary, CAMERA)
+    assert plan.decisions[0].is_on is is_on
+    assert plan.staged == ((OwnBody(),) if is_on else ())
+    assert plan.active == ()
+
+
+def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
+    assert OwnBody().bound(SceneSummary(1.0), CAMERA).reason == (
+        "the mirror sees nothing of the robot"
+    )
+
+
+def test_summary_when_the_robot_is_nearer_than_the_scene_knows_it_in_its_rings() -> None:
+    own = (0.2, 0.3, *[math.inf] * (RINGS - 2))
+    scene = (0.6, 0.25, *[0.7] * (RINGS - 2))
+    behind = OwnBody().after(SceneSummary(1.0, scene, own_body_m=own))
+    assert behind.nearest_m == (0.2, 0.25, *[0.7] * (RINGS - 2))
+
+
+def test_own_body_changes_the_scene_and_not_the_picture() -> None:
+    effect: Criterion = OwnBody()
+    assert not isinstance(effect, Effect)

@@ -1,0 +1,211 @@
+"""How far a robot is seen in its own mirror: by formula, by sampling, and in both renderers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_centres,
+    pixel_from_direction,
+)
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.scene_summary import RINGS
+from catoptra_server.render.own_reach import NOT_SEEN, farthest_angle, own_reach
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.renderer import Exposure, Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.description import Box, Item, Material, World
+from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniTower, own_body_mesh
+from helpers.bodies import P2AT, cube, cube_at
+from helpers.opengl import device_or_skip
+from helpers.pictures import level_differences
+from helpers.worlds import SKY, omni_camera, raster_plan, room
+
+MIRROR = Pose.from_rpy((0.0, 0.0, -0.4543))
+# On the floor of the room, where no thing of it is between mirror and robot.
+BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
+WHITE = World("nothing", (), lights=(SKY,), background=(1.0, 1.0, 1.0))
+
+Make = Callable[[World], Renderer]
+
+
+def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> Exposure:
+    body = Body(own_body_mesh(P2AT, OmniTower(camera, mirror)), BASE)
+    return Exposure(BASE @ mirror, own_body=body)
+
+
+def staged(exposure: Exposure) -> Exposure:
+    assert exposure.own_body is not None
+    return replace(exposure, bodies=(exposure.own_body,))
+
+
+@pytest.fixture(params=["trace", "raster"])
+def make(request: pytest.FixtureRequest) -> Iterator[Make]:
+    with ExitStack() as stack:
+
+        def trace(world: World) -> Renderer:
+            renderer = TraceRenderer(build_scene(world), world, threads=2)
+            stack.callback(renderer.close)
+            return renderer
+
+        def raster(world: World) -> Renderer:
+            device = device_or_skip()
+            stack.callback(device.close)
+            return RasterRenderer(build_scene(world), world, device=device)
+
+        yield trace if request.param == "trace" else raster
+
+
+def sampled(corners: Floats) -> tuple[float, float]:
+    """Return the least and the largest angle from +z of many points of one triangle."""
+    a, b = np.meshgrid(np.linspace(0.0, 1.0, 300), np.linspace(0.0, 1.0, 300))
+    a, b = np.where(a + b > 1.0, 1.0 - a, a), np.where(a + b > 1.0, 1.0 - b, b)
+    points = np.stack((a, b, 1.0 - a - b), axis=-1) @ corners
+    angle = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
+    return float(angle.min()), float(angle.max())
+
+
+def test_angle_of_triangles_when_sampled_is_reached_and_not_exceeded() -> None:
+    corners = np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3, 3))
+    found = farthest_angle(corners)
+    for triangle, angle in zip(corners, found, strict=True):
+        largest = sampled(triangle)[1]
+        assert largest <= angle + 1e-9
+        assert angle - largest < 0.05
+
+
+def test_triangle_when_it_lies_straight_behind_reaches_the_pole() -> None:
+    around = np.array([[(1.0, 0.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]])
+    assert farthest_angle(around)[0] == math.pi
+    assert farthest_angle(around[:, ::-1])[0] == math.pi, "whichever way it is wound"
+
+
+def test_robot_when_it_has_none_or_is_beyond_the_rim_is_not_seen() -> None:
+    camera = omni_camera()
+    above = Exposure(Pose.identity(), own_body=cube_at(0.0, 0.0, -1.0))
+    assert own_reach(Exposure(Pose.identity()), camera) == NOT_SEEN
+    assert own_reach(above, camera) == NOT_SEEN
+
+
+def test_robot_when_only_its_camera_is_within_the_rim_reaches_beyond_it() -> None:
+    narrow = omni_camera(rim_deg=5.0)
+    reach = own_reach(exposure_of(narrow), narrow)
+    assert reach.angle_rad > narrow.rim_rad
+    assert reach.nearest_m[0] == pytest.approx(0.2321)
+
+
+def test_reach_of_the_p2at_is_that_of_its_decks_corner() -> None:
+    reach = own_reach(exposure_of(omni_camera()), omni_camera())
+    below_m = 0.4543 + 0.1457 - 0.2913
+    inner_m = P2AT.dimensions_m[1] - 2.0 * 0.4 * P2AT.wheel_radius_m
+    corner = math.hypot(0.5 * P2AT.dimensions_m[0], 0.5 * inner_m) / below_m
+    assert reach.angle_rad == pytest.approx(math.atan(corner), abs=1e-6)
+    assert reach.nearest_m[0] == pytest.approx(0.2321)
+    assert reach.nearest_m[-1] == math.inf
+
+
+def test_reach_when_the_robot_drives_on_stays_the_same_numbers() -> None:
+    camera = omni_camera()
+    exposure = exposure_of(camera)
+    assert exposure.own_body is not None
+    step = Pose.from_rpy((17.3, -4.1, 0.0), (0.0, 0.0, 2.2))
+    moved = Body(exposure.own_body.mesh, step @ exposure.own_body.world_from_body)
+    later = Exposure(step @ exposure.world_from_mirror, own_body=moved)
+    assert own_reach(later, camera) is own_reach(exposure, camera)
+
+
+@pytest.mark.parametrize(
+    "mirror",
+    [MIRROR, Pose.from_rpy((0.1, -0.05, -0.6)), Pose.from_rpy((0.0, 0.0, -0.4543), (0.2, -0.1, 0))],
+)
+def test_body_is_seen_exactly_below_the_angle_that_the_criterion_tells(
+    make: Make, mirror: Pose
+) -> None:
+    camera = omni_camera(width_px=400)
+    exposure = exposure_of(camera, mirror)
+    view = make(WHITE)
+    image = view.prepare(camera, raster_plan(camera)).draw(staged(exposure)).rgb
+    directions, on_mirror = direction_from_pixel(camera, pixel_centres(camera))
+    is_body = (image[..., 0] < 255) & on_mirror[..., 0]
+    theta = np.arccos(directions[..., 2])[is_body]
+    reach = own_reach(exposure, camera)
+    # A pixel is seen by its middle; here one takes 0.7 degrees.
+    assert reach.angle_rad - 0.02 < theta.max() <= reach.angle_rad + 0.005
+
+
+@pytest.mark.parametrize("ring", [0, 1])
+def test_distances_by_ring_are_not_more_than_what_is_there(ring: int) -> None:
+    camera = omni_camera(width_px=96)
+    exposure = exposure_of(camera)
+    mesh = exposure.own_body.mesh if exposure.own_body else cube(1.0)
+    local = MIRROR.inverse().points(mesh.corners).reshape(-1, 3)
+    theta = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
+    ratio = camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
+    share = ratio * camera.horizon_radius_px / camera.rim_radius_px
+    of_ring = local[np.floor(share * RINGS).astype(int) == ring]
+    reach = own_reach(exposure, camera)
+    assert reach.nearest_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
+
+
+def test_camera_is_a_disc_in_the_middle_of_the_picture(make: Make) -> None:
+    camera = omni_camera(width_px=400)
+    view = make(WHITE).prepare(camera, raster_plan(camera))
+    picture = view.draw(staged(exposure_of(camera))).rgb[..., 0].astype(int)
+    middle = picture[200, 200:]
+    deck = middle[15]
+    edge = int(np.flatnonzero(middle == deck)[0])
+    angle = math.atan(CAMERA_RADIUS_M / (0.2321 + 0.003))
+    expected = camera.horizon_radius_px * float(
+        camera.mirror.radius_ratio_from_t(np.array(math.tan(0.5 * angle)))
+    )
+    assert edge == pytest.approx(expected, abs=1.5)
+
+
+def test_orthographic_cameras_robot_when_looked_at_is_its_deck() -> None:
+    camera = omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0)
+    reach = own_reach(exposure_of(camera), camera)
+    assert reach.nearest_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)
+
+
+def test_renderers_when_a_robot_sees_itself_in_a_room_show_the_same() -> None:
+    world, camera = room(), omni_camera(width_px=300)
+    exposure, plan = staged(exposure_of(camera)), raster_plan(camera, face_size_px=640)
+    scene, device = build_scene(world), device_or_skip()
+    trace, raster = TraceRenderer(scene, world), RasterRenderer(scene, world, device=device)
+    traced, drawn = (r.prepare(camera, plan).draw(exposure).rgb for r in (trace, raster))
+    difference = level_differences(traced, drawn)
+    trace.close()
+    device.close()
+    # At edges a texel's half aside: see test_agreement.py.
+    assert (difference > 2).mean() < 0.03
+    inner = difference[120:180, 120:180]
+    assert (inner > 2).mean() < 0.1
+
+
+def test_body_when_something_stands_before_it_is_hidden_there(make: Make) -> None:
+    camera = omni_camera(width_px=200)
+    plate = Item(
+        "plate",
+        Box((0.1, 0.1, 0.01)),
+        BASE @ Pose.from_rpy((0.12, 0.08, -0.3)),
+        Material((0.0, 1.0, 0.0), unlit=True),
+    )
+    world = World("plate", (plate,), lights=(SKY,), background=(1.0, 1.0, 1.0))
+    view = make(world).prepare(camera, raster_plan(camera))
+    image = view.draw(staged(exposure_of(camera))).rgb
+    for towards, is_plate in (((0.12, 0.08), True), ((-0.12, -0.08), False)):
+        direction = np.array((*towards, -0.3 - MIRROR.translation[2]))
+        u, v = pixel_from_direction(camera, direction)[0].astype(int)
+        assert (image[v, u].tolist() == [0, 255, 0]) is is_plate
