@@ -100,10 +100,11 @@ def record(
             else:
                 generator = np.random.Generator(np.random.Philox(key=seed))
                 look = hand_look(setup, camera, height_m, landmarks, generator)
-            return Recording(setup.name, seed, _drive(setup, robot, look, on_step))
+            return Recording(setup.name, seed, driven(setup, robot, look, on_step))
 
 
-def _drive(setup: Setup, robot: Robot, look: Look, on_step: Callable[[], None]) -> tuple[Step, ...]:
+def driven(setup: Setup, robot: Robot, look: Look, on_step: Callable[[], None]) -> tuple[Step, ...]:
+    """Drive a spawned robot along the set-up's route, looking after every step."""
     chassis = _chassis(robot)
     steps = [Step(_truth(robot), _odometry(robot), ())]
     for target in setup.route[1:]:

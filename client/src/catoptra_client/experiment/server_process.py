@@ -12,17 +12,18 @@ from pathlib import Path
 
 from catoptra_protocol.errors import CatoptraError
 
-_LISTENING = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+)")
+_LISTENING = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+) stream=\S+:(\d+)")
 _ENDS_WITHIN_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServerAddress:
-    """Where a server listens."""
+    """Where a server listens. stream_port: None where nobody said."""
 
     host: str
     control_port: int
     image_port: int
+    stream_port: int | None = None
 
 
 @contextmanager
@@ -59,6 +60,6 @@ def _address(process: subprocess.Popen[str], log: Path) -> ServerAddress:
     for line in process.stdout:
         found = _LISTENING.match(line)
         if found:
-            return ServerAddress(found[1], int(found[2]), int(found[4]))
+            return ServerAddress(found[1], int(found[2]), int(found[4]), int(found[5]))
     tail = "\n".join(log.read_text().splitlines()[-5:])
     raise CatoptraError(f"the server did not start:\n{tail}")

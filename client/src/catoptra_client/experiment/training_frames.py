@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from catoptra_client.landmarks import Viewpoint, label_frame, world_from_mirror
 from catoptra_client.landmarks.histogram import Bytes
 from catoptra_client.robot import Robot
 from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.camera import OmniCamera
 
 # Places are drawn from this half of the field's size: inside the lines, off the route's own edges.
 _HALF_LENGTH_M = 2.0
@@ -58,5 +60,18 @@ def _labelled_frame(
         # A server in real time may hold a frame of the robot before: the second one is of ours.
         images.frame()
         frame = images.frame().rgb
-        mirror = world_from_mirror(Viewpoint(height_m), np.array(pose))
-        return frame, label_frame(camera, landmarks, world_from_mirror=mirror)
+        return frame, _labels(camera, landmarks, height_m, pose)
+
+
+# A study trains at the same places again and again: labels take three times as long as frames.
+@lru_cache(maxsize=128)
+def _labels(
+    camera: OmniCamera,
+    landmarks: tuple[Landmark, ...],
+    height_m: float,
+    pose: tuple[float, float, float],
+) -> Bytes:
+    mirror = world_from_mirror(Viewpoint(height_m), np.array(pose))
+    labels = label_frame(camera, landmarks, world_from_mirror=mirror)
+    labels.setflags(write=False)
+    return labels
