@@ -15,15 +15,21 @@ COPY client client
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol './client[experiment]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# What nobody loads here: the tests of libraries, and compiled font tools and highlighters.
+# What nobody loads here: the tests of libraries, and what matplotlib writes PDF with.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
- && find fontTools pygments -type d -name __pycache__ -exec rm -r {} +
+ && find pygments -type d -name __pycache__ -exec rm -r {} + \
+ && rm -r fontTools fonttools-*
 
 FROM debian:bookworm-slim AS system
+# A base may bring more than is needed here: what nothing below depends on goes.
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 \
- && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt
+ && apt-mark auto $(apt-mark showmanual) > /dev/null && apt-mark manual python3 > /dev/null \
+ && apt-get autoremove --yes --purge -o APT::AutoRemove::RecommendsImportant=false \
+      -o APT::AutoRemove::SuggestsImportant=false \
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /usr/share/man /usr/share/locale \
+ && find /usr/share/doc -type f ! -name copyright -delete
 RUN useradd --uid 10001 --no-create-home --home-dir /nonexistent catoptra
 COPY --from=build /opt/catoptra /opt/catoptra
 
