@@ -24,7 +24,10 @@ from catoptra_server.render.choice import choose_renderer
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.robot.description import OmniCameraDescription, RobotDescription
 from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.motion import Twist
 from catoptra_server.setup import Setup, read_setup
+from catoptra_server.simulation.appearance import own_mesh
 
 EXIT_CANNOT_EXPLAIN = 2
 # A median of few is enough: what is told is which effect costs, not how much to a tenth.
@@ -32,8 +35,29 @@ _FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
+class Velocity:
+    """How a robot drives, in its own axes: ahead, to its right; clockwise seen from above."""
+
+    ahead_m_s: float = 0.0
+    right_m_s: float = 0.0
+    yaw_rate_rad_s: float = 0.0
+
+    @property
+    def twist(self) -> Twist:
+        """Return it as a motion of the robot's frame, told at its origin in its own axes."""
+        return Twist((self.ahead_m_s, self.right_m_s, 0.0), (0.0, 0.0, self.yaw_rate_rad_s))
+
+
+STANDING = Velocity()
+
+
+@dataclass(frozen=True, slots=True)
 class Explained:
-    """What was decided for one camera; ms: by effect that runs; others_ms: all other stages."""
+    """What was decided for one camera.
+
+    ms: by effect that runs; what changes the scene takes its time in the stages of the drawing.
+    others_ms: those, and all others.
+    """
 
     robot: str
     camera: str
@@ -56,7 +80,11 @@ def main(arguments: Sequence[str]) -> int:
         setup = read_setup(
             [configuration_file("robots", parsed.robot)], configuration_file("worlds", parsed.world)
         )
-        explained = [*explanations(setup, renderer=parsed.renderer, place=parsed.pose)]
+        explained = [
+            *explanations(
+                setup, renderer=parsed.renderer, place=parsed.pose, velocity=parsed.velocity
+            )
+        ]
     except CatoptraError as error:
         print(f"catoptra-server explain: {error}", file=sys.stderr)
         return EXIT_CANNOT_EXPLAIN
@@ -68,12 +96,32 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def explanations(
-    setup: Setup, *, renderer: str, place: PlanarPose | None = None
+    setup: Setup,
+    *,
+    renderer: str,
+    place: PlanarPose | None = None,
+    velocity: Velocity = STANDING,
 ) -> Iterator[Explained]:
     """Yield what was decided for each class's camera, drawn where a robot starts, or at a place."""
     for robot in setup.robots:
         if robot.omni_camera is not None:
-            yield _explained(setup, robot, robot.omni_camera, renderer, place or _start(setup))
+            exposure = exposed(robot, robot.omni_camera, place or _start(setup), velocity)
+            yield _explained(setup, robot, robot.omni_camera, renderer, exposure)
+
+
+def exposed(
+    robot: RobotDescription, omni: OmniCameraDescription, place: PlanarPose, velocity: Velocity
+) -> Exposure:
+    """Return the exposure of a robot's camera at a place, while the robot drives."""
+    base = place.at_height(robot.drive.ride_height_m)
+    mirror = base @ omni.robot_from_mirror
+    twist = velocity.twist.turned(base.rotation)
+    mesh = own_mesh(robot)
+    return Exposure(
+        mirror,
+        twist=twist.at(mirror.translation - base.translation),
+        own_body=Body(mesh, base, twist) if mesh is not None else None,
+    )
 
 
 def _explained(
@@ -81,14 +129,13 @@ def _explained(
     robot: RobotDescription,
     omni: OmniCameraDescription,
     renderer: str,
-    place: PlanarPose,
+    exposure: Exposure,
 ) -> Explained:
     samples = wished_samples(omni.wish)
     choice = choose_renderer(renderer, setup.scene, setup.world, samples=samples)
     views = Views(Planning(choice))
     eye = OmniEye(omni.camera, omni.wish, omni.effects)
-    pose = place.at_height(robot.drive.ride_height_m) @ omni.robot_from_mirror
-    drawn = [views.draw(Take(eye, Exposure(pose))) for _ in range(_FRAMES)]
+    drawn = [views.draw(Take(eye, exposure)) for _ in range(_FRAMES)]
     plan = str(views.plan(eye))
     views.close()
     stages = {name: median(one.stage_ms[name] for one in drawn) for name in drawn[0].stage_ms}
@@ -115,12 +162,27 @@ def _parser() -> argparse.ArgumentParser:
     add("--renderer", choices=["auto", "trace", "raster"], default="auto")
     add("--pose", type=_pose, metavar="X,Y,YAW",
         help="from where it is drawn, in metres and radians; default: the first start")  # fmt: skip
+    add("--velocity", type=_velocity, metavar="VX,VY,YAWRATE", default=STANDING,
+        help="how the robot moves while it is drawn: metres a second ahead and to its right, "
+             "radians a second clockwise from above; default: it stands")  # fmt: skip
     add("--json", action="store_true", help="print JSON")
     return parser
 
 
 def _pose(text: str) -> PlanarPose:
-    numbers = [float(part) for part in text.split(",")]
-    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-        raise argparse.ArgumentTypeError(f"a pose is three numbers X,Y,YAW, not {text!r}")
-    return PlanarPose(*numbers)
+    return PlanarPose(*_three(text, "a pose is three numbers X,Y,YAW"))
+
+
+def _velocity(text: str) -> Velocity:
+    return Velocity(*_three(text, "a velocity is three numbers VX,VY,YAWRATE"))
+
+
+def _three(text: str, expected: str) -> tuple[float, float, float]:
+    """Return three finite numbers with commas between them."""
+    try:
+        x, y, turn = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}") from None
+    if not all(map(math.isfinite, (x, y, turn))):
+        raise argparse.ArgumentTypeError(f"{expected}, not {text!r}")
+    return x, y, turn
