@@ -45,7 +45,9 @@ def test_frame_when_raw_holds_what_the_header_says() -> None:
     assert frame.robot_from_mirror.translation.tolist() == [0.1, 0.0, -0.5]
     assert (frame.time_s, frame.age_s, frame.received_s) == (1.25, 0.03, 3.0)
     assert (frame.plan, frame.error_bound_px, frame.image_type) == ("trace", None, ImageType.RAW)
-    assert [(effect.name, effect.is_on) for effect in frame.effects] == [("ShotNoise", True)]
+    assert [(effect.name, effect.is_on, effect.ms) for effect in frame.effects] == [
+        ("ShotNoise", True, 2.5)
+    ]
 
 
 def test_frame_when_png_is_the_same_picture() -> None:

@@ -42,6 +42,8 @@ def pictures(folder: Path, *arguments: str, viewers: int = 1) -> list[bytes]:
                     "ShotNoise",
                     "ReadNoise",
                 ]
+                assert (told["ShotNoise"].ms or 0.0) > 0.0
+                assert told["Quantisation"].ms is None
                 assert "12 bits" in told["Quantisation"].reason
                 assert frame.stage_ms is not None
                 assert {"ShotNoise", "ReadNoise", "encode"} <= set(frame.stage_ms)

@@ -59,7 +59,7 @@ HEADER = FrameHeader(
     age_s=0.03,
     missed=2,
     dropped=0,
-    effects=(EffectRecord("ShotNoise", True, 9.4, 0.5, "grey levels", "few electrons"),),
+    effects=(EffectRecord("ShotNoise", True, 9.4, 0.5, "grey levels", "few electrons", 2.5),),
 )
 LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
 

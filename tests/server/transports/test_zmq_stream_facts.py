@@ -6,7 +6,8 @@ from catoptra_protocol.camera_conf import camera_from_pairs
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.transports.zmq_stream_facts import facts_of, placement
+from catoptra_server.effects.decide import Decision
+from catoptra_server.transports.zmq_stream_facts import effect_records, facts_of, placement
 from helpers.configs import FIELD, OMNI_ROBOT
 
 
@@ -26,3 +27,19 @@ def test_placement_when_turned_lists_the_rotation_row_by_row() -> None:
     sent = placement(Pose.from_rpy((1.0, 2.0, 3.0), (0.0, 0.0, 1.5)))
     assert sent.position_m == (1.0, 2.0, 3.0)
     assert sent.rotation[1] < -0.9 < 0.9 < sent.rotation[3]
+
+
+def test_effects_when_sent_say_what_each_that_runs_took() -> None:
+    decisions = (
+        Decision("OwnBody", True, 80.0, 0.5, "px", "it is seen"),
+        Decision("Vignetting", True, 9.0, 0.5, "grey levels", "the rim"),
+        Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),
+    )
+    sent = effect_records(decisions, {"trace": 7.0, "Vignetting": 1.5})
+    assert [(one.name, one.is_on, one.ms) for one in sent] == [
+        ("OwnBody", True, None),
+        ("Vignetting", True, 1.5),
+        ("Bloom", False, None),
+    ]
+    assert (sent[1].bound, sent[1].threshold, sent[1].unit) == (9.0, 0.5, "grey levels")
+    assert sent[1].reason == "the rim"

@@ -26,7 +26,11 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class EffectRecord:
-    """What was decided about one effect: the most that it can change any pixel, and why."""
+    """What was decided about one effect: the most that it can change any pixel, and why.
+
+    ms: what it took in this picture; None of one that is off, and of one that changes the scene:
+    its time is in the stages that draw it.
+    """
 
     name: str
     is_on: bool
@@ -34,6 +38,7 @@ class EffectRecord:
     threshold: float
     unit: str
     reason: str
+    ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,8 +68,14 @@ def placement(pose: Pose) -> Placement:
     return Placement((x, y, z), (a, b, c, d, e, f, g, h, i))
 
 
-def effect_record(decision: Decision) -> EffectRecord:
-    """Return a decision as it is sent."""
+def effect_records(
+    decisions: Sequence[Decision], stage_ms: Mapping[str, float]
+) -> tuple[EffectRecord, ...]:
+    """Return decisions as they are sent; stage_ms: of the picture that they were taken for."""
+    return tuple(_record(decision, stage_ms.get(decision.effect)) for decision in decisions)
+
+
+def _record(decision: Decision, ms: float | None) -> EffectRecord:
     return EffectRecord(
         name=decision.effect,
         is_on=decision.is_on,
@@ -77,4 +83,5 @@ def effect_record(decision: Decision) -> EffectRecord:
         threshold=decision.threshold,
         unit=decision.unit,
         reason=decision.reason,
+        ms=None if ms is None else float(ms),
     )

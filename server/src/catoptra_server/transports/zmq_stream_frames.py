@@ -15,7 +15,7 @@ from catoptra_protocol.wire.stream_requests import AskFrame
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel
 from catoptra_server.mailbox import Mailbox, Mailboxes, NothingShownError
-from catoptra_server.transports.zmq_stream_facts import effect_record, placement
+from catoptra_server.transports.zmq_stream_facts import effect_records, placement
 from catoptra_server.transports.zmq_stream_landmarks import nothing_shown
 from catoptra_server.transports.zmq_stream_socket import Sent
 
@@ -127,7 +127,7 @@ class FrameSlot:
             missed=self.missed,
             dropped=self.dropped,
             bound=frame.bound,
-            effects=tuple(effect_record(decision) for decision in frame.effects),
+            effects=effect_records(frame.effects, frame.stage_ms),
         )
 
 
