@@ -7,7 +7,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
-from catoptra_server.render.raster.scene_buffers import upload_texture
+from catoptra_server.render.raster.scene_look import upload_texture
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.description import PointLight
 from helpers.shaders import evaluate

@@ -1,7 +1,12 @@
-// Provides the linear radiance of a facet: constant, lit by point lights, textured.
+// Provides the linear radiance of a facet: constant, lit by point lights or with shadows, textured.
 // Twin: catoptra_server.render.shading.facet_radiance, then the other functions of that file.
+#ifdef SHADOWS
+#include "include/shadows.glsl"
+#endif
 #ifdef POINT_LIGHTS
 #include "include/shading.glsl"
+#endif
+#if defined(POINT_LIGHTS) || defined(SHADOWS)
 in vec3 place;
 flat in vec3 facet_normal;
 flat in vec3 facet_albedo;
@@ -18,6 +23,9 @@ void main()
     vec3 linear = facet_radiance;
 #ifdef POINT_LIGHTS
     linear += facet_albedo * point_irradiance(place, facet_normal);
+#endif
+#ifdef SHADOWS
+    linear += facet_albedo * direct_irradiance(place, facet_normal);
 #endif
 #ifdef TEXTURED
     linear *= texture(albedo_texture, texture_place).rgb;

@@ -11,7 +11,7 @@ flat out vec3 facet_radiance;
 in vec2 uv;
 out vec2 texture_place;
 #endif
-#ifdef POINT_LIGHTS
+#if defined(POINT_LIGHTS) || defined(SHADOWS)
 in vec3 normal;
 in vec3 lit_albedo;                  // zero where the material takes no light
 out vec3 place;
@@ -28,7 +28,7 @@ void main()
 #ifdef TEXTURED
     texture_place = uv;
 #endif
-#ifdef POINT_LIGHTS
+#if defined(POINT_LIGHTS) || defined(SHADOWS)
     place = offset;
     facet_normal = normal;
     facet_albedo = lit_albedo;

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.depth import FARTHEST_NEAR_M, DepthRange
 from catoptra_server.render.raster.moving_bodies import reach_of
 from catoptra_server.render.raster.passes import LINEAR_STORAGE
-from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 from catoptra_server.render.renderer import Exposure
 
 
@@ -122,10 +122,12 @@ class FacePass(Generic[LayoutT]):
         pose = exposure.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         depth = frame_depth(self._scene, exposure, self._spread)
-        self._scene.bodies.place(exposure.bodies)
-        self._scene.place(viewpoint, depth.clip_z_from_w)
+        scene = self._scene.lit(exposure)
+        scene.bodies.place(exposure.bodies)
+        scene.place(viewpoint, depth.clip_z_from_w)
         self._begin()
-        calls, triangles = self._draw_cells(self._clip_from_mirror @ pose.rotation.T, viewpoint)
+        clip_from_scene = self._clip_from_mirror @ pose.rotation.T
+        calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
         if self._resolved is not None:
             self._context.copy_framebuffer(self._resolved, self._target)
         self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)
@@ -138,7 +140,9 @@ class FacePass(Generic[LayoutT]):
         self._target.clear(*self._scene.background, 1.0, depth=1.0)
         self._target.use()
 
-    def _draw_cells(self, clip_from_scene: Floats, viewpoint: Floats) -> tuple[int, int]:
+    def _draw_cells(
+        self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
+    ) -> tuple[int, int]:
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
         x, y, w = np.moveaxis(clip_from_scene, 1, 0)
         planes = np.stack((w + x, w - x, w + y, w - y, w), axis=1)
@@ -148,8 +152,8 @@ class FacePass(Generic[LayoutT]):
             self.atlas.cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
-            more_calls, more = self._scene.bodies.draw(clip, edges, viewpoint)
-            calls += self._scene.draw(clip, seen) + more_calls
+            more_calls, more = scene.bodies.draw(clip, edges, viewpoint)
+            calls += scene.draw(clip, seen) + more_calls
             triangles += more
         return calls, triangles
 

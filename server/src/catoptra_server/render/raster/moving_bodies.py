@@ -16,14 +16,9 @@ from catoptra_server.render import shading
 from catoptra_server.render.chunks import Indices, runs
 from catoptra_server.render.raster.depth import nearest_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.programs import (
-    Definitions,
-    Programs,
-    ProgramSpec,
-    set_uniform,
-)
+from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_uniform
+from catoptra_server.render.raster.scene_look import FacetLight
 from catoptra_server.scene.bodies import Body, facets
-from catoptra_server.scene.description import Light
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,13 +37,12 @@ class MovingBodies:
         self,
         context: moderngl.Context,
         programs: Programs,
-        lights: tuple[Light, ...],
+        light: FacetLight,
         origin: Floats,
     ) -> None:
         self._context = context
         self._programs = programs
-        self._lights = lights
-        self._point_lights = len(shading.point_lights(lights))
+        self._light = light
         self._origin = origin
         self._buffer: moderngl.Buffer | None = None
         self._vertices: moderngl.VertexArray | None = None
@@ -58,6 +52,13 @@ class MovingBodies:
     def bytes_held(self) -> int:
         """Return the size of the vertex buffer: 0 as long as no body was seen."""
         return 0 if self._buffer is None else int(self._buffer.size)
+
+    @property
+    def programs(self) -> set[moderngl.Program]:
+        """Return the program that draws what moves in this exposure, if anything does."""
+        if self._vertices is None or self._placed is None:
+            return set()
+        return {self._vertices.program}
 
     def place(self, bodies: tuple[Body, ...]) -> None:
         """Take over the bodies of an exposure and where they are."""
@@ -74,8 +75,8 @@ class MovingBodies:
     def _vertex_data(self, body: Body) -> Floats:
         """Return the (3 n, 6) or (3 n, 12) attributes of a body's corners."""
         lit = facets(body)
-        look = [shading.facet_radiance(lit, self._lights)]
-        if self._point_lights:
+        look = [shading.facet_radiance(lit, self._light.constant)]
+        if self._light.varying:
             look += [lit.normals, lit.albedo * ~lit.unlit[:, None]]
         places = body.world_from_body.points(body.mesh.corners) - self._origin
         of_triangles = np.concatenate(look, axis=-1)
@@ -94,18 +95,16 @@ class MovingBodies:
         self._buffer.write(data)
 
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
-        define: Definitions = ()
         names, layout = ["position", "radiance"], "3f 3f"
-        if self._point_lights:
-            define = (("POINT_LIGHTS", self._point_lights),)
+        if self._light.varying:
             names, layout = [*names, "normal", "lit_albedo"], "3f 3f 3f 3f"
-        program = self._programs.get(ProgramSpec("face", "face", define))
+        program = self._programs.get(ProgramSpec("face", "face", self._light.varying))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
     def use(self, frame: FrameUniforms) -> None:
         """Set the uniforms of a frame, if there is anything to draw in it."""
-        if self._vertices is not None and self._placed is not None:
-            frame.set_on(self._vertices.program)
+        for program in self.programs:
+            frame.set_on(program)
 
     def draw(self, clip_from_scene: Floats, planes: Floats, viewpoint: Floats) -> tuple[int, int]:
         """Draw what is in front of (p, 3) planes; return the draw calls and triangles sent."""
