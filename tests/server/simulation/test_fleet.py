@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.wire.commands import (
     Command,
     Drive,
@@ -31,8 +32,18 @@ from catoptra_protocol.wire.reports import (
 from catoptra_server.imaging.shot import CameraChannel
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
+from catoptra_server.sensors.sight import Nothing
 from catoptra_server.simulation.fleet import Fleet
-from helpers.robots import CAMERA, FakeClient, FakeViews, p2at, shown, walled_world
+from helpers.robots import (
+    CAMERA,
+    SCANNER,
+    SONAR,
+    FakeClient,
+    FakeViews,
+    p2at,
+    shown,
+    walled_world,
+)
 
 INIT = Init("USARBot.OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
 
@@ -203,6 +214,41 @@ def test_report_due_when_nothing_is_due_delivers_nothing() -> None:
     client = spawned(fleet)
     fleet.report_due(0.1)
     assert len(client.batches) == 1
+
+
+class CountedRays:
+    """A scene without anything in it that counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        self.asked += 1
+        return Nothing().distances(origins, directions)
+
+    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        self.asked += 1
+        return Nothing().hits(origins, directions)
+
+
+def test_sensors_when_nobody_asked_or_none_is_due_send_no_rays() -> None:
+    world, rays = walled_world(), CountedRays()
+    slow = dataclasses.replace(SCANNER, interval_s=0.4)
+    described = p2at(sensors=(slow, dataclasses.replace(SONAR, interval_s=0.2)))
+    fleet = Fleet([described], world, build_scene(world), seed=1, caster=rays)
+    asked = []
+    for tick in range(1, 6):
+        fleet.move(0.02, tick * 0.02)
+        fleet.report_due(tick * 0.02)
+    asked.append(rays.asked)
+    spawned(fleet)
+    for tick in range(1, 41):
+        fleet.move(0.02, tick * 0.02)
+        fleet.report_due(tick * 0.02)
+        if tick % 10 == 5:
+            asked.append(rays.asked)
+    # No robot: none. All at once when it comes; then the sonar each 10 ticks, the scanner each 20.
+    assert asked == [0, 2, 3, 5, 6]
 
 
 def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -14,7 +15,9 @@ from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.faces import DrawCounts
 from catoptra_server.render.renderer import Exposure, FaceCamera
 from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import cube_at
 from helpers.pictures import away_from_edges
 from helpers.worlds import VIEW, omni_camera, raster_plan, room
 
@@ -97,6 +100,31 @@ def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) ->
     assert above.face_counts.calls == 0
     assert (image.rgb == image.rgb[0, 0]).all()
     above.close()
+
+
+@pytest.mark.parametrize(
+    ("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1), ((3.0, 3.0, 0.0), 2)]
+)
+def test_cell_of_the_atlas_when_nothing_is_in_it_has_no_draw_call(
+    device: GlDevice, at: tuple[float, float, float], faces: int
+) -> None:
+    post = Item("post", Box((0.2, 0.2, 0.2)), Pose.from_rpy(at), Material((0.5, 0.5, 0.5)))
+    small = World("post", (post,), background=(0.2, 0.2, 0.2))
+    renderer = RasterRenderer(build_scene(small), small, device=device)
+    drawn = counts(renderer, 120.0, Exposure(Pose.identity()))
+    assert (drawn.cells, drawn.calls, drawn.triangles) == (5, faces, 12 * faces)
+
+
+@pytest.mark.parametrize(("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1)])
+def test_cell_of_the_atlas_when_no_body_is_in_it_has_no_draw_call(
+    device: GlDevice, at: tuple[float, float, float], faces: int
+) -> None:
+    empty = World("nothing", (), background=(0.2, 0.2, 0.2))
+    renderer = RasterRenderer(build_scene(empty), empty, device=device)
+    here = Exposure(Pose.identity())
+    assert counts(renderer, 120.0, here).calls == 0
+    drawn = counts(renderer, 120.0, replace(here, bodies=(cube_at(*at),)))
+    assert (drawn.calls, drawn.triangles) == (faces, 12 * faces)
 
 
 def test_more_samples_than_the_device_has_are_refused(renderer: RasterRenderer) -> None:
