@@ -21,7 +21,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.disc_kernel import DiscTable, disc_table, row_of
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms
+from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms, floats
 from catoptra_server.effects.lens_blur import (
     Aperture,
     blur_law,
@@ -29,9 +29,11 @@ from catoptra_server.effects.lens_blur import (
     pixel_law,
     radii_px,
     telling,
+    whole_pixels,
+    whole_radius_px,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered
+from catoptra_server.effects.symmetric_kernels import gathered_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +65,19 @@ class Defocus:
     ) -> npt.NDArray[Real]:
         """Return the blurred picture."""
         weights = _weights(self, camera, light.dtype)
-        return gathered(light, _table(self, camera).reach_px, lambda rows: weights[:, rows])
+        reach = _table(self, camera).reach_px
+        return gathered_within(light, whole_pixels(camera), reach, lambda rows: weights[:, rows])
 
     def uniforms(
         self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return each pixel's row of the kernels' table, and the table."""
-        return {"row": _row_map(self, camera), "weights": _table(self, camera).texture()}
+        return {
+            "row": _row_map(self, camera),
+            "weights": _table(self, camera).texture(),
+            "centre_px": floats(*camera.centre_px),
+            "whole_px": floats(whole_radius_px(camera)),
+        }
 
 
 def _table(effect: Defocus, camera: OmniCamera) -> DiscTable:

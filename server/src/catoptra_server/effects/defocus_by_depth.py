@@ -22,7 +22,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.defocus import APERTURE_PARAMETERS, Defocus
 from catoptra_server.effects.disc_kernel import DiscTable, disc_table, row_of
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms
+from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms, floats
 from catoptra_server.effects.lens_blur import (
     Aperture,
     BlurLaw,
@@ -32,9 +32,11 @@ from catoptra_server.effects.lens_blur import (
     radii_px,
     telling,
     touching_px,
+    whole_pixels,
+    whole_radius_px,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered
+from catoptra_server.effects.symmetric_kernels import gathered_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +72,19 @@ class DefocusByDepth:
         row = row_of(law.diameter_px(range_m)).astype(light.dtype)
         table = _table(self, camera)
         reach = table.reach_up_to(float(row.max()))
-        return gathered(light, reach, lambda rows: table.mixed(row[rows], reach))
+        whole = whole_pixels(camera)
+        return gathered_within(light, whole, reach, lambda rows: table.mixed(row[rows], reach))
 
     def uniforms(
         self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return each pixel's law, and the kernels' table."""
-        return {"law": _law_map(self, camera), "weights": _table(self, camera).texture()}
+        return {
+            "law": _law_map(self, camera),
+            "weights": _table(self, camera).texture(),
+            "centre_px": floats(*camera.centre_px),
+            "whole_px": floats(whole_radius_px(camera)),
+        }
 
 
 def largest_change_px(law: BlurLaw, nearest_m: Floats) -> Floats:

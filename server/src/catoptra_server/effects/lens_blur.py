@@ -34,7 +34,7 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.image_scale import visible_radii_px
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.scene_summary import RINGS, SceneSummary
 from catoptra_server.effects.vignetting import inverse_focal
 
@@ -183,6 +183,21 @@ def pixel_law(aperture: Aperture, camera: OmniCamera) -> BlurLaw:
     for values in (law.fixed_px, law.near_px, law.power_per_m, law.offset):
         values.setflags(write=False)
     return law
+
+
+@lru_cache(maxsize=4)
+def whole_pixels(camera: OmniCamera) -> Bools:
+    """Return the (h, w) pixels that see the mirror with their whole square."""
+    u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
+    v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
+    whole: Bools = u[None, :] ** 2 + v[:, None] ** 2 < whole_radius_px(camera) ** 2
+    whole.setflags(write=False)
+    return whole
+
+
+def whole_radius_px(camera: OmniCamera) -> float:
+    """Return up to which image radius of its middle a pixel sees the mirror wholly."""
+    return camera.rim_radius_px - math.sqrt(0.5)
 
 
 def nearest_at(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.effect import Real
 
 # Rows that are worked on at a time, so that what is summed stays in the processor's cache.
@@ -41,24 +41,49 @@ def pair_sizes(reach_px: int) -> Floats:
 
 def gathered(light: npt.NDArray[Real], reach_px: int, weigh: Weigh[Real]) -> npt.NDArray[Real]:
     """Return the (h, w, 3) picture whose pixels are weighted sums of what is around them."""
-    height, width = light.shape[:2]
-    planes = np.pad(np.moveaxis(light, -1, 0), ((0, 0), (reach_px,) * 2, (reach_px,) * 2), "edge")
     result = np.zeros_like(light)
+    for rows, total in _sums(np.moveaxis(light, -1, 0), reach_px, weigh):
+        result[rows] = np.moveaxis(total, 0, -1)
+    return result
+
+
+def gathered_within(
+    light: npt.NDArray[Real], inside: Bools, reach_px: int, weigh: Weigh[Real]
+) -> npt.NDArray[Real]:
+    """Return the picture whose pixels inside an (h, w) region gather from within it alone.
+
+    What a kernel would take from outside it takes from its own pixel: an even region stays even up
+    to its edge. Outside nothing changes. Domain: kernels that sum to 1.
+    """
+    result = light.copy()
+    own = np.moveaxis(light, -1, 0)
+    planes = np.concatenate((np.where(inside, own, 0), inside[None])).astype(light.dtype)
+    for rows, total in _sums(planes, reach_px, weigh):
+        changed = total[:3] + (1 - total[3]) * own[:, rows]
+        result[rows] = np.moveaxis(np.where(inside[rows], changed, own[:, rows]), 0, -1)
+    return result
+
+
+def _sums(
+    planes: npt.NDArray[Real], reach_px: int, weigh: Weigh[Real]
+) -> Iterator[tuple[slice, npt.NDArray[Real]]]:
+    """Return the (c, rows, w) weighted sums of (c, h, w) planes, some rows at a time."""
+    count, height, width = planes.shape
+    planes = np.pad(planes, ((0, 0), (reach_px,) * 2, (reach_px,) * 2), "edge")
     for top in range(0, height, _STRIP):
         rows = slice(top, min(top + _STRIP, height))
         strip = planes[:, top : rows.stop + 2 * reach_px]
         sums = _pair_sums(strip, reach_px, rows.stop - top, width)
-        total = np.zeros((3, rows.stop - top, width), dtype=light.dtype)
+        total = np.zeros((count, rows.stop - top, width), dtype=planes.dtype)
         for pair_sum, weight in zip(sums, weigh(rows), strict=True):
             total += weight * pair_sum
-        result[rows] = np.moveaxis(total, 0, -1)
-    return result
+        yield rows, total
 
 
 def _pair_sums(
     strip: npt.NDArray[Real], reach_px: int, height: int, width: int
 ) -> Iterator[npt.NDArray[Real]]:
-    """Return the (3, height, width) sums of the pixels of each pair."""
+    """Return the (c, height, width) sums of the pixels of each pair."""
     beside = [_both_ways(strip, i, reach_px, width, axis=2) for i in range(reach_px + 1)]
     for i, j in pairs(reach_px):
         total = _both_ways(beside[j], i, reach_px, height, axis=1)

@@ -6,6 +6,8 @@ uniform sampler2D picture;
 uniform sampler2D geometry;          // range in metres, inf where nothing is seen
 uniform sampler2D law;               // of the disc: fixed_px, near_px, power_per_m, offset
 uniform sampler2D weights;
+uniform vec2 centre_px;
+uniform float whole_px;              // up to there pixels see the mirror wholly
 out vec4 colour;
 
 void main()
@@ -15,5 +17,7 @@ void main()
     float range_m = texelFetch(geometry, pixel, 0).r;
     float nearness = max(disc.z * range_m + disc.w, LEAST_NEARNESS);
     float added_px = isinf(range_m) ? 0.0 : disc.y / nearness;
-    colour = vec4(disc_mean(picture, weights, pixel, row_of(disc.x + added_px)), 1.0);
+    Region region = Region(centre_px, whole_px);
+    float row = row_of(disc.x + added_px);
+    colour = vec4(disc_mean(picture, region, weights, pixel, row), 1.0);
 }

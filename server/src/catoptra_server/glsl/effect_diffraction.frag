@@ -9,10 +9,12 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int pairs = textureSize(weights, 0).x;
+    Region everywhere = Region(vec2(0.0), 1e9);
     vec3 total = vec3(0.0);
     int pair = 0;
     for (int i = 0; pair < pairs; ++i)
         for (int j = 0; j <= i; ++j, ++pair)
-            total += texelFetch(weights, ivec2(pair, 0), 0).rgb * pair_sum(picture, pixel, i, j);
+            total += texelFetch(weights, ivec2(pair, 0), 0).rgb
+                   * pair_sum(picture, everywhere, pixel, i, j).rgb;
     colour = vec4(total, 1.0);
 }
