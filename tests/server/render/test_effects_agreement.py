@@ -22,6 +22,7 @@ from catoptra_server.render.renderer import OmniView
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import TWO_ROBOTS
 from helpers.effects import CAMERA, effect_of
 from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
@@ -66,6 +67,26 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
     assert smooth.mean() > 0.5
     # One grey level: of the converter's codes either neighbour, rounded.
     assert (difference[smooth] > 1).mean() < 2e-3
+    assert (difference > 2).mean() < 0.05
+    view.close()
+    trace.close()
+
+
+@pytest.mark.parametrize("density_per_m", [0.05, 0.6])
+def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per_m: float) -> None:
+    # By range, not by face: over the faces' borders too, with robots, and none of it by samples.
+    world, camera = room(), omni_camera(width_px=300)
+    exposure, plan = replace(VIEW, bodies=TWO_ROBOTS), raster_plan(camera, face_size_px=640)
+    fog = (effect_of("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
+    scene = build_scene(world)
+    trace = TraceRenderer(scene, world, threads=2)
+    view = RasterRenderer(scene, world, device=device).prepare(camera, plan)
+    calm = trace.prepare(camera, plan).draw(exposure).rgb
+    foggy = trace.prepare(camera, plan).draw(exposure, fog).rgb
+    difference = level_differences(view.draw(exposure, fog).rgb, foggy)
+    smooth = away_from_edges(calm)
+    assert (level_differences(calm, foggy) > 8).mean() > 0.5
+    assert (difference[smooth] > 2).mean() < 1e-3
     assert (difference > 2).mean() < 0.05
     view.close()
     trace.close()
