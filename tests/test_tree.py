@@ -20,6 +20,7 @@ PACKAGES = ("protocol", "server", "client")
 
 _DRAWN = "a picture: tests/server/figures/test_main.py draws it whole"
 _COST = "the study: tests/server/cost/test_command.py runs it whole, small"
+_DEGRADED = "the study: tests/end_to_end/test_degraded.py runs it whole, small"
 _RUN = "the experiment: tests/end_to_end/test_experiment.py runs it whole"
 
 # Modules without a test file of their own, and why.
@@ -43,6 +44,9 @@ WITHOUT_TEST = {
     "server/cost/study.py": _COST,
     "server/cost/telling.py": _COST,
     "client/experiment/cost/__main__.py": "a command line: tests/end_to_end/test_cost.py runs it",
+    "client/experiment/degraded/__main__.py": _DEGRADED,
+    "client/experiment/degraded/study.py": _DEGRADED,
+    "client/experiment/pictures/degraded.py": _DEGRADED,
     "client/__main__.py": "a command line: tests/client/landmarks/test_training.py does the work",
     "client/experiment/__main__.py": _RUN,
     "client/experiment/results.py": _RUN,

@@ -89,7 +89,7 @@ def verdict_table(results: Sequence[LadderResult]) -> Iterator[str]:
 
 def _rung_table(result: LadderResult) -> Iterator[str]:
     ladder = result.ladder
-    yield from ("", f"## {ladder.name}", "", f"{ladder.words.capitalize()}.", "")
+    yield from ("", f"## {ladder.name}", "", f"{ladder.words[0].upper()}{ladder.words[1:]}.", "")
     yield from _row(ladder.unit, "found", "false a frame", "bearing", "range", "EKF largest",
                     "EKF final", "taught anew: found", "false a frame", "EKF largest")  # fmt: skip
     yield from _row(*["---"] * 10)

@@ -29,7 +29,7 @@ def draw_ladder(path: Path, result: LadderResult) -> None:
     rungs = (result.clean, *result.rungs)
     with style.figure(path, figsize=(2.9 * len(rungs), 6.6)) as drawing:
         above, below = drawing.subfigures(2, 1, height_ratios=(1.25, 1.0))
-        drawing.suptitle(f"{result.ladder.name}: {result.ladder.words}", fontweight="bold")
+        above.suptitle(f"{result.ladder.name}: {result.ladder.words}", fontweight="bold")
         for axis, rung in zip(above.subplots(1, len(rungs)), rungs, strict=True):
             _draw_sample(axis, rung.sample)
             axis.set_title(_sample_title(rung))
@@ -74,7 +74,7 @@ def draw_errors(axis: Any, result: LadderResult) -> None:
     odometry = [_figures(rung, FROM_CLEAN).odometry_max_m for rung in _rungs(result)]
     axis.plot(_labels(result), odometry, ":", color=style.ODOMETRY, label="odometry alone")
     axis.axhline(FILTER_LIMIT_M, color=style.MUTED, lw=1, ls="--")
-    axis.set_ylim(0.0, 1.15 * max(odometry))
+    axis.set_ylim(bottom=0.0)
     axis.set_ylabel("EKF's largest error, m")
 
 

@@ -1,0 +1,66 @@
+"""The study's results as JSON and Markdown."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from catoptra_client.experiment.degraded.ladders import Ladder, Rung
+from catoptra_client.experiment.degraded.measures import Figures
+from catoptra_client.experiment.degraded.sample import Sample
+from catoptra_client.experiment.degraded.study import (
+    FROM_CLEAN,
+    FROM_SAME,
+    LadderResult,
+    RungResult,
+)
+from catoptra_client.experiment.degraded.telling import document, markdown, verdict_table
+
+LADDER = Ladder(
+    "Too dark", "no light", "light", (Rung("0.5", "A=1|B=2"), Rung("0.1", "A=2")), keys="C=3"
+)
+SAMPLE = Sample(np.zeros((4, 4, 3), np.uint8), (), (), (), (2.0, 2.0))
+
+
+def measured(found: int, ekf_max_m: float) -> Figures:
+    error = 0.5 if found else None
+    return Figures(200, 100, found, 0.25, error, error, ekf_max_m, 0.05, 2.0)
+
+
+RESULT = LadderResult(
+    LADDER,
+    RungResult("clean", {FROM_CLEAN: measured(100, 0.1)}, SAMPLE),
+    (
+        RungResult("0.5", {FROM_CLEAN: measured(80, 0.3), FROM_SAME: measured(100, 0.1)}, SAMPLE),
+        RungResult("0.1", {FROM_CLEAN: measured(0, 2.0), FROM_SAME: measured(60, 0.2)}, SAMPLE),
+    ),
+)
+
+
+def test_document_has_rungs_keys_and_verdicts() -> None:
+    told = json.loads(json.dumps(document([RESULT], runs=2, seed=7), allow_nan=False))
+    assert (told["version"], told["runs"], told["seed"]) == (1, 2, 7)
+    (ladder,) = told["ladders"]
+    assert ladder["keys"] == ["C=3"]
+    assert [rung["keys"] for rung in ladder["rungs"]] == [["A=1", "B=2"], ["A=2"]]
+    assert ladder["rungs"][0]["taught"][FROM_SAME]["rate"] == 1.0
+    assert ladder["rungs"][1]["taught"][FROM_CLEAN]["bearing_rms_deg"] is None
+    assert ladder["verdicts"][FROM_CLEAN] == {
+        **{"falters": "0.5", "fails": "0.1", "drifts": "0.5", "lost": "0.1"}
+    }
+    assert ladder["verdicts"][FROM_SAME]["falters"] == "0.1"
+
+
+def test_table_has_a_row_a_ladder_with_dashes_for_what_does_not_happen() -> None:
+    *_, row = verdict_table([RESULT])
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells == ["Too dark", "light", "0.5 … 0.1", *("0.5", "0.1") * 2, "0.1", "–", "–"]
+
+
+def test_page_has_every_rung_of_every_ladder() -> None:
+    page = markdown([RESULT], runs=2)
+    assert "2 drives of 100 frames" in page
+    assert "\n## Too dark\n\nNo light.\n" in page
+    assert "| clean | 100% | 0.25 | 0.50° | 500 mm | 0.10 m | 0.05 m |" in page
+    assert "| 0.1 | 0% | 0.25 | – | – | 2.00 m | 0.05 m | 60% | 0.25 | 0.20 m |" in page
