@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.effects.scene_summary import RINGS
 from catoptra_server.render.chunks import make_chunks
 from catoptra_server.render.rings import Rings, box_bounds, plane_bounds
@@ -23,6 +23,10 @@ Indices = npt.NDArray[np.intp]
 _FAN = 32
 # What is farther than this share of the nearest known is not looked at more closely.
 _CLOSE = 0.95
+# So many boxes a ring are opened before it is looked again which others have to be.
+_AT_ONCE = 4
+# A question opens no more boxes when it has asked so many triangles: some 5 ms.
+MOST = 2**14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +55,28 @@ class _Boxes:
         return box_bounds(middle - half, middle + half, rings)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Some:
+    """(n,) boxes of a level, and their (n, RINGS) bounds."""
+
+    level: int
+    nodes: Indices
+    bounds: Floats
+
+    def part(self, which: Bools) -> _Some:
+        """Return those of a (n,) mask."""
+        return _Some(self.level, self.nodes[which], self.bounds[which])
+
+    def urgent(self, below: Floats) -> tuple[_Some, _Some]:
+        """Return what is nearest in any ring, if nearer than (RINGS,) `below`, and the rest."""
+        is_urgent = np.ones(len(self.nodes), dtype=bool)
+        if len(is_urgent) > _AT_ONCE:
+            open_still = np.where(self.bounds < below, self.bounds, np.inf)
+            is_urgent[:] = False
+            is_urgent[np.argpartition(open_still, _AT_ONCE, axis=0)[:_AT_ONCE]] = True
+        return self.part(is_urgent), self.part(~is_urgent)
+
+
 class Nearness:
     """Triangles that can be asked how near they come: (n, 3, 3) corners and (n, 3) normals."""
 
@@ -68,48 +94,43 @@ class Nearness:
             first = np.arange(0, len(low), _FAN)
             low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
 
-    def bounds(self, seen: Viewpoints, rings: Rings) -> Floats:
-        """Return (RINGS,) distances within which no ring shows a triangle; inf where none is."""
-        if not self._levels:
-            return np.full(RINGS, np.inf)
-        nearest = self._some_triangles(seen, rings)
-        passed_over = np.full(RINGS, np.inf)
-        nodes = self._roots
-        for level, below in self._downwards:
-            bounds = self._levels[level].bounds(nodes, seen, rings)
-            is_needed = (bounds < _CLOSE * nearest).any(axis=1)
-            passed_over = np.minimum(passed_over, bounds[~is_needed].min(axis=0, initial=np.inf))
-            nodes = _children(nodes[is_needed], below)
-        asked = self._triangle_bounds(nodes, seen, rings).min(axis=0, initial=np.inf)
-        nearest = np.minimum(np.minimum(nearest, asked), passed_over)
-        return nearest
+    def bounds(
+        self, seen: Viewpoints, rings: Rings, *, enough: Floats | None = None, most: int = MOST
+    ) -> Floats:
+        """Return (RINGS,) distances within which no ring shows a triangle; inf where none is.
 
-    def boxes(self, seen: Viewpoints, rings: Rings) -> Floats:
-        """Return the same from the smallest boxes alone: cheaper, and less."""
-        if not self._levels:
-            return np.full(RINGS, np.inf)
-        boxes = self._levels[0]
-        bounds: Floats = boxes.bounds(np.arange(len(boxes.half)), seen, rings).min(axis=0)
-        return bounds
+        enough: (RINGS,); what is not nearer is not looked at more closely. Nothing is, once `most`
+        triangles have been asked: then boxes count that hold more than is seen.
+        """
+        nearest = np.full(RINGS, np.inf) if enough is None else enough / _CLOSE
+        found = np.full(RINGS, np.inf)
+        waiting = [self._top(seen, rings)] if self._levels else []
+        while waiting:
+            some = waiting.pop()
+            is_needed = (some.bounds < _CLOSE * nearest).any(axis=1) & (most > 0)
+            found = np.minimum(found, some.bounds[~is_needed].min(axis=0, initial=np.inf))
+            if not is_needed.any():
+                continue
+            now, later = some.part(is_needed).urgent(_CLOSE * nearest)
+            if len(later.nodes):
+                waiting.append(later)
+            if some.level > 0:
+                waiting.append(self._below(now, seen, rings))
+                continue
+            places = _children(now.nodes, len(self._order))
+            found = np.minimum(found, self._triangle_bounds(places, seen, rings).min(axis=0))
+            nearest = np.minimum(nearest, found)
+            most -= len(places)
+        return found
 
-    def _some_triangles(self, seen: Viewpoints, rings: Rings) -> Floats:
-        """Return (RINGS,) bounds of those triangles that lie in the nearest boxes of each ring."""
-        nodes = self._roots
-        for level, below in self._downwards:
-            bounds = self._levels[level].bounds(nodes, seen, rings)
-            nodes = _children(nodes[np.unique(bounds.argmin(axis=0))], below)
-        nearest: Floats = self._triangle_bounds(nodes, seen, rings).min(axis=0)
-        return nearest
+    def _top(self, seen: Viewpoints, rings: Rings) -> _Some:
+        nodes = np.arange(len(self._levels[-1].half))
+        return _Some(len(self._levels) - 1, nodes, self._levels[-1].bounds(nodes, seen, rings))
 
-    @property
-    def _roots(self) -> Indices:
-        return np.arange(len(self._levels[-1].half))
-
-    @property
-    def _downwards(self) -> list[tuple[int, int]]:
-        """Return the levels from the largest boxes on, each with how many there are below it."""
-        counts = [len(self._order), *(len(boxes.half) for boxes in self._levels)]
-        return [(level, counts[level]) for level in reversed(range(len(self._levels)))]
+    def _below(self, some: _Some, seen: Viewpoints, rings: Rings) -> _Some:
+        boxes = self._levels[some.level - 1]
+        nodes = _children(some.nodes, len(boxes.half))
+        return _Some(some.level - 1, nodes, boxes.bounds(nodes, seen, rings))
 
     def _triangle_bounds(self, places: Indices, seen: Viewpoints, rings: Rings) -> Floats:
         """Return the (m, RINGS) bounds of the triangles at (m,) places of the order.

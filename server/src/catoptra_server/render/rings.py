@@ -48,7 +48,7 @@ def rings_of(camera: OmniCamera) -> Rings:
 
 
 def box_bounds(low: Floats, high: Floats, rings: Rings) -> Floats:
-    """Return (n, RINGS) distances within which a ring shows nothing of n boxes; inf: nothing at all.
+    """Return (n, RINGS) distances within which a ring shows nothing of n boxes; inf: none of it.
 
     low, high: (n, 3) of the boxes, from the viewpoint, in axes whose z is the mirror's axis.
     """
@@ -60,9 +60,7 @@ def box_bounds(low: Floats, high: Floats, rings: Rings) -> Floats:
     return _rectangle_bounds((rho_low, rho_high + pad), (low[:, 2] - pad, high[:, 2] + pad), rings)
 
 
-def _rectangle_bounds(
-    rho: tuple[Floats, Floats], z: tuple[Floats, Floats], rings: Rings
-) -> Floats:
+def _rectangle_bounds(rho: tuple[Floats, Floats], z: tuple[Floats, Floats], rings: Rings) -> Floats:
     """Return (n, RINGS) least distances of rectangles of (rho, z), each given from low to high."""
     level = np.maximum(z[0], 0.0) + np.minimum(z[1], 0.0)  # the z that is nearest to 0
     direct = np.hypot(rho[0], level)[:, None]

@@ -25,6 +25,11 @@ def captured(exposure: Exposure) -> Capture:
     return Capture(exposure.key, motion)
 
 
+def scene_motion(exposure: Exposure) -> Twist:
+    """Return the motion of the scene as the camera sees it: the first of what is captured."""
+    return AT_REST if exposure.twist is AT_REST else _seen(exposure, None)
+
+
 def _seen(exposure: Exposure, body: Body | None) -> Twist:
     """Return a body's motion as the camera sees it, or that of the scene."""
     mirror = exposure.world_from_mirror

@@ -1,15 +1,24 @@
-"""What the exposures of one scene can show at most: what never changes is found only once."""
+"""What the exposures of one scene can show at most: what never changes is found only once.
+
+Who asks for light alone pays for no distances. Distances, speeds and rates are rounded outward, so
+that frames of a robot that drives have the same summary for a while (`coarse`).
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render import coarse
+from catoptra_server.render.bodies_around import BodiesAround
 from catoptra_server.render.brightness import largest_radiance
 from catoptra_server.render.own_reach import own_reach
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import captured
+from catoptra_server.render.rings import rings_of
+from catoptra_server.render.staging import scene_motion
+from catoptra_server.render.surroundings import Surroundings, axis_of, turn_to
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -20,18 +29,36 @@ class SceneSummaries:
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
         self._world = world
+        self._surroundings = Surroundings(scene)
+        self._bodies = BodiesAround()
 
     @cached_property
     def largest_radiance(self) -> float:
         """Return the brightest light that the scene can show; found when it is first asked for."""
         return largest_radiance(self._scene, self._world)
 
+    def of_light(self) -> SceneSummary:
+        """Return what every exposure can show at most, as far as light goes."""
+        return SceneSummary(self.largest_radiance)
+
     def of(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most."""
         own = own_reach(exposure, camera)
-        return SceneSummary(
+        summary = SceneSummary(
             self.largest_radiance,
-            motion=captured(exposure).motion[0],
+            self._surroundings.nearest_m(exposure.world_from_mirror, camera),
+            motion=coarse.twist(scene_motion(exposure)),
             own_body_rad=own.angle_rad,
             own_body_m=own.nearest_m,
         )
+        return self._with_bodies(summary, exposure, camera) if exposure.bodies else summary
+
+    def _with_bodies(
+        self, summary: SceneSummary, exposure: Exposure, camera: OmniCamera
+    ) -> SceneSummary:
+        pose = exposure.world_from_mirror
+        turn, rings = turn_to(axis_of(pose)), rings_of(camera)
+        around = self._bodies.of(exposure.bodies, pose.translation, turn, rings)
+        nearest = map(min, summary.nearest_m, coarse.down(around.nearest_m.tolist()))
+        passing = coarse.up(around.passing_rad_s.tolist())
+        return replace(summary, nearest_m=tuple(nearest), passing_rad_s=passing)
