@@ -12,6 +12,17 @@ RINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
+class Shade:
+    """Radiance that a surface loses in shadow, and has left: of that which then changes most."""
+
+    lost: float = 0.0
+    left: float = 0.0
+
+
+NO_SHADE = Shade()
+
+
+@dataclass(frozen=True, slots=True)
 class SceneSummary:
     """What a frame can show at most. Hashable: equal summaries give equal decisions.
 
@@ -21,8 +32,8 @@ class SceneSummary:
     farthest_m: what is shown is not farther; inf where the background is seen.
     motion: of the scene as the camera sees it, `Capture.motion`'s first.
     passing_rad_s: at most how fast anything that moves of its own passes by, by ring, on top.
-    largest_shadow: the most radiance that a surface can lose where all lights with a place or a
-    direction are hidden from it; 0 where nothing could hide one.
+    largest_shadow: what a surface can lose where lights with a place or a direction are hidden from
+    it; own_shadow: the same where the robot that carries the camera casts shadows, too.
     own_body_rad: how far from the pole of the image, about the axis, the robot's own body reaches;
     0 where none of it is within the rim. own_body_m: by ring, what is seen of it is not nearer.
     done: names of effects that one before them does as well: they are left out, whoever asks.
@@ -33,7 +44,8 @@ class SceneSummary:
     farthest_m: float = math.inf
     motion: Twist = AT_REST
     passing_rad_s: tuple[float, ...] = (0.0,) * RINGS
-    largest_shadow: float = 0.0
+    largest_shadow: Shade = NO_SHADE
+    own_shadow: Shade = NO_SHADE
     own_body_rad: float = 0.0
     own_body_m: tuple[float, ...] = (math.inf,) * RINGS
     done: frozenset[str] = frozenset()

@@ -11,7 +11,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.shading import facet_radiance, point_lights
-from catoptra_server.scene.description import DirectionalLight, HemisphereLight, World
+from catoptra_server.scene.description import DirectionalLight, HemisphereLight, PointLight, World
 from catoptra_server.scene.meshes import SceneMesh
 
 # As near as shading lets a light come, squared metres.
@@ -28,13 +28,19 @@ def largest_radiance(scene: SceneMesh, world: World) -> float:
 def _point_radiance(scene: SceneMesh, world: World) -> Floats:
     """Return (n, 3): at most what point lights add to each triangle."""
     total = np.zeros_like(scene.albedo)
-    low, high = scene.corners.min(axis=1), scene.corners.max(axis=1)
     for light in point_lights(world.lights):
-        at = np.asarray(light.position_m)
-        outside = np.maximum(np.maximum(low - at, at - high), 0.0)
-        squared = np.maximum(np.square(outside).sum(axis=-1), _NEAREST_SQUARED)
-        total += np.asarray(light.intensity) / squared[:, None]
+        total += nearest_irradiance(scene, light)
     return scene.albedo * np.where(scene.unlit[:, None], 0.0, total)
+
+
+def nearest_irradiance(scene: SceneMesh, light: PointLight) -> Floats:
+    """Return (n, 3): at most what a point light gives each triangle, from the nearest place."""
+    low, high = scene.corners.min(axis=1), scene.corners.max(axis=1)
+    at = np.asarray(light.position_m)
+    outside = np.maximum(np.maximum(low - at, at - high), 0.0)
+    squared = np.maximum(np.square(outside).sum(axis=-1), _NEAREST_SQUARED)
+    irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
+    return irradiance
 
 
 def _white_facet(world: World) -> float:
