@@ -17,8 +17,10 @@ from catoptra_server.render.brightness import largest_radiance
 from catoptra_server.render.own_reach import own_reach
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.rings import rings_of
+from catoptra_server.render.shadow_bounds import ShadowBounds
 from catoptra_server.render.staging import scene_motion
 from catoptra_server.render.surroundings import Surroundings, axis_of, turn_to
+from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -31,6 +33,7 @@ class SceneSummaries:
         self._world = world
         self._surroundings = Surroundings(scene)
         self._bodies = BodiesAround()
+        self._shadows = ShadowBounds(scene, world)
 
     @cached_property
     def largest_radiance(self) -> float:
@@ -50,6 +53,8 @@ class SceneSummaries:
             motion=coarse.twist(scene_motion(exposure)),
             own_body_rad=own.angle_rad,
             own_body_m=own.nearest_m,
+            largest_shadow=self._shadows.of(exposure.bodies),
+            own_shadow=self._shadows.of(_with_own(exposure)),
         )
         return self._with_bodies(summary, exposure, camera) if exposure.bodies else summary
 
@@ -62,3 +67,8 @@ class SceneSummaries:
         nearest = map(min, summary.nearest_m, coarse.down(around.nearest_m.tolist()))
         passing = coarse.up(around.passing_rad_s.tolist())
         return replace(summary, nearest_m=tuple(nearest), passing_rad_s=passing)
+
+
+def _with_own(exposure: Exposure) -> tuple[Body, ...]:
+    own = () if exposure.own_body is None else (exposure.own_body,)
+    return (*exposure.bodies, *own)
