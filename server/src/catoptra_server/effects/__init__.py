@@ -24,6 +24,7 @@ from catoptra_server.effects import (
     own_body,
     quantisation,
     read_noise,
+    shadows,
     shot_noise,
     vignetting,
     white_balance,
@@ -32,6 +33,7 @@ from catoptra_server.effects.effect import Kind
 
 EFFECTS: tuple[Kind, ...] = (
     own_body.KIND,
+    shadows.KIND,
     fog.KIND,
     defocus_by_depth.KIND,
     defocus.KIND,
