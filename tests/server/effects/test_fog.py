@@ -107,3 +107,8 @@ def test_summary_when_fog_is_brighter_than_the_scene_says_so(airlight: float) ->
     fog = replace(GREY, green=airlight)
     fogged = fog.apply(card(0.8), CAMERA, seen_at(4.0))
     assert fogged.max() <= fog.after(SceneSummary(0.8)).largest_radiance
+
+
+def test_reason_when_asked_for_says_what_the_bound_comes_from() -> None:
+    assert Fog(0.0, 0.5, 0.5, 0.5).bound(SceneSummary(1.0), CAMERA).reason == "the air is clear"
+    assert "background" in GREY.bound(SceneSummary(1.0), CAMERA).reason

@@ -6,7 +6,7 @@ import cv2
 import pytest
 
 from catoptra_server.effects import EFFECTS
-from catoptra_server.figures.effects import CASES, main
+from catoptra_server.figures.effects import main
 
 
 @pytest.fixture(scope="module")
@@ -14,10 +14,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("pages") / "effects"
     assert main(["--output", str(made)]) == 0
     return made
-
-
-def test_cases_when_listed_have_one_of_every_effect_in_optical_order() -> None:
-    assert [case.effect.name for case in CASES] == [kind.name for kind in EFFECTS]
 
 
 @pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])

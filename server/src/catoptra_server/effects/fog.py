@@ -12,6 +12,7 @@ light between black and the brightest changes at the farthest range, in encoded 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -73,8 +74,14 @@ class Fog:
         light = np.append(0.0, np.geomspace(1e-7, 1.0, _STEPS) * top)[:, None]
         fogged = light * least + np.asarray(self.airlight) * (1.0 - least)
         change = np.abs(srgb_from_linear(fogged) - srgb_from_linear(light))
-        reason = f"{100.0 * least:.3g} % of light comes through {summary.farthest_m:.3g} m of fog"
-        return Bound(255.0 * float(change.max()), reason)
+        return Bound(255.0 * float(change.max()), self._reason(summary.farthest_m, least))
+
+    def _reason(self, farthest_m: float, least: float) -> str:
+        if self.density_per_m == 0.0:
+            return "the air is clear"
+        if math.isinf(farthest_m):
+            return "the background is seen, and no light comes through from there"
+        return f"{100.0 * least:.3g} % of light comes through {farthest_m:.3g} m of fog"
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a scene that is as bright as the fog where that is brighter."""

@@ -1,15 +1,15 @@
 """The command `python -m catoptra_server.figures.effects`: what each effect does, and when not.
 
 A page an effect: the picture without it, with it, and their difference, in a scene that calls for
-it; below, the criterion's words there and in a scene that does not. The pictures are the float64
-references' on a traced linear picture.
+it; below, the criterion's words there and in a scene that does not. The pictures are traced.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,143 +23,83 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.shipped import configuration_file
-from catoptra_server.effects.auto_exposure import AutoExposure
-from catoptra_server.effects.bayer import Bayer
-from catoptra_server.effects.bloom import Bloom
-from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.decide import Decision, decide
-from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
-from catoptra_server.effects.exposure import Exposure as ShutterTime
-from catoptra_server.effects.fixed_pattern import FixedPattern
+from catoptra_server.effects.effect import Criterion, Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.mirror_reflectance import MirrorReflectance
-from catoptra_server.effects.quantisation import Quantisation
-from catoptra_server.effects.read_noise import ReadNoise
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shot_noise import ShotNoise
-from catoptra_server.effects.vignetting import Vignetting
-from catoptra_server.effects.white_balance import WhiteBalance
 from catoptra_server.figures import style
+from catoptra_server.figures.effect_cases import CASES, Case
 from catoptra_server.plan.render_plan import RendererKind, plan_from_wish
 from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.staging import staged
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.omni_view import TraceOmniView
+from catoptra_server.robot.description import RobotDescription
 from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.motion import Twist
 from catoptra_server.setup import read_setup
+from catoptra_server.simulation.appearance import own_mesh
 
 _SIDE_PX = 480
 _PANEL_PX = 480
-_CAPTURE = Capture(FrameKey((1, 2), 3))
-_DIM = ShutterTime(0.004, 0.02)
-_LONG = ShutterTime(0.06, 0.02)
-
-
-@dataclass(frozen=True, slots=True)
-class Quiet:
-    """A scene that does not call for an effect: what is different there, in words."""
-
-    words: str
-    effect: Effect
-    largest: float = 1.0
-    rim_deg: float = 120.0
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """What a page shows. before: effects in front of it. zoom: how much of the middle is shown."""
-
-    effect: Effect
-    quiet: Quiet
-    words: str
-    before: tuple[Effect, ...] = ()
-    zoom: int = 1
-
-
-CASES = (
-    Case(
-        MirrorReflectance(2.8, 3.4),
-        Quiet(
-            "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
-        ),
-        "a mirror of steel, n = 2.8, k = 3.4",
-    ),
-    Case(
-        Vignetting(),
-        Quiet("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
-        "the paper's mirror by day",
-    ),
-    Case(
-        _LONG,
-        Quiet("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
-        "60 ms where white needs 20 ms",
-    ),
-    Case(
-        AutoExposure(0.18, 0.1, 10.0),
-        Quiet("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
-        "a picture that was exposed for 4 ms instead of 20",
-        before=(_DIM,),
-    ),
-    Case(
-        Bloom(0.3, 40.0),
-        Quiet("the same at the shutter time that white needs", Bloom(0.3, 40.0)),
-        "60 ms where white needs 20 ms: wells run over",
-        before=(_LONG,),
-    ),
-    Case(
-        FixedPattern(0.02, 20.0, 18000.0),
-        Quiet("a sensor even to a ten-thousandth", FixedPattern(1e-4, 0.1, 18000.0)),
-        "2 % of gain and 20 electrons, 10 times enlarged",
-        zoom=10,
-    ),
-    Case(
-        ShotNoise(1800.0),
-        Quiet("wells of a hundred million electrons", ShotNoise(1e8)),
-        "wells of 1800 electrons, 10 times enlarged",
-        zoom=10,
-    ),
-    Case(
-        ReadNoise(13.0, 1800.0),
-        Quiet("three hundredths of an electron", ReadNoise(0.03, 1800.0)),
-        "13 electrons beside 1800 of white, 10 times enlarged",
-        zoom=10,
-    ),
-    Case(
-        Quantisation(5),
-        Quiet("a converter of 12 bits", Quantisation(12)),
-        "a converter of 5 bits",
-    ),
-    Case(
-        Bayer(),
-        Quiet("a night, a ten-thousandth of white", Bayer(), largest=1e-4),
-        "the field by day, 10 times enlarged",
-        zoom=10,
-    ),
-    Case(
-        WhiteBalance(1.4, 0.75),
-        Quiet("gains of one", WhiteBalance(1.0, 1.0)),
-        "red times 1.4, blue times 0.75",
-    ),
-)
+_KEY = FrameKey((1, 2), 3)
 
 
 def write_pages(folder: Path) -> None:
     """Write a page a case, and the explanations as text, into a folder that is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
-    light, summary = _field()
     lines = []
-    for case in CASES:
-        here, there = _decisions(case, summary)
-        with style.page(style.PAGE_PX, 660) as page:
-            _draw(page, case, light, here, there)
-            style.save(page, folder / f"{case.effect.name}.png")
-        lines += [f"{case.words}: {_told(here)}", f"{case.quiet.words}: {_told(there)}", ""]
+    with _field() as field:
+        for case in CASES:
+            here, there = _decisions(case, field)
+            with style.page(style.PAGE_PX, 660) as page:
+                _draw(page, case, field, here, there)
+                style.save(page, folder / f"{case.effect.name}.png")
+            lines += [f"{case.words}: {_told(here)}", f"{case.quiet.words}: {_told(there)}", ""]
     (folder / "explanations.txt").write_text("\n".join(lines), encoding="utf-8")
 
 
-def _field() -> tuple[Floats, SceneSummary]:
-    """Return the linear picture of the field from its first start, and its summary."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """The field from near its middle, ready to be drawn, and the robot that stands there."""
+
+    renderer: TraceRenderer
+    view: TraceOmniView
+    robot: RobotDescription
+
+    def exposure(self, twist: Twist) -> Exposure:
+        """Return the exposure of the robot's camera while it moves, in its own axes."""
+        omni, own = self.robot.omni_camera, own_mesh(self.robot)
+        assert omni is not None, "the figures' robot has a mirror"
+        assert own is not None, "and its file names its own body"
+        height = self.robot.drive.ride_height_m
+        base = Pose.from_rpy((0.5, 0.3, -height), (0.0, 0.0, 0.3))
+        mirror, in_world = base @ omni.robot_from_mirror, twist.turned(base.rotation)
+        return Exposure(
+            mirror,
+            key=_KEY,
+            twist=in_world.at(mirror.translation - base.translation),
+            own_body=Body(own, base, in_world),
+        )
+
+    def light(self, twist: Twist, effects: Sequence[Criterion]) -> Floats:
+        """Return the linear picture behind effects."""
+        exposure = staged(self.exposure(twist), tuple(effects))
+        of_picture = tuple(effect for effect in effects if isinstance(effect, Effect))
+        return self.view.draw_linear(exposure, of_picture).astype(np.float64)
+
+    def summary(self, twist: Twist) -> SceneSummary:
+        """Return what criteria know of it."""
+        return self.renderer.summary(self.exposure(twist), _camera(120.0))
+
+
+@contextmanager
+def _field() -> Iterator[Field]:
+    """Have the field traced."""
     setup = read_setup(
-        [configuration_file("robots", "p2at_omni")],
+        [configuration_file("robots", "p2at_omni_real")],
         configuration_file("worlds", "four_legged_2006"),
     )
     renderer = TraceRenderer(setup.scene, setup.world)
@@ -167,11 +107,8 @@ def _field() -> tuple[Floats, SceneSummary]:
     plan = plan_from_wish(
         RenderWish(samples=3), camera, kind=RendererKind.TRACE, why="for a figure"
     )
-    exposure = Exposure(Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)))
-    light = renderer.prepare(camera, plan).draw_linear(exposure)
-    summary = renderer.summary(exposure, camera)
+    yield Field(renderer, renderer.prepare(camera, plan), setup.robots[0])
     renderer.close()
-    return light.astype(np.float64), summary
 
 
 def _camera(rim_deg: float) -> OmniCamera:
@@ -183,20 +120,18 @@ def _camera(rim_deg: float) -> OmniCamera:
     )
 
 
-def _decisions(case: Case, summary: SceneSummary) -> tuple[Decision, Decision]:
+def _decisions(case: Case, field: Field) -> tuple[Decision, Decision]:
     wishes = tuple(Wish(effect, Mode.AUTO) for effect in (*case.before, case.effect))
+    summary = field.summary(case.twist)
     here = decide(EffectWishes(wishes), summary, _camera(120.0)).decisions[-1]
     quiet = EffectWishes((Wish(case.quiet.effect, Mode.AUTO),))
     there = decide(quiet, SceneSummary(case.quiet.largest), _camera(case.quiet.rim_deg))
     return here, there.decisions[-1]
 
 
-def _draw(page: style.Page, case: Case, light: Floats, here: Decision, there: Decision) -> None:
-    camera = _camera(120.0)
-    for effect in case.before:
-        light = effect.apply(light, camera, _CAPTURE)
-    without = srgb_from_linear(light)
-    with_it = srgb_from_linear(case.effect.apply(light, camera, _CAPTURE))
+def _draw(page: style.Page, case: Case, field: Field, here: Decision, there: Decision) -> None:
+    without = srgb_from_linear(field.light(case.twist, case.before))
+    with_it = srgb_from_linear(field.light(case.twist, (*case.before, case.effect)))
     difference = with_it - without
     gain = _gain(_middle(difference, case.zoom))
     pictures = (without, with_it, 0.5 + gain * difference)

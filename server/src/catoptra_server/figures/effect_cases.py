@@ -1,0 +1,129 @@
+"""What the pages of effects show: a scene that calls for each, and one that does not.
+
+To add one: its line in `CASES`, in optical order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from catoptra_server.effects.auto_exposure import AutoExposure
+from catoptra_server.effects.bayer import Bayer
+from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.effect import Criterion, Effect
+from catoptra_server.effects.exposure import Exposure as ShutterTime
+from catoptra_server.effects.fixed_pattern import FixedPattern
+from catoptra_server.effects.fog import Fog
+from catoptra_server.effects.mirror_reflectance import MirrorReflectance
+from catoptra_server.effects.own_body import OwnBody
+from catoptra_server.effects.quantisation import Quantisation
+from catoptra_server.effects.read_noise import ReadNoise
+from catoptra_server.effects.shot_noise import ShotNoise
+from catoptra_server.effects.vignetting import Vignetting
+from catoptra_server.effects.white_balance import WhiteBalance
+from catoptra_server.scene.motion import AT_REST, Twist
+
+_DIM = ShutterTime(0.004, 0.02)
+_LONG = ShutterTime(0.06, 0.02)
+
+
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """A scene that does not call for an effect: what is different there, in words."""
+
+    words: str
+    effect: Criterion
+    largest: float = 1.0
+    rim_deg: float = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What a page shows. before: effects in front of it. zoom: how much of the middle is shown.
+
+    twist: of the robot, in its own axes.
+    """
+
+    effect: Criterion
+    quiet: Quiet
+    words: str
+    before: tuple[Effect, ...] = ()
+    zoom: int = 1
+    twist: Twist = AT_REST
+
+
+CASES = (
+    Case(
+        OwnBody(),
+        Quiet("a camera that no robot carries", OwnBody()),
+        "the P2AT in the mirror above it",
+    ),
+    Case(
+        Fog(0.35, 0.5, 0.5, 0.5),
+        Quiet("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
+        "fog in which the eye loses contrast after 9 m",
+    ),
+    Case(
+        MirrorReflectance(2.8, 3.4),
+        Quiet(
+            "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
+        ),
+        "a mirror of steel, n = 2.8, k = 3.4",
+    ),
+    Case(
+        Vignetting(),
+        Quiet("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
+        "the paper's mirror by day",
+    ),
+    Case(
+        _LONG,
+        Quiet("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
+        "60 ms where white needs 20 ms",
+    ),
+    Case(
+        AutoExposure(0.18, 0.1, 10.0),
+        Quiet("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
+        "a picture that was exposed for 4 ms instead of 20",
+        before=(_DIM,),
+    ),
+    Case(
+        Bloom(0.3, 40.0),
+        Quiet("the same at the shutter time that white needs", Bloom(0.3, 40.0)),
+        "60 ms where white needs 20 ms: wells run over",
+        before=(_LONG,),
+    ),
+    Case(
+        FixedPattern(0.02, 20.0, 18000.0),
+        Quiet("a sensor even to a ten-thousandth", FixedPattern(1e-4, 0.1, 18000.0)),
+        "2 % of gain and 20 electrons, 10 times enlarged",
+        zoom=10,
+    ),
+    Case(
+        ShotNoise(1800.0),
+        Quiet("wells of a hundred million electrons", ShotNoise(1e8)),
+        "wells of 1800 electrons, 10 times enlarged",
+        zoom=10,
+    ),
+    Case(
+        ReadNoise(13.0, 1800.0),
+        Quiet("three hundredths of an electron", ReadNoise(0.03, 1800.0)),
+        "13 electrons beside 1800 of white, 10 times enlarged",
+        zoom=10,
+    ),
+    Case(
+        Quantisation(5),
+        Quiet("a converter of 12 bits", Quantisation(12)),
+        "a converter of 5 bits",
+    ),
+    Case(
+        Bayer(),
+        Quiet("a night, a ten-thousandth of white", Bayer(), largest=1e-4),
+        "the field by day, 10 times enlarged",
+        zoom=10,
+    ),
+    Case(
+        WhiteBalance(1.4, 0.75),
+        Quiet("gains of one", WhiteBalance(1.0, 1.0)),
+        "red times 1.4, blue times 0.75",
+    ),
+)
