@@ -74,6 +74,7 @@ CHANGES: dict[str, dict[str, float]] = {
     "Exposure": {"time_s": 0.05},
     "Fog": {"density_per_m": 0.2, "red": 0.9},
     "MirrorReflectance": {"n": 2.8, "k": 3.4},
+    "RollingShutter": {"readout_s": 0.05},
     "Misalignment": {"x_m": 1e-3, "y_m": -4e-4, "axial_m": 2e-3, "pitch_rad": 1e-3},
     "WhiteBalance": {"red": 1.7, "blue": 0.6},
 }
