@@ -15,9 +15,11 @@ from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.fog import Fog
 from catoptra_server.effects.mirror_reflectance import MirrorReflectance
+from catoptra_server.effects.motion_blur import MotionBlur
 from catoptra_server.effects.own_body import OwnBody
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
+from catoptra_server.effects.rolling_shutter import RollingShutter
 from catoptra_server.effects.shot_noise import ShotNoise
 from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.effects.white_balance import WhiteBalance
@@ -25,6 +27,7 @@ from catoptra_server.scene.motion import AT_REST, Twist
 
 _DIM = ShutterTime(0.004, 0.02)
 _LONG = ShutterTime(0.06, 0.02)
+_FAST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,18 @@ CASES = (
         Fog(0.35, 0.5, 0.5, 0.5),
         Quiet("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
         "fog in which the eye loses contrast after 9 m",
+    ),
+    Case(
+        RollingShutter(1.0 / 30.0),
+        Quiet("a robot that stands", RollingShutter(1.0 / 30.0)),
+        "0.5 m/s and 120 degrees/s, rows read in 33 ms",
+        twist=_FAST,
+    ),
+    Case(
+        MotionBlur(1.0 / 30.0),
+        Quiet("a robot that stands", MotionBlur(1.0 / 30.0)),
+        "0.5 m/s and 120 degrees/s, 33 ms",
+        twist=_FAST,
     ),
     Case(
         MirrorReflectance(2.8, 3.4),
