@@ -56,8 +56,9 @@ cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, RE
 	$(COST) --tell --report server/COST.md --readme README.md
 	$(if $(QUICK),,$(BIN)/python tests/cost/dial.py)
 
-effects: $(READY) ## Draw what each effect of lens and sensor does, and tell when it is left out; writes out/effects
+effects: $(READY) ## Draw what each effect does, find where bad pictures defeat the classifier; writes out/effects: [QUICK=yes]
 	$(BIN)/python -m catoptra_server.figures.effects --output out/effects
+	$(BIN)/python -m catoptra_client.experiment.degraded --output out/effects $(if $(QUICK),--quick)
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }

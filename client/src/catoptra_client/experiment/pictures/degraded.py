@@ -29,7 +29,7 @@ def draw_ladder(path: Path, result: LadderResult) -> None:
     rungs = (result.clean, *result.rungs)
     with style.figure(path, figsize=(2.9 * len(rungs), 6.6)) as drawing:
         above, below = drawing.subfigures(2, 1, height_ratios=(1.25, 1.0))
-        above.suptitle(f"{result.ladder.name}: {result.ladder.words}", fontweight="bold")
+        above.suptitle(f"{result.ladder.name}: {result.ladder.words}\n", fontweight="bold")
         for axis, rung in zip(above.subplots(1, len(rungs)), rungs, strict=True):
             _draw_sample(axis, rung.sample)
             axis.set_title(_sample_title(rung))
