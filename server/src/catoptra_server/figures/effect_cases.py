@@ -10,11 +10,16 @@ from dataclasses import dataclass
 from catoptra_server.effects.auto_exposure import AutoExposure
 from catoptra_server.effects.bayer import Bayer
 from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.chromatic_aberration import ChromaticAberration
 from catoptra_server.effects.effect import Criterion, Effect
 from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.fog import Fog
+from catoptra_server.effects.lens_blur import Aperture
+from catoptra_server.effects.mirror_dust import MirrorDust
+from catoptra_server.effects.mirror_marks import Marks
 from catoptra_server.effects.mirror_reflectance import MirrorReflectance
+from catoptra_server.effects.misalignment import Misalignment
 from catoptra_server.effects.motion_blur import MotionBlur
 from catoptra_server.effects.own_body import OwnBody
 from catoptra_server.effects.quantisation import Quantisation
@@ -27,6 +32,7 @@ from catoptra_server.scene.motion import AT_REST, Twist
 
 _DIM = ShutterTime(0.004, 0.02)
 _LONG = ShutterTime(0.06, 0.02)
+_LENS = Aperture(4.0, 7.4e-6, 0.0)
 _FAST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
 
 
@@ -77,6 +83,22 @@ CASES = (
         Quiet("a robot that stands", MotionBlur(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, 33 ms",
         twist=_FAST,
+    ),
+    Case(
+        Misalignment(x_m=1e-3),
+        Quiet("a camera at the mirror's focus", Misalignment()),
+        "a camera 1 mm ahead of where it belongs",
+    ),
+    Case(
+        ChromaticAberration(1.02, 0.985),
+        Quiet("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
+        "red 2 % larger than green, blue 1.5 % smaller, 4 times enlarged",
+        zoom=4,
+    ),
+    Case(
+        MirrorDust(Marks(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _LENS),
+        Quiet("a clean mirror", MirrorDust(Marks(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _LENS)),
+        "grains of 0.4 mm and 20 scratches, seen at F/4",
     ),
     Case(
         MirrorReflectance(2.8, 3.4),
