@@ -29,18 +29,21 @@ def _point_radiance(scene: SceneMesh, world: World) -> Floats:
     """Return (n, 3): at most what point lights add to each triangle."""
     total = np.zeros_like(scene.albedo)
     for light in point_lights(world.lights):
-        total += nearest_irradiance(scene, light)
+        total += nearest_irradiance(scene.corners, light)[0]
     return scene.albedo * np.where(scene.unlit[:, None], 0.0, total)
 
 
-def nearest_irradiance(scene: SceneMesh, light: PointLight) -> Floats:
-    """Return (n, 3): at most what a point light gives each triangle, from the nearest place."""
-    low, high = scene.corners.min(axis=1), scene.corners.max(axis=1)
+def nearest_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
+    """Return (n, 3): at most what a point light gives triangles, and (n,) from how near, metres.
+
+    corners: (n, 3, 3). Near is the nearest place of a triangle's box.
+    """
+    low, high = corners.min(axis=1), corners.max(axis=1)
     at = np.asarray(light.position_m)
     outside = np.maximum(np.maximum(low - at, at - high), 0.0)
     squared = np.maximum(np.square(outside).sum(axis=-1), _NEAREST_SQUARED)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
-    return irradiance
+    return irradiance, np.sqrt(squared)
 
 
 def _white_facet(world: World) -> float:

@@ -17,10 +17,10 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.scene_summary import NO_SHADE, Shade
 from catoptra_server.render import coarse, shading
 from catoptra_server.render.brightness import nearest_irradiance
+from catoptra_server.render.lost_light import change_of, greatest_loss
 from catoptra_server.render.occluders import hideable_facets
 from catoptra_server.render.shading import HideableLight
 from catoptra_server.scene.bodies import Body
-from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import DirectionalLight, PointLight, World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -42,7 +42,7 @@ class ShadowBounds:
             return NO_SHADE
         if not bodies:
             return self._of_scene
-        return max((self._where_all_are_hidden, self._on(bodies)), key=_change)
+        return max((self._where_all_are_hidden, self._on(bodies)), key=change_of)
 
     @cached_property
     def _of_scene(self) -> Shade:
@@ -66,13 +66,13 @@ class ShadowBounds:
     def _irradiance(self, light: HideableLight) -> Floats:
         """Return (n, 3): at most what a light gives each triangle."""
         if isinstance(light, PointLight):
-            return nearest_irradiance(self._scene, light)
+            return nearest_irradiance(self._scene.corners, light)[0]
         return shading.facet_irradiance((light,), self._scene.normals)
 
     def _worst(self, lost: Floats, left: Floats) -> Shade:
         """Return the loss of light that changes a triangle's picture most, of (n, 3) irradiance."""
         lit = self._scene.albedo * ~self._scene.unlit[:, None]
-        return _worst(lost * lit, left * lit, can_be_darker=self._scene.texture_index >= 0)
+        return greatest_loss(lost * lit, left * lit, can_be_darker=self._scene.texture_index >= 0)
 
     def _on(self, bodies: tuple[Body, ...]) -> Shade:
         """Return what white bodies can lose, however they are turned."""
@@ -85,34 +85,9 @@ class ShadowBounds:
                 lost += np.asarray(light.intensity) / max(nearest, _NEAREST_M) ** 2
             else:
                 lost += np.asarray(light.irradiance)
-        return _worst(lost[None], left[None], can_be_darker=np.array([True]))
+        return greatest_loss(lost[None], left[None], can_be_darker=np.array([True]))
 
 
 def _nearest_m(light: PointLight, bodies: tuple[Body, ...]) -> float:
     at = np.asarray(light.position_m)
     return min(float(np.linalg.norm(at - body.centre)) - body.mesh.radius_m for body in bodies)
-
-
-def _worst(lost: Floats, left: Floats, *, can_be_darker: np.ndarray) -> Shade:
-    """Return the row and colour of (n, 3) radiance that a loss changes most when encoded.
-
-    Where a factor can make it darker, the change is greatest with what just reaches white.
-    """
-    if not lost.any():
-        return NO_SHADE
-    whole = lost + left
-    factor = np.where(can_be_darker[:, None], 1.0 / np.maximum(whole, 1.0), 1.0)
-    lost, left = factor * lost, factor * left
-    change = _encoded(lost + left) - _encoded(left)
-    worst = np.unravel_index(int(np.argmax(change)), change.shape)
-    return Shade(float(lost[worst]), float(left[worst]))
-
-
-def _encoded(radiance: Floats) -> Floats:
-    encoded: Floats = srgb_from_linear(np.minimum(radiance, 1.0))
-    return encoded
-
-
-def _change(shade: Shade) -> float:
-    left, whole = _encoded(np.array([shade.left, shade.left + shade.lost]))
-    return float(whole - left)

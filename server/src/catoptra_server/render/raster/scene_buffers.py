@@ -22,8 +22,9 @@ from catoptra_server.render.raster.moving_bodies import MovingBodies
 from catoptra_server.render.raster.programs import Programs
 from catoptra_server.render.raster.scene_look import FacetLight, SceneLook, attribute
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
+from catoptra_server.render.reaching_lights import reaching_lights
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.scene.description import World
+from catoptra_server.scene.description import Light, World
 from catoptra_server.scene.meshes import SceneMesh
 
 # Two vec3 a light, each as large as a vec4, in the 1024 components that OpenGL 3.3 promises.
@@ -52,16 +53,13 @@ class SceneBuffers:
         self._programs = programs
         self._scene = scene
         self._world = world
-        self._lights = shading.point_lights(world.lights)
-        if len(self._lights) > MAX_POINT_LIGHTS:
-            raise DomainError(
-                f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {len(self._lights)}"
-            )
+        reaching = reaching_lights(scene, world.lights)
+        light, body_light = _facet_light(reaching), _facet_light(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
         self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
-        light = FacetLight(world.lights, _point_lights(len(self._lights)))
-        self.bodies = MovingBodies(context, programs, light, self.origin)
+        self._lights = shading.point_lights(reaching)
+        self.bodies = MovingBodies(context, programs, body_light, self.origin)
         corners = scene.corners - self.origin
         self.chunks = make_chunks(corners, (scene.texture_index + 1).astype(np.intp))
         self.chunk_sizes = np.diff(self.chunks.borders)
@@ -99,7 +97,8 @@ class SceneBuffers:
         frame = FrameUniforms.of(viewpoint, depth, lights=self._lights, origin=self.origin)
         for program in self._look.programs:
             frame.set_on(program)
-        self.bodies.use(frame)
+        lights = shading.point_lights(self._world.lights)
+        self.bodies.use(FrameUniforms.of(viewpoint, depth, lights=lights, origin=self.origin))
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
@@ -114,5 +113,9 @@ class SceneBuffers:
         self._position[0].release()
 
 
-def _point_lights(count: int) -> tuple[tuple[str, int], ...]:
-    return (("POINT_LIGHTS", count),) if count else ()
+def _facet_light(lights: tuple[Light, ...]) -> FacetLight:
+    """Return how facets are lit without shadows."""
+    count = len(shading.point_lights(lights))
+    if count > MAX_POINT_LIGHTS:
+        raise DomainError(f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {count}")
+    return FacetLight(lights, (("POINT_LIGHTS", count),) if count else ())

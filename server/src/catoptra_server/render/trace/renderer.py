@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
+from catoptra_server.render.reaching_lights import reaching_lights
 from catoptra_server.render.renderer import Exposure, FaceCamera
 from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.render.trace.cell_view import CellView
@@ -45,7 +47,8 @@ class TraceRenderer:
     def __init__(self, scene: SceneMesh, world: World, *, threads: int = 0) -> None:
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
-        self._scene = EmbreeScene(scene, world)
+        reaching = reaching_lights(scene, world.lights)
+        self._scene = EmbreeScene(scene, replace(world, lights=reaching))
         self._bodies = BodyScenes(world.lights)
         self._summaries = SceneSummaries(scene, world)
         self._mesh = scene
@@ -63,6 +66,10 @@ class TraceRenderer:
     def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most."""
         return self._summaries.of(exposure, camera)
+
+    def light_summary(self, exposure: Exposure) -> SceneSummary:
+        """Return the brightest light that an exposure can show, and of the rest nothing."""
+        return self._summaries.of_light()
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
