@@ -44,7 +44,7 @@ def test_white_and_black_when_the_eye_loses_contrast_differ_by_5_percent() -> No
     capture = seen_at(math.log(20.0) / GREY.density_per_m)
     white, black = np.ones((*SHAPE, 3)), np.zeros((*SHAPE, 3))
     left = GREY.apply(white, CAMERA, capture) - GREY.apply(black, CAMERA, capture)
-    np.testing.assert_allclose(left, 0.05, rtol=1e-6)
+    np.testing.assert_allclose(left[ON_MIRROR], 0.05, rtol=1e-6)
 
 
 def test_nothing_when_it_is_seen_has_the_fogs_own_light() -> None:
@@ -52,10 +52,11 @@ def test_nothing_when_it_is_seen_has_the_fogs_own_light() -> None:
     np.testing.assert_array_equal(fogged[ON_MIRROR], 0.5)
 
 
-def test_pixel_beside_the_mirror_stays_black() -> None:
+def test_pixel_beside_the_mirror_stays_what_it_is() -> None:
     assert not ON_MIRROR.all()
-    fogged = GREY.apply(card(), CAMERA, seen_at(math.inf))
-    np.testing.assert_array_equal(fogged[~ON_MIRROR], 0.0)
+    light = np.full((*SHAPE, 3), 0.25)  # of several samples one may still see the rim
+    fogged = GREY.apply(light, CAMERA, seen_at(math.inf))
+    np.testing.assert_array_equal(fogged[~ON_MIRROR], 0.25)
 
 
 def test_air_when_it_is_clear_leaves_even_what_is_endlessly_far() -> None:
@@ -109,6 +110,22 @@ def test_summary_when_fog_is_brighter_than_the_scene_says_so(airlight: float) ->
     assert fogged.max() <= fog.after(SceneSummary(0.8)).largest_radiance
 
 
+def test_background_when_it_has_the_fogs_own_light_does_not_call_for_thin_fog() -> None:
+    thin = Fog(1e-5, 0.5, 0.5, 0.5)
+    for level, is_on in ((0.5, False), (0.4, True)):
+        summary = SceneSummary(1.0, farthest_m=9.0, background=(level,) * 3)
+        bound = thin.bound(summary, CAMERA)
+        light = np.full((*SHAPE, 3), level)
+        assert change(thin, light, seen_at(math.inf)) <= bound.value
+        assert (bound.value > THRESHOLD) is is_on
+
+
+def test_background_when_it_is_behind_fog_is_fog() -> None:
+    behind = GREY.after(SceneSummary(1.0, background=(0.1, 0.2, 0.3)))
+    assert behind.background == (0.5, 0.5, 0.5)
+
+
 def test_reason_when_asked_for_says_what_the_bound_comes_from() -> None:
     assert Fog(0.0, 0.5, 0.5, 0.5).bound(SceneSummary(1.0), CAMERA).reason == "the air is clear"
-    assert "background" in GREY.bound(SceneSummary(1.0), CAMERA).reason
+    dark = SceneSummary(0.5, farthest_m=0.01, background=(0.0, 0.0, 0.0))
+    assert "background" in GREY.bound(dark, CAMERA).reason

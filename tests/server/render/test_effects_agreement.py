@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import FrameKey
@@ -20,13 +21,14 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import OmniView
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.description import World
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
 from helpers.effects import CAMERA, effect_of
 from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
-from helpers.worlds import VIEW, omni_camera, raster_plan, room
+from helpers.worlds import SKY, SUN, VIEW, omni_camera, raster_plan, room
 
 SENSOR = tuple(
     effect_of(name, changes)
@@ -90,6 +92,26 @@ def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per
     assert (difference > 2).mean() < 0.05
     view.close()
     trace.close()
+
+
+@pytest.mark.parametrize("background", [0.5, 0.45])
+@pytest.mark.parametrize("step", range(-5, 0))
+def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
+    background: float, step: int
+) -> None:
+    black = Material((0.0, 0.0, 0.0), unlit=True)
+    far = Item("far", Box((0.2, 3.0, 1.0)), Pose.from_rpy((-8.0, 0.5, -0.5)), black)
+    world = World("room", (*room().items, far), lights=(SKY, SUN), background=(background,) * 3)
+    trace = TraceRenderer(build_scene(world), world, threads=2)
+    view = trace.prepare(CAMERA, raster_plan(CAMERA))
+    fog = effect_of("Fog", {"density_per_m": 10.0**step})
+    exposure = replace(VIEW, bodies=TWO_ROBOTS)
+    bound = fog.bound(trace.summary(exposure, CAMERA), CAMERA).value
+    clear, foggy = (view.draw_linear(exposure, effects) for effects in ((), (fog,)))
+    trace.close()
+    change = 255.0 * np.abs(srgb_from_linear(foggy) - srgb_from_linear(clear)).max()
+    assert change <= bound + 1e-3
+    assert change > 0.25 if bound > 0.5 else change <= 0.5
 
 
 def traced(world: World, device: GlDevice) -> OmniView:

@@ -4,15 +4,17 @@ L' = L exp(-beta D) + A (1 - exp(-beta D)), D the range of what the middle of a 
 extinction of light a metre, A the airlight: the fog's own light, alike in all directions. What is
 endlessly far away has the airlight's colour. Source: Koschmieder's law. Domain: fog that is the
 same everywhere; beta 0 is none; where the eye loses contrast, at 5 %, beta is 3 over the distance.
-Beside the mirror nothing is added. The error: a pixel that shows two surfaces has the range of one
-of them, and one at the rim counts as on the mirror or beside it as its middle is; so an edge is off
-by at most the airlight's difference between both ranges, in a row of one pixel. Criterion: how much
-light between black and the brightest changes at the farthest range, in encoded grey levels.
+Beside the mirror nothing changes. The error: a pixel that shows two surfaces has the range of one
+of them, and one of several samples at the rim is all mirror if its middle is; so at edges a row of
+pixels is off, by what the fog adds between both ranges, and at the rim by half of what it adds; the
+criterion does not know of it. Criterion: how much light between black and the brightest changes at
+the farthest surface's range, in encoded grey levels, and the background, whose light is known, at
+an endless one. A background that is nowhere seen counts, too: a room without an opening runs even
+the thinnest fog.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -69,26 +71,32 @@ class Fog:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the change of the light that changes most, at the farthest range."""
+        if self.density_per_m == 0.0:
+            return Bound(0.0, "the air is clear")
         least = float(self.passed(np.array(summary.farthest_m)))
         top = min(summary.largest_radiance, 1.0)
-        light = np.append(0.0, np.geomspace(1e-7, 1.0, _STEPS) * top)[:, None]
-        fogged = light * least + np.asarray(self.airlight) * (1.0 - least)
-        change = np.abs(srgb_from_linear(fogged) - srgb_from_linear(light))
-        return Bound(255.0 * float(change.max()), self._reason(summary.farthest_m, least))
+        any_light = np.append(0.0, np.geomspace(1e-7, 1.0, _STEPS) * top)[:, None]
+        surfaces = Bound(
+            self._change(any_light, least),
+            f"{100.0 * least:.3g} % of light comes through {summary.farthest_m:.3g} m of fog",
+        )
+        behind = np.asarray(summary.background or self.airlight)
+        background = Bound(
+            self._change(behind, 0.0), "the background, where it is seen, has the fog's own light"
+        )
+        return max(surfaces, background, key=lambda bound: bound.value)
 
-    def _reason(self, farthest_m: float, least: float) -> str:
-        if self.density_per_m == 0.0:
-            return "the air is clear"
-        if math.isinf(farthest_m):
-            return "the background is seen, and no light comes through from there"
-        return f"{100.0 * least:.3g} % of light comes through {farthest_m:.3g} m of fog"
+    def _change(self, light: Floats, through: float) -> float:
+        """Return by how many grey levels light changes at most of which so much comes through."""
+        fogged = light * through + np.asarray(self.airlight) * (1.0 - through)
+        return 255.0 * float(np.abs(srgb_from_linear(fogged) - srgb_from_linear(light)).max())
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a scene that is as bright as the fog where that is brighter."""
         if self.density_per_m == 0.0:
             return summary
         largest = max(summary.largest_radiance, *self.airlight)
-        return replace(summary, largest_radiance=largest)
+        return replace(summary, largest_radiance=largest, background=self.airlight)
 
     @np.errstate(under="ignore")
     def apply(
@@ -98,8 +106,8 @@ class Fog:
         assert capture.geometry is not None, "fog asks what each pixel sees"
         through = self.passed(capture.geometry.range_m.astype(light.dtype))[..., None]
         airlight = np.asarray(self.airlight, dtype=light.dtype)
-        added = (1 - through) * mirror_mask(camera).astype(light.dtype)
-        return light * through + airlight * added
+        lost = (1 - through) * mirror_mask(camera).astype(light.dtype)
+        return light * (1 - lost) + airlight * lost
 
     def uniforms(
         self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]

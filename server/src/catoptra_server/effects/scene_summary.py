@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from catoptra_server.scene.motion import AT_REST, Twist
+from catoptra_server.scene.motion import AT_REST, Twist, Vector
 
 # The image is told in so many rings of equal width, from the middle of the mirror to its rim.
 RINGS = 8
@@ -29,7 +29,8 @@ class SceneSummary:
     largest_radiance: of any colour; 1 = what fills a pixel's well. The least is 0: beside the
     mirror every picture is black.
     nearest_m: RINGS distances from the effective viewpoint; what a ring shows is not nearer.
-    farthest_m: what is shown is not farther; inf where the background is seen.
+    farthest_m: no surface is farther. background: the light that is seen where there is none; None
+    where that is not known.
     motion: of the scene as the camera sees it, `Capture.motion`'s first.
     passing_rad_s: at most how fast anything that moves of its own passes by, by ring, on top.
     largest_shadow: what a surface can lose where lights with a place or a direction are hidden from
@@ -42,6 +43,7 @@ class SceneSummary:
     largest_radiance: float
     nearest_m: tuple[float, ...] = (math.inf,) * RINGS
     farthest_m: float = math.inf
+    background: Vector | None = None
     motion: Twist = AT_REST
     passing_rad_s: tuple[float, ...] = (0.0,) * RINGS
     largest_shadow: Shade = NO_SHADE

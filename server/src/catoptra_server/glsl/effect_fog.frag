@@ -13,6 +13,6 @@ void main()
     float range_m = texelFetch(geometry, pixel, 0).x;
     // No fog, and nothing to be seen: 0 times infinity is no number.
     float through = density_per_m > 0.0 ? exp(-density_per_m * range_m) : 1.0;
-    float added = (1.0 - through) * texelFetch(mirror_mask, pixel, 0).x;
-    colour = vec4(texelFetch(picture, pixel, 0).rgb * through + airlight * added, 1.0);
+    float lost = (1.0 - through) * texelFetch(mirror_mask, pixel, 0).x;
+    colour = vec4(texelFetch(picture, pixel, 0).rgb * (1.0 - lost) + airlight * lost, 1.0);
 }

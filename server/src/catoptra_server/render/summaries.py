@@ -14,6 +14,7 @@ from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render import coarse
 from catoptra_server.render.bodies_around import BodiesAround
 from catoptra_server.render.brightness import largest_radiance
+from catoptra_server.render.extent import Extent
 from catoptra_server.render.own_reach import own_reach
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.rings import rings_of
@@ -32,6 +33,7 @@ class SceneSummaries:
         self._scene = scene
         self._world = world
         self._surroundings = Surroundings(scene)
+        self._extent = Extent(scene)
         self._bodies = BodiesAround()
         self._shadows = ShadowBounds(scene, world)
 
@@ -50,6 +52,8 @@ class SceneSummaries:
         summary = SceneSummary(
             self.largest_radiance,
             self._surroundings.nearest_m(exposure.world_from_mirror, camera),
+            self._extent.farthest_m(exposure.world_from_mirror.translation, _with_own(exposure)),
+            self._world.background,
             motion=coarse.twist(scene_motion(exposure)),
             own_body_rad=own.angle_rad,
             own_body_m=own.nearest_m,
