@@ -2,12 +2,24 @@ from __future__ import annotations
 
 import pytest
 
+from catoptra_server.effects import EFFECTS
 from catoptra_server.effects.bloom import Bloom
 from catoptra_server.effects.decide import NO_EFFECTS, decide
-from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import (
+    NO_WISHES,
+    Bound,
+    EffectWishes,
+    Kind,
+    Mode,
+    Wish,
+    asks_for_more_than_light,
+    light_is_enough,
+)
 from catoptra_server.effects.exposure import Exposure
+from catoptra_server.effects.fog import Fog
 from catoptra_server.effects.quantisation import Quantisation
-from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.scene.motion import Twist
 from helpers.effects import CAMERA
 
 DAY = SceneSummary(1.0)
@@ -56,6 +68,45 @@ def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
 def test_decision_when_nothing_changed_is_not_made_again() -> None:
     asked = wishes((COARSE, Mode.AUTO))
     assert decide(asked, DAY, CAMERA) is decide(asked, SceneSummary(1.0), CAMERA)
+
+
+BUSY = SceneSummary(
+    DAY.largest_radiance,
+    nearest_m=(0.2,) * RINGS,
+    farthest_m=3.0,
+    motion=Twist((1.0, 0.5, 0.0), (0.0, 0.3, 2.0)),
+    passing_rad_s=(1.0,) * RINGS,
+    own_body_rad=0.5,
+    own_body_m=(0.1,) * RINGS,
+)
+
+
+@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
+def test_bound_is_of_light_alone_where_an_effect_says_that_it_asks_for_no_more(kind: Kind) -> None:
+    effect = kind.make(**{p.field: p.default for p in kind.parameters})
+    is_same = effect.bound(DAY, CAMERA) == effect.bound(BUSY, CAMERA)
+    assert is_same or asks_for_more_than_light(effect)
+
+
+def test_light_is_enough_until_an_effect_looks_at_what_pixels_see() -> None:
+    assert light_is_enough(wishes((COARSE, Mode.AUTO)))
+    assert not light_is_enough(wishes((COARSE, Mode.AUTO), (Fog(0.1, 1, 1, 1), Mode.NEVER)))
+
+
+def test_bound_of_light_alone_when_a_robot_moves_is_not_found_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[SceneSummary] = []
+
+    def bound(self: Bloom, summary: SceneSummary, camera: object) -> Bound:
+        asked.append(summary)
+        return Bound(1.0, "counted")
+
+    monkeypatch.setattr(Bloom, "bound", bound)
+    glow = wishes((Bloom(0.123, 8.0), Mode.AUTO))
+    for summary in (DAY, BUSY, DAY):
+        decide(glow, summary, CAMERA)
+    assert asked == [SceneSummary(1.0)]
 
 
 def test_plan_when_no_effect_is_named_is_empty_and_says_so() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +14,10 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.effects.bloom import Bloom
 from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.fog import Fog
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import OmniEye, Take
 from catoptra_server.imaging.views import Published, Views
@@ -111,9 +114,13 @@ class EffectRenderer(CountingRenderer):
     The background is as bright as the viewpoint is far from the world's middle.
     """
 
+    def light_summary(self, exposure: Exposure) -> SceneSummary:
+        self.log.append("light")
+        return SceneSummary(max(0.1, float(exposure.world_from_mirror.translation[0])))
+
     def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         self.log.append("summary")
-        return SceneSummary(max(1.0, float(exposure.world_from_mirror.translation[0])))
+        return self.light_summary(exposure)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
         super().prepare(camera, plan)
@@ -140,7 +147,7 @@ def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
 def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
     renderer = EffectRenderer()
     picture = views_of(renderer).draw(Take(eye_with(Quantisation(12)), HERE))
-    assert renderer.log == ["prepare omni 8", "summary", "draw"]
+    assert renderer.log == ["prepare omni 8", "light", "draw"]
     assert [(one.effect, one.is_on) for one in picture.effects] == [("Quantisation", False)]
 
 
@@ -149,7 +156,7 @@ def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepa
     views, eye = views_of(renderer), eye_with(Bloom(0.1, 8.0), Quantisation(8))
     glare = Exposure(Pose.from_rpy((3.0, 0.0, 0.0)))
     pictures = [views.draw(Take(eye, exposure)) for exposure in (HERE, glare, HERE)]
-    told = [entry for entry in renderer.log if entry != "summary"]
+    told = [entry for entry in renderer.log if entry != "light"]
     expected = ["draw Quantisation", "draw Bloom Quantisation", "draw Quantisation"]
     assert told == ["prepare omni 8", *expected]
     assert [[one.is_on for one in picture.effects] for picture in pictures] == [
@@ -157,6 +164,23 @@ def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepa
         [True, True],
         [False, True],
     ]
+
+
+def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
+    renderer = EffectRenderer()
+    views_of(renderer).draw(Take(eye_with(Fog(1e-6, 0.5, 0.5, 0.5)), HERE))
+    assert renderer.log[:2] == ["prepare omni 8", "summary"]
+
+
+def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    views, eye = views_of(EffectRenderer()), eye_with(Vignetting(), Quantisation(8))
+    with caplog.at_level(logging.INFO):
+        places = [Exposure(Pose.from_rpy((x, 0.0, 0.0))) for x in (0.4, 0.6, 0.8)]
+        pictures = [views.draw(Take(eye, place)) for place in places]
+    assert len({picture.effects for picture in pictures}) == 3
+    assert sum("effects:" in record.message for record in caplog.records) == 1
 
 
 class SlowRenderer:

@@ -43,11 +43,11 @@ def test_distances_do_not_depend_on_what_was_asked_before() -> None:
 def test_distances_when_a_robot_drives_a_little_are_found_once() -> None:
     surroundings = Surroundings(ROOM)
     begin = surroundings.nearest_m(VIEW.world_from_mirror, CAMERA)
-    found = surroundings.cells_found
+    found = surroundings.questions_asked
     aside = np.array((0.002, 0.001, 0.0))
     near = replace(VIEW.world_from_mirror, translation=VIEW.world_from_mirror.translation + aside)
     assert surroundings.nearest_m(near, CAMERA) == begin
-    assert surroundings.cells_found == found
+    assert surroundings.questions_asked == found
 
 
 def test_open_floor_is_known_for_metres_around() -> None:
@@ -55,7 +55,7 @@ def test_open_floor_is_known_for_metres_around() -> None:
     for x in np.linspace(0.0, 10.0, 101):
         nearest = surroundings.nearest_m(Pose.from_rpy((x, 0.0, -0.6)), CAMERA)
         assert 0.5 < nearest[0] <= 0.6
-    assert surroundings.cells_found < 30
+    assert surroundings.questions_asked < 30
 
 
 def test_empty_world_is_infinitely_far() -> None:

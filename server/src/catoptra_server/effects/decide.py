@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import Bound, Criterion, Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import (
+    Bound,
+    Criterion,
+    Effect,
+    EffectWishes,
+    Mode,
+    Wish,
+    asks_for_more_than_light,
+)
 from catoptra_server.effects.scene_summary import SceneSummary
 
 _ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
@@ -38,6 +46,11 @@ class EffectPlan:
     decisions: tuple[Decision, ...] = ()
     staged: tuple[Criterion, ...] = ()
     active: tuple[Effect, ...] = ()
+
+    @property
+    def running(self) -> tuple[Criterion, ...]:
+        """Return what changes the scene, then what changes the picture."""
+        return (*self.staged, *self.active)
 
     def __str__(self) -> str:
         return table(self.decisions, {})
@@ -72,7 +85,7 @@ def _decision(
 ) -> Decision:
     effect = wish.effect
     is_done = effect.name in summary.done
-    bound = Bound(0.0, "it is done already") if is_done else effect.bound(summary, camera)
+    bound = Bound(0.0, "it is done already") if is_done else _bound(effect, summary, camera)
     wanted = {
         Mode.ALWAYS: True,
         Mode.NEVER: False,
@@ -87,6 +100,18 @@ def _decision(
         unit=effect.unit,
         reason=f"{asked}{bound.reason}",
     )
+
+
+def _bound(effect: Criterion, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    if not asks_for_more_than_light(effect):
+        summary = SceneSummary(summary.largest_radiance)
+    return _found_bound(effect, summary, camera)
+
+
+@lru_cache(maxsize=512)
+def _found_bound(effect: Criterion, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    """Return a bound: found once, not anew with every step of a robot that moves."""
+    return effect.bound(summary, camera)
 
 
 def table(decisions: Sequence[Decision], ms: Mapping[str, float]) -> str:

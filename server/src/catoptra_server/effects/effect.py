@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -52,6 +53,9 @@ class Criterion(Protocol):
     `render/staging` knows how.
     """
 
+    def __hash__(self) -> int:
+        """Return the hash of its parameters: bounds are kept by it."""
+
     @property
     def name(self) -> str:
         """Return its name: the key of its mode, and its stage in timings."""
@@ -88,6 +92,17 @@ class Effect(Criterion, Protocol):
         self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
     ) -> Uniforms:
         """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
+
+
+@lru_cache(maxsize=256)
+def asks_for_more_than_light(effect: Criterion) -> bool:
+    """Return whether a criterion may look at distances, motions or shadows in a summary.
+
+    May: what is staged, what looks at what each pixel sees, and what moves or spreads light, by as
+    much as the scene is near. The others change the light of a pixel, whatever it shows: their
+    bounds are told of light alone.
+    """
+    return not isinstance(effect, Effect) or effect.uses_geometry or effect.unit == PIXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +150,12 @@ class EffectWishes:
 
 
 NO_WISHES = EffectWishes()
+
+
+@lru_cache(maxsize=64)
+def light_is_enough(wishes: EffectWishes) -> bool:
+    """Return whether no effect that is named asks for more of a scene than its light."""
+    return not any(asks_for_more_than_light(wish.effect) for wish in wishes.wishes)
 
 
 def floats(*values: float) -> npt.NDArray[np.float32]:

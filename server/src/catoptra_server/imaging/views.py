@@ -15,6 +15,7 @@ from typing import cast
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.effects.decide import NO_EFFECTS, EffectPlan, decide
+from catoptra_server.effects.effect import light_is_enough
 from catoptra_server.imaging.planning import Planning
 from catoptra_server.imaging.shot import Eye, OmniEye, Take
 from catoptra_server.plan.budget_watch import BudgetWatch, Verdict
@@ -124,9 +125,9 @@ class Views:
         if not eye.effects.wishes:
             return view.draw(exposure)
         plan = self._effects(eye, exposure)
-        if plan != prepared.effects:
-            prepared.effects = plan
+        if prepared.effects is NO_EFFECTS or plan.running != prepared.effects.running:
             log.info("effects:\n%s", plan)
+        prepared.effects = plan
         picture = view.draw(staged(exposure, plan.staged), plan.active)
         return replace(picture, effects=plan.decisions)
 
@@ -176,6 +177,8 @@ class Views:
     def _effects(self, eye: OmniEye, exposure: Exposure) -> EffectPlan:
         """Return which effects an exposure calls for."""
         renderer = self._planning.renderer(self._planning.kind)
+        if light_is_enough(eye.effects):
+            return decide(eye.effects, renderer.light_summary(exposure), eye.camera)
         return decide(eye.effects, renderer.summary(exposure, eye.camera), eye.camera)
 
     def _note(self, eye: OmniEye, prepared: _Prepared, ms: float) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from catoptra_server.scene.motion import Twist, Vector
 
 _STEPS_AN_OCTAVE = 8
+_STEPS_A_VECTOR = 16
 # A bound of no distance at all would leave quotients by it without a value.
 NEAREST_M = 1e-6
 # A nanometre a second is rounding; rounded up, its sign would make another bound of it.
@@ -28,13 +29,20 @@ def up(rates: Iterable[float]) -> tuple[float, ...]:
 
 
 def twist(motion: Twist) -> Twist:
-    """Return a motion with each component rounded away from zero."""
+    """Return a motion with each component rounded away from zero, by a share of its vector."""
     return Twist(_vector(motion.linear_m_s), _vector(motion.angular_rad_s))
 
 
 def _vector(values: Vector) -> Vector:
-    x, y, z = values
-    return _up(x), _up(y), _up(z)
+    length = math.hypot(*values)
+    if length < _REST:
+        return 0.0, 0.0, 0.0
+    step = math.exp2(math.ceil(math.log2(length))) / _STEPS_A_VECTOR
+    x, y, z = (
+        math.copysign(step * math.ceil(abs(v) / step), v) if abs(v) >= _REST else 0.0
+        for v in values
+    )
+    return x, y, z
 
 
 def _down(value: float) -> float:

@@ -21,6 +21,7 @@ Indices = npt.NDArray[np.intp]
 
 # So many triangles a box, and boxes a larger box.
 _FAN = 32
+_MOST_AT_TOP = 4 * _FAN
 # What is farther than this share of the nearest known is not looked at more closely.
 _CLOSE = 0.95
 # So many boxes a ring are opened before it is looked again which others have to be.
@@ -89,7 +90,7 @@ class Nearness:
         self._levels: list[_Boxes] = []  # from small to large
         while len(low):
             self._levels.append(_Boxes(0.5 * (low + high), 0.5 * (high - low)))
-            if len(low) <= _FAN:
+            if len(low) <= _MOST_AT_TOP:
                 break
             first = np.arange(0, len(low), _FAN)
             low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
@@ -107,7 +108,7 @@ class Nearness:
         waiting = [self._top(seen, rings)] if self._levels else []
         while waiting:
             some = waiting.pop()
-            is_needed = (some.bounds < _CLOSE * nearest).any(axis=1) & (most > 0)
+            is_needed = np.asarray((some.bounds < _CLOSE * nearest).any(axis=1) & (most > 0))
             found = np.minimum(found, some.bounds[~is_needed].min(axis=0, initial=np.inf))
             if not is_needed.any():
                 continue

@@ -112,6 +112,9 @@ class Renderer(Protocol):
     def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most; what never changes is found only once."""
 
+    def light_summary(self, exposure: Exposure) -> SceneSummary:
+        """Return the same as far as light goes: for who asks for no more."""
+
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:
         """Return a view of the scene by an omnidirectional camera."""
 

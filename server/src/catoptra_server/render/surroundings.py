@@ -20,8 +20,9 @@ from catoptra_server.render.rings import rings_of
 from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.motion import Vector
 
-# Largest first. A robot that touches a wall is not helped by less than a centimetre.
-_SIDES_M = tuple(2.0**-power for power in range(1, 8))
+# Largest first. Where even the least is too large, each viewpoint is asked for itself: smaller
+# boxes would be left from frame to frame.
+_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
 _HEIGHT = 0.125  # of the side
 # What a box of viewpoints may take of what its middle has in sight.
 _KEEPS = 0.75
@@ -35,12 +36,16 @@ _DIGITS = 6
 _KEPT = 4096
 
 
+Distances = tuple[float, ...]
+
+
 class Surroundings:
     """A scene, as the viewpoints in it are surrounded by it."""
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
         self._in_cell = lru_cache(maxsize=_KEPT)(self._nearest_in)
+        self._at_point = lru_cache(maxsize=_KEPT)(self._nearest_at)
 
     @cached_property
     def _nearness(self) -> Nearness:
@@ -48,35 +53,39 @@ class Surroundings:
         return Nearness(self._scene.corners, self._scene.normals)
 
     @property
-    def cells_found(self) -> int:
-        """Return for how many boxes of viewpoints an answer was looked for so far."""
-        return self._in_cell.cache_info().misses
+    def questions_asked(self) -> int:
+        """Return for how many viewpoints, and boxes of them, an answer was looked for so far."""
+        return self._in_cell.cache_info().misses + self._at_point.cache_info().misses
 
-    def nearest_m(self, world_from_mirror: Pose, camera: OmniCamera) -> tuple[float, ...]:
+    def nearest_m(self, world_from_mirror: Pose, camera: OmniCamera) -> Distances:
         """Return the RINGS distances of a summary, rounded down."""
         axis = axis_of(world_from_mirror)
         x, y, z = world_from_mirror.translation.tolist()
         for side in _SIDES_M:
-            cell = (round(x / side), round(y / side), round(z / (_HEIGHT * side)), side)
-            nearest, is_fine = self._in_cell(camera, axis, cell)
-            if is_fine:
-                break
-        return nearest
+            cell = (round(x / side), round(y / side), round(z / (_HEIGHT * side)))
+            nearest = self._in_cell(camera, axis, cell, side)
+            if nearest is not None:
+                return nearest
+        return self._at_point(camera, axis, (x, y, z))
+
+    def _nearest_at(self, camera: OmniCamera, axis: Vector, point: Vector) -> Distances:
+        seen = Viewpoints(np.array(point), np.zeros(3), turn_to(axis))
+        return coarse.down(self._nearness.bounds(seen, rings_of(camera)).tolist())
 
     def _nearest_in(
-        self, camera: OmniCamera, axis: Vector, cell: tuple[int, int, int, float]
-    ) -> tuple[tuple[float, ...], bool]:
-        """Return the distances of a cell, and whether it is small enough for them."""
+        self, camera: OmniCamera, axis: Vector, cell: tuple[int, int, int], side: float
+    ) -> Distances | None:
+        """Return the distances of a cell, None if it is too large for them."""
         rings, turn = rings_of(camera), turn_to(axis)
-        sides = cell[3] * np.array((1.0, 1.0, _HEIGHT))
-        point = Viewpoints(sides * cell[:3], np.zeros(3), turn)
-        at_middle = self._nearness.bounds(point, rings)
-        box = Viewpoints(point.middle, 0.5 * sides, turn)
+        sides = side * np.array((1.0, 1.0, _HEIGHT))
+        middle = sides * cell
+        at_middle = self._nearness.bounds(Viewpoints(middle, np.zeros(3), turn), rings)
         enough = _KEEPS * at_middle
+        box = Viewpoints(middle, 0.5 * sides, turn)
         nearest = self._nearness.bounds(box, rings, enough=enough, most=_MOST)
         is_far = nearest >= _FAR * nearest.min()
-        is_fine = bool(((nearest >= enough) | is_far).all() and nearest.min() > 0.0)
-        return coarse.down(nearest.tolist()), is_fine
+        is_fine = ((nearest >= enough) | is_far).all() and nearest.min() > 0.0
+        return coarse.down(nearest.tolist()) if is_fine else None
 
 
 def axis_of(world_from_mirror: Pose) -> Vector:

@@ -69,6 +69,10 @@ class RasterRenderer:
         """Return what an exposure can show at most."""
         return self._summaries.of(exposure, camera)
 
+    def light_summary(self, exposure: Exposure) -> SceneSummary:
+        """Return the brightest light that an exposure can show, and of the rest nothing."""
+        return self._summaries.of_light()
+
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Return a view of the scene by an omnidirectional camera."""
         self._check_thread()

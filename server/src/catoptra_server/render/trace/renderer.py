@@ -22,6 +22,7 @@ from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.render.trace.cell_view import CellView
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.lens_view import TraceLensView
 from catoptra_server.render.trace.moving_bodies import BodyScenes
 from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.render.trace.packed_light import LightScale, LinearScale, Scale
@@ -120,17 +121,21 @@ class TraceRenderer:
         grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
         return grid, PixelLaw.of(camera) if len(grid.pixels) else None
 
-    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RayView:
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
         """Return a view of the scene by an ordinary camera."""
         return self._view(lens_samples(camera, samples))
 
-    def prepare_face(self, camera: FaceCamera, samples: int) -> RayView:
+    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceLensView:
         """Return a view of the scene by one virtual camera of the cube."""
         return self._view(face_samples(camera, samples))
 
-    def _view(self, samples: RaySamples) -> RayView:
+    def _view(self, samples: RaySamples) -> TraceLensView:
         scale = LightScale.for_samples(samples.per_pixel)
-        return RayView(RayColours(self._scene, self._bodies, scale), samples, self._pool)
+
+        def source(has_shadows: bool) -> RayView:
+            return RayView(self._colours(scale, has_shadows), samples, self._pool)
+
+        return TraceLensView(source)
 
     def close(self) -> None:
         """End the threads."""
