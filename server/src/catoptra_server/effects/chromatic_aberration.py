@@ -41,8 +41,7 @@ class ChromaticAberration:
         """Return how far the colour that is farther off moves at the farthest place."""
         off = max(abs(m - 1.0) / min(m, 1.0) for m in (self.red, self.blue))
         radius_px = visible_radii_px(camera)[1]
-        reason = f"colours differ by {off:.2g} in magnification, {radius_px:.0f} px off the axis"
-        return Bound(off * radius_px, reason)
+        return Bound(off * radius_px, f"the rim's colours differ in size by {off:.2%}")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: nothing becomes brighter."""

@@ -68,8 +68,7 @@ class MirrorDust:
         most = most_covered(self, camera)
         lost = change_by_gain(1.0 - most, summary.largest_radiance)
         gained = grey_level(most * self.albedo * summary.largest_radiance)
-        words = f"{self.marks.cover:.2%} of the mirror is dusty, {self.marks.scratches} scratches"
-        return Bound(max(lost, gained), f"{words}: up to {most:.2%} of a pixel is covered")
+        return Bound(max(lost, gained), f"marks cover up to {most:.2%} of what a pixel sees")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: marks scatter no more than the brightest light."""

@@ -92,13 +92,13 @@ CASES = (
     Case(
         ChromaticAberration(1.02, 0.985),
         Quiet("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
-        "red 2 % larger than green, blue 1.5 % smaller, 4 times enlarged",
+        "red 2 % larger than green, blue 1.5 % smaller, enlarged",
         zoom=4,
     ),
     Case(
         MirrorDust(Marks(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _LENS),
         Quiet("a clean mirror", MirrorDust(Marks(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _LENS)),
-        "grains of 0.4 mm and 20 scratches, seen at F/4",
+        "1 % dust of 0.4 mm, 20 scratches, at F/4",
     ),
     Case(
         MirrorReflectance(2.8, 3.4),
