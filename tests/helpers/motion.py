@@ -1,0 +1,100 @@
+"""Exposures that really move, and what a camera with an endlessly fine clock makes of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.config.shipped import configuration_file
+from catoptra_server.render.renderer import Exposure, OmniView
+from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.motion import Twist
+from catoptra_server.setup import Setup, read_setup
+from helpers.effects import BODY
+
+# Inside each world, off every axis, at the height of the P2AT's mirror.
+STARTS = {
+    "four_legged_2006": Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)),
+    "corridor": Pose.from_rpy((0.2, 0.1, -0.6), (0.0, 0.0, 0.2)),
+}
+
+
+def world_setup(name: str) -> Setup:
+    """Return the P2AT in a world that comes with the server."""
+    return read_setup(
+        [configuration_file("robots", "p2at_omni")], configuration_file("worlds", name)
+    )
+
+
+def driving(start: Pose, speed_m_s: float, turn_deg_s: float, *bodies: Body) -> Exposure:
+    """Return the exposure of a robot that drives ahead and turns."""
+    ahead = start.rotation @ np.array([speed_m_s, 0.0, 0.0])
+    twist = Twist((*ahead.tolist(),), (0.0, 0.0, math.radians(turn_deg_s)))
+    return Exposure(start, bodies, twist=twist)
+
+
+def crossing(start: Pose, speed_m_s: float = 0.6) -> Body:
+    """Return a body in front, to the right, that crosses the robot's way and turns."""
+    place = start @ Pose.from_rpy((0.9, 0.5, 0.3))
+    return replace(
+        BODY, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
+    )
+
+
+def after(exposure: Exposure, time_s: float) -> Exposure:
+    """Return the exposure at another time, every pose moved as its twist says."""
+    bodies = (
+        replace(body, world_from_body=_moved(body.world_from_body, body.twist, time_s))
+        for body in exposure.bodies
+    )
+    pose = _moved(exposure.world_from_mirror, exposure.twist, time_s)
+    return replace(exposure, world_from_mirror=pose, bodies=tuple(bodies))
+
+
+def _moved(pose: Pose, twist: Twist, time_s: float) -> Pose:
+    turn = _rotation(np.asarray(twist.angular_rad_s) * time_s)
+    return Pose(turn @ pose.rotation, pose.translation + np.asarray(twist.linear_m_s) * time_s)
+
+
+def _rotation(vector: Floats) -> Floats:
+    """Return the (3, 3) rotation about a vector by its length. Source: Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * across + (1.0 - math.cos(angle)) * across @ across
+
+
+def times(duration_s: float, count: int) -> Floats:
+    """Return the middles of equal parts of a duration about 0."""
+    return ((np.arange(count) + 0.5) / count - 0.5) * duration_s
+
+
+def mean_of_frames(view: OmniView, exposure: Exposure, duration_s: float, count: int) -> Floats:
+    """Return the mean light of sharp frames of a moving robot."""
+    frames = (view.draw_linear(after(exposure, t)) for t in times(duration_s, count))
+    return sum((frame.astype(np.float64) for frame in frames), start=np.array(0.0)) / count
+
+
+def rows_of_frames(
+    view: OmniView, exposure: Exposure, duration_s: float, camera: OmniCamera
+) -> Floats:
+    """Return a picture whose rows are those of sharp frames at their times."""
+    rows = [
+        view.draw_linear(after(exposure, t))[row].astype(np.float64)
+        for row, t in enumerate(times(duration_s, camera.height_px))
+    ]
+    return np.stack(rows)
+
+
+def rmse(one: Floats, other: Floats) -> float:
+    """Return the rms difference of two linear pictures, in grey levels of what is encoded."""
+    difference = 255.0 * (srgb_from_linear(one) - srgb_from_linear(other))
+    return float(np.sqrt(np.square(difference).mean()))
