@@ -60,6 +60,11 @@ class TraceRenderer:
         """Return how many meshes of bodies were committed so far."""
         return len(self._bodies)
 
+    @property
+    def light_varies(self) -> bool:
+        """Return whether light varies over any triangle: by textures, or lamps that reach it."""
+        return self._scene.light_varies
+
     def describe(self) -> str:
         """Return what draws, for logs."""
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"

@@ -1,0 +1,99 @@
+"""Worlds with shadows, and float64 pictures of them by trying every triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.render import shading
+from catoptra_server.scene.description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    Item,
+    Light,
+    Material,
+    PointLight,
+    Rectangle,
+    World,
+)
+from catoptra_server.scene.meshes import SceneMesh
+
+DUSK = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
+SUN = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
+LAMP = PointLight((-0.4, 0.3, -1.3), (0.8, 0.7, 0.6))
+GREY = Material((0.5, 0.5, 0.5))
+# A shadow ray that passes this near an edge, as a share of a triangle, may go either way.
+_NEAR_EDGE = 1e-4
+_LIFT_M = 1e-5
+
+
+def floor(size_m: float = 4.0, material: Material = GREY) -> Item:
+    """Return a floor at z = 0."""
+    return Item("floor", Rectangle((size_m, size_m)), Pose.identity(), material)
+
+
+def box_at(x: float, y: float, z: float, size_m: tuple[float, float, float]) -> Item:
+    """Return a grey box."""
+    return Item("box", Box(size_m), Pose.from_rpy((x, y, z), (0.0, 0.0, 0.4)), GREY)
+
+
+def world_of(*items: Item, lights: tuple[Light, ...] = (DUSK, SUN)) -> World:
+    """Return a world of items under lights, with a dark background."""
+    return World("shadows", items, lights=lights, background=(0.1, 0.1, 0.1))
+
+
+def inward_room(lamp: Light) -> World:
+    """Return an empty room of six faces that look inward, 4 x 4 x 2 m, with a light."""
+    half = 0.5 * np.pi
+    faces = (
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0, 0.0, -4.0), (np.pi, 0.0, 0.0)),
+        ((2.0, 0.0, -2.0), (0.0, -half, 0.0)),
+        ((-2.0, 0.0, -2.0), (0.0, half, 0.0)),
+        ((0.0, 2.0, -2.0), (half, 0.0, 0.0)),
+        ((0.0, -2.0, -2.0), (-half, 0.0, 0.0)),
+    )
+    items = (
+        Item(f"face{n}", Rectangle((4.0, 4.0)), Pose.from_rpy(at, turn), GREY)
+        for n, (at, turn) in enumerate(faces)
+    )
+    return world_of(*items, lights=(DUSK, lamp))
+
+
+def shadowed_radiance(
+    scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats
+) -> tuple[Floats, Bools]:
+    """Return (n, 3) radiance of places on triangles without texture, and (n,) which are certain."""
+    sky = shading.facet_irradiance(shading.sky_lights(world.lights), scene.normals[triangle])
+    certain = np.ones(len(points), dtype=bool)
+    total = sky.copy()
+    for light in shading.hideable_lights(world.lights):
+        normals = scene.normals[triangle]
+        unhidden = shading.light_irradiance(light, points, normals)
+        towards, far = shading.towards_light(light, points + _LIFT_M * normals)
+        hidden, doubtful = _hidden(scene, points + _LIFT_M * normals, towards, far)
+        total += np.where(hidden[:, None], 0.0, unhidden)
+        certain &= ~(doubtful & unhidden.any(axis=-1))
+    unlit = scene.unlit[triangle, None]
+    return scene.albedo[triangle] * np.where(unlit, 1.0, total), certain
+
+
+def _hidden(scene: SceneMesh, points: Floats, towards: Floats, far: Floats) -> tuple[Bools, Bools]:
+    """Return (n,) whether a triangle is met before a light, and whether an edge is near."""
+    hidden, doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
+    for corners in scene.corners[scene.casts_shadows]:
+        a, first, second = corners[0], corners[1] - corners[0], corners[2] - corners[0]
+        p = np.cross(towards, second)
+        determinant = p @ first
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.einsum("ni,ni->n", p, points - a) / determinant
+            q = np.cross(points - a, first)
+            v = np.einsum("ni,ni->n", q, towards) / determinant
+            distance = q @ second / determinant
+            edge = np.minimum(np.minimum(u, v), 1.0 - u - v)
+            between = (distance > 0.0) & (distance < far)
+        hidden |= between & (edge >= 0.0)
+        doubtful |= between & (np.abs(edge) < _NEAR_EDGE)
+    return hidden, doubtful

@@ -1,0 +1,243 @@
+"""Shadows in both renderers: the same as the float64 reference, and as each other.
+
+The cameras look straight down or ahead with square pixels, so every pixel's middle is a known place
+of a known facet. Trace is compared ray by ray. Of raster nothing is compared within two texels of a
+shadow's outline: half a texel's diagonal of the map, and what slopes move casters back (see
+shadow_maps.SLOPE).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import Exposure, Image, Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.scene import primitives
+from catoptra_server.scene.bodies import Body, body_mesh
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.description import Box, DirectionalLight, Light, PointLight, World
+from catoptra_server.scene.meshes import build_scene
+from helpers.bodies import TWO_ROBOTS
+from helpers.opengl import device_or_skip
+from helpers.pictures import away_from_edges, level_differences
+from helpers.shadows import (
+    DUSK,
+    GREY,
+    LAMP,
+    SUN,
+    box_at,
+    floor,
+    inward_room,
+    shadowed_radiance,
+    world_of,
+)
+from helpers.worlds import LAMP as ROOM_LAMP
+from helpers.worlds import SKY, VIEW, omni_camera, raster_plan, room
+from helpers.worlds import SUN as ROOM_SUN
+
+Make = Callable[[World], Renderer]
+CAMERA = PerspectiveCamera(160, 160, math.radians(80.0))
+# 1.5 m above the floor, x ahead turned down; a little aside so that nothing lines up by accident.
+ABOVE = Pose.from_rpy((0.05, 0.03, -1.5), (0.0, -0.5 * math.pi, 0.0))
+BOXES = world_of(
+    floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), box_at(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02))
+)
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+@pytest.fixture(params=["trace", "raster"])
+def make(request: pytest.FixtureRequest) -> Iterator[Make]:
+    """Return what makes a renderer of either kind; trace's threads end with the test."""
+    with ExitStack() as stack:
+
+        def trace(world: World) -> Renderer:
+            renderer = TraceRenderer(build_scene(world), world, threads=2)
+            stack.callback(renderer.close)
+            return renderer
+
+        def raster(world: World) -> Renderer:
+            device = request.getfixturevalue("device")
+            return RasterRenderer(build_scene(world), world, device=device)
+
+        yield trace if request.param == "trace" else raster
+
+
+def shown(make: Make, world: World, exposure: Exposure) -> Image:
+    view = make(world).prepare_perspective(CAMERA, 1)
+    image = view.draw(exposure).rgb
+    view.close()
+    return image
+
+
+def seen(at: Pose, *bodies: Body) -> Exposure:
+    return Exposure(at, bodies, has_shadows=True)
+
+
+def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
+    """Return what a camera shows by the float64 model, and (h, w) which pixels are certain."""
+    scene = build_scene(world)
+    v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
+    rays, _ = CAMERA.direction_from_pixel(np.stack((u, v), axis=-1))
+    rays = at.directions(rays.reshape(-1, 3))
+    distance, normals = EmbreeRayCaster(scene).hits(np.tile(at.translation, (len(rays), 1)), rays)
+    met = np.flatnonzero(np.isfinite(distance))
+    points = at.translation + distance[met, None] * rays[met]
+    # Which triangle: that of the same normal whose plane is nearest.
+    height = np.einsum("mi,nmi->nm", scene.normals, points[:, None] - scene.corners[:, 0])
+    other = scene.normals @ normals[met].T < 1.0 - 1e-9
+    triangle = np.argmin(np.abs(height) + 10.0 * other.T, axis=1)
+    radiance = np.tile(np.asarray(world.background), (len(rays), 1))
+    radiance[met], sure = shadowed_radiance(scene, world, triangle, points)
+    certain = np.ones(len(rays), dtype=bool)
+    certain[met] = sure
+    greys = np.rint(255.0 * srgb_from_linear(radiance)).astype(np.uint8)
+    shape = (CAMERA.height_px, CAMERA.width_px)
+    return greys.reshape(*shape, 3), certain.reshape(shape)
+
+
+LIGHTS: dict[str, tuple[Light, ...]] = {
+    "sun": (DUSK, SUN),
+    "lamp": (DUSK, LAMP),
+    "two suns and two lamps": (
+        DUSK,
+        SUN,
+        LAMP,
+        DirectionalLight((0.0, -0.6, 0.8), (0.1, 0.2, 0.3)),
+        PointLight((0.9, -0.5, -0.8), (0.1, 0.3, 0.1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
+    make: Make, name: str
+) -> None:
+    world = dataclasses.replace(BOXES, lights=LIGHTS[name])
+    image = shown(make, world, seen(ABOVE))
+    expected, certain = reference(world, ABOVE)
+    without = shown(make, world, dataclasses.replace(seen(ABOVE), has_shadows=False))
+    changed = level_differences(expected, without) > 5
+    assert 300 < changed.sum() < 0.5 * changed.size
+    # A pixel is 16 mm of the floor, texels are 3 mm: what is smooth is two texels from an outline.
+    smooth = away_from_edges(expected, contrast=4) & certain
+    assert smooth.mean() > 0.7
+    assert level_differences(image, expected)[smooth].max() <= 1
+
+
+@pytest.mark.parametrize("elevation_deg", [0.5, 3.0, 20.0, 90.0])
+@pytest.mark.parametrize("bearing_deg", [0.0, 31.0])
+def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
+    make: Make, elevation_deg: float, bearing_deg: float
+) -> None:
+    e, b = math.radians(elevation_deg), math.radians(bearing_deg)
+    low = (math.cos(e) * math.cos(b), math.cos(e) * math.sin(b), math.sin(e))
+    world = world_of(floor(6.0), lights=(DUSK, DirectionalLight(low, (1.0 / low[2],) * 3)))
+    exposure = seen(ABOVE)
+    without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
+    assert level_differences(shown(make, world, exposure), without).max() <= 1
+
+
+@pytest.mark.parametrize("height_m", [0.01, 0.3, 2.0])
+def test_walls_when_a_lamp_is_near_the_floor_of_an_empty_room_have_no_wrong_pixel(
+    make: Make, height_m: float
+) -> None:
+    world = inward_room(PointLight((0.2, 0.3, -height_m), (0.5, 0.5, 0.5)))
+    for turn in ((0.0, -0.5 * math.pi, 0.0), (0.0, 0.2, 0.4), (0.0, 0.2, 2.5)):
+        exposure = seen(Pose.from_rpy((0.05, 0.03, -1.5), turn))
+        without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
+        wrong = level_differences(shown(make, world, exposure), without) > 1
+        # Raster: a texel at the line where two walls meet may show the other wall.
+        assert wrong.mean() < 1e-3
+
+
+def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(make: Make) -> None:
+    world = world_of(floor(), box_at(0.0, 0.0, -0.2, (0.4, 0.4, 0.4)))
+    image = shown(make, world, seen(ABOVE))
+    expected, certain = reference(world, ABOVE)
+    wrong = (level_differences(image, expected) > 5) & certain
+    # An outline is one pixel wide at most: a leak beside the box would be a line of its own.
+    assert wrong.sum() < 40
+
+
+def test_body_when_it_stands_in_the_light_casts_the_shadow_of_the_same_thing_in_the_scene(
+    make: Make,
+) -> None:
+    box, place = Box((0.3, 0.2, 0.3)), Pose.from_rpy((0.3, 0.1, -0.15), (0.0, 0.0, 0.4))
+    for lights in LIGHTS.values():
+        fixed = world_of(floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=lights)
+        body = Body(body_mesh([(primitives.box(box), GREY)]), place)
+        moving = shown(make, world_of(floor(), lights=lights), seen(ABOVE, body))
+        difference = level_differences(moving, shown(make, fixed, seen(ABOVE)))
+        assert (difference > 1).mean() < 0.006
+        assert (difference[away_from_edges(moving)] > 1).mean() < 1e-3
+
+
+def test_body_when_in_the_shadow_of_the_scene_is_dark(make: Make) -> None:
+    roof = box_at(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
+    world = world_of(floor(), roof, lights=(DUSK, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)))
+    body = Body(body_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0)))
+    at = Pose.from_rpy((0.0, 0.0, -0.6), (0.0, -0.5 * math.pi, 0.0))
+    dark, bright = (shown(make, world, e) for e in (seen(at, body), Exposure(at, (body,))))
+    middle = (CAMERA.height_px // 2, CAMERA.width_px // 2)
+    assert dark[middle].tolist() == [108] * 3, "0.5 * 0.3 of the sky, encoded"
+    assert bright[middle].tolist() == [170] * 3
+
+
+def test_item_when_it_lets_light_through_casts_no_shadow(make: Make) -> None:
+    glass = dataclasses.replace(box_at(0.3, 0.1, -0.4, (0.3, 0.2, 0.1)), casts_shadows=False)
+    world = world_of(floor(), glass)
+    without = shown(make, world, Exposure(ABOVE))
+    assert level_differences(shown(make, world, seen(ABOVE)), without).max() <= 1
+
+
+@pytest.mark.parametrize("has_bodies", [False, True])
+@pytest.mark.parametrize("lights", [(SKY, ROOM_SUN), (SKY, ROOM_SUN, ROOM_LAMP)])
+def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
+    device: GlDevice, lights: tuple[Light, ...], has_bodies: bool
+) -> None:
+    world, camera = room(lights=lights), omni_camera(width_px=300)
+    scene = build_scene(world)
+    bodies = TWO_ROBOTS if has_bodies else ()
+    exposure = dataclasses.replace(VIEW, has_shadows=True, bodies=bodies)
+    plan = raster_plan(camera, face_size_px=640)
+    trace = TraceRenderer(scene, world, threads=2)
+    views = [r.prepare(camera, plan) for r in (RasterRenderer(scene, world, device=device), trace)]
+    raster_image, trace_image = (view.draw(exposure).rgb for view in views)
+    without = views[1].draw(dataclasses.replace(exposure, has_shadows=False)).rgb
+    views[0].close()
+    trace.close()
+    assert (level_differences(trace_image, without) > 5).mean() > 0.01
+    difference, smooth = (
+        level_differences(raster_image, trace_image),
+        away_from_edges(trace_image),
+    )
+    levels = 3 if ROOM_LAMP in lights else 2
+    assert (difference[smooth] > levels).mean() < 1e-3
+    assert (difference > levels).mean() < 0.05
+
+
+def test_frames_when_shadows_come_and_go_are_the_same_bytes_as_ever(make: Make) -> None:
+    view = make(BOXES).prepare(omni_camera(), raster_plan(omni_camera()))
+    plain = Exposure(Pose.from_rpy((0.05, 0.03, -1.0)))
+    before = view.draw(plain).rgb
+    shadowed = view.draw(dataclasses.replace(plain, has_shadows=True)).rgb
+    assert level_differences(before, shadowed).max() > 5
+    np.testing.assert_array_equal(view.draw(plain).rgb, before)
+    view.close()
