@@ -43,6 +43,7 @@ def test_document_has_rungs_keys_and_verdicts() -> None:
     assert (told["version"], told["runs"], told["seed"]) == (1, 2, 7)
     (ladder,) = told["ladders"]
     assert ladder["keys"] == ["C=3"]
+    assert ladder["clean"]["changed_grey_levels"] == 0.0
     assert [rung["keys"] for rung in ladder["rungs"]] == [["A=1", "B=2"], ["A=2"]]
     assert ladder["rungs"][0]["taught"][FROM_SAME]["rate"] == 1.0
     assert ladder["rungs"][1]["taught"][FROM_CLEAN]["bearing_rms_deg"] is None
@@ -62,5 +63,5 @@ def test_page_has_every_rung_of_every_ladder() -> None:
     page = markdown([RESULT], runs=2)
     assert "2 drives of 100 frames" in page
     assert "\n## Too dark\n\nNo light.\n" in page
-    assert "| clean | 100% | 0.25 | 0.50° | 500 mm | 0.10 m | 0.05 m |" in page
-    assert "| 0.1 | 0% | 0.25 | – | – | 2.00 m | 0.05 m | 60% | 0.25 | 0.20 m |" in page
+    assert "| clean | 0.0 | 100% | 0.25 | 0.50° | 500 mm | 0.10 m | 0.05 m |" in page
+    assert "| 0.1 | 0.0 | 0% | 0.25 | – | – | 2.00 m | 0.05 m | 60% | 0.25 | 0.20 m |" in page

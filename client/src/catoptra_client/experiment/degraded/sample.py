@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from catoptra_client.experiment.degraded.film import Film
 from catoptra_client.experiment.degraded.measures import Judged, Sightings, judgements
 from catoptra_client.landmarks.histogram import Bytes
@@ -39,6 +41,12 @@ def sample(film: Film, found: Sightings) -> Sample:
         false_rad=tuple(one.bearing_rad for one in frame.false),
         centre_px=film.camera.centre_px,
     )
+
+
+def changed(shown: Sample, clean: Sample) -> float:
+    """Return the rms difference of two samples of the same place, in grey levels."""
+    difference = shown.frame.astype(np.float64) - clean.frame
+    return float(np.sqrt(np.mean(np.square(difference))))
 
 
 def fullest(judged: Sequence[Judged]) -> int:

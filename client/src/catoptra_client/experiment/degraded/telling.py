@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from catoptra_client.experiment.degraded.measures import Figures
+from catoptra_client.experiment.degraded.sample import changed
 from catoptra_client.experiment.degraded.study import (
     FROM_CLEAN,
     FROM_SAME,
@@ -20,10 +21,15 @@ _HEAD = """\
 
 Written by `make effects`. {runs} drives of {frames} frames a rung, the same seeds everywhere. A
 beacon counts as found within 5° of its bearing, of those that the stream calls visible within
-2.5 m. The filter is the paper's; its errors are medians over the drives. "Taught clean": the
-classifier has learnt from clean pictures, as the paper's; "taught anew": from pictures as bad
-as those it is shown. Odometry alone comes to be {odometry:.2f} m off.
+2.5 m. The filter is the paper's; its errors are medians over the drives. The classifier has
+learnt from clean pictures, as the paper's; "taught anew": from pictures as bad as those it is
+shown. "Grey levels": how far a picture is from the clean one of the same place, rms. Odometry
+alone comes to be {odometry:.2f} m off.
 """
+_RUNG_HEAD = (
+    *("grey levels", "found", "false a frame", "bearing", "range", "EKF largest", "EKF final"),
+    *("taught anew: found", "false a frame", "EKF largest"),
+)
 
 
 def verdicts(result: LadderResult) -> dict[str, Verdict]:
@@ -47,18 +53,22 @@ def _ladder(result: LadderResult) -> dict[str, Any]:
         "words": ladder.words,
         "unit": ladder.unit,
         "keys": ladder.keys.split("|") if ladder.keys else [],
-        "clean": _rung(result.clean),
+        "clean": _rung(result.clean, result),
         "rungs": [
-            {**_rung(measured), "keys": rung.keys.split("|")}
+            {**_rung(measured, result), "keys": rung.keys.split("|")}
             for measured, rung in zip(result.rungs, ladder.rungs, strict=True)
         ],
         "verdicts": {learnt: asdict(v) for learnt, v in verdicts(result).items()},
     }
 
 
-def _rung(rung: RungResult) -> dict[str, Any]:
+def _rung(rung: RungResult, result: LadderResult) -> dict[str, Any]:
     told = {learnt: {**asdict(f), "rate": f.rate} for learnt, f in rung.figures.items()}
-    return {"label": rung.label, "taught": told}
+    return {"label": rung.label, "changed_grey_levels": _changed(rung, result), "taught": told}
+
+
+def _changed(rung: RungResult, result: LadderResult) -> float:
+    return changed(rung.sample, result.clean.sample)
 
 
 def markdown(results: Sequence[LadderResult], *, runs: int) -> str:
@@ -90,13 +100,13 @@ def verdict_table(results: Sequence[LadderResult]) -> Iterator[str]:
 def _rung_table(result: LadderResult) -> Iterator[str]:
     ladder = result.ladder
     yield from ("", f"## {ladder.name}", "", f"{ladder.words[0].upper()}{ladder.words[1:]}.", "")
-    yield from _row(ladder.unit, "found", "false a frame", "bearing", "range", "EKF largest",
-                    "EKF final", "taught anew: found", "false a frame", "EKF largest")  # fmt: skip
-    yield from _row(*["---"] * 10)
+    yield from _row(ladder.unit, *_RUNG_HEAD)
+    yield from _row(*["---"] * (1 + len(_RUNG_HEAD)))
     for rung in (result.clean, *result.rungs):
         taught = rung.figures[FROM_CLEAN]
         anew = rung.figures.get(FROM_SAME, taught)
-        yield from _row(rung.label, *_cells(taught), *_short_cells(anew))
+        level = f"{_changed(rung, result):.1f}"
+        yield from _row(rung.label, level, *_cells(taught), *_short_cells(anew))
 
 
 def _cells(f: Figures) -> tuple[str, ...]:
