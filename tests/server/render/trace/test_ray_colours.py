@@ -56,6 +56,25 @@ def test_body_when_it_is_in_the_way_is_seen_and_only_there() -> None:
     assert colours.of_rays(rays, placed, off_mirror=NONE)[1].tolist() != [255, 0, 0]
 
 
+def test_scene_when_a_body_is_before_it_is_not_asked_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    colours, asked = colours_of(2), []
+    whole = EmbreeScene.hit_light
+
+    def counted(scene: EmbreeScene, origins: np.ndarray, *args: object, **how: object) -> object:
+        asked.append(len(origins))
+        return whole(scene, origins, *args, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(EmbreeScene, "hit_light", counted)
+    exposure = Exposure(Pose.from_rpy((0.0, 0.0, -0.6)), (cube_at(0.5, 0.0, -0.6),))
+    rays = np.float32([[1, 0, 0], [1, 0.01, 0], [-1, 0, 0], [0, 1, 0]])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    found = colours.of_rays(rays, colours.placed(exposure), off_mirror=NONE)
+    assert asked == [2]
+    assert found[0].tolist() == [255, 0, 0]
+
+
 @pytest.mark.parametrize("samples", [1, 4])
 def test_triangles_when_they_fill_pixels_have_the_colour_of_their_rays(samples: int) -> None:
     colours, rays = colours_of(samples), directions(200)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,9 @@ from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace.embree_scene import EmbreeScene, Places
 from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody, body_hits
 from catoptra_server.render.trace.packed_light import Colours, Float32s, Packed, Scale
+
+SeenHits = tuple[npt.NDArray[np.intp], Packed]
+_NO_HITS: SeenHits = (np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.uint64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,15 +90,15 @@ class RayColours:
     ) -> Colours:
         """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
         directions = directions @ placement.rotation
-        origins = np.broadcast_to(placement.origin, directions.shape)
-        if self._is_looked_up and not placement.bodies and not len(off_mirror):
+        rays, of_bodies = self._seen_bodies(directions, placement)
+        if self._is_looked_up and not len(rays) and not len(off_mirror):
+            origins = np.broadcast_to(placement.origin, directions.shape)
             triangle = self.scene.met(origins, directions)
             whole = self._colour_of_triangle.take(triangle, mode="wrap")
             known: Colours = whole.view(self.channel).reshape(-1, 3)
             return known
-        light = self.scene.hit_light(origins, directions, table=self._table, scale=self._scale)
-        if placement.bodies:
-            self._add_bodies(light, directions, placement)
+        light = self._scene_light(directions, placement, besides=rays)
+        light[rays] = of_bodies
         light[off_mirror] = 0
         return self._encoded(light)
 
@@ -117,10 +121,42 @@ class RayColours:
     def _encoded(self, light: Packed) -> Colours:
         return self._scale.colours(self._scale.pixel_sums(light))
 
-    def _add_bodies(self, light: Packed, directions: Float32s, placement: Placement) -> None:
-        """Replace the light of rays that meet a body which the scene does not hide."""
+    def _seen_bodies(self, directions: Float32s, placement: Placement) -> SeenHits:
+        """Return the rays that meet a body which the scene does not hide, and its light."""
+        if not placement.bodies:
+            return _NO_HITS
         met = body_hits(placement.bodies, directions, self._scale)
-        replace_hits(light, met, directions, scene=self.scene, origin=placement.origin)
+        return seen_hits(met, directions, scene=self.scene, origin=placement.origin)
+
+    def _scene_light(
+        self, directions: Float32s, placement: Placement, *, besides: npt.NDArray[np.intp]
+    ) -> Packed:
+        """Return the (n,) light that the scene has along rays; some need not be asked."""
+        look_up = partial(self.scene.hit_light, table=self._table, scale=self._scale)
+        if not len(besides):
+            return look_up(np.broadcast_to(placement.origin, directions.shape), directions)
+        is_asked = np.ones(len(directions), dtype=bool)
+        is_asked[besides] = False
+        light: Packed = np.zeros(len(directions), dtype=np.uint64)
+        along = directions[is_asked]
+        light[is_asked] = look_up(np.broadcast_to(placement.origin, along.shape), along)
+        return light
+
+
+def seen_hits(
+    met: tuple[npt.NDArray[np.intp], Float32s, Packed],
+    directions: Float32s,
+    *,
+    scene: EmbreeScene,
+    origin: Float32s,
+) -> SeenHits:
+    """Return those of the rays that met a body which the scene does not hide, and their light."""
+    rays, distance, of_bodies = met
+    if not len(rays):
+        return _NO_HITS
+    along = directions[rays]
+    hidden = scene.hidden(np.broadcast_to(origin, along.shape), along, distance)
+    return rays[~hidden], of_bodies[~hidden]
 
 
 def replace_hits(
@@ -132,9 +168,5 @@ def replace_hits(
     origin: Float32s,
 ) -> None:
     """Replace the light of rays that met a body which the scene does not hide."""
-    rays, distance, of_bodies = met
-    if not len(rays):
-        return
-    along = directions[rays]
-    hidden = scene.hidden(np.broadcast_to(origin, along.shape), along, distance)
-    light[rays[~hidden]] = of_bodies[~hidden]
+    rays, of_bodies = seen_hits(met, directions, scene=scene, origin=origin)
+    light[rays] = of_bodies
