@@ -72,10 +72,14 @@ def run_study(
             )
 
         begun_all = [[begun(one, n) for n in range(len(one.rungs))] for one in ladders]
-        return tuple(
-            LadderResult(ladder, clean, tuple(rung.result() for rung in rungs))
-            for ladder, rungs in zip(ladders, begun_all, strict=True)
-        )
+        try:
+            return tuple(
+                LadderResult(ladder, clean, tuple(rung.result() for rung in rungs))
+                for ladder, rungs in zip(ladders, begun_all, strict=True)
+            )
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # else all others are measured first
+            raise
 
 
 def _clean(plan: Plan, robot: str, on_drive: Advance) -> tuple[ColourClassifier, RungResult]:
