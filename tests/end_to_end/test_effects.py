@@ -1,4 +1,4 @@
-"""A robot with a real sensor: its noise is in the frames, keyed, told of, and the same again."""
+"""A robot with a real sensor, end to end: its noise, keyed; its own body; and what is told of them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ CLASS = "USARBot.OmniP2AT"
 SENSOR = "\n".join(("Samples=2", "ShotNoise=auto", "ReadNoise=auto", "Quantisation=auto"))
 
 
+OWN_BODY = "\n".join(("Samples=1", "OwnBody=auto", "Fog=auto", "FogDensity=0.0"))
+
+
 def noisy_robot(folder: Path) -> Path:
+    return robot_with(folder, SENSOR)
+
+
+def robot_with(folder: Path, effects: str) -> Path:
     return edited_copy(
         OMNI_ROBOT,
         folder,
         Edit("ResolutionX=360", "ResolutionX=64"),
         Edit("ResolutionY=360", "ResolutionY=64"),
-        Edit("Samples=2", SENSOR),
+        Edit("Samples=2", effects),
     )
 
 
@@ -57,3 +64,21 @@ def test_noise_when_the_run_is_repeated_is_the_same_whoever_asks_for_more(tmp_pa
     assert pictures(tmp_path / "again") == first
     assert pictures(tmp_path / "more", viewers=2) == first
     assert not set(pictures(tmp_path / "seed", "--seed", "1")) & set(first)
+
+
+def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path, OWN_BODY)
+    with running_server(tmp_path, "--clock", "lockstep", robot=robot) as server:
+        with server.stream() as client:
+            client.spawn(CLASS, name="Self", start="Centre")
+            client.drive(2.0, 1.0)
+            client.step(0.2)
+            frame = client.frame(encoding=Encoding.RAW, robot="Self")
+    own, fog = frame.effects
+    assert (own.name, own.is_on, own.unit, own.ms) == ("OwnBody", True, "px", None)
+    assert own.reason == "the robot is seen up to 46.7 degrees from the axis"
+    assert (fog.name, fog.is_on, fog.reason) == ("Fog", False, "the air is clear")
+    # Dark where the field is green.
+    deck, field = frame.rgb[32, 34].astype(int), frame.rgb[32, 45].astype(int)
+    assert np.ptp(deck) < 20
+    assert np.ptp(field) > 40
