@@ -25,7 +25,7 @@ class ImageMotion(Generic[Real]):
     """The flows of a frame, in float32 or float64.
 
     Pixels are told by their (n,) numbers, row by row; what has two components, u and v, is (2, n).
-    nearness: (h w,) 1 / range, 1/m. mover: (h w,).
+    nearness: (h w,) 1 / range, 1/m. mover: (h w,). stands: (h w,), BESIDE to INNER.
     """
 
     def __init__(self, camera: OmniCamera, capture: Capture, dtype: np.dtype[Real]) -> None:
@@ -35,7 +35,7 @@ class ImageMotion(Generic[Real]):
         law = image_law(camera)
         self._to = law.to_u.reshape(-1, 3), law.to_v.reshape(-1, 3)
         self._about = law.about_u.reshape(-1, 3), law.about_v.reshape(-1, 3)
-        self._standing = law.standing.reshape(-1)
+        self.stands = law.standing.reshape(-1)
         self._motion = capture.motion
         self.mover = capture.geometry.mover.reshape(-1)
         self.nearness: npt.NDArray[Real] = dtype.type(1.0) / capture.geometry.range_m.reshape(
@@ -95,7 +95,7 @@ class ImageMotion(Generic[Real]):
         column, row = column + step[0], row + step[1]
         inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
         places = np.where(inside, row * self.width + column, 0)
-        return places, np.where(inside, self._standing[places], np.float32(BESIDE))
+        return places, np.where(inside, self.stands[places], np.float32(BESIDE))
 
     @property
     def has_bodies(self) -> bool:

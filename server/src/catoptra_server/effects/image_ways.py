@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_server.effects.effect import Real
+from catoptra_server.effects.image_law import WHOLE as WHOLE_PIXEL
 from catoptra_server.effects.image_motion import ImageMotion, Whole
 
 # Where a body is looked for around a pixel, px: a body farther away comes over no pixel, one that
@@ -37,7 +38,8 @@ _AROUND = tuple(
 class ImageWays(Generic[Real]):
     """The ways of a frame's motion over a duration, centred on its pose.
 
-    speed_px_s: (h w,) of what a pixel shows, or of a faster body that may come over it.
+    speed_px_s: (h w,) of what a pixel shows, or of a faster body that may come over it; 0 where the
+    rim goes through a pixel, which keeps its light.
     """
 
     def __init__(self, motion: ImageMotion[Real], duration_s: float, dtype: np.dtype[Real]) -> None:
@@ -49,6 +51,7 @@ class ImageWays(Generic[Real]):
         coming = np.flatnonzero(self._front != every)
         speed = np.hypot(*motion.flow(coming, self._front[coming]))
         self.speed_px_s[coming] = np.maximum(self.speed_px_s[coming], speed)
+        self.speed_px_s[motion.stands < WHOLE_PIXEL] = 0.0
 
     def to(self, pixels: Whole) -> WaysTo[Real]:
         """Return the ways to (n,) pixels."""

@@ -92,8 +92,11 @@ Ways ways_to(ivec2 pixel)
                 front == pixel ? flow : flow_at(pixel, front));
 }
 
+// None where the rim goes through a pixel, which keeps its light.
 float speed_px_s(Ways ways)
 {
+    if (standing_of(ways.pixel) < WHOLE)
+        return 0.0;
     return max(length(ways.flow), length(ways.front_flow));
 }
 

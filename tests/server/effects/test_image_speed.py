@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.camera import pixel_centres
+from catoptra_server.effects.capture import Capture, Geometry
+from catoptra_server.effects.image_motion import ImageMotion
+from catoptra_server.effects.image_speed import largest_speeds, largest_way, ring_scales
+from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.scene.motion import Twist
+from helpers.worlds import omni_camera
+
+CAMERAS = {
+    "paper": omni_camera(width_px=96),
+    "wide picture": replace(omni_camera(width_px=96), width_px=130, centre_px=(60.0, 48.0)),
+    "cropped": replace(omni_camera(width_px=96), height_px=60, centre_px=(48.0, 30.0)),
+}
+NEAREST_M = (0.6, 0.5, 0.7, 0.9, 1.5, 2.0, 3.0, math.inf)
+MOTIONS = {
+    "ahead": Twist((-0.5, 0.0, 0.0)),
+    "turn": Twist(angular_rad_s=(0.0, 0.0, -1.0)),
+    "both": Twist((-0.5, 0.2, 0.0), (0.0, 0.0, 1.0)),
+    "falls and rolls": Twist((0.0, 0.1, -0.7), (0.8, -0.5, 0.2)),
+}
+
+
+def speeds_seen(camera: object, twist: Twist) -> tuple[np.ndarray, np.ndarray]:
+    """Return (h w,) px/s of a scene that is as near as the summary says, and the ring."""
+    off = np.linalg.norm(pixel_centres(camera)[..., 0, :] - camera.centre_px, axis=-1)  # type: ignore[attr-defined,arg-type]
+    share = off / camera.rim_radius_px  # type: ignore[attr-defined]
+    ring = np.minimum((share * RINGS).astype(np.intp), RINGS - 1)
+    geometry = Geometry(np.array(NEAREST_M, np.float32)[ring], np.zeros(ring.shape, np.float32))
+    motion = ImageMotion(camera, Capture(motion=(twist,), geometry=geometry), np.dtype(np.float64))  # type: ignore[arg-type]
+    every = np.arange(ring.size)
+    return np.hypot(*motion.flow(every, every)), ring.reshape(-1)
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+@pytest.mark.parametrize("twist", MOTIONS.values(), ids=MOTIONS.keys())
+def test_speeds_when_a_scene_is_as_near_as_it_may_be_are_bounds_and_tight(
+    camera: object, twist: Twist
+) -> None:
+    bounds = largest_speeds(SceneSummary(1.0, NEAREST_M, motion=twist), camera)  # type: ignore[arg-type]
+    seen, ring = speeds_seen(camera, twist)
+    assert (seen <= bounds[ring]).all()
+    assert bounds.max() < 1.7 * seen.max()
+
+
+def test_passing_bodies_when_they_come_add_their_rate() -> None:
+    camera = CAMERAS["paper"]
+    rates = (0.0,) * 5 + (0.4, 0.0, 0.0)
+    speeds = largest_speeds(SceneSummary(1.0, passing_rad_s=rates), camera)
+    assert np.flatnonzero(speeds).tolist() == [5]
+    assert speeds[5] == pytest.approx(0.4 * ring_scales(camera)[0][5])
+
+
+def test_reference_camera_when_it_drives_past_a_wall_has_the_known_blur() -> None:
+    # Of a rim of 180 px: 8 mm before pixels of 7.4 um.
+    camera = omni_camera(width_px=360)
+    wall = SceneSummary(1.0, (1.0,) * RINGS, motion=Twist((-0.5, 0.0, 0.0)))
+    assert largest_way(wall, camera, 1.0 / 30.0).value == pytest.approx(3.5, abs=0.1)
+    turn = SceneSummary(1.0, motion=Twist(angular_rad_s=(0.0, 0.0, math.radians(60.0))))
+    assert largest_way(turn, camera, 1.0 / 30.0).value == pytest.approx(6.28, abs=0.01)
+
+
+def test_reason_when_something_moves_names_speed_range_turn_and_time() -> None:
+    twist = Twist((-0.5, 0.0, 0.0), (0.0, 0.0, math.radians(60.0)))
+    summary = SceneSummary(1.0, (1.0,) * RINGS, motion=twist, passing_rad_s=(0.5,) * RINGS)
+    reason = largest_way(summary, CAMERAS["paper"], 1.0 / 30.0).reason
+    for part in ("0.5 m/s at 1 m", "turns by 60 degrees/s", "29 degrees/s", "33.3 ms"):
+        assert part in reason
+
+
+def test_reason_when_nothing_moves_says_so() -> None:
+    bound = largest_way(SceneSummary(1.0, (1.0,) * RINGS), CAMERAS["paper"], 1.0)
+    assert (bound.value, bound.reason) == (0.0, "nothing moves")
