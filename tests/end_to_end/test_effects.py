@@ -1,4 +1,4 @@
-"""A robot with a real sensor, end to end: its noise, keyed; its own body; and what is told of them."""
+"""A robot with a real sensor, end to end: its noise, its own body, and what is told of them."""
 
 from __future__ import annotations
 
