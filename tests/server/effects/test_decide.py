@@ -7,7 +7,6 @@ from catoptra_server.effects.bloom import Bloom
 from catoptra_server.effects.decide import NO_EFFECTS, decide
 from catoptra_server.effects.effect import (
     NO_WISHES,
-    Bound,
     EffectWishes,
     Kind,
     Mode,
@@ -91,22 +90,6 @@ def test_bound_is_of_light_alone_where_an_effect_says_that_it_asks_for_no_more(k
 def test_light_is_enough_until_an_effect_looks_at_what_pixels_see() -> None:
     assert light_is_enough(wishes((COARSE, Mode.AUTO)))
     assert not light_is_enough(wishes((COARSE, Mode.AUTO), (Fog(0.1, 1, 1, 1), Mode.NEVER)))
-
-
-def test_bound_of_light_alone_when_a_robot_moves_is_not_found_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[SceneSummary] = []
-
-    def bound(self: Bloom, summary: SceneSummary, camera: object) -> Bound:
-        asked.append(summary)
-        return Bound(1.0, "counted")
-
-    monkeypatch.setattr(Bloom, "bound", bound)
-    glow = wishes((Bloom(0.123, 8.0), Mode.AUTO))
-    for summary in (DAY, BUSY, DAY):
-        decide(glow, summary, CAMERA)
-    assert asked == [SceneSummary(1.0)]
 
 
 def test_plan_when_no_effect_is_named_is_empty_and_says_so() -> None:

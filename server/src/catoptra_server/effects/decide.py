@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import cast
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import (
@@ -17,8 +18,8 @@ from catoptra_server.effects.effect import (
     EffectWishes,
     Mode,
     Wish,
-    asks_for_more_than_light,
 )
+from catoptra_server.effects.kept_bounds import KeptBounds
 from catoptra_server.effects.scene_summary import SceneSummary
 
 _ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
@@ -59,33 +60,48 @@ class EffectPlan:
 NO_EFFECTS = EffectPlan()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Considered:
+    """A wish, what is known of its bounds, and whether it changes the scene, not the picture."""
+
+    wish: Wish
+    bounds: KeptBounds
+    is_staged: bool
+
+
 @lru_cache(maxsize=64)
+def _considered(wishes: EffectWishes, camera: OmniCamera) -> tuple[_Considered, ...]:
+    return tuple(
+        _Considered(wish, KeptBounds(wish.effect, camera), not isinstance(wish.effect, Effect))
+        for wish in wishes.wishes
+    )
+
+
+@lru_cache(maxsize=256)
 def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
     """Return which effects run: `always`, or `auto` with a bound above the threshold.
 
     What one before it does as well is left out, whatever the robot's file says.
     """
     decisions: list[Decision] = []
-    running: list[Criterion] = []
-    for wish in wishes.wishes:
-        threshold = wishes.threshold(wish.effect.unit)
-        decisions.append(_decision(wish, summary, camera, threshold=threshold))
+    staged: list[Criterion] = []
+    active: list[Criterion] = []
+    for one in _considered(wishes, camera):
+        effect = one.wish.effect
+        threshold = wishes.threshold(effect.unit)
+        decisions.append(_decision(one.wish, one.bounds, summary, threshold=threshold))
         if decisions[-1].is_on:
-            running.append(wish.effect)
-            summary = wish.effect.after(summary)
-    return EffectPlan(
-        tuple(decisions),
-        staged=tuple(effect for effect in running if not isinstance(effect, Effect)),
-        active=tuple(effect for effect in running if isinstance(effect, Effect)),
-    )
+            (staged if one.is_staged else active).append(effect)
+            summary = effect.after(summary)
+    return EffectPlan(tuple(decisions), tuple(staged), cast(tuple[Effect, ...], tuple(active)))
 
 
 def _decision(
-    wish: Wish, summary: SceneSummary, camera: OmniCamera, *, threshold: float
+    wish: Wish, bounds: KeptBounds, summary: SceneSummary, *, threshold: float
 ) -> Decision:
     effect = wish.effect
     is_done = effect.name in summary.done
-    bound = Bound(0.0, "it is done already") if is_done else _bound(effect, summary, camera)
+    bound = Bound(0.0, "it is done already") if is_done else bounds.of(summary)
     wanted = {
         Mode.ALWAYS: True,
         Mode.NEVER: False,
@@ -100,18 +116,6 @@ def _decision(
         unit=effect.unit,
         reason=f"{asked}{bound.reason}",
     )
-
-
-def _bound(effect: Criterion, summary: SceneSummary, camera: OmniCamera) -> Bound:
-    if not asks_for_more_than_light(effect):
-        summary = SceneSummary(summary.largest_radiance)
-    return _found_bound(effect, summary, camera)
-
-
-@lru_cache(maxsize=512)
-def _found_bound(effect: Criterion, summary: SceneSummary, camera: OmniCamera) -> Bound:
-    """Return a bound: found once, not anew with every step of a robot that moves."""
-    return effect.bound(summary, camera)
 
 
 def table(decisions: Sequence[Decision], ms: Mapping[str, float]) -> str:

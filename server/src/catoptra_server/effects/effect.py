@@ -54,7 +54,7 @@ class Criterion(Protocol):
     """
 
     def __hash__(self) -> int:
-        """Return the hash of its parameters: bounds are kept by it."""
+        """Return the hash of its parameters: decisions are kept by it."""
 
     @property
     def name(self) -> str:
@@ -99,8 +99,7 @@ def asks_for_more_than_light(effect: Criterion) -> bool:
     """Return whether a criterion may look at distances, motions or shadows in a summary.
 
     May: what is staged, what looks at what each pixel sees, and what moves or spreads light, by as
-    much as the scene is near. The others change the light of a pixel, whatever it shows: their
-    bounds are told of light alone.
+    much as the scene is near. The others change the light of a pixel, whatever it shows.
     """
     return not isinstance(effect, Effect) or effect.uses_geometry or effect.unit == PIXELS
 

@@ -20,12 +20,12 @@ from catoptra_server.render.rings import Rings, box_bounds, plane_bounds
 Indices = npt.NDArray[np.intp]
 
 # So many triangles a box, and boxes a larger box.
-_FAN = 32
-_MOST_AT_TOP = 4 * _FAN
+_FAN = 16
+_MOST_AT_TOP = 128
 # What is farther than this share of the nearest known is not looked at more closely.
 _CLOSE = 0.95
 # So many boxes a ring are opened before it is looked again which others have to be.
-_AT_ONCE = 4
+_AT_ONCE = 8
 # A question opens no more boxes when it has asked so many triangles: some 5 ms.
 MOST = 2**14
 

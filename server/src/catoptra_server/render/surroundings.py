@@ -80,6 +80,8 @@ class Surroundings:
         sides = side * np.array((1.0, 1.0, _HEIGHT))
         middle = sides * cell
         at_middle = self._nearness.bounds(Viewpoints(middle, np.zeros(3), turn), rings)
+        if at_middle.min() < side:
+            return None
         enough = _KEEPS * at_middle
         box = Viewpoints(middle, 0.5 * sides, turn)
         nearest = self._nearness.bounds(box, rings, enough=enough, most=_MOST)
