@@ -32,7 +32,8 @@ from helpers.worlds import raster_plan
 
 AUTO = EffectWishes((Wish(Shadows(), Mode.AUTO),))
 VIEW = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
-STANDING = box_at(0.9, 0.2, -0.3, (0.3, 0.2, 0.6))
+# Its shadows fall towards the camera.
+STANDING = box_at(-0.7, 0.2, -0.3, (0.3, 0.2, 0.6))
 BODY = Body(
     body_mesh([(box(Box((0.3, 0.3, 0.5))), GREY)]), Pose.from_rpy((-0.8, 0.3, -0.25), (0, 0, 0.2))
 )
@@ -47,7 +48,7 @@ def dim(irradiance: float) -> World:
 
 
 def by_night(intensity: float) -> World:
-    return under(PointLight((-0.4, 0.3, -1.3), (intensity,) * 3))
+    return under(PointLight((-1.4, 0.3, -1.3), (intensity,) * 3))
 
 
 def changed_levels(world: World, *bodies: Body) -> tuple[float, float]:
@@ -93,7 +94,7 @@ def shipped(name: str) -> World:
 CALLING = {
     "a box on a floor": world_of(floor(), STANDING),
     "a box in a room with a lamp": dataclasses.replace(
-        inward_room(PointLight((0.3, 0.2, -1.5), (0.9, 0.9, 0.9))),
+        inward_room(PointLight((-1.3, 0.2, -1.5), (0.9, 0.9, 0.9))),
         items=(*inward_room(SUN).items, STANDING),
     ),
     "a sun just bright enough": dim(0.012),

@@ -3,7 +3,7 @@
 A necessary condition, not a sufficient one: it may only err towards shadows. For a triangle R to be
 hidden from a light it has to face it; a corner of something has to lie in front of its plane; and
 the plane of some triangle T has to have the light on one side and a corner of such an R on the
-other. A floor, a body that is convex and alone, or a convex room around a lamp fulfil neither.
+other. A floor, a body that is convex and alone, or a convex room around a lamp do not fulfil both.
 Corners are those of the scene where these are few, else those of its box, which reach farther.
 """
 
@@ -56,7 +56,7 @@ class Hull:
 def hideable_facets(scene: SceneMesh, light: HideableLight) -> Bools:
     """Return (n,) which triangles a light reaches that something of the scene might hide it from.
 
-    Raises nothing where there are no triangles. Conservative: see above.
+    Conservative: see above.
     """
     none = np.zeros(len(scene), dtype=bool)
     casting = scene.corners[scene.casts_shadows]

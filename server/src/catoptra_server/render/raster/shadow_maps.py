@@ -84,6 +84,12 @@ class ShadowMaps:
         named = tuple((name, count) for name, count in counts if count)
         return (("SHADOWS", 1), ("MAP_COLUMNS", self._columns), *named)
 
+    @property
+    def bytes_held(self) -> int:
+        """Return the size of the maps at 4 bytes a texel; those of bodies once any was seen."""
+        held = (self._scene_maps, *((self._body_maps,) if self._body_maps is not None else ()))
+        return sum(4 * maps.width * maps.height for maps in held)
+
     def _side_texels(self) -> int:
         most = min(MOST_TEXELS, int(self._context.info["GL_MAX_TEXTURE_SIZE"]) ** 2)
         fitting = int(math.sqrt(most)) // self._columns
