@@ -25,6 +25,7 @@ from catoptra_server.effects.own_body import OwnBody
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from catoptra_server.effects.rolling_shutter import RollingShutter
+from catoptra_server.effects.shadows import Shadows
 from catoptra_server.effects.shot_noise import ShotNoise
 from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.effects.white_balance import WhiteBalance
@@ -66,6 +67,12 @@ CASES = (
         OwnBody(),
         Quiet("a camera that no robot carries", OwnBody()),
         "the P2AT in the mirror above it",
+    ),
+    Case(
+        Shadows(),
+        Quiet("a floor alone", Shadows()),
+        "the laboratory's ceiling shines from the left behind; the robot casts its shadow, too",
+        before=(OwnBody(),),
     ),
     Case(
         Fog(0.35, 0.5, 0.5, 0.5),
