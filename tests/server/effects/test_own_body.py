@@ -47,11 +47,12 @@ def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
     )
 
 
-def test_summary_when_the_robot_is_nearer_than_the_scene_knows_it_in_its_rings() -> None:
+def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass_by() -> None:
     own = (0.2, 0.3, *[math.inf] * (RINGS - 2))
     scene = (0.6, 0.25, *[0.7] * (RINGS - 2))
     behind = OwnBody().after(SceneSummary(1.0, scene, own_body_m=own))
-    assert behind.nearest_m == (0.2, 0.25, *[0.7] * (RINGS - 2))
+    assert behind.in_view_m == (0.2, 0.25, *[0.7] * (RINGS - 2))
+    assert behind.nearest_m == scene, "what moves against the camera is no nearer than before"
 
 
 def test_own_body_changes_the_scene_and_not_the_picture() -> None:

@@ -54,7 +54,7 @@ class DefocusByDepth:
         radius = radii_px(camera)
         law = blur_law(self.aperture, camera, radius)
         value = float(largest_change_px(law, nearest_at(summary, camera, radius)).max())
-        nearest = min(summary.nearest_m)
+        nearest = min(summary.in_view_m)
         lens = telling(self.aperture, camera)
         return Bound(value, f"{lens}: what is nearest is {nearest:.3g} m from the viewpoint")
 

@@ -203,7 +203,7 @@ def whole_radius_px(camera: OmniCamera) -> float:
 def nearest_at(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:
     """Return how near at least is what is seen at image radii; on a border of rings the nearer."""
     place = radius_px / camera.rim_radius_px * RINGS
-    nearest = np.array(summary.nearest_m)
+    nearest = np.array(summary.in_view_m)
     inner = np.clip(np.ceil(place) - 1.0, 0, RINGS - 1).astype(np.intp)
     outer = np.clip(np.floor(place), 0, RINGS - 1).astype(np.intp)
     at_least: Floats = np.minimum(nearest[inner], nearest[outer])

@@ -39,8 +39,7 @@ class OwnBody:
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a scene in which the robot stands."""
-        nearest = map(min, summary.nearest_m, summary.own_body_m)
-        return replace(summary, nearest_m=tuple(nearest), largest_shadow=summary.own_shadow)
+        return replace(summary, carried_m=summary.own_body_m, largest_shadow=summary.own_shadow)
 
 
 KIND = Kind("OwnBody", OwnBody)

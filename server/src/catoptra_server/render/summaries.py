@@ -52,8 +52,10 @@ class SceneSummaries:
         summary = SceneSummary(
             self.largest_radiance,
             self._surroundings.nearest_m(exposure.world_from_mirror, camera),
-            self._extent.farthest_m(exposure.world_from_mirror.translation, _with_own(exposure)),
-            self._world.background,
+            farthest_m=self._extent.farthest_m(
+                exposure.world_from_mirror.translation, _with_own(exposure)
+            ),
+            background=self._world.background,
             motion=coarse.twist(scene_motion(exposure)),
             own_body_rad=own.angle_rad,
             own_body_m=own.nearest_m,
