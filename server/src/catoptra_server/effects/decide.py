@@ -22,7 +22,7 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kept_bounds import KeptBounds
 from catoptra_server.effects.scene_summary import SceneSummary
 
-_ROW = "{:<17} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
+_ROW = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
