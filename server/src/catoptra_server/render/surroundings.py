@@ -25,7 +25,7 @@ from catoptra_server.scene.motion import Vector
 _SIDES_M = (0.5, 0.25, 0.125, 0.0625)
 _HEIGHT = 0.125  # of the side
 # What a box of viewpoints may take of what its middle has in sight.
-_KEEPS = 0.75
+_KEEPS = 0.7
 # Rings that show nothing nearer than so many times what is nearest may take any.
 _FAR = 4.0
 # If more triangles than this have to be asked a box is too large.

@@ -1,0 +1,66 @@
+"""What does it cost to decide which effects a frame needs, and is anything built in vain?
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/questions/effect_decisions.py
+
+Prints, for the field, the corridor, 60 000 and a million triangles, the processor's microseconds a
+frame of the summary and of the decision of all kinds of effects, at their defaults: standing, and
+the mean and the most of a drive of 400 ticks at 0.5 m/s; then how many summaries that drive had.
+Decided by it: the fan of the tree and how many of its boxes are opened at once
+(render/nearness.py), the sides of cells (render/surroundings.py), and that bounds are kept by what
+they asked for.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Sequence
+
+from driving import drive
+from effects import wishes
+from scenes import CORRIDOR, camera, worlds_and_a_million
+
+from catoptra_server.config.world_file import read_world
+from catoptra_server.effects.decide import decide
+from catoptra_server.effects.effect import Mode
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.summaries import SceneSummaries
+from catoptra_server.scene.meshes import build_scene
+
+ALL = wishes(Mode.AUTO)
+CAMERA = camera()
+TICKS = 400
+
+
+def microseconds(
+    summaries: SceneSummaries, exposures: Sequence[Exposure]
+) -> tuple[list[float], list[float], set[SceneSummary]]:
+    """Return the times of summaries and of decisions, frame by frame, and what they were of."""
+    of_summary, of_decision, known = [], [], set()
+    for exposure in exposures:
+        begin = time.process_time()
+        summary = summaries.of(exposure, CAMERA)
+        between = time.process_time()
+        decide(ALL, summary, CAMERA)
+        of_summary.append(1e6 * (between - begin))
+        of_decision.append(1e6 * (time.process_time() - between))
+        known.add(summary)
+    return of_summary, of_decision, known
+
+
+def main() -> None:
+    names = {**worlds_and_a_million(), "corridor": read_world(CORRIDOR)[0]}
+    print("            standing: summary, decision; driving: mean and most of each; summaries")
+    for name, world in names.items():
+        summaries = SceneSummaries(build_scene(world), world)
+        way = drive(name, TICKS)
+        microseconds(summaries, way[:1])  # what is found once for all
+        still = [statistics.median(times) for times in microseconds(summaries, way[:1] * 100)[:2]]
+        *moving, known = microseconds(summaries, way)
+        told = "".join(f"{statistics.mean(times):9.0f}{max(times):9.0f}" for times in moving)
+        print(f"  {name:<9}{still[0]:9.0f}{still[1]:9.0f}{told}{len(known):6d}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
