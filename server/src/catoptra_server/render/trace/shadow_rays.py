@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
@@ -19,7 +20,7 @@ from catoptra_server.render.shading import HideableLight
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.moving_bodies import PlacedBody
 from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.scene.description import Light
+from catoptra_server.scene.description import DirectionalLight, Light
 from catoptra_server.scene.meshes import SceneMesh
 
 # How far in front of a facet rays begin, of the largest coordinate: places and corners are rounded
@@ -52,13 +53,14 @@ def casters(embree: EmbreeScene, scene: SceneMesh) -> Hidden:
 class ShadowRays:
     """The lights of a world that can be hidden, and the scene that hides them.
 
-    origin: (3,), of Embree's coordinates.
+    origin: (3,), of Embree's coordinates. suns: those of the lights that have a direction.
     """
 
     def __init__(self, hidden: Hidden, origin: Floats, lights: tuple[Light, ...]) -> None:
         self._hidden_by_scene = hidden
         self._origin = origin
         self._lights = shading.hideable_lights(lights)
+        self.suns = [light for light in self._lights if isinstance(light, DirectionalLight)]
 
     def irradiance(self, points: Floats, normals: Floats, bodies: tuple[PlacedBody, ...]) -> Floats:
         """Return (n, 3) irradiance by all lights that can be hidden, where they are not.
@@ -75,6 +77,39 @@ class ShadowRays:
                 seen = asking[~self._hidden(light, places.take(asking, axis=0), bodies)]
                 total[seen] += unhidden[seen]
         return total
+
+    def suns_seen(
+        self,
+        points: Float32s,
+        normals: Float32s,
+        faced: npt.NDArray[np.uint8],
+        bodies: tuple[PlacedBody, ...],
+    ) -> npt.NDArray[np.intp]:
+        """Return (n,) which lights with a direction are seen from places, a bit each.
+
+        points, normals: as for `irradiance`. faced: (n,) those that facets are turned to, bits.
+        """
+        lifted = points + np.float32(_LIFT * np.abs(points).max(initial=0.0)) * normals
+        seen = np.zeros(len(points), dtype=np.intp)
+        for index, sun in enumerate(self.suns):
+            asking = np.flatnonzero(faced & (1 << index))
+            hidden = self._hidden_from_sun(sun, lifted.take(asking, axis=0), bodies)
+            seen[asking[~hidden]] |= 1 << index
+        return seen
+
+    def _hidden_from_sun(
+        self, sun: DirectionalLight, origins: Float32s, bodies: tuple[PlacedBody, ...]
+    ) -> Bools:
+        """Return (n,) whether something stands between (n, 3) origins and a light."""
+        towards = -np.asarray(sun.direction, dtype=np.float32)
+        directions = np.broadcast_to(towards, origins.shape)
+        far = np.full(len(origins), np.inf, dtype=np.float32)
+        hidden = self._hidden_by_scene(origins, directions, far)
+        for body in bodies:
+            left = np.flatnonzero(~hidden)
+            places = origins[left] + self._origin
+            hidden[left] = body.hides(places, directions[left], far[left])
+        return hidden
 
     def _hidden(
         self, light: HideableLight, places: Floats, bodies: tuple[PlacedBody, ...]
