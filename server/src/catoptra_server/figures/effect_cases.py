@@ -71,7 +71,7 @@ CASES = (
     Case(
         Shadows(),
         Quiet("a floor alone", Shadows()),
-        "the laboratory's ceiling shines from the left behind; the robot casts its shadow, too",
+        "lamps behind on the left",
         before=(OwnBody(),),
     ),
     Case(
