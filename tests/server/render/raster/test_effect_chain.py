@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.decide import decide
+from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.plan.render_plan import PerPixel, Surface
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.motion import Twist
 from helpers.effects import CAMERA, effect_of
 from helpers.pictures import level_differences
 from helpers.worlds import VIEW, raster_plan, room
@@ -107,11 +112,28 @@ def test_frame_when_drawn_twice_has_the_same_bytes(renderer: RasterRenderer) -> 
     view.close()
 
 
-def test_view_when_effects_change_keeps_the_last_two_lists_ready(
+def test_view_when_effects_change_keeps_the_last_four_lists_ready(
     renderer: RasterRenderer,
 ) -> None:
     view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    for effects in (NOISY, METERED, NOISY, NOISY[:1], NOISY[:2], NOISY):
+    for effects in (NOISY, METERED, NOISY, NOISY[:1], NOISY[1:], NOISY[:2], NOISY):
         view.draw(VIEW, effects)
-    assert view.pictures == 2
+    assert view.pictures == 4
+    view.close()
+
+
+def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRenderer) -> None:
+    world = room()
+    blur, roll = effect_of("MotionBlur"), effect_of("RollingShutter", {"readout_s": 0.05})
+    named = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in (roll, blur, *NOISY)))
+    summaries = SceneSummaries(build_scene(world), world)
+    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
+    built: dict[tuple[Effect, ...], object] = {}
+    faster = (0.0, *np.geomspace(0.03, 3.0, 9))
+    for speed_m_s in (*faster, *reversed(faster)) * 3:
+        exposure = replace(VIEW, twist=Twist((speed_m_s, 0.0, 0.0)))
+        effects = decide(named, summaries.of(exposure, CAMERA), CAMERA).active
+        view.draw(exposure, effects)
+        assert built.setdefault(effects, view.steps[-1]) is view.steps[-1]
+    assert len(built) == 3
     view.close()
