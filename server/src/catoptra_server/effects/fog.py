@@ -106,7 +106,7 @@ class Fog:
         assert capture.geometry is not None, "fog asks what each pixel sees"
         through = self.passed(capture.geometry.range_m.astype(light.dtype))[..., None]
         airlight = np.asarray(self.airlight, dtype=light.dtype)
-        lost = (1 - through) * mirror_mask(camera).astype(light.dtype)
+        lost = (1 - through) * mirror_mask(camera)
         return light * (1 - lost) + airlight * lost
 
     def uniforms(
@@ -116,21 +116,16 @@ class Fog:
         return {
             "density_per_m": floats(self.density_per_m),
             "airlight": floats(*self.airlight),
-            "mirror_mask": _shader_mask(camera),
+            "mirror_mask": mirror_mask(camera),
         }
 
 
 @lru_cache(maxsize=4)
-def mirror_mask(camera: OmniCamera) -> Floats:
+def mirror_mask(camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Return (h, w, 1): 1 where a pixel sees the mirror in its middle, 0 beside."""
-    mask = direction_from_pixel(camera, pixel_centres(camera))[1].astype(np.float64)
+    mask = direction_from_pixel(camera, pixel_centres(camera))[1].astype(np.float32)
     mask.setflags(write=False)
     return mask
-
-
-@lru_cache(maxsize=4)
-def _shader_mask(camera: OmniCamera) -> npt.NDArray[np.float32]:
-    return mirror_mask(camera).astype(np.float32)
 
 
 KIND = Kind(
