@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.shipped import configuration_file
@@ -81,17 +80,6 @@ def mean_of_frames(view: OmniView, exposure: Exposure, duration_s: float, count:
     """Return the mean light of sharp frames of a moving robot."""
     frames = (view.draw_linear(after(exposure, t)) for t in times(duration_s, count))
     return sum((frame.astype(np.float64) for frame in frames), start=np.array(0.0)) / count
-
-
-def rows_of_frames(
-    view: OmniView, exposure: Exposure, duration_s: float, camera: OmniCamera
-) -> Floats:
-    """Return a picture whose rows are those of sharp frames at their times."""
-    rows = [
-        view.draw_linear(after(exposure, t))[row].astype(np.float64)
-        for row, t in enumerate(times(duration_s, camera.height_px))
-    ]
-    return np.stack(rows)
 
 
 def rmse(one: Floats, other: Floats) -> float:
