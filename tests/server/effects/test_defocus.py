@@ -99,7 +99,7 @@ def test_bound_when_something_is_near_counts_its_disc() -> None:
 
 def test_reason_when_asked_tells_lens_and_disc() -> None:
     reason = defocus(4.0).bound(FAR, CAMERA).reason
-    assert reason.startswith("F/4, focused 268 mm from the pinhole: ")
+    assert reason.startswith("F/4, focused at 268 mm: ")
     assert "0.8 px" in reason
 
 

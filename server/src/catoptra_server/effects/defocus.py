@@ -54,7 +54,7 @@ class Defocus:
         value = float(np.maximum(np.abs(law.fixed_px), near).max())
         far = float(np.abs(law.fixed_px).max())
         lens = telling(self.aperture, camera)
-        return Bound(value, f"{lens}: what is far away has discs up to {far:.2g} px wide")
+        return Bound(value, f"{lens}: discs of up to {far:.2g} px from afar")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: no pixel gets brighter than the brightest around it."""

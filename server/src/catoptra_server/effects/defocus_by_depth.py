@@ -56,7 +56,7 @@ class DefocusByDepth:
         value = float(largest_change_px(law, nearest_at(summary, camera, radius)).max())
         nearest = min(summary.in_view_m)
         lens = telling(self.aperture, camera)
-        return Bound(value, f"{lens}: what is nearest is {nearest:.3g} m from the viewpoint")
+        return Bound(value, f"{lens}: the nearest is {nearest:.2g} m away")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return a summary in which the fixed part is done."""

@@ -213,6 +213,6 @@ def nearest_at(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> 
 def telling(aperture: Aperture, camera: OmniCamera) -> str:
     """Return the lens in words."""
     if math.isinf(camera.mirror.pinhole_m):
-        return f"F/{aperture.f_number:g}, telecentric, focused best"
+        return f"F/{aperture.f_number:g}, telecentric"
     focus_mm = 1e3 / focused_at(aperture, camera)
-    return f"F/{aperture.f_number:g}, focused {focus_mm:.0f} mm from the pinhole"
+    return f"F/{aperture.f_number:g}, focused at {focus_mm:.0f} mm"

@@ -5,13 +5,17 @@ To add one: its line in `CASES`, in optical order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from catoptra_server.effects.auto_exposure import AutoExposure
 from catoptra_server.effects.bayer import Bayer
 from catoptra_server.effects.bloom import Bloom
 from catoptra_server.effects.chromatic_aberration import ChromaticAberration
-from catoptra_server.effects.effect import Criterion, Effect
+from catoptra_server.effects.defocus import Defocus
+from catoptra_server.effects.defocus_by_depth import DefocusByDepth
+from catoptra_server.effects.diffraction import Diffraction
+from catoptra_server.effects.effect import Criterion
 from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.fog import Fog
@@ -51,15 +55,16 @@ class Quiet:
 class Case:
     """What a page shows. before: effects in front of it. zoom: how much of the middle is shown.
 
-    twist: of the robot, in its own axes.
+    twist: of the robot, in its own axes. near_m: how far ahead of the mirror a board stands.
     """
 
     effect: Criterion
     quiet: Quiet
     words: str
-    before: tuple[Effect, ...] = ()
+    before: tuple[Criterion, ...] = ()
     zoom: int = 1
     twist: Twist = AT_REST
+    near_m: float = math.inf
 
 
 CASES = (
@@ -92,6 +97,18 @@ CASES = (
         twist=_FAST,
     ),
     Case(
+        DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
+        Quiet("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
+        "a board 12 cm ahead",
+        near_m=0.12,
+    ),
+    Case(
+        Defocus(Aperture(2.0, 7.4e-6, 0.0)),
+        Quiet("the same lens at F/22", Defocus(Aperture(22.0, 7.4e-6, 0.0))),
+        "F/2, 4 times enlarged",
+        zoom=4,
+    ),
+    Case(
         Misalignment(x_m=1e-3),
         Quiet("a camera at the mirror's focus", Misalignment()),
         "a camera 1 mm ahead of where it belongs",
@@ -101,6 +118,12 @@ CASES = (
         Quiet("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
         "red 2 % larger than green, blue 1.5 % smaller, enlarged",
         zoom=4,
+    ),
+    Case(
+        Diffraction(16.0, 7.4e-6),
+        Quiet("the same lens at F/4", Diffraction(4.0, 7.4e-6)),
+        "F/16 on pixels of 7.4 um, 10 times enlarged",
+        zoom=10,
     ),
     Case(
         MirrorDust(Marks(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _LENS),

@@ -7,6 +7,7 @@ it; below, the criterion's words there and in a scene that does not. The picture
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -36,9 +37,10 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.robot.render_wish import RenderWish
-from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.bodies import Body, body_mesh
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.motion import Twist
+from catoptra_server.scene.description import Box, Material
+from catoptra_server.scene.primitives import box
 from catoptra_server.setup import read_setup
 from catoptra_server.simulation.appearance import own_mesh
 
@@ -69,30 +71,45 @@ class Field:
     view: TraceOmniView
     robot: RobotDescription
 
-    def exposure(self, twist: Twist) -> Exposure:
-        """Return the exposure of the robot's camera while it moves, in its own axes."""
+    def exposure(self, case: Case) -> Exposure:
+        """Return the exposure of the robot's camera while it moves as a case wants it."""
         omni, own = self.robot.omni_camera, own_mesh(self.robot)
         assert omni is not None, "the figures' robot has a mirror"
         assert own is not None, "and its file names its own body"
         height = self.robot.drive.ride_height_m
         base = Pose.from_rpy((0.5, 0.3, -height), (0.0, 0.0, 0.3))
-        mirror, in_world = base @ omni.robot_from_mirror, twist.turned(base.rotation)
+        mirror, in_world = base @ omni.robot_from_mirror, case.twist.turned(base.rotation)
         return Exposure(
             mirror,
-            key=_KEY,
+            _things_near(mirror, case.near_m),
+            _KEY,
             twist=in_world.at(mirror.translation - base.translation),
             own_body=Body(own, base, in_world),
         )
 
-    def light(self, twist: Twist, effects: Sequence[Criterion]) -> Floats:
+    def light(self, case: Case, effects: Sequence[Criterion]) -> Floats:
         """Return the linear picture behind effects."""
-        exposure = staged(self.exposure(twist), tuple(effects))
+        exposure = staged(self.exposure(case), tuple(effects))
         of_picture = tuple(effect for effect in effects if isinstance(effect, Effect))
         return self.view.draw_linear(exposure, of_picture).astype(np.float64)
 
-    def summary(self, twist: Twist) -> SceneSummary:
+    def summary(self, case: Case) -> SceneSummary:
         """Return what criteria know of it."""
-        return self.renderer.summary(self.exposure(twist), _camera(120.0))
+        return self.renderer.summary(self.exposure(case), _camera(120.0))
+
+
+def _things_near(mirror: Pose, near_m: float) -> tuple[Body, ...]:
+    """Return a striped board so far ahead of the viewpoint; none at inf."""
+    if math.isinf(near_m):
+        return ()
+    greys = (0.9, 0.05) * 3
+    stripes = (Material((grey,) * 3, unlit=True) for grey in greys)
+    boxes = (
+        box(Box((0.002, 0.15, 0.01))).at((0.0, 0.0, 0.01 * row - 0.025))
+        for row in range(len(greys))
+    )
+    board = body_mesh(zip(boxes, stripes, strict=True))
+    return (Body(board, mirror @ Pose.from_rpy((near_m, 0.0, 0.0))),)
 
 
 @contextmanager
@@ -122,7 +139,7 @@ def _camera(rim_deg: float) -> OmniCamera:
 
 def _decisions(case: Case, field: Field) -> tuple[Decision, Decision]:
     wishes = tuple(Wish(effect, Mode.AUTO) for effect in (*case.before, case.effect))
-    summary = field.summary(case.twist)
+    summary = field.summary(case)
     here = decide(EffectWishes(wishes), summary, _camera(120.0)).decisions[-1]
     quiet = EffectWishes((Wish(case.quiet.effect, Mode.AUTO),))
     there = decide(quiet, SceneSummary(case.quiet.largest), _camera(case.quiet.rim_deg))
@@ -130,8 +147,8 @@ def _decisions(case: Case, field: Field) -> tuple[Decision, Decision]:
 
 
 def _draw(page: style.Page, case: Case, field: Field, here: Decision, there: Decision) -> None:
-    without = srgb_from_linear(field.light(case.twist, case.before))
-    with_it = srgb_from_linear(field.light(case.twist, (*case.before, case.effect)))
+    without = srgb_from_linear(field.light(case, case.before))
+    with_it = srgb_from_linear(field.light(case, (*case.before, case.effect)))
     difference = with_it - without
     gain = _gain(_middle(difference, case.zoom))
     pictures = (without, with_it, 0.5 + gain * difference)
