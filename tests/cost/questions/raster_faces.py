@@ -21,9 +21,9 @@ from scenes import EXPOSURE, camera, worlds
 
 from catoptra_server.plan.face_sizes import parts_of_size
 from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.render.chunks import TRIANGLES_A_CHUNK, make_chunks
 from catoptra_server.render.raster import RasterRenderer, open_device, scene_buffers
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.chunks import TRIANGLES_A_CHUNK, make_chunks
 from catoptra_server.render.raster.programs import Programs
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.timing import StageClock

@@ -47,7 +47,11 @@ class SceneSummaries:
         return SceneSummary(self.largest_radiance)
 
     def of(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
-        """Return what an exposure can show at most."""
+        """Return what an exposure can show at most.
+
+        Its farthest distance is infinite: that no picture shows the background could be told of
+        closed rooms alone, and the shipped ones are made of walls that only touch.
+        """
         own = own_reach(exposure, camera)
         summary = SceneSummary(
             self.largest_radiance,

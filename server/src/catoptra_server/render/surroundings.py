@@ -1,8 +1,8 @@
 """How near the scene is by ring of the image, found once for all viewpoints of a small box.
 
-Boxes are those of a fixed grid, whatever was drawn before: a picture depends on its exposure alone.
-A box is as large as its answer allows: its side is a small share of what is nearest in sight, its
-height a smaller one, for robots drive on floors.
+Boxes are cells of fixed grids, whatever was drawn before: a picture depends on its exposure alone.
+The largest cell counts that takes little of what its middle has in sight. Cells are lower than
+wide, for robots drive on floors: over an open one half a metre is not too much.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ _MOST = 2048
 _DIGITS = 6
 # 100 bytes each: a robot that drives needs five new ones a second.
 _KEPT = 4096
-
 
 Distances = tuple[float, ...]
 
