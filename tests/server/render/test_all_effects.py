@@ -1,0 +1,123 @@
+"""A frame with every effect on: no seams where the faces of the cube meet, and counted parts.
+
+Both renderers are given what calls for all effects at once: a camera that drives and turns, a body
+that crosses its way, shadows, fog, dust, noise. Trace knows no faces; where raster equals it, there
+is no seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.cube import face_from_direction
+from catoptra_server.effects import EFFECTS
+from catoptra_server.effects.effect import Effect
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import Image
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.meshes import build_scene
+from helpers.effects import EXPOSURE, effect_of
+from helpers.opengl import device_or_skip
+from helpers.pictures import away_from_edges, level_differences
+from helpers.worlds import omni_camera, raster_plan, room
+
+CAMERA = omni_camera(width_px=240)
+PLAN = raster_plan(CAMERA, samples=3)
+# These change what there is to be seen, and have no pass.
+SCENE_EFFECTS = ("OwnBody", "Shadows")
+# Where the defaults do little: numbers that show.
+STRONG: dict[str, dict[str, float]] = {
+    "Fog": {"density_per_m": 0.1, "red": 0.7},
+    "RollingShutter": {"readout_s": 0.03},
+    "MotionBlur": {"exposure_s": 0.04},
+    "DefocusByDepth": {"f_number": 2.0, "pixel_pitch_m": 1.1e-5},
+    "Misalignment": {"x_m": 3e-4, "y_m": -2e-4, "axial_m": 1e-3},
+    "ChromaticAberration": {"red": 1.004, "blue": 0.997},
+    "MirrorReflectance": {"n": 2.8, "k": 3.4},
+    "Exposure": {"time_s": 0.03},
+    "WhiteBalance": {"red": 1.3, "blue": 0.8},
+}
+# The fixed part of the blur is in that by depth: never both.
+NAMES = [k.name for k in EFFECTS if k.name not in (*SCENE_EFFECTS, "Defocus")]
+CHAIN = tuple(effect_of(name, STRONG.get(name, {})) for name in NAMES)
+# What measures the whole picture before it runs.
+METERED = ("AutoExposure", "MirrorDust")
+SHOT = replace(EXPOSURE, has_shadows=True)
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+def pictures(device: GlDevice, chain: tuple[Effect, ...]) -> tuple[Image, Image]:
+    """Return the traced and the rastered picture behind a chain."""
+    world = room()
+    scene = build_scene(world)
+    trace = TraceRenderer(scene, world, threads=2)
+    view = RasterRenderer(scene, world, device=device).prepare(CAMERA, PLAN)
+    both = trace.prepare(CAMERA, PLAN).draw(SHOT, chain).rgb, view.draw(SHOT, chain).rgb
+    view.close()
+    trace.close()
+    return both
+
+
+def seams() -> npt.NDArray[np.bool_]:
+    """Return (h, w) the pixels next to another face, within two of the border."""
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[..., 0, :])
+    face = face_from_direction(directions)
+    near = np.zeros(face.shape, dtype=bool)
+    for axis in (0, 1):
+        for step in (-2, -1, 1, 2):
+            near |= face != np.roll(face, step, axis)
+    return near & on_mirror
+
+
+def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
+    difference = level_differences(*pictures(device, CHAIN))
+    calm = away_from_edges(pictures(device, ())[0])
+    seam = seams() & calm
+    assert seam.sum() > 1000
+    # A code of the converter more or less, rounded: one grey level.
+    assert (difference[calm] > 1).mean() < 0.01
+    assert (difference[seam] > 1).mean() < 0.01
+    assert difference[seam].mean() <= difference[calm].mean() + 0.02
+    # Outlines differ as they do without effects: each renderer shows them on its own samples.
+    assert (difference > 4).mean() < 0.02
+
+
+def test_frame_when_drawn_again_has_the_same_bytes(device: GlDevice) -> None:
+    first, again = pictures(device, CHAIN), pictures(device, CHAIN)
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
+    device: GlDevice, name: str
+) -> None:
+    world = room()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    view = renderer.prepare(CAMERA, PLAN)
+    view.draw(EXPOSURE)
+    view.draw_linear(EXPOSURE)
+    before = set(renderer.programs_built)
+    effect = effect_of(name, STRONG.get(name, {}))
+    view.draw(EXPOSURE, (effect,))
+    geometry = ("geometry",) if effect.uses_geometry else ()
+    assert view.passes == ("faces", "mirror", *geometry, name, "encode")
+    added = {built.split()[0] for built in set(renderer.programs_built) - before}
+    others = {"geometry", "pixel_geometry"} if geometry else set()
+    others |= {"meter"} if name in METERED else set()
+    assert len(added) == 1 + len(others)
+    assert added >= others
+    view.close()
