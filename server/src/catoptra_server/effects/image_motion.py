@@ -19,6 +19,7 @@ from catoptra_server.effects.image_law import BESIDE, Float32s, image_law
 from catoptra_server.scene.motion import Twist
 
 Whole = npt.NDArray[np.intp]
+Scene = tuple[npt.NDArray[Real], npt.NDArray[Real]]
 
 
 class ImageMotion(Generic[Real]):
@@ -31,6 +32,7 @@ class ImageMotion(Generic[Real]):
     def __init__(self, camera: OmniCamera, capture: Capture, dtype: np.dtype[Real]) -> None:
         assert capture.geometry is not None, "motion needs what each pixel sees"
         self.width, self.height = camera.width_px, camera.height_px
+        self._row, self._column = (at.reshape(-1) for at in np.indices((self.height, self.width)))
         self._dtype: np.dtype[Real] = dtype
         law = image_law(camera)
         self._to = law.to_u.reshape(-1, 3), law.to_v.reshape(-1, 3)
@@ -45,11 +47,20 @@ class ImageMotion(Generic[Real]):
         self._slide: npt.NDArray[Real] = self._products(self._to, scene.linear_m_s)
         self._spin: npt.NDArray[Real] = self._products(self._about, scene.angular_rad_s)
 
-    def flow(self, pixels: Whole, shown: Whole) -> npt.NDArray[Real]:
-        """Return the (2, n) px/s at pixels of what other pixels show, were it there."""
-        flow: npt.NDArray[Real] = self._slide[:, pixels]
-        flow *= self.nearness[shown]
-        flow += self._spin[:, pixels]
+    def of_scene(self, pixels: Whole) -> Scene[Real]:
+        """Return slide and spin of the scene at pixels, (2, n) each."""
+        return self._slide[:, pixels], self._spin[:, pixels]
+
+    def flow(
+        self, pixels: Whole, shown: Whole, of_scene: Scene[Real] | None = None
+    ) -> npt.NDArray[Real]:
+        """Return the (2, n) px/s at pixels of what other pixels show, were it there.
+
+        of_scene: that of these pixels, for who asks for them again and again.
+        """
+        slide, spin = of_scene or self.of_scene(pixels)
+        flow: npt.NDArray[Real] = slide * self.nearness[shown]
+        flow += spin
         for twist, at in self._bodies(shown):
             slide = self._products(self._to, twist.linear_m_s, pixels[at])
             spin = self._products(self._about, twist.angular_rad_s, pixels[at])
@@ -90,7 +101,7 @@ class ImageMotion(Generic[Real]):
 
         What lies beside the picture stands beside the mirror, with a number of no meaning.
         """
-        row, column = np.divmod(pixels, self.width)
+        row, column = self._row[pixels], self._column[pixels]
         step = np.floor(aside + self._dtype.type(0.5)).astype(np.intp)
         column, row = column + step[0], row + step[1]
         inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from catoptra_server.effects.effect import Real
 from catoptra_server.effects.image_law import WHOLE as WHOLE_PIXEL
-from catoptra_server.effects.image_motion import ImageMotion, Whole
+from catoptra_server.effects.image_motion import ImageMotion, Scene, Whole
 
 # Where a body is looked for around a pixel, px: a body farther away comes over no pixel, one that
 # is thinner than the steps may be missed.
@@ -66,7 +66,8 @@ class WaysTo(Generic[Real]):
     ) -> None:
         self.pixels = pixels
         self._motion: ImageMotion[Real] = motion
-        self._flow: npt.NDArray[Real] = motion.flow(pixels, pixels)
+        self._scene: Scene[Real] = motion.of_scene(pixels)
+        self._flow: npt.NDArray[Real] = motion.flow(pixels, pixels, self._scene)
         self._bend: npt.NDArray[Real] = _bend(motion, pixels, duration_s)
         self._coming = np.flatnonzero(front != pixels)
         self._front = front[self._coming]
@@ -78,7 +79,7 @@ class WaysTo(Generic[Real]):
         curve: npt.NDArray[Real] = self._bend * (tau * tau)
         guess = curve - self._flow * tau
         shown = motion.shown_at(self.pixels, guess)
-        aside: npt.NDArray[Real] = curve - motion.flow(self.pixels, shown) * tau
+        aside: npt.NDArray[Real] = curve - motion.flow(self.pixels, shown, self._scene) * tau
         if motion.has_bodies:
             self._keep_hidden(aside, guess, shown)
             self._let_come(aside, np.broadcast_to(tau, self.pixels.shape))

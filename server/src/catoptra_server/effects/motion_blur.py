@@ -37,7 +37,7 @@ STILL_PX = 0.1
 _SPACING_PX = 1.5
 _MOST_TIMES = 64
 # So many pixels at once: their numbers stay in the processor's cache.
-_CHUNK = 1 << 14
+_CHUNK = 1 << 13
 
 
 @dataclass(frozen=True, slots=True)
