@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.staging import captured, staged
-from catoptra_server.scene.motion import Twist
+from catoptra_server.render.staging import captured, scene_motion, staged
+from catoptra_server.scene.motion import AT_REST, Twist
 from helpers.effects import BODY, EXPOSURE
 
 
@@ -42,6 +42,13 @@ def test_motion_when_captured_is_how_points_move_in_the_mirror_frame(mover: int)
     velocity = (after.inverse().points(after_point) - local) / step_s
     seen = captured(EXPOSURE).motion[mover].at(local)
     np.testing.assert_allclose(seen.linear_m_s, velocity, atol=1e-5)
+
+
+def test_motion_of_the_scene_alone_is_the_first_of_what_is_captured() -> None:
+    alone, first = scene_motion(EXPOSURE), captured(EXPOSURE).motion[0]
+    np.testing.assert_allclose(alone.linear_m_s, first.linear_m_s, atol=1e-15)
+    np.testing.assert_allclose(alone.angular_rad_s, first.angular_rad_s, atol=1e-15)
+    assert scene_motion(replace(EXPOSURE, twist=AT_REST)) == AT_REST
 
 
 def _moved(pose: Pose, twist: Twist, step_s: float) -> Pose:

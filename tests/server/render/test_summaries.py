@@ -11,7 +11,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.render import coarse
 from catoptra_server.render.brightness import largest_radiance
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import captured
+from catoptra_server.render.staging import scene_motion
 from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
@@ -32,7 +32,7 @@ def test_summary_knows_the_brightest_light_and_how_the_scene_moves() -> None:
     world = room()
     summary = summaries(world).of(EXPOSURE, CAMERA)
     assert summary.largest_radiance == largest_radiance(build_scene(world), world)
-    assert summary.motion == coarse.twist(captured(EXPOSURE).motion[0])
+    assert summary.motion == coarse.twist(scene_motion(EXPOSURE))
 
 
 def test_summary_of_light_alone_looks_for_no_distance() -> None:

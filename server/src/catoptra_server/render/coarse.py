@@ -37,7 +37,7 @@ def _vector(values: Vector) -> Vector:
     length = math.hypot(*values)
     if length < _REST:
         return 0.0, 0.0, 0.0
-    step = math.exp2(math.ceil(math.log2(length))) / _STEPS_A_VECTOR
+    step = math.ldexp(1.0, math.frexp(length)[1]) / _STEPS_A_VECTOR
     x, y, z = (
         math.copysign(step * math.ceil(abs(v) / step), v) if abs(v) >= _REST else 0.0
         for v in values

@@ -26,8 +26,18 @@ def captured(exposure: Exposure) -> Capture:
 
 
 def scene_motion(exposure: Exposure) -> Twist:
-    """Return the motion of the scene as the camera sees it: the first of what is captured."""
-    return AT_REST if exposure.twist is AT_REST else _seen(exposure, None)
+    """Return the motion of the scene as the camera sees it: the first of what is captured.
+
+    In plain numbers, which take a tenth of the time of arrays of three: it is asked every frame.
+    """
+    if exposure.twist is AT_REST:
+        return AT_REST
+    axes = exposure.world_from_mirror.rotation.T.tolist()
+    linear, angular = (
+        tuple(-(a * x + b * y + c * z) for a, b, c in axes)
+        for x, y, z in (exposure.twist.linear_m_s, exposure.twist.angular_rad_s)
+    )
+    return Twist(linear, angular)
 
 
 def _seen(exposure: Exposure, body: Body | None) -> Twist:
