@@ -6,7 +6,7 @@ An effect's bound is that of what reaches it: those that run before it count.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import cast
 
@@ -22,6 +22,8 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kept_bounds import KeptBounds
 from catoptra_server.effects.scene_summary import SceneSummary
 
+# So many decisions of an effect are kept: as many as bounds.
+_TOLD = 512
 _ROW = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
@@ -62,11 +64,15 @@ NO_EFFECTS = EffectPlan()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Considered:
-    """A wish, what is known of its bounds, and whether it changes the scene, not the picture."""
+    """A wish, what is known of its bounds, and whether it changes the scene, not the picture.
+
+    told: the decisions that followed from bounds.
+    """
 
     wish: Wish
     bounds: KeptBounds
     is_staged: bool
+    told: dict[Bound, Decision] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=64)
@@ -89,31 +95,38 @@ def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> E
     for one in _considered(wishes, camera):
         effect = one.wish.effect
         threshold = wishes.threshold(effect.unit)
-        decisions.append(_decision(one.wish, one.bounds, summary, threshold=threshold))
+        decisions.append(_decision(one, summary, threshold))
         if decisions[-1].is_on:
             (staged if one.is_staged else active).append(effect)
             summary = effect.after(summary)
     return EffectPlan(tuple(decisions), tuple(staged), cast(tuple[Effect, ...], tuple(active)))
 
 
-def _decision(
-    wish: Wish, bounds: KeptBounds, summary: SceneSummary, *, threshold: float
-) -> Decision:
-    effect = wish.effect
-    is_done = effect.name in summary.done
-    bound = Bound(0.0, "it is done already") if is_done else bounds.of(summary)
-    wanted = {
+def _decision(one: _Considered, summary: SceneSummary, threshold: float) -> Decision:
+    if one.wish.effect.name in summary.done:
+        return replace(_told(one.wish, Bound(0.0, "it is done already"), threshold), is_on=False)
+    bound = one.bounds.of(summary)
+    known = one.told.get(bound)
+    if known is None:
+        if len(one.told) >= _TOLD:
+            one.told.clear()
+        known = one.told[bound] = _told(one.wish, bound, threshold)
+    return known
+
+
+def _told(wish: Wish, bound: Bound, threshold: float) -> Decision:
+    is_on = {
         Mode.ALWAYS: True,
         Mode.NEVER: False,
         Mode.AUTO: bound.value > threshold,
     }[wish.mode]
     asked = "" if wish.mode is Mode.AUTO else f"{wish.mode.value} by the robot's file; "
     return Decision(
-        effect=effect.name,
-        is_on=wanted and not is_done,
+        effect=wish.effect.name,
+        is_on=is_on,
         bound=bound.value,
         threshold=threshold,
-        unit=effect.unit,
+        unit=wish.effect.unit,
         reason=f"{asked}{bound.reason}",
     )
 
