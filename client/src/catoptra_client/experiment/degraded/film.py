@@ -30,6 +30,9 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.camera import OmniCamera
 
+# Two servers and what else the machine does may keep a frame waiting: a study is not lost by that.
+_PATIENCE_S = 60.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
@@ -55,9 +58,9 @@ def filmed(setup: Setup, seed: int, address: ServerAddress, *, on_step: Callable
         raise CatoptraError("a film needs the server's stream: it says what can be seen")
     start, name, shots = setup.route[0], f"Run{seed}", list[Shot]()
     with (
-        Robot.connect(address.host, address.control_port) as robot,
-        ImageStream.connect(address.host, address.image_port) as images,
-        StreamClient.connect(address.host, address.stream_port) as stream,
+        Robot.connect(address.host, address.control_port, _PATIENCE_S) as robot,
+        ImageStream.connect(address.host, address.image_port, _PATIENCE_S) as images,
+        StreamClient.connect(address.host, address.stream_port, _PATIENCE_S) as stream,
     ):
         robot.spawn(
             ROBOT_CLASS,
