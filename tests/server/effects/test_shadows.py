@@ -12,7 +12,6 @@ from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
 from catoptra_server.effects.scene_summary import SceneSummary, Shade
 from catoptra_server.effects.shadows import Shadows
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import staged
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.bodies import Body, body_mesh
 from catoptra_server.scene.colour import srgb_from_linear
@@ -121,7 +120,6 @@ def test_shadows_change_the_scene_not_the_picture() -> None:
     assert not isinstance(Shadows(), Effect)
     plan = decide(AUTO, SceneSummary(1.0, largest_shadow=Shade(0.1, 0.2)), CAMERA)
     assert plan.staged == (Shadows(),)
-    assert staged(Exposure(VIEW), plan.staged).has_shadows
 
 
 def test_reason_when_told_says_how_much_light_can_be_hidden_or_why_none() -> None:
