@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.capture import Geometry
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import captured
 from catoptra_server.scene.bodies import Body, body_mesh
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, Material
@@ -39,19 +38,16 @@ EXPOSURE = Exposure(
 )
 
 
-def _geometry() -> Geometry:
-    """Return near and far, nothing at all, and two movers, with borders between them."""
-    rng = np.random.default_rng(6)
+def _ranges() -> npt.NDArray[np.float32]:
+    """Return near and far, and nothing at all."""
     shape = (CAMERA.height_px, CAMERA.width_px)
-    range_m = rng.uniform(0.3, 5.0, shape).astype(np.float32)
+    range_m = np.random.default_rng(6).uniform(0.3, 5.0, shape).astype(np.float32)
     range_m[:20] = np.inf
-    mover = np.zeros(shape, dtype=np.float32)
-    mover[40:60, 50:80] = 1.0
-    return Geometry(range_m, mover)
+    return range_m
 
 
-GEOMETRY = _geometry()
-CAPTURE = replace(captured(EXPOSURE), geometry=GEOMETRY)
+RANGES = _ranges()
+CAPTURE = Capture(KEY, RANGES)
 
 
 # The names of the effects that change the picture; the others change what there is to be seen.

@@ -7,6 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from catoptra_protocol.optics.camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_centres,
+    pixel_from_direction,
+)
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.shipped import configuration_file
@@ -44,6 +50,32 @@ def crossing(start: Pose, speed_m_s: float = 0.6) -> Body:
     return replace(
         BODY, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
     )
+
+
+def ways_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: Floats) -> Floats:
+    """Return (h, w, 2) px from each pixel to where the law shows, some seconds later, what it sees.
+
+    twist: of what is seen, told at the viewpoint, mirror frame. range_m, time_s: broadcast to
+    (h, w). NaN where it leaves the mirror.
+    """
+    pixels = pixel_centres(camera)[..., 0, :]
+    directions, on_mirror = direction_from_pixel(camera, pixels)
+    where = np.broadcast_to(time_s, on_mirror.shape)
+    points = np.where(np.isfinite(range_m), range_m, 1e9)[..., None] * directions
+    moved = np.empty_like(points)
+    for time in np.unique(where):
+        at = where == time
+        moved[at] = twist.carried(Pose.identity(), float(time)).points(points[at])
+    after_px, is_seen = pixel_from_direction(camera, moved)
+    both = (on_mirror & is_seen)[..., None]
+    return np.where(both, after_px - pixels, np.nan)
+
+
+def seen_motion(exposure: Exposure, body: Body) -> Twist:
+    """Return a body's motion as the camera sees it: told at the viewpoint, mirror frame."""
+    mirror = exposure.world_from_mirror
+    theirs = body.twist.at(mirror.translation - body.world_from_body.translation)
+    return theirs.minus(exposure.twist).turned(mirror.rotation.T)
 
 
 def after(exposure: Exposure, time_s: float) -> Exposure:

@@ -10,7 +10,7 @@ from catoptra_server.effects.scene_summary import RINGS
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.scene.description import World
 from helpers.effects import CAMERA
-from helpers.geometry import traced
+from helpers.ranges import traced
 
 
 def nearest_seen_m(world: World, exposure: Exposure) -> Floats:
@@ -19,5 +19,5 @@ def nearest_seen_m(world: World, exposure: Exposure) -> Floats:
     on_mirror = direction_from_pixel(CAMERA, pixels)[1]
     radius = np.linalg.norm(pixels - np.array(CAMERA.centre_px), axis=-1) / CAMERA.rim_radius_px
     ring = np.where(on_mirror, np.minimum(RINGS * radius, RINGS - 1), RINGS).astype(int)
-    range_m = traced(world, exposure).range_m
+    range_m = traced(world, exposure)
     return np.array([range_m[ring == index].min() for index in range(RINGS)])

@@ -11,11 +11,11 @@ from catoptra_server.config.shipped import configuration_file
 from catoptra_server.effects import EFFECTS
 from catoptra_server.explain import STANDING, Velocity, exposed, main
 from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import captured
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.motion import AT_REST
 from catoptra_server.setup import read_setup
 from helpers.effects import PICTURE_EFFECTS
+from helpers.motion import seen_motion
 
 QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
 
@@ -93,9 +93,8 @@ def test_velocity_when_told_is_that_of_the_mirror_in_the_worlds_axes() -> None:
 def test_own_body_when_the_robot_moves_stands_still_in_its_picture() -> None:
     exposure = camera_at(Velocity(0.5, 0.1, 0.7), yaw_rad=0.3)
     assert exposure.own_body is not None
-    scene, own = captured(replace(exposure, bodies=(exposure.own_body,))).motion
-    assert scene.speed_m_s > 0.4
-    assert own.speed_m_s == pytest.approx(0.0, abs=1e-15)
+    assert exposure.twist.speed_m_s > 0.4
+    assert seen_motion(exposure, exposure.own_body).speed_m_s == pytest.approx(0.0, abs=1e-15)
 
 
 def test_robot_when_nothing_is_said_stands(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,9 @@ from helpers.effects import (
     CAMERA,
     CAPTURE,
     EXPOSURE,
-    GEOMETRY,
     KEY,
     PICTURE_EFFECTS,
+    RANGES,
     card,
     effect_of,
 )
@@ -32,13 +32,12 @@ def uploaded(context: moderngl.Context) -> LinearPicture:
     return picture
 
 
-class UploadedGeometry:
-    """The same geometry that the references are given."""
+class UploadedRange:
+    """The same ranges that the references are given."""
 
     def __init__(self, context: moderngl.Context) -> None:
         size = (CAMERA.width_px, CAMERA.height_px)
-        data = np.stack((GEOMETRY.range_m, GEOMETRY.mover), axis=-1).tobytes()
-        self.texture = context.texture(size, 2, data, dtype="f4")
+        self.texture = context.texture(size, 1, RANGES.tobytes(), dtype="f4")
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def close(self) -> None:
@@ -49,7 +48,7 @@ def shaded(
     context: moderngl.Context, name: str, changes: dict[str, float]
 ) -> np.ndarray[tuple[int, int, int]]:
     source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
-    effect, geometry = effect_of(name, changes), UploadedGeometry(context)
+    effect, ranges = effect_of(name, changes), UploadedRange(context)
     step = EffectPass(
         context,
         Programs(context),
@@ -57,11 +56,11 @@ def shaded(
         CAMERA,
         source.texture,
         target.target,
-        geometry=geometry if effect.uses_geometry else None,
+        ranges=ranges if effect.uses_range else None,
     )
     step.draw(EXPOSURE)
     read = target.read()
-    for made in (step, source, target, geometry):
+    for made in (step, source, target, ranges):
         made.close()
     return read
 
@@ -74,7 +73,6 @@ CHANGES: dict[str, dict[str, float]] = {
     "Exposure": {"time_s": 0.05},
     "Fog": {"density_per_m": 0.2, "red": 0.9},
     "MirrorReflectance": {"n": 2.8, "k": 3.4},
-    "RollingShutter": {"readout_s": 0.05},
     "Misalignment": {"x_m": 1e-3, "y_m": -4e-4, "axial_m": 2e-3, "pitch_rad": 1e-3},
     "WhiteBalance": {"red": 1.7, "blue": 0.6},
 }

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture import Capture, Geometry
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.decide import decide
 from catoptra_server.effects.defocus import Defocus
 from catoptra_server.effects.defocus_by_depth import DefocusByDepth, largest_change_px
@@ -28,7 +28,7 @@ def both(f_number: float, focus_m: float = 0.0) -> tuple[DefocusByDepth, Defocus
 
 def capture_at(range_m: float) -> Capture:
     everywhere = np.full(SHAPE, range_m, dtype=np.float32)
-    return replace(CAPTURE, geometry=Geometry(everywhere, np.zeros_like(everywhere)))
+    return replace(CAPTURE, range_m=everywhere)
 
 
 def change_px(effects: tuple[DefocusByDepth, Defocus], range_m: float) -> float:
@@ -74,7 +74,7 @@ def test_grid_when_decided_has_both_sides() -> None:
 def test_disc_when_measured_is_that_of_the_pixels_range() -> None:
     effect = both(2.0)[0]
     range_m = np.linspace(0.1, 1.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE).astype(np.float32)
-    capture = replace(CAPTURE, geometry=Geometry(range_m, np.zeros_like(range_m)))
+    capture = replace(CAPTURE, range_m=range_m)
     inner = inner_pixels(CAMERA, 5.0)
     expected = pixel_law(effect.aperture, CAMERA).diameter_px(range_m.astype(np.float64))
     seen = seen_diameters_px(effect, CAMERA, capture)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture, Geometry
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.fog import Fog, mirror_mask
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.colour import srgb_from_linear
@@ -22,7 +22,7 @@ ON_MIRROR = mirror_mask(CAMERA)[..., 0] > 0.0
 
 def seen_at(range_m: Floats | float) -> Capture:
     ranges = np.broadcast_to(np.float32(range_m), SHAPE)
-    return Capture(geometry=Geometry(ranges, np.zeros(SHAPE, np.float32)))
+    return Capture(range_m=ranges)
 
 
 def change(fog: Fog, light: Floats, capture: Capture) -> float:

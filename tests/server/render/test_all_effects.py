@@ -21,6 +21,7 @@ from catoptra_server.effects.effect import Effect
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import Image
+from catoptra_server.render.shutter import Shutter
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.meshes import build_scene
 from helpers.effects import EXPOSURE, effect_of
@@ -31,12 +32,10 @@ from helpers.worlds import omni_camera, raster_plan, room
 CAMERA = omni_camera(width_px=240)
 PLAN = raster_plan(CAMERA, samples=3)
 # These change what there is to be seen, and have no pass.
-SCENE_EFFECTS = ("OwnBody", "Shadows")
+SCENE_EFFECTS = ("OwnBody", "Shadows", "RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
 STRONG: dict[str, dict[str, float]] = {
     "Fog": {"density_per_m": 0.1, "red": 0.7},
-    "RollingShutter": {"readout_s": 0.03},
-    "MotionBlur": {"exposure_s": 0.04},
     "DefocusByDepth": {"f_number": 2.0, "pixel_pitch_m": 1.1e-5},
     "Misalignment": {"x_m": 3e-4, "y_m": -2e-4, "axial_m": 1e-3},
     "ChromaticAberration": {"red": 1.004, "blue": 0.997},
@@ -49,7 +48,7 @@ NAMES = [k.name for k in EFFECTS if k.name not in (*SCENE_EFFECTS, "Defocus")]
 CHAIN = tuple(effect_of(name, STRONG.get(name, {})) for name in NAMES)
 # What measures the whole picture before it runs.
 METERED = ("AutoExposure", "MirrorDust")
-SHOT = replace(EXPOSURE, has_shadows=True)
+SHOT = replace(EXPOSURE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +112,10 @@ def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     before = set(renderer.programs_built)
     effect = effect_of(name, STRONG.get(name, {}))
     view.draw(EXPOSURE, (effect,))
-    geometry = ("geometry",) if effect.uses_geometry else ()
-    assert view.passes == ("faces", "mirror", *geometry, name, "encode")
+    ranges = ("ranges",) if effect.uses_range else ()
+    assert view.passes == ("faces", "mirror", *ranges, name, "encode")
     added = {built.split()[0] for built in set(renderer.programs_built) - before}
-    others = {"geometry", "pixel_geometry"} if geometry else set()
+    others = {"range", "pixel_range"} if ranges else set()
     others |= {"meter"} if name in METERED else set()
     assert len(added) == 1 + len(others)
     assert added >= others

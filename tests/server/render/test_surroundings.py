@@ -11,7 +11,7 @@ from catoptra_server.render.surroundings import Surroundings, axis_of, turn_to
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from helpers.effects import CAMERA
-from helpers.geometry import FLOOR
+from helpers.ranges import FLOOR
 from helpers.worlds import VIEW, room
 
 ROOM = build_scene(room())

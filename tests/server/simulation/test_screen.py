@@ -14,11 +14,11 @@ from catoptra_server.effects.effect import EffectWishes, Mode, Wish
 from catoptra_server.effects.own_body import OwnBody
 from catoptra_server.imaging.multi_view import TileLayout, multi_view
 from catoptra_server.imaging.shot import SCREEN, OmniEye, ScreenChannel
-from catoptra_server.render.staging import captured
 from catoptra_server.robot.description import CameraDescription, Mount
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.motion import AT_REST
 from catoptra_server.simulation import Fleet
+from helpers.motion import seen_motion
 from helpers.robots import FakeClient, FakeViews, p2at, shown, walled_world
 
 AHEAD = CameraDescription("Ahead", Mount((0.1, 0.0, -0.4), (0.0, 0.0, 0.0)), 12, 10, 1.0, 0.3, 2.0)
@@ -91,9 +91,8 @@ def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> N
         strict=True,
     ):
         np.testing.assert_array_equal(own, is_)
-    seen = captured(dataclasses.replace(mirror, bodies=(mirror.own_body,))).motion
-    assert seen[0] != AT_REST
-    assert seen[1] == AT_REST
+    assert mirror.twist != AT_REST
+    assert seen_motion(mirror, mirror.own_body) == AT_REST
 
 
 def test_take_when_no_effect_asks_for_it_has_no_own_body() -> None:

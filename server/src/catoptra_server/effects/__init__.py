@@ -37,9 +37,9 @@ from catoptra_server.effects.effect import Kind
 EFFECTS: tuple[Kind, ...] = (
     own_body.KIND,
     shadows.KIND,
-    fog.KIND,
     rolling_shutter.KIND,
     motion_blur.KIND,
+    fog.KIND,
     defocus_by_depth.KIND,
     defocus.KIND,
     misalignment.KIND,

@@ -45,7 +45,7 @@ class AutoExposure:
 
     name: ClassVar[str] = "AutoExposure"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def gain(self, mean: float) -> float:
         """Return by how much a picture of this mean light is multiplied."""

@@ -32,7 +32,7 @@ class Bayer:
 
     name: ClassVar[str] = "Bayer"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return how far the brightest light is from black."""

@@ -41,7 +41,7 @@ class Bloom:
 
     name: ClassVar[str] = "Bloom"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what black gains where the brightest light stands above and below."""

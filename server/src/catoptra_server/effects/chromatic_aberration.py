@@ -35,7 +35,7 @@ class ChromaticAberration:
 
     name: ClassVar[str] = "ChromaticAberration"
     unit: ClassVar[str] = PIXELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return how far the colour that is farther off moves at the farthest place."""

@@ -55,6 +55,10 @@ class EffectPlan:
         """Return what changes the scene, then what changes the picture."""
         return (*self.staged, *self.active)
 
+    def bound(self, effect: str) -> float:
+        """Return the bound of an effect by its name; 0 of what no file names."""
+        return next((one.bound for one in self.decisions if one.effect == effect), 0.0)
+
     def __str__(self) -> str:
         return table(self.decisions, {})
 

@@ -44,7 +44,7 @@ class Defocus:
 
     name: ClassVar[str] = "Defocus"
     unit: ClassVar[str] = PIXELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the largest disc of what is in view."""

@@ -47,7 +47,7 @@ class DefocusByDepth:
 
     name: ClassVar[str] = "DefocusByDepth"
     unit: ClassVar[str] = PIXELS
-    uses_geometry: ClassVar[bool] = True
+    uses_range: ClassVar[bool] = True
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return by how much the disc of what is nearest differs from that of infinity."""
@@ -66,9 +66,9 @@ class DefocusByDepth:
         self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the blurred picture."""
-        assert capture.geometry is not None, "depths were not asked for"
+        assert capture.range_m is not None, "depths were not asked for"
         law = pixel_law(self.aperture, camera)
-        range_m = capture.geometry.range_m.astype(np.float64)
+        range_m = capture.range_m.astype(np.float64)
         row = row_of(law.diameter_px(range_m)).astype(light.dtype)
         table = _table(self, camera)
         reach = table.reach_up_to(float(row.max()))

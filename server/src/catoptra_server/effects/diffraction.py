@@ -51,7 +51,7 @@ class Diffraction:
 
     name: ClassVar[str] = "Diffraction"
     unit: ClassVar[str] = PIXELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def airy_diameter_px(self, wavelength_m: float) -> float:
         """Return the diameter of the first dark ring."""

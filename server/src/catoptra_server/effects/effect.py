@@ -75,12 +75,12 @@ class Criterion(Protocol):
 class Effect(Criterion, Protocol):
     """What changes the picture. Most modules of this folder hold one.
 
-    Its shader is `glsl/effect_<name>.frag`, with the texture `picture`, `geometry` if it uses that,
-    and the uniforms named here.
+    Its shader is `glsl/effect_<name>.frag`, with the texture `picture`, `range_m` if it uses
+    that, and the uniforms named here.
     """
 
     @property
-    def uses_geometry(self) -> bool:
+    def uses_range(self) -> bool:
         """Return whether it asks what each pixel sees: then renderers find that out."""
 
     def apply(
@@ -101,7 +101,7 @@ def asks_for_more_than_light(effect: Criterion) -> bool:
     May: what is staged, what looks at what each pixel sees, and what moves or spreads light, by as
     much as the scene is near. The others change the light of a pixel, whatever it shows.
     """
-    return not isinstance(effect, Effect) or effect.uses_geometry or effect.unit == PIXELS
+    return not isinstance(effect, Effect) or effect.uses_range or effect.unit == PIXELS
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ class Exposure:
 
     name: ClassVar[str] = "Exposure"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     @property
     def gain(self) -> float:

@@ -43,7 +43,7 @@ class FixedPattern:
 
     name: ClassVar[str] = "FixedPattern"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the largest normal number does to the grey that shows it most."""

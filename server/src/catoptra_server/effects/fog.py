@@ -54,7 +54,7 @@ class Fog:
 
     name: ClassVar[str] = "Fog"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = True
+    uses_range: ClassVar[bool] = True
 
     @property
     def airlight(self) -> tuple[float, float, float]:
@@ -103,8 +103,8 @@ class Fog:
         self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
     ) -> npt.NDArray[Real]:
         """Return the picture through the fog."""
-        assert capture.geometry is not None, "fog asks what each pixel sees"
-        through = self.passed(capture.geometry.range_m.astype(light.dtype))[..., None]
+        assert capture.range_m is not None, "fog asks what each pixel sees"
+        through = self.passed(capture.range_m.astype(light.dtype))[..., None]
         airlight = np.asarray(self.airlight, dtype=light.dtype)
         lost = (1 - through) * mirror_mask(camera)
         return light * (1 - lost) + airlight * lost

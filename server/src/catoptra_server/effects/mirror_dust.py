@@ -61,7 +61,7 @@ class MirrorDust:
 
     name: ClassVar[str] = "MirrorDust"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what white loses where all is dark, or black gains where all else is white."""

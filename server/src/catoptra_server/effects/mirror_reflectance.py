@@ -49,7 +49,7 @@ class MirrorReflectance:
 
     name: ClassVar[str] = "MirrorReflectance"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the change of the brightest light at the angle that changes it most."""

@@ -45,7 +45,7 @@ class Misalignment:
 
     name: ClassVar[str] = "Misalignment"
     unit: ClassVar[str] = PIXELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     @property
     def displacement(self) -> Displacement:

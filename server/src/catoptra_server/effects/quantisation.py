@@ -38,7 +38,7 @@ class Quantisation:
 
     name: ClassVar[str] = "Quantisation"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     @property
     def steps(self) -> float:

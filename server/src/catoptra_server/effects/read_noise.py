@@ -40,7 +40,7 @@ class ReadNoise:
 
     name: ClassVar[str] = "ReadNoise"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     @property
     def spread(self) -> float:

@@ -32,7 +32,7 @@ class SceneSummary:
     what moves in it is not nearer. carried_m: nor is, on top, what moves as the camera does.
     farthest_m: no surface is farther. background: the light that is seen where there is none; None
     where that is not known.
-    motion: of the scene as the camera sees it, `Capture.motion`'s first.
+    motion: of the scene as the camera sees it, told at the viewpoint in the mirror frame.
     passing_rad_s: at most how fast anything that moves of its own passes by, by ring, on top.
     largest_shadow: what a surface can lose where lights with a place or a direction are hidden from
     it; own_shadow: the same where the robot that carries the camera casts shadows, too.

@@ -40,7 +40,7 @@ class ShotNoise:
 
     name: ClassVar[str] = "ShotNoise"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the largest normal number does to the grey that shows it most."""

@@ -32,7 +32,7 @@ class Vignetting:
 
     name: ClassVar[str] = "Vignetting"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return what the brightest light loses at the rim."""

@@ -38,7 +38,7 @@ class WhiteBalance:
 
     name: ClassVar[str] = "WhiteBalance"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_geometry: ClassVar[bool] = False
+    uses_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
         """Return the change of the grey that changes most."""

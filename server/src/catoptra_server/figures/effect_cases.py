@@ -80,11 +80,6 @@ CASES = (
         before=(OwnBody(),),
     ),
     Case(
-        Fog(0.35, 0.5, 0.5, 0.5),
-        Quiet("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
-        "fog in which the eye loses contrast after 9 m",
-    ),
-    Case(
         RollingShutter(1.0 / 30.0),
         Quiet("a robot that stands", RollingShutter(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, rows read in 33 ms",
@@ -95,6 +90,11 @@ CASES = (
         Quiet("a robot that stands", MotionBlur(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, 33 ms",
         twist=_FAST,
+    ),
+    Case(
+        Fog(0.35, 0.5, 0.5, 0.5),
+        Quiet("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
+        "fog in which the eye loses contrast after 9 m",
     ),
     Case(
         DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),

@@ -25,7 +25,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.shipped import configuration_file
 from catoptra_server.effects.decide import Decision, decide
-from catoptra_server.effects.effect import Criterion, Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import Criterion, EffectWishes, Mode, Wish
 from catoptra_server.effects.frame_key import FrameKey
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.figures import style
@@ -89,9 +89,10 @@ class Field:
 
     def light(self, case: Case, effects: Sequence[Criterion]) -> Floats:
         """Return the linear picture behind effects."""
-        exposure = staged(self.exposure(case), tuple(effects))
-        of_picture = tuple(effect for effect in effects if isinstance(effect, Effect))
-        return self.view.draw_linear(exposure, of_picture).astype(np.float64)
+        wishes = EffectWishes(tuple(Wish(effect, Mode.ALWAYS) for effect in effects))
+        plan = decide(wishes, self.summary(case), _camera(120.0))
+        exposure = staged(self.exposure(case), plan)
+        return self.view.draw_linear(exposure, plan.active).astype(np.float64)
 
     def summary(self, case: Case) -> SceneSummary:
         """Return what criteria know of it."""

@@ -128,7 +128,7 @@ class Views:
         if prepared.effects is NO_EFFECTS or plan.running != prepared.effects.running:
             log.info("effects:\n%s", plan)
         prepared.effects = plan
-        picture = view.draw(staged(exposure, plan.staged), plan.active)
+        picture = view.draw(staged(exposure, plan), plan.active)
         return replace(picture, effects=plan.decisions)
 
     def plan(self, eye: Eye) -> Plan:

@@ -22,6 +22,7 @@ from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.frame_key import UNKEYED, FrameKey
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
+from catoptra_server.render.shutter import Shutter
 from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.motion import AT_REST, Twist
 
@@ -38,7 +39,8 @@ class Exposure:
     the scene; the robot that carries the camera is left out by who asks. key: of the noise, where
     there is any. twist: of the frame, told at its origin in the world's axes. own_body: of the
     robot that carries the camera, seen only where `staging` puts it among the bodies. has_shadows:
-    whether lights with a place or a direction are hidden by what stands before them.
+    whether lights with a place or a direction are hidden by what stands before them. shutter: None
+    where the exposure is so short that nothing moves in it.
     """
 
     world_from_mirror: Pose
@@ -47,6 +49,7 @@ class Exposure:
     twist: Twist = AT_REST
     own_body: Body | None = None
     has_shadows: bool = False
+    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

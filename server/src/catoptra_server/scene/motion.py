@@ -44,6 +44,14 @@ class Twist:
         linear = rotation @ np.asarray(self.linear_m_s)
         return Twist(_vector(linear), _vector(rotation @ np.asarray(self.angular_rad_s)))
 
+    def carried(self, pose: Pose, time_s: float) -> Pose:
+        """Return where a pose that moves so, told in its parent's axes, is after some seconds."""
+        if self == AT_REST:
+            return pose
+        turn = _rotation(np.asarray(self.angular_rad_s) * time_s)
+        way = np.asarray(self.linear_m_s) * time_s
+        return Pose(turn @ pose.rotation, pose.translation + way)
+
     @property
     def speed_m_s(self) -> float:
         """Return how fast the origin moves."""
@@ -71,3 +79,13 @@ def _rotation_vector(rotation: Floats) -> Floats:
     angle = float(np.arctan2(length, np.trace(rotation) - 1.0))
     # sin(x) / x is 1 to the last bit below 1e-8.
     return 0.5 * twice_sine if length < 1e-8 else twice_sine * (angle / length)
+
+
+def _rotation(vector: Floats) -> Floats:
+    """Return the (3, 3) rotation about a vector by its length in radians: Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    across = np.cross(np.eye(3), vector / angle)
+    turn: Floats = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+    return turn

@@ -10,11 +10,14 @@ import pytest
 
 from catoptra_server.effects.decide import decide
 from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.motion_blur import MotionBlur
+from catoptra_server.effects.rolling_shutter import RollingShutter
 from catoptra_server.plan.render_plan import PerPixel, Surface
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.staging import staged
 from catoptra_server.render.summaries import SceneSummaries
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.meshes import build_scene
@@ -124,16 +127,17 @@ def test_view_when_effects_change_keeps_the_last_four_lists_ready(
 
 def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRenderer) -> None:
     world = room()
-    blur, roll = effect_of("MotionBlur"), effect_of("RollingShutter", {"readout_s": 0.05})
-    named = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in (roll, blur, *NOISY)))
+    moving = (RollingShutter(0.05), MotionBlur(1.0 / 60.0))
+    named = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in (*moving, *NOISY)))
     summaries = SceneSummaries(build_scene(world), world)
     view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    built: dict[tuple[Effect, ...], object] = {}
+    built: dict[bool, object] = {}
     faster = (0.0, *np.geomspace(0.03, 3.0, 9))
     for speed_m_s in (*faster, *reversed(faster)) * 3:
         exposure = replace(VIEW, twist=Twist((speed_m_s, 0.0, 0.0)))
-        effects = decide(named, summaries.of(exposure, CAMERA), CAMERA).active
-        view.draw(exposure, effects)
-        assert built.setdefault(effects, view.steps[-1]) is view.steps[-1]
-    assert len(built) == 3
+        plan = decide(named, summaries.of(exposure, CAMERA), CAMERA)
+        lasting = staged(exposure, plan)
+        view.draw(lasting, plan.active)
+        assert built.setdefault(lasting.shutter is None, view.steps[-1]) is view.steps[-1]
+    assert len(built) == 2
     view.close()

@@ -1,8 +1,7 @@
-// Provides vec3 bilinear(sampler2D picture, vec2 px) and vec3 bilinear_aside(sampler2D picture,
-// ivec2 pixel, vec2 aside_px): light between pixels, whose middles are at +0.5.
+// Provides vec3 bilinear(picture, px), bilinear_aside(picture, pixel, aside_px): light between.
 // Twin: catoptra_server.effects.resampling.bilinear, bilinear_aside.
 
-// Beyond the border the last pixel's light goes on. What is aside of a pixel's middle is told as
+// Pixels' middles are at +0.5. Beyond the border the last pixel's light goes on. What is aside of a pixel's middle is told as
 // that, since a place in a wide picture would have lost the last bits of it.
 vec3 bilinear_aside(sampler2D picture, ivec2 pixel, vec2 aside_px)
 {

@@ -17,12 +17,12 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.auto_exposure import LUMINANCE, mirror_pixels
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.noise import TABLE_SIDE, normal_table
 from catoptra_server.render.raster.passes import AveragePass, Pass
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler
 from catoptra_server.render.renderer import Exposure, LinearImage
-from catoptra_server.render.staging import captured
 
 Values = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 
@@ -30,7 +30,7 @@ Values = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 # What an effect tells is a map if it has so many dimensions.
 _MAP_DIMENSIONS = 3
 # Texture units: the picture has 0, what each pixel sees 1, maps the next ones.
-_GEOMETRY_UNIT, _FIRST_MAP_UNIT = 1, 2
+_RANGE_UNIT, _FIRST_MAP_UNIT = 1, 2
 # Light is summed in so many rectangles a side before the sums are read back.
 _METER_GRID = 16
 
@@ -46,7 +46,7 @@ class EffectChain:
         camera: OmniCamera,
         target: moderngl.Framebuffer,
         *,
-        geometry: GeometrySource | None = None,
+        ranges: RangeSource | None = None,
     ) -> None:
         self._pictures = [
             LinearPicture(context, camera.width_px, camera.height_px)
@@ -54,7 +54,7 @@ class EffectChain:
         ]
         self._programs = programs
         self._context = context
-        self._geometry = geometry
+        self._ranges = ranges
         steps = [self._step(effect, camera, index) for index, effect in enumerate(effects)]
         self._last = self._pictures[len(effects) % len(self._pictures)]
         encode = EncodePass(context, programs, self._last.texture, target)
@@ -74,7 +74,7 @@ class EffectChain:
             camera,
             source.texture,
             target.target,
-            geometry=self._geometry if effect.uses_geometry else None,
+            ranges=self._ranges if effect.uses_range else None,
         )
 
     def read(self) -> LinearImage:
@@ -87,12 +87,12 @@ class EffectChain:
             picture.close()
 
 
-class GeometrySource(Protocol):
-    """What finds out what each pixel sees, before the effects run."""
+class RangeSource(Protocol):
+    """What finds out how far away is what each pixel sees, before the effects run."""
 
     @property
     def texture(self) -> moderngl.Texture:
-        """Return the picture of (range, mover)."""
+        """Return the picture of ranges."""
 
 
 class EffectPass:
@@ -107,7 +107,7 @@ class EffectPass:
         source: moderngl.Texture,
         target: moderngl.Framebuffer,
         *,
-        geometry: GeometrySource | None = None,
+        ranges: RangeSource | None = None,
     ) -> None:
         self.name = effect.name
         self._context = context
@@ -119,14 +119,14 @@ class EffectPass:
         self._cover = context.vertex_array(self._program, [])
         self._meter = Meter(context, programs, source)
         self._maps = Maps(context, self._program)
-        self._geometry = geometry
+        self._ranges = ranges
         if "normal_table" in self._program:
             self._maps.use("normal_table", normal_table().reshape(TABLE_SIDE, TABLE_SIDE, 1))
 
     def draw(self, exposure: Exposure) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
         mean_light = partial(self._meter.mean, self._camera)
-        told = self._effect.uniforms(self._camera, captured(exposure), mean_light)
+        told = self._effect.uniforms(self._camera, Capture(exposure.key), mean_light)
         for name, values in told.items():
             if values.ndim == _MAP_DIMENSIONS:
                 self._maps.use(name, values)
@@ -138,9 +138,9 @@ class EffectPass:
         self._target.use()
         self._source.use(0)
         self._maps.bind()
-        if self._geometry is not None:
-            set_sampler(self._program, "geometry", _GEOMETRY_UNIT)
-            self._geometry.texture.use(_GEOMETRY_UNIT)
+        if self._ranges is not None:
+            set_sampler(self._program, "range_m", _RANGE_UNIT)
+            self._ranges.texture.use(_RANGE_UNIT)
         self._cover.render(vertices=3)
 
     def close(self) -> None:

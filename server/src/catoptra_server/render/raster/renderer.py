@@ -20,14 +20,15 @@ from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.context import GlDevice, open_device
-from catoptra_server.render.raster.effect_chain import EffectChain
+from catoptra_server.render.raster.effect_chain import EffectChain, LinearPicture
 from catoptra_server.render.raster.faces import FacePass
-from catoptra_server.render.raster.geometry_pass import GeometryPass
+from catoptra_server.render.raster.instants_pass import InstantsPass
 from catoptra_server.render.raster.lens_cell import lens_cell
 from catoptra_server.render.raster.mirror_pass import MirrorPass, law_places
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, Output
 from catoptra_server.render.raster.polygon_places import polygon_places
 from catoptra_server.render.raster.programs import Definitions, Programs
+from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.views import Developed, RasterOmniView, RasterView
 from catoptra_server.render.renderer import Exposure, FaceCamera, View
@@ -86,7 +87,7 @@ class RasterRenderer:
             undo.pop_all()
 
         def plain() -> Developed:
-            return Developed((mirror(output.target, ENCODED),))
+            return Developed((faces, mirror(output.target, ENCODED)))
 
         def mirror(target: moderngl.Framebuffer, encoding: Definitions) -> MirrorPass:
             return MirrorPass(
@@ -100,31 +101,36 @@ class RasterRenderer:
                 encoding=encoding,
             )
 
-        def linear(effects: tuple[Effect, ...]) -> Developed:
-            geometry = self._geometry(camera, plan, faces, effects)
+        def linear(effects: tuple[Effect, ...], lasts: bool) -> Developed:
+            ranges = self._ranges(camera, plan, faces, effects)
             chain = EffectChain(
-                context, self._programs, effects, camera, output.target, geometry=geometry
+                context, self._programs, effects, camera, output.target, ranges=ranges
             )
-            first = mirror(chain.first, LINEAR)
-            between = (geometry,) if geometry is not None else ()
-            return Developed((first, *between, *chain.passes), chain)
+            first = lasting(chain.first) if lasts else (faces, mirror(chain.first, LINEAR))
+            between = (ranges,) if ranges is not None else ()
+            return Developed((*first, *between, *chain.passes), chain)
+
+        def lasting(target: moderngl.Framebuffer) -> tuple[InstantsPass]:
+            sharp = LinearPicture(context, camera.width_px, camera.height_px)
+            steps = (faces, mirror(sharp.target, LINEAR))
+            return (InstantsPass(context, self._programs, camera, steps, sharp, target),)
 
         return RasterOmniView(
             self._device, faces, places, output, plain=plain, linear=linear, thread=self._thread
         )
 
-    def _geometry(
+    def _ranges(
         self,
         camera: OmniCamera,
         plan: RenderPlan,
         faces: FacePass[Atlas],
         effects: tuple[Effect, ...],
-    ) -> GeometryPass | None:
-        """Return the pass that finds what each pixel sees, if some effect uses it."""
-        if not any(effect.uses_geometry for effect in effects):
+    ) -> RangePass | None:
+        """Return the pass that finds how far pixels see, if some effect uses it."""
+        if not any(effect.uses_range for effect in effects):
             return None
         places = self._places(camera, plan, faces.atlas, 1)
-        return GeometryPass(
+        return RangePass(
             self._device.context, self._programs, self._scene, faces.atlas, camera, places
         )
 

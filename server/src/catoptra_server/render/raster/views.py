@@ -71,13 +71,18 @@ class RasterView:
 # what pixels see takes a quarter of a second to build on two cores, and holds 20 MB at 640 px.
 _KEPT = 4
 
+# What a picture's passes are made for: its effects, and whether its exposure lasts.
+Wanted = tuple[tuple[Effect, ...], bool]
 # Makes the passes of a picture: what is built is returned, and closed with the picture.
-MakePicture = Callable[[tuple[Effect, ...]], "Developed"]
+MakePicture = Callable[[tuple[Effect, ...], bool], "Developed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Developed:
-    """The passes from the faces to the finished picture; chain: None where there are no effects."""
+    """The passes from the faces to the finished picture; chain: None where light is not linear.
+
+    The faces are their view's, and freed with it.
+    """
 
     passes: tuple[Pass, ...]
     chain: EffectChain | None = None
@@ -85,7 +90,8 @@ class Developed:
     def close(self) -> None:
         """Free the passes, and what is between them."""
         for step in reversed(self.passes):
-            step.close()
+            if not isinstance(step, FacePass):
+                step.close()
         if self.chain is not None:
             self.chain.close()
 
@@ -116,7 +122,7 @@ class RasterOmniView:
         self._make_linear = linear
         self._thread = thread
         self._plain: Developed | None = None
-        self._linear: dict[tuple[Effect, ...], Developed] = {}  # the last drawn at the end
+        self._linear: dict[Wanted, Developed] = {}  # the last drawn at the end
         self._last: Developed | None = None
 
     @property
@@ -127,7 +133,7 @@ class RasterOmniView:
     @property
     def steps(self) -> tuple[Pass, ...]:
         """Return the passes themselves."""
-        return (self._faces, *(self._last.passes if self._last else ()))
+        return self._last.passes if self._last else ()
 
     @property
     def pictures(self) -> int:
@@ -143,7 +149,8 @@ class RasterOmniView:
         """Return the picture of an exposure as effects change it."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            picture = self._with(effects) if effects else self._without()
+            lasts = exposure.shutter is not None
+            picture = self._with(effects, lasts) if effects or lasts else self._without()
             clock = StageClock(context.finish)
             self._run(picture, exposure, clock)
             image = self._output.read()
@@ -153,14 +160,14 @@ class RasterOmniView:
     def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
         with self._device.context as context:
-            picture = self._with(effects)
+            picture = self._with(effects, exposure.shutter is not None)
             self._run(picture, exposure, StageClock(context.finish))
             assert picture.chain is not None, "a linear picture has a chain"
             return picture.chain.read()
 
     def _run(self, picture: Developed, exposure: Exposure, clock: StageClock) -> None:
         self._last = picture
-        for step in (self._faces, *picture.passes):
+        for step in picture.passes:
             step.draw(exposure)
             clock.mark(step.name)
 
@@ -169,11 +176,12 @@ class RasterOmniView:
             self._plain = self._make_plain()
         return self._plain
 
-    def _with(self, effects: tuple[Effect, ...]) -> Developed:
-        picture = self._linear.pop(effects, None) or self._make_linear(effects)
+    def _with(self, effects: tuple[Effect, ...], lasts: bool) -> Developed:
+        wanted = (effects, lasts)
+        picture = self._linear.pop(wanted, None) or self._make_linear(effects, lasts)
         while len(self._linear) >= _KEPT:
             self._linear.pop(next(iter(self._linear))).close()
-        self._linear[effects] = picture
+        self._linear[wanted] = picture
         return picture
 
     def close(self) -> None:

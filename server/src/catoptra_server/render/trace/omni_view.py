@@ -13,12 +13,14 @@ from dataclasses import replace
 from functools import cache, cached_property
 from typing import Protocol, cast
 
+import numpy as np
+
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture, Geometry
+from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import Effect
+from catoptra_server.render.instants import instants
 from catoptra_server.render.renderer import Exposure, Image, LinearImage, RenderedImage
-from catoptra_server.render.staging import captured
-from catoptra_server.render.trace.packed_light import encoded_levels
+from catoptra_server.render.trace.packed_light import Float32s, encoded_levels
 from catoptra_server.render.trace.ray_view import Drawn
 
 
@@ -41,20 +43,20 @@ class TraceOmniView:
         *,
         greys: Callable[[bool], Source],
         linear: Callable[[bool], Source],
-        geometry: Callable[[], Callable[[Exposure], Geometry]],
+        ranges: Callable[[], Callable[[Exposure], Float32s]],
     ) -> None:
         self._camera = camera
         self._greys = cache(greys)
         self._linear = cache(linear)
-        self._make_geometry = geometry
+        self._make_ranges = ranges
 
     @cached_property
-    def _geometry(self) -> Callable[[Exposure], Geometry]:
-        return self._make_geometry()
+    def _ranges(self) -> Callable[[Exposure], Float32s]:
+        return self._make_ranges()
 
     def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
         """Return the picture of an exposure as effects change it; each is a stage of its own."""
-        if not effects:
+        if not effects and exposure.shutter is None:
             rgb, stage_ms = self._greys(exposure.has_shadows).picture(exposure)
             return RenderedImage(cast(Image, rgb), stage_ms)
         light, stage_ms = self._developed(exposure, effects)
@@ -70,8 +72,7 @@ class TraceOmniView:
     def _developed(
         self, exposure: Exposure, effects: tuple[Effect, ...]
     ) -> tuple[LinearImage, dict[str, float]]:
-        drawn, stage_ms = self._linear(exposure.has_shadows).picture(exposure)
-        light = cast(LinearImage, drawn)
+        light, stage_ms = self._exposed(exposure)
         capture = self._captured(exposure, effects, stage_ms)
         for effect in effects:
             begin = time.perf_counter()
@@ -79,16 +80,29 @@ class TraceOmniView:
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin)
         return light, stage_ms
 
+    def _exposed(self, exposure: Exposure) -> tuple[LinearImage, dict[str, float]]:
+        """Return the light that reaches the sensor: of one instant, or the mean of several."""
+        source = self._linear(exposure.has_shadows)
+        if exposure.shutter is None:
+            drawn, stage_ms = source.picture(exposure)
+            return cast(LinearImage, drawn), stage_ms
+        begin = time.perf_counter()
+        shape = (self._camera.height_px, self._camera.width_px, 3)
+        light: LinearImage = np.zeros(shape, dtype=np.float32)
+        for instant, weights in instants(exposure, self._camera.height_px):
+            light += cast(LinearImage, source.picture(instant)[0]) * weights[:, None, None]
+        return light, {"instants": 1e3 * (time.perf_counter() - begin)}
+
     def _captured(
         self, exposure: Exposure, effects: tuple[Effect, ...], stage_ms: dict[str, float]
     ) -> Capture:
-        """Return what the effects may know; geometry is a stage where one of them uses it."""
-        capture = captured(exposure)
-        if not any(effect.uses_geometry for effect in effects):
+        """Return what the effects may know; their ranges are a stage where one of them uses it."""
+        capture = Capture(exposure.key)
+        if not any(effect.uses_range for effect in effects):
             return capture
         begin = time.perf_counter()
-        capture = replace(capture, geometry=self._geometry(exposure))
-        stage_ms["geometry"] = 1e3 * (time.perf_counter() - begin)
+        capture = replace(capture, range_m=self._ranges(exposure))
+        stage_ms["ranges"] = 1e3 * (time.perf_counter() - begin)
         return capture
 
     def close(self) -> None:

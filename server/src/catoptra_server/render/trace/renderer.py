@@ -26,8 +26,8 @@ from catoptra_server.render.trace.lens_view import TraceLensView
 from catoptra_server.render.trace.moving_bodies import BodyScenes
 from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.render.trace.packed_light import LightScale, LinearScale, Scale
-from catoptra_server.render.trace.pixel_geometry import PixelGeometry
 from catoptra_server.render.trace.pixel_law import PixelLaw
+from catoptra_server.render.trace.pixel_ranges import PixelRanges
 from catoptra_server.render.trace.ray_colours import Colouring, RayColours
 from catoptra_server.render.trace.ray_view import RayView
 from catoptra_server.render.trace.samples import (
@@ -104,7 +104,7 @@ class TraceRenderer:
             camera,
             greys=greys,
             linear=linear,
-            geometry=lambda: PixelGeometry(self._scene, self._bodies, camera, plan, self._pool).of,
+            ranges=lambda: PixelRanges(self._scene, self._bodies, camera, plan, self._pool).of,
         )
 
     def _colours(self, scale: Scale, has_shadows: bool) -> Colouring:

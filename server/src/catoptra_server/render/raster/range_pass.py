@@ -1,4 +1,4 @@
-"""What each pixel sees, found on the device: range and mover, drawn into an atlas of their own.
+"""How far away is what each pixel sees, found on the device: ranges in an atlas of their own.
 
 The same faces once more, one sample a texel, and looked up without interpolation: a range between
 two surfaces would be that of neither. At a border a pixel may so show what is half a texel aside.
@@ -10,12 +10,12 @@ import math
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.capture import SCENE, Geometry
-from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.chunks import runs
+from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.faces import frame_depth
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler, set_uniform
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
@@ -23,10 +23,10 @@ from catoptra_server.render.renderer import Exposure
 from catoptra_server.scene.bodies import Body
 
 
-class GeometryPass:
-    """From the scene to the texture of (range, mover) a pixel. places: the pass frees them."""
+class RangePass:
+    """From the scene to the texture of each pixel's range. places: the pass frees them."""
 
-    name = "geometry"
+    name = "ranges"
 
     def __init__(
         self,
@@ -49,10 +49,10 @@ class GeometryPass:
         self._target = context.framebuffer([self._texels], self._depth)
         self.texture = _texture(context, (camera.width_px, camera.height_px))
         self._seen = context.framebuffer([self.texture])
-        self._surfaces = programs.get(ProgramSpec("geometry", "geometry"))
+        self._surfaces = programs.get(ProgramSpec("range", "range"))
         self._vertices = scene.positions(self._surfaces)
         self._bodies = BodyPlaces(context, self._surfaces, scene.origin)
-        self._look_up = programs.get(ProgramSpec("cover", "pixel_geometry"))
+        self._look_up = programs.get(ProgramSpec("cover", "pixel_range"))
         self._cover = context.vertex_array(self._look_up, [])
 
     def draw(self, exposure: Exposure) -> None:
@@ -74,7 +74,7 @@ class GeometryPass:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         self._target.viewport = (0, 0, self._atlas.width, self._atlas.height)
-        self._target.clear(math.inf, SCENE, depth=1.0)
+        self._target.clear(math.inf, depth=1.0)
         self._target.use()
         self._bodies.place(exposure.bodies)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
@@ -88,16 +88,14 @@ class GeometryPass:
             self._bodies.draw()
 
     def _draw_scene(self, visible: Bools) -> None:
-        set_uniform(self._surfaces, "mover", SCENE)
         for first, count in runs(visible, self._scene.chunks.borders):
             self._vertices.render(vertices=3 * count, first=3 * first)
 
-    def read(self) -> Geometry:
-        """Return what the last frame's pixels saw."""
+    def read(self) -> npt.NDArray[np.float32]:
+        """Return the (h, w) ranges of the last frame, metres."""
         width, height = self.texture.size
-        data = self._seen.read(components=2, dtype="f4", alignment=1)
-        seen = np.frombuffer(data, dtype=np.float32).reshape(height, width, 2)
-        return Geometry(seen[..., 0], seen[..., 1])
+        data = self._seen.read(components=1, dtype="f4", alignment=1)
+        return np.frombuffer(data, dtype=np.float32).reshape(height, width)
 
     def close(self) -> None:
         """Free what the pass holds; the scene's vertices stay the scene's."""
@@ -136,9 +134,8 @@ class BodyPlaces:
             self._held.append((self._context.vertex_array(self._program, content), buffer))
 
     def draw(self) -> None:
-        """Draw all of them, each by its number."""
-        for number, (vertices, _) in enumerate(self._held, SCENE + 1):
-            set_uniform(self._program, "mover", number)
+        """Draw all of them."""
+        for vertices, _ in self._held:
             vertices.render()
 
     def close(self) -> None:
@@ -150,6 +147,6 @@ class BodyPlaces:
 
 
 def _texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
-    texture = context.texture(size, 2, dtype="f4")
+    texture = context.texture(size, 1, dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -1,4 +1,4 @@
-"""What the middle of each pixel sees: one ray each, asked for its range and for what moves."""
+"""How far away is what the middle of each pixel sees: one ray each, of the scene and of bodies."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import SCENE, Geometry
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import BodyScenes, PlacedBody
+from catoptra_server.render.trace.moving_bodies import BodyScenes
 from catoptra_server.render.trace.packed_light import Float32s, LightScale
 from catoptra_server.render.trace.ray_view import RayChunk, ray_chunks
 from catoptra_server.render.trace.samples import omni_samples
@@ -21,7 +20,7 @@ from catoptra_server.render.trace.samples import omni_samples
 _ANY_SCALE = 1
 
 
-class PixelGeometry:
+class PixelRanges:
     """The prepared rays of one camera's pixels."""
 
     def __init__(
@@ -38,10 +37,9 @@ class PixelGeometry:
         self._size = (camera.height_px, camera.width_px)
         self._chunks = ray_chunks(omni_samples(camera, replace(plan, samples=1)))
 
-    def of(self, exposure: Exposure) -> Geometry:
-        """Return what each pixel sees in an exposure."""
+    def of(self, exposure: Exposure) -> Float32s:
+        """Return (h, w) metres, inf where nothing is met."""
         range_m = np.full(self._size, np.inf, dtype=np.float32)
-        mover = np.full(self._size, SCENE, dtype=np.float32)
         pose = exposure.world_from_mirror
         rotation = pose.rotation.T.astype(np.float32)
         scale = LightScale.for_samples(_ANY_SCALE)
@@ -51,22 +49,11 @@ class PixelGeometry:
         def see(chunk: RayChunk) -> None:
             directions = chunk.directions @ rotation
             distance = self._scene.distances(np.broadcast_to(origin, directions.shape), directions)
-            who = _nearest_movers(placed, directions, distance)
+            for body in placed:
+                rays, far, _ = body.nearer(directions, distance)
+                distance[rays] = far
             distance[chunk.off_mirror] = np.inf
             range_m.reshape(-1)[chunk.pixels] = distance
-            mover.reshape(-1)[chunk.pixels] = who
 
         list(self._pool.map(see, self._chunks))
-        return Geometry(range_m, mover)
-
-
-def _nearest_movers(
-    bodies: tuple[PlacedBody, ...], directions: Float32s, distance: Float32s
-) -> Float32s:
-    """Return the (n,) mover of each ray; `distance` is that of the scene, and then of the mover."""
-    who = np.full(len(directions), SCENE, dtype=np.float32)
-    for number, body in enumerate(bodies, 1):
-        rays, far, _ = body.nearer(directions, distance)
-        distance[rays] = far
-        who[rays] = number
-    return who
+        return range_m
