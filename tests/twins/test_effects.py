@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.auto_exposure import mean_of
-from catoptra_server.effects.noise import frame_words, normals
+from catoptra_server.effects.shared.noise import frame_words, normals
 from catoptra_server.render.raster.effect_chain import EffectPass, LinearPicture, Meter
 from catoptra_server.render.raster.programs import Programs
 from helpers.effects import (

@@ -6,8 +6,8 @@ import pytest
 from catoptra_protocol.optics.camera import pixel_centres
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_server.effects.chromatic_aberration import ChromaticAberration
-from catoptra_server.effects.resampling import bilinear
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.resampling import bilinear
 from helpers.displacement import (
     assert_displacement_called_for,
     assert_displacement_left_out,

@@ -8,8 +8,8 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.effects.defocus import Defocus
-from catoptra_server.effects.lens_blur import Aperture, pixel_law, whole_pixels
 from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.effects.shared.lens_blur import Aperture, pixel_law, whole_pixels
 from helpers.blur import inner_pixels, point, seen_diameters_px
 from helpers.effects import CAPTURE, THRESHOLD, assert_summary_holds, card
 from helpers.worlds import omni_camera

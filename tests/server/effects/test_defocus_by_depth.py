@@ -10,8 +10,8 @@ from catoptra_server.effects.decide import decide
 from catoptra_server.effects.defocus import Defocus
 from catoptra_server.effects.defocus_by_depth import DefocusByDepth, largest_change_px
 from catoptra_server.effects.effect import EffectWishes, Mode, Wish
-from catoptra_server.effects.lens_blur import Aperture, BlurLaw, pixel_law
 from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.effects.shared.lens_blur import Aperture, BlurLaw, pixel_law
 from helpers.blur import inner_pixels, seen_diameters_px
 from helpers.effects import CAPTURE, THRESHOLD, assert_summary_holds
 from helpers.worlds import omni_camera

@@ -14,7 +14,7 @@ from catoptra_server.effects.diffraction import (
     reach_px,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import pair_sizes
+from catoptra_server.effects.shared.symmetric_kernels import pair_sizes
 from helpers.blur import point
 from helpers.effects import CAMERA, CAPTURE, THRESHOLD, assert_summary_holds
 

@@ -8,11 +8,11 @@ import pytest
 from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.lens_blur import Aperture
-from catoptra_server.effects.mirror_chart import mirror_chart
 from catoptra_server.effects.mirror_dust import MirrorDust, covered_map, most_covered
-from catoptra_server.effects.mirror_marks import Marks
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.lens_blur import Aperture
+from catoptra_server.effects.shared.mirror_chart import mirror_chart
+from catoptra_server.effects.shared.mirror_marks import Marks
 from helpers.effects import (
     CAMERA,
     CAPTURE,

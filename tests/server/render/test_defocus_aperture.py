@@ -26,7 +26,7 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.defocus import Defocus
 from catoptra_server.effects.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.lens_blur import Aperture, focused_at
+from catoptra_server.effects.shared.lens_blur import Aperture, focused_at
 from catoptra_server.effects.vignetting import inverse_focal
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice

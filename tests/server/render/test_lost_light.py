@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import NO_SHADE, Shade
+from catoptra_server.effects.shared.grey_levels import grey_level
 from catoptra_server.render.lost_light import change_of, greatest_loss
 
 

@@ -1,9 +1,13 @@
-"""What lens and sensor do to the picture, in one visible table, in optical order.
+"""What scene, lens and sensor do to a picture, in one visible table, in optical order.
+
+First what changes what there is to be seen, then what changes the picture of it. What moves or
+blurs the scene stands before what lies on mirror and lens.
 
 To add one: write `<name>.py` beside the others (the protocol is in `effect.py`; formula, source,
 domain and criterion in its docstring), `glsl/effect_<name>.frag`, and its line here. Its keys in
 the capture camera's section, its place in both renderers, in `explain` and in the stream's header
-follow from these. Of what no robot's file names nothing is built.
+follow from these. Mathematics that several need, or that would hide one's idea, is in `shared/`. Of
+what no robot's file names nothing is built.
 """
 
 from __future__ import annotations

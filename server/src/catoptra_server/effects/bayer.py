@@ -20,8 +20,8 @@ import numpy.typing as npt
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms
-from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import grey_level
 
 _EVEN, _ODD = slice(0, None, 2), slice(1, None, 2)
 

@@ -28,8 +28,8 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import grey_level
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,10 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.disc_kernel import DiscTable, disc_table, row_of
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms, floats
-from catoptra_server.effects.lens_blur import (
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.disc_kernel import DiscTable, disc_table, row_of
+from catoptra_server.effects.shared.lens_blur import (
     Aperture,
     blur_law,
     nearest_at,
@@ -32,8 +33,7 @@ from catoptra_server.effects.lens_blur import (
     whole_pixels,
     whole_radius_px,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered_within
+from catoptra_server.effects.shared.symmetric_kernels import gathered_within
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ the disc of the nearest thing in view differs from that of infinity, in px.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -21,9 +22,10 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.defocus import APERTURE_PARAMETERS, Defocus
-from catoptra_server.effects.disc_kernel import DiscTable, disc_table, row_of
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms, floats
-from catoptra_server.effects.lens_blur import (
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.disc_kernel import DiscTable, disc_table, row_of
+from catoptra_server.effects.shared.lens_blur import (
     Aperture,
     BlurLaw,
     blur_law,
@@ -35,8 +37,7 @@ from catoptra_server.effects.lens_blur import (
     whole_pixels,
     whole_radius_px,
 )
-from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered_within
+from catoptra_server.effects.shared.symmetric_kernels import gathered_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,8 @@ class DefocusByDepth:
         value = float(largest_change_px(law, nearest_at(summary, camera, radius)).max())
         nearest = min(summary.in_view_m)
         lens = telling(self.aperture, camera)
-        return Bound(value, f"{lens}: the nearest is {nearest:.2g} m away")
+        where = f"{nearest:.2g} m away" if math.isfinite(nearest) else "far away"
+        return Bound(value, f"{lens}: the nearest is {where}")
 
     def after(self, summary: SceneSummary) -> SceneSummary:
         """Return a summary in which the fixed part is done."""

@@ -30,7 +30,7 @@ from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.defocus import F_NUMBER, PIXEL_PITCH
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered, pair_sizes, pairs
+from catoptra_server.effects.shared.symmetric_kernels import gathered, pair_sizes, pairs
 
 # Assumed: the middles of the bands of a sensor's red, green and blue filters.
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)

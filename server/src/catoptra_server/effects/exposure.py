@@ -24,8 +24,8 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import change_by_gain
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,9 @@ from catoptra_server.effects.effect import (
     floats,
 )
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.grey_levels import change_by_offset
-from catoptra_server.effects.noise import LARGEST_NORMAL, camera_words, normals
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import change_by_offset
+from catoptra_server.effects.shared.noise import LARGEST_NORMAL, camera_words, normals
 
 
 @dataclass(frozen=True, slots=True)

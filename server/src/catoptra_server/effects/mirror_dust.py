@@ -28,7 +28,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.auto_exposure import mean_of
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.defocus import APERTURE_PARAMETERS
-from catoptra_server.effects.disc_kernel import DiscTable, disc_table, row_of
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
     Bound,
@@ -39,13 +38,14 @@ from catoptra_server.effects.effect import (
     floats,
 )
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.grey_levels import change_by_gain, grey_level
-from catoptra_server.effects.lens_blur import Aperture, pixel_law
-from catoptra_server.effects.mirror_chart import mirror_chart
-from catoptra_server.effects.mirror_marks import Marks, coverage, grain_cells, scratch_cells
-from catoptra_server.effects.noise import camera_words
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.symmetric_kernels import gathered
+from catoptra_server.effects.shared.disc_kernel import DiscTable, disc_table, row_of
+from catoptra_server.effects.shared.grey_levels import change_by_gain, grey_level
+from catoptra_server.effects.shared.lens_blur import Aperture, pixel_law
+from catoptra_server.effects.shared.mirror_chart import mirror_chart
+from catoptra_server.effects.shared.mirror_marks import Marks, coverage, grain_cells, scratch_cells
+from catoptra_server.effects.shared.noise import camera_words
+from catoptra_server.effects.shared.symmetric_kernels import gathered
 
 # No pixel in so many has more on it, by its logarithm.
 _RARITY = math.log(1e12)

@@ -31,8 +31,8 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import change_by_gain
 from catoptra_server.effects.vignetting import inverse_focal
 
 # The shader interpolates between so many radii, within 6e-7 for steel in the paper's mirror. Each

@@ -25,9 +25,9 @@ import numpy.typing as npt
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms
-from catoptra_server.effects.misaligned_rays import Displacement, read_instead
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.warp import Warp, warp_aside, warped
+from catoptra_server.effects.shared.misaligned_rays import Displacement, read_instead
+from catoptra_server.effects.shared.warp import Warp, warp_aside, warped
 
 
 @dataclass(frozen=True, slots=True)

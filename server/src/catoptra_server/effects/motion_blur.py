@@ -16,8 +16,8 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter
-from catoptra_server.effects.image_speed import largest_way
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.image_speed import largest_way
 
 
 @dataclass(frozen=True, slots=True)

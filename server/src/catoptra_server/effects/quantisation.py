@@ -26,8 +26,8 @@ from catoptra_server.effects.effect import (
     Uniforms,
     floats,
 )
-from catoptra_server.effects.grey_levels import change_by_offset
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import change_by_offset
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ import numpy as np
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter
-from catoptra_server.effects.image_speed import largest_speeds, ring_scales, told
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.image_speed import largest_speeds, ring_scales, told
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from typing import ClassVar
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind
-from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import grey_level
 
 
 @dataclass(frozen=True, slots=True)

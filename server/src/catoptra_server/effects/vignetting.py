@@ -22,8 +22,8 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms, floats
-from catoptra_server.effects.grey_levels import change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.shared.grey_levels import change_by_gain
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,7 @@ from catoptra_server.effects.effect import Criterion
 from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.fog import Fog
-from catoptra_server.effects.lens_blur import Aperture
 from catoptra_server.effects.mirror_dust import MirrorDust
-from catoptra_server.effects.mirror_marks import Marks
 from catoptra_server.effects.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.misalignment import Misalignment
 from catoptra_server.effects.motion_blur import MotionBlur
@@ -30,6 +28,8 @@ from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from catoptra_server.effects.rolling_shutter import RollingShutter
 from catoptra_server.effects.shadows import Shadows
+from catoptra_server.effects.shared.lens_blur import Aperture
+from catoptra_server.effects.shared.mirror_marks import Marks
 from catoptra_server.effects.shot_noise import ShotNoise
 from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.effects.white_balance import WhiteBalance

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import NO_SHADE, Shade
+from catoptra_server.effects.shared.grey_levels import grey_level
 from catoptra_server.scene.colour import srgb_from_linear
 
 

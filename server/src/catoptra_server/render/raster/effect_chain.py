@@ -19,7 +19,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.auto_exposure import LUMINANCE, mirror_pixels
 from catoptra_server.effects.capture import Capture
 from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.noise import TABLE_SIDE, normal_table
+from catoptra_server.effects.shared.noise import TABLE_SIDE, normal_table
 from catoptra_server.render.raster.passes import AveragePass, Pass
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler
 from catoptra_server.render.renderer import Exposure, LinearImage

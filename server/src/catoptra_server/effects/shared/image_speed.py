@@ -60,10 +60,10 @@ def told(summary: SceneSummary, ring: int, duration_s: float) -> str:
     nearest_m = summary.nearest_m[ring]
     parts = []
     if summary.motion.speed_m_s > 0.0 and math.isfinite(nearest_m):
-        parts.append(f"{summary.motion.speed_m_s:.2g} m/s at {nearest_m:.2g} m")
+        parts.append(f"up to {summary.motion.speed_m_s:.2g} m/s at {nearest_m:.2g} m")
     turn = math.degrees(math.hypot(*summary.motion.angular_rad_s))
     if turn > 0.0:
-        parts.append(f"turns by {turn:.3g} degrees/s")
+        parts.append(f"turns by up to {turn:.3g} degrees/s")
     if summary.passing_rad_s[ring] > 0.0:
         parts.append(f"bodies pass by at {math.degrees(summary.passing_rad_s[ring]):.2g} degrees/s")
     return ", ".join((*parts, f"{1e3 * duration_s:.3g} ms")) if parts else "nothing moves"

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import Real
-from catoptra_server.effects.symmetric_kernels import pair_count, pair_sizes, pairs
+from catoptra_server.effects.shared.symmetric_kernels import pair_count, pair_sizes, pairs
 
 # Rows of the table a px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
 ROWS_PER_PX2 = 64

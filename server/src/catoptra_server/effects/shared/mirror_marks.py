@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.mirror_chart import MirrorChart
-from catoptra_server.effects.noise import Words, hashed
+from catoptra_server.effects.shared.mirror_chart import MirrorChart
+from catoptra_server.effects.shared.noise import Words, hashed
 
 # More grains than this are drawn as so many larger ones that cover as much.
 _MOST_GRAINS = 2**19

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.noise import (
+from catoptra_server.effects.shared.noise import (
     LARGEST_NORMAL,
     camera_words,
     frame_words,

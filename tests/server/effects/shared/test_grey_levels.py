@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.grey_levels import change_by_gain, change_by_offset, grey_level
+from catoptra_server.effects.shared.grey_levels import change_by_gain, change_by_offset, grey_level
 from catoptra_server.scene.colour import srgb_from_linear
 
 LIGHT = np.concatenate((np.geomspace(1e-6, 20.0, 40001), [1.0]))

@@ -12,7 +12,7 @@ from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.image_scale import image_scale
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.misaligned_rays import Displacement, read_instead, reflect
+from catoptra_server.effects.shared.misaligned_rays import Displacement, read_instead, reflect
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.scene.meshes import build_scene
 from helpers.worlds import VIEW, omni_camera, room

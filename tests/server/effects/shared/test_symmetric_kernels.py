@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.symmetric_kernels import (
+from catoptra_server.effects.shared.symmetric_kernels import (
     gathered,
     gathered_within,
     pair_count,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.effects.mirror_chart import mirror_chart
+from catoptra_server.effects.shared.mirror_chart import mirror_chart
 from helpers.worlds import omni_camera
 
 PAPER = omni_camera(width_px=360)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.resampling import bilinear, bilinear_aside
+from catoptra_server.effects.shared.resampling import bilinear, bilinear_aside
 
 ROWS, COLUMNS = np.mgrid[:9, :12]
 U, V = COLUMNS + 0.5, ROWS + 0.5

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.resampling import bilinear_aside
-from catoptra_server.effects.warp import warp_aside, warped
+from catoptra_server.effects.shared.resampling import bilinear_aside
+from catoptra_server.effects.shared.warp import warp_aside, warped
 
 RNG = np.random.default_rng(3)
 LIGHT = RNG.uniform(0.0, 2.0, (9, 12, 3))

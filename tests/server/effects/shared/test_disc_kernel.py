@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.disc_kernel import covered_shares, disc_table, row_of
-from catoptra_server.effects.symmetric_kernels import pair_sizes, pairs
+from catoptra_server.effects.shared.disc_kernel import covered_shares, disc_table, row_of
+from catoptra_server.effects.shared.symmetric_kernels import pair_sizes, pairs
 
 # Between rows of the table, on them, and where kernels begin to reach another pixel.
 DIAMETERS = [0.0, 0.05, 0.5, 1.0, math.sqrt(2.0), 1.7, 2.0, 3.3, 5.0, 8.0]

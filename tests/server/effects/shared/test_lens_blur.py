@@ -11,7 +11,8 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.lens_blur import (
+from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.effects.shared.lens_blur import (
     Aperture,
     blur_law,
     focused_at,
@@ -23,7 +24,6 @@ from catoptra_server.effects.lens_blur import (
     virtual_depth_m,
     whole_pixels,
 )
-from catoptra_server.effects.scene_summary import RINGS, SceneSummary
 from catoptra_server.effects.vignetting import inverse_focal
 from helpers.aperture import Quadric
 from helpers.worlds import PAPER_MIRROR, omni_camera

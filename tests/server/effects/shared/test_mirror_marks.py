@@ -7,15 +7,15 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.effects.mirror_chart import mirror_chart
-from catoptra_server.effects.mirror_marks import (
+from catoptra_server.effects.shared.mirror_chart import mirror_chart
+from catoptra_server.effects.shared.mirror_marks import (
     Cells,
     Marks,
     coverage,
     grain_cells,
     scratch_cells,
 )
-from catoptra_server.effects.noise import camera_words, hashed
+from catoptra_server.effects.shared.noise import camera_words, hashed
 from helpers.worlds import omni_camera
 
 CAMERA = omni_camera(width_px=360)

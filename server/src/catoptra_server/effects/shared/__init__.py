@@ -1,0 +1,1 @@
+"""What effects are made of: mathematics that knows no configuration, no criterion, no table."""
