@@ -35,11 +35,10 @@ def test_our_server_when_all_conversations_are_played_passes(
     of_player: tuple[str, ...],
 ) -> None:
     with running_server(tmp_path, *of_server) as server:
-        control, image, stream = (
-            f"127.0.0.1:{port}"
-            for port in (server.control_port, server.image_port, server.stream_port)
-        )
-        status = main([control, "--image", image, "--stream", stream, *of_player])
+        control, image = (f"127.0.0.1:{p}" for p in (server.control_port, server.image_port))
+        # The stream is the same whatever the dialect: once is enough.
+        stream = () if of_player else ("--stream", f"127.0.0.1:{server.stream_port}")
+        status = main([control, "--image", image, *stream, *of_player])
     assert status == 0, capsys.readouterr().out
 
 

@@ -106,9 +106,13 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
     view.close()
 
 
+# Of the rows that are read one by one.
+ROWS = slice(2, None, 5)
+
+
 def rows_of_frames(view: OmniView, exposure: Exposure) -> Floats:
-    """Return the picture whose every row is that of the frame at its own time."""
-    rows = range(CAMERA.height_px)
+    """Return ROWS of the picture whose every row is that of the frame at its own time."""
+    rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)
     frames = [view.draw_linear(after(exposure, float(times_s[row])))[row] for row in rows]
     return np.stack(frames).astype(np.float64)
@@ -119,8 +123,8 @@ def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Movin
     renderer, exposure = traced(world), moving(STARTS[world])
     view = renderer.prepare(CAMERA, raster_plan(CAMERA, samples=6))
     expected = rows_of_frames(view, exposure)
-    sharp = view.draw_linear(exposure).astype(np.float64)
-    rolled = view.draw_linear(lasting(renderer, exposure, RollingShutter(T_S))).astype(np.float64)
-    assert rmse(rolled, expected) <= 1.0
-    assert rmse(rolled, expected) < 0.6 * rmse(sharp, expected)
+    sharp = view.draw_linear(exposure)[ROWS].astype(np.float64)
+    rolled = view.draw_linear(lasting(renderer, exposure, RollingShutter(T_S)))[ROWS]
+    assert rmse(rolled.astype(np.float64), expected) <= 1.0
+    assert rmse(rolled.astype(np.float64), expected) < 0.6 * rmse(sharp, expected)
     renderer.close()
