@@ -21,14 +21,14 @@ $(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/p
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 	  --editable protocol --editable 'server[figures]' --editable 'client[experiment]' \
-	  hypothesis import-linter mpmath mypy pytest ruff
+	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
 	touch $@
 
 demo: $(READY) ## Run the paper's experiment, server and client as two processes; writes out/demo/report.html
 	$(BIN)/python -m catoptra_client.experiment --output out/demo
 
 test: $(READY) ## Run all tests
-	$(BIN)/python -m pytest tests
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
 
 stability: $(READY) ## Hold every formula against 50 digits at its hard places; writes out/stability/report.html
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
