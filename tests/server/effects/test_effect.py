@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import floats
+from catoptra_server.effects.effect import EffectWishes, Mode, Wish, floats
 from catoptra_server.effects.frame_key import FrameKey
 from helpers.effects import CAMERA, CAPTURE, KEY, PICTURE_EFFECTS, card, effect_of
 
@@ -59,3 +59,9 @@ def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:
 
 def test_uniform_when_made_is_float32() -> None:
     assert floats(0.5, 2.0).dtype == np.float32
+
+
+def test_wishes_when_equal_are_looked_up_by_each_other() -> None:
+    one, other = (EffectWishes((Wish(effect_of("Bayer"), Mode.AUTO),), 0.25) for _ in range(2))
+    assert (one, hash(one)) == (other, hash(other))
+    assert replace(one, threshold_px=2.0) != one

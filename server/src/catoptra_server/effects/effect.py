@@ -7,7 +7,7 @@ is (h, w, 3), 1 = what fills a pixel's well, as in `render/shading` 1 = a white 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from typing import Protocol, TypeVar, runtime_checkable
@@ -142,6 +142,15 @@ class EffectWishes:
     wishes: tuple[Wish, ...] = ()
     threshold_grey_levels: float = 0.5
     threshold_px: float = 0.5
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        whole = (self.wishes, self.threshold_grey_levels, self.threshold_px)
+        object.__setattr__(self, "_hash", hash(whole))
+
+    def __hash__(self) -> int:
+        """Return what was found once: views and decisions are looked up by it in every frame."""
+        return self._hash
 
     def threshold(self, unit: str) -> float:
         """Return the threshold of bounds in a unit."""
