@@ -27,16 +27,8 @@ from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit, split_for
 from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
 from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room, smooth_texture
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 def both_pictures(

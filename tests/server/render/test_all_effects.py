@@ -7,7 +7,6 @@ is no seam.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +24,6 @@ from catoptra_server.render.shutter import Shutter
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.meshes import build_scene
 from helpers.effects import EXPOSURE, effect_of
-from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
 from helpers.worlds import omni_camera, raster_plan, room
 
@@ -49,13 +47,6 @@ CHAIN = tuple(effect_of(name, STRONG.get(name, {})) for name in NAMES)
 # What measures the whole picture before it runs.
 METERED = ("AutoExposure", "MirrorDust")
 SHOT = replace(EXPOSURE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 def pictures(device: GlDevice, chain: tuple[Effect, ...]) -> tuple[Image, Image]:

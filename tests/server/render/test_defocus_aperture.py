@@ -10,7 +10,6 @@ a pixel an edge was: at F/4 the field's lines bring 1.3 grey levels.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -37,7 +36,6 @@ from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.aperture import LensRays, pinhole_lens, seen_through, telecentric_lens
 from helpers.blur import inner_pixels
-from helpers.opengl import device_or_skip
 from helpers.worlds import omni_camera, raster_plan
 
 WIDTH_PX = 640
@@ -111,13 +109,6 @@ def traced(seen: Place, *effects: Effect) -> Floats:
     light = view.draw_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX]
     renderer.close()
     return light.astype(np.float64)
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 @pytest.mark.parametrize("name", POSES)

@@ -7,7 +7,7 @@ an evenly lit world, the mean of each level against the variance of the differen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,6 @@ from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
 from helpers.effects import CAMERA, effect_of
-from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
 from helpers.worlds import SKY, SUN, VIEW, omni_camera, raster_plan, room
 
@@ -47,13 +46,6 @@ STEPS = 2**BITS - 1
 GAIN = STEPS / FULL_WELL  # EMVA's K, codes an electron
 FLAT = omni_camera(width_px=160)
 MIDDLE = (slice(40, 120), slice(40, 120))
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) -> None:

@@ -41,7 +41,6 @@ from catoptra_server.render.trace.samples import RaySamples, omni_samples
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
 from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.opengl import device_or_skip
 from helpers.outlines import (
     Targets,
     largest_displacement_px,
@@ -208,13 +207,6 @@ def test_traced_frames_of_things_are_within_the_bound(lens: Lens, surface: Surfa
         renderer.close()
         worst_px = max(worst_px, largest_displacement_px(camera, image, targets))
     assert worst_px <= error_bound(camera, plan).geometric.max_px
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 # What is drawn, the size of the faces (0: as the plan has them), how many things.

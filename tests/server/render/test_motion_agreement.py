@@ -7,7 +7,7 @@ at 6 x 6 samples: lines thinner than a pixel differ from frame to frame by the s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -26,20 +26,12 @@ from catoptra_server.render.staging import staged
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.setup import Setup
 from helpers.motion import STARTS, after, crossing, driving, mean_of_frames, rmse, world_setup
-from helpers.opengl import device_or_skip
 from helpers.worlds import omni_camera, raster_plan
 
 CAMERA = omni_camera(width_px=200)
 PLAN = raster_plan(CAMERA, samples=3)
 T_S = 1.0 / 30.0
 FRAMES = 64
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 @cache

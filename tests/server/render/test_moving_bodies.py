@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -17,44 +17,19 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Image, Renderer
+from catoptra_server.render.renderer import Exposure, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene import primitives
 from catoptra_server.scene.bodies import Body, body_mesh
 from catoptra_server.scene.description import Box, Item, Light, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import ROBOT, TWO_ROBOTS, cube_at
-from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
+from helpers.renderers import Make
 from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room
 
-Make = Callable[[World], Renderer]
 HERE = Pose.identity()
 AHEAD = PerspectiveCamera(60, 60, math.radians(60.0))
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
-
-
-@pytest.fixture(params=["trace", "raster"])
-def make(request: pytest.FixtureRequest) -> Iterator[Make]:
-    """Return what makes a renderer of either kind; trace's threads end with the test."""
-    with ExitStack() as stack:
-
-        def trace(world: World) -> Renderer:
-            renderer = TraceRenderer(build_scene(world), world, threads=2)
-            stack.callback(renderer.close)
-            return renderer
-
-        def raster(world: World) -> Renderer:
-            device = request.getfixturevalue("device")
-            return RasterRenderer(build_scene(world), world, device=device)
-
-        yield trace if request.param == "trace" else raster
 
 
 @contextmanager

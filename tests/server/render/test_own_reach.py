@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +20,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.scene_summary import RINGS
 from catoptra_server.render.own_reach import NOT_SEEN, farthest_angle, own_reach
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import Exposure, Renderer
+from catoptra_server.render.renderer import Exposure
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.bodies import Body
 from catoptra_server.scene.description import Box, Item, Material, World
@@ -31,14 +29,13 @@ from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniTower, own_b
 from helpers.bodies import P2AT, cube, cube_at
 from helpers.opengl import device_or_skip
 from helpers.pictures import level_differences
+from helpers.renderers import Make
 from helpers.worlds import SKY, omni_camera, raster_plan, room
 
 MIRROR = Pose.from_rpy((0.0, 0.0, -0.4543))
 # On the floor of the room, where no thing of it is between mirror and robot.
 BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
 WHITE = World("nothing", (), lights=(SKY,), background=(1.0, 1.0, 1.0))
-
-Make = Callable[[World], Renderer]
 
 
 def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> Exposure:
@@ -49,23 +46,6 @@ def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> Exposure:
 def staged(exposure: Exposure) -> Exposure:
     assert exposure.own_body is not None
     return replace(exposure, bodies=(exposure.own_body,))
-
-
-@pytest.fixture(params=["trace", "raster"])
-def make(request: pytest.FixtureRequest) -> Iterator[Make]:
-    with ExitStack() as stack:
-
-        def trace(world: World) -> Renderer:
-            renderer = TraceRenderer(build_scene(world), world, threads=2)
-            stack.callback(renderer.close)
-            return renderer
-
-        def raster(world: World) -> Renderer:
-            device = device_or_skip()
-            stack.callback(device.close)
-            return RasterRenderer(build_scene(world), world, device=device)
-
-        yield trace if request.param == "trace" else raster
 
 
 def sampled(corners: Floats) -> tuple[float, float]:

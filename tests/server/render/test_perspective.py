@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -19,18 +18,10 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from helpers.markers import marker_centroid, marker_world
-from helpers.opengl import device_or_skip
 from helpers.pictures import level_differences
 from helpers.worlds import LAMP, SKY, SUN, VIEW, room
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 def renderers(device: GlDevice, world: World) -> dict[str, Renderer]:

@@ -18,13 +18,11 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import Exposure, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import Box, Item, Material, MeshFile, World
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import PolygonSplit
-from helpers.opengl import device_or_skip
 from helpers.pictures import level_differences
 from helpers.worlds import LAMP, SKY, SUN, VIEW, moved, omni_camera, raster_plan, room
 
@@ -32,13 +30,6 @@ Draw = Callable[..., Image]
 WAYS = ("trace", "cells", "raster")
 GREEN, BLUE = Material((0.0, 1.0, 0.0), unlit=True), (0.0, 0.0, 1.0)
 TEN_KM = (10_000.0, -7_000.0, 300.0)
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
 
 
 @pytest.fixture(params=WAYS)

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Image, Renderer
+from catoptra_server.render.renderer import Exposure, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene import primitives
@@ -29,8 +27,8 @@ from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, DirectionalLight, Light, PointLight, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
-from helpers.opengl import device_or_skip
 from helpers.pictures import away_from_edges, level_differences
+from helpers.renderers import Make
 from helpers.shadows import (
     DUSK,
     GREY,
@@ -46,37 +44,12 @@ from helpers.worlds import LAMP as ROOM_LAMP
 from helpers.worlds import SKY, VIEW, omni_camera, raster_plan, room
 from helpers.worlds import SUN as ROOM_SUN
 
-Make = Callable[[World], Renderer]
 CAMERA = PerspectiveCamera(160, 160, math.radians(80.0))
 # 1.5 m above the floor, x ahead turned down; a little aside so that nothing lines up by accident.
 ABOVE = Pose.from_rpy((0.05, 0.03, -1.5), (0.0, -0.5 * math.pi, 0.0))
 BOXES = world_of(
     floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), box_at(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02))
 )
-
-
-@pytest.fixture(scope="module")
-def device() -> Iterator[GlDevice]:
-    device = device_or_skip()
-    yield device
-    device.close()
-
-
-@pytest.fixture(params=["trace", "raster"])
-def make(request: pytest.FixtureRequest) -> Iterator[Make]:
-    """Return what makes a renderer of either kind; trace's threads end with the test."""
-    with ExitStack() as stack:
-
-        def trace(world: World) -> Renderer:
-            renderer = TraceRenderer(build_scene(world), world, threads=2)
-            stack.callback(renderer.close)
-            return renderer
-
-        def raster(world: World) -> Renderer:
-            device = request.getfixturevalue("device")
-            return RasterRenderer(build_scene(world), world, device=device)
-
-        yield trace if request.param == "trace" else raster
 
 
 def shown(make: Make, world: World, exposure: Exposure) -> Image:

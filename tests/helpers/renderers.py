@@ -1,0 +1,10 @@
+"""What makes a renderer of one kind or the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.scene.description import World
+
+Make = Callable[[World], Renderer]

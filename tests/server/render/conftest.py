@@ -1,0 +1,41 @@
+"""An OpenGL device a module (opening one takes a third of a second); renderers of either kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.description import World
+from catoptra_server.scene.meshes import build_scene
+from helpers.opengl import device_or_skip
+from helpers.renderers import Make
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[GlDevice]:
+    device = device_or_skip()
+    yield device
+    device.close()
+
+
+@pytest.fixture(params=["trace", "raster"])
+def make(request: pytest.FixtureRequest) -> Iterator[Make]:
+    """Return what makes a renderer of either kind; trace's threads end with the test."""
+    with ExitStack() as stack:
+
+        def trace(world: World) -> Renderer:
+            renderer = TraceRenderer(build_scene(world), world, threads=2)
+            stack.callback(renderer.close)
+            return renderer
+
+        def raster(world: World) -> Renderer:
+            device = request.getfixturevalue("device")
+            return RasterRenderer(build_scene(world), world, device=device)
+
+        yield trace if request.param == "trace" else raster
