@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from catoptra_server.config.effects import read_effects
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Mode, Wish
+from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Kind, Mode, Wish
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from helpers.configs import OMNI_ROBOT
@@ -72,3 +73,19 @@ def test_value_when_impossible_is_refused_by_its_key(
     with pytest.raises(ConfigError, match=expected) as error:
         section_of(tmp_path, line)
     assert line.partition("=")[0] in str(error.value)
+
+
+@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
+def test_page_of_configurations_names_every_effect_and_its_keys(kind: Kind) -> None:
+    page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith(f"| `{kind.name}` |"))
+    # `MisalignmentX`, `Y`: what a row repeats of a key may be left out.
+    told = row + (" the same FNumber PixelPitch FocusDistance" if "the same" in row else "")
+    for parameter in kind.parameters:
+        assert re.search(rf"`?{parameter.key}\b", told) or f"`{parameter.key[12:]}`" in told
+
+
+def test_page_of_effects_names_every_one_in_order() -> None:
+    page = (OMNI_ROBOT.parents[2] / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
+    table = page[page.index("## The effects") : page.index("## Add one")]
+    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECTS]
