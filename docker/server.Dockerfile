@@ -17,11 +17,13 @@ COPY server server
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol './server[figures]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# What nobody loads here: the tests of libraries, and what matplotlib writes PDF with.
+# What nobody loads here: the tests of libraries, and what matplotlib cuts fonts for PDF with.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find pygments -type d -name __pycache__ -exec rm -r {} + \
- && rm -r fontTools fonttools-*
+ && cd fontTools && rm -r cu2qu feaLib pens qu2cu ttLib ufoLib varLib voltLib \
+ && find . -name '*.so' -delete \
+ && /opt/catoptra/bin/python -c 'import matplotlib.pyplot'
 
 FROM debian:bookworm-slim AS system
 # A base may bring more than is needed here: what nothing below depends on goes.
