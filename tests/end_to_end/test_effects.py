@@ -82,3 +82,25 @@ def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: 
     deck, field = frame.rgb[32, 34].astype(int), frame.rgb[32, 45].astype(int)
     assert np.ptp(deck) < 20
     assert np.ptp(field) > 40
+
+
+def test_robot_is_blurred_while_it_turns_and_sharp_again_when_it_stands(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path, "\n".join(("Samples=1", "MotionBlur=auto", "ExposureTime=0.1")))
+    told, stages = [], []
+    with running_server(tmp_path, "--clock", "lockstep", robot=robot) as server:
+        with server.stream() as client:
+            client.spawn(CLASS, name="Dancer", start="Centre")
+            for speed in (0.0, 3.0, 0.0):
+                client.drive(speed, -speed)
+                client.step(0.2)
+                frame = client.frame(encoding=Encoding.RAW, robot="Dancer")
+                told += frame.effects
+                stages.append(frame.stage_ms or {})
+    assert [(one.name, one.is_on, one.unit) for one in told] == [
+        ("MotionBlur", False, "px"),
+        ("MotionBlur", True, "px"),
+        ("MotionBlur", False, "px"),
+    ]
+    assert told[0].reason == told[2].reason == "nothing moves"
+    assert "turns by up to" in told[1].reason
+    assert ["instants" in one for one in stages] == [False, True, False]

@@ -55,7 +55,8 @@ def test_number_when_several_effects_share_it_reaches_all(tmp_path: Path) -> Non
 
 
 def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
-    assert section_of(tmp_path, "EffectThreshold=2").threshold_grey_levels == 2.0
+    found = section_of(tmp_path, "EffectThreshold=2", "EffectThresholdPx=0.25")
+    assert (found.threshold_grey_levels, found.threshold_px) == (2.0, 0.25)
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,7 @@ def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
         ("FullWell=0", "from 1 to"),
         ("AdcBits=32", "from 1 to 16"),
         ("EffectThreshold=-1", "from 0 to 255"),
+        ("EffectThresholdPx=inf", "from 0 to 1000"),
     ],
 )
 def test_value_when_impossible_is_refused_by_its_key(

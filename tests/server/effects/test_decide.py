@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from catoptra_server.effects import EFFECTS
@@ -16,6 +18,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.exposure import Exposure
 from catoptra_server.effects.fog import Fog
+from catoptra_server.effects.motion_blur import MotionBlur
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.scene_summary import RINGS, SceneSummary
 from catoptra_server.scene.motion import Twist
@@ -54,6 +57,16 @@ def test_reason_when_the_file_decides_says_so_and_the_bound_stays() -> None:
 
 def test_threshold_when_the_user_moves_it_decides() -> None:
     assert decide(wishes((FINE, Mode.AUTO), threshold=0.1), DAY, CAMERA).active == (FINE,)
+
+
+def test_threshold_when_in_pixels_decides_on_what_is_told_in_pixels() -> None:
+    passing = replace(DAY, nearest_m=(1.0,) * RINGS, motion=Twist((0.5, 0.0, 0.0)))
+    named = (Wish(MotionBlur(0.1), Mode.AUTO), Wish(COARSE, Mode.AUTO))
+    bound = decide(EffectWishes(named), passing, CAMERA).bound("MotionBlur")
+    for threshold_px, is_on in ((0.99 * bound, True), (1.01 * bound, False)):
+        plan = decide(EffectWishes(named, threshold_px=threshold_px), passing, CAMERA)
+        assert [one.is_on for one in plan.decisions] == [is_on, True]
+        assert plan.decisions[0].threshold == threshold_px
 
 
 def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
