@@ -21,6 +21,7 @@ from catoptra_server.robot.description import MissionPackageDescription, RobotDe
 from catoptra_server.robot.mission_package import KNOWN_PACKAGES, ON_CHASSIS, LinkDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.motion import AT_REST
 from catoptra_server.scene.obstacles import obstacles_between
 from catoptra_server.simulation.spawned_robot import SpawnedRobot
 from helpers.robots import ENCODER, ODOMETRY, p2at, walled_world
@@ -254,3 +255,18 @@ def test_noise_when_time_passes_has_another_key_and_when_asked_again_the_same() 
     assert first == again
     assert (later.camera, later.index) == (first.camera, first.index + 1)
     assert robot.frame_key("Ahead").camera != first.camera
+
+
+def test_twist_when_a_robot_drives_is_its_real_motion_and_none_when_it_stands() -> None:
+    robot = spawned()
+    robot.move(0.02, 0.02, FREE)
+    assert robot.twist == AT_REST
+    robot.obey(Drive(left=2.0, right=1.0), 0.02)
+    before = robot.world_from_robot
+    robot.move(0.02, 0.04, FREE)
+    after = robot.twist.carried(before, 0.02)
+    np.testing.assert_allclose(after.translation, robot.world_from_robot.translation, atol=1e-12)
+    np.testing.assert_allclose(after.rotation, robot.world_from_robot.rotation, atol=1e-12)
+    robot.obey(Drive(left=0.0, right=0.0), 0.04)
+    robot.move(0.02, 0.06, FREE)
+    assert robot.twist == AT_REST

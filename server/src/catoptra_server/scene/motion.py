@@ -22,13 +22,6 @@ class Twist:
     linear_m_s: Vector = (0.0, 0.0, 0.0)
     angular_rad_s: Vector = (0.0, 0.0, 0.0)
 
-    @classmethod
-    def between(cls, before: Pose, after: Pose, duration_s: float) -> Twist:
-        """Return the mean motion from one pose to another, in their parent's axes."""
-        step = after.rotation @ before.rotation.T
-        linear = (after.translation - before.translation) / duration_s
-        return cls(_vector(linear), _vector(_rotation_vector(step) / duration_s))
-
     def at(self, offset_m: Floats) -> Twist:
         """Return the same motion, told at another origin: (3,) metres from this one."""
         linear = np.asarray(self.linear_m_s) + np.cross(self.angular_rad_s, offset_m)
@@ -64,21 +57,6 @@ AT_REST = Twist()
 def _vector(values: Floats) -> Vector:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _rotation_vector(rotation: Floats) -> Floats:
-    """Return axis times angle of a (3, 3) rotation by less than half a turn."""
-    twice_sine = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    length = float(np.linalg.norm(twice_sine))
-    angle = float(np.arctan2(length, np.trace(rotation) - 1.0))
-    # sin(x) / x is 1 to the last bit below 1e-8.
-    return 0.5 * twice_sine if length < 1e-8 else twice_sine * (angle / length)
 
 
 def _rotation(vector: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from catoptra_protocol.optics.frames import Pose
@@ -216,10 +217,12 @@ class SpawnedRobot:
 
 
 def _twist(before: PlanarPose, after: PlanarPose, duration_s: float) -> Twist:
-    """Return the mean motion of a tick; most robots stand most of the time."""
+    """Return the mean motion of a tick, in plain numbers: every robot has one in every tick."""
     if before == after:
         return AT_REST
-    return Twist.between(before.at_height(0.0), after.at_height(0.0), duration_s)
+    turn_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
+    way = ((after.x_m - before.x_m) / duration_s, (after.y_m - before.y_m) / duration_s, 0.0)
+    return Twist(way, (0.0, 0.0, turn_rad / duration_s))
 
 
 def _omni_camera(description: RobotDescription) -> OmniCameraSensor | None:
