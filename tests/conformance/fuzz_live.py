@@ -94,11 +94,23 @@ async def _play(
     for task in (*tasks, *rude):
         if task.done() and not task.cancelled():
             guest.saw.faults.append(f"ended early: {task.exception()!r}")
-        task.cancel()
-    await asyncio.gather(*tasks, *rude, return_exceptions=True)
+    await _ended((*tasks, *rude))
     guest.close()
     strangers.close()
     return memory_mb
+
+
+async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they have ended.
+
+    Once is not enough: Python 3.11's `asyncio.wait_for` forgets that it was cancelled if what it
+    waits for is done at the same moment, and these tasks would play for ever.
+    """
+    while pending := [task for task in tasks if not task.done()]:
+        for task in pending:
+            task.cancel()
+        await asyncio.wait(pending, timeout=PERIOD_S)
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def judged_memory(memory_mb: list[float]) -> Verdict:
