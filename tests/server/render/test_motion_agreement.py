@@ -88,6 +88,17 @@ def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Movin
     renderer.close()
 
 
+def test_blur_when_just_called_for_changes_what_is_drawn() -> None:
+    renderer, start = traced("corridor"), STARTS["corridor"]
+    view = renderer.prepare(CAMERA, PLAN)
+    exposure = driving(start, 0.0, 10.0)
+    staged_for = lasting(renderer, exposure, MotionBlur(T_S))
+    assert staged_for.shutter is not None
+    assert staged_for.shutter.instants == 2
+    assert rmse(view.draw_linear(staged_for), view.draw_linear(exposure)) > 0.02
+    renderer.close()
+
+
 @pytest.mark.parametrize(("world", "moving"), [("corridor", with_body), ("four_legged_2006", turn)])
 def test_blur_when_rastered_equals_the_mean_of_64_frames(
     device: GlDevice, world: str, moving: Moving

@@ -37,8 +37,8 @@ def test_rows_without_an_exposure_have_one_instant_each_in_order() -> None:
 @pytest.mark.parametrize(
     ("spread_px", "carried_px", "instants"),
     [
-        (0.2, 0.0, 1),
-        (1.0, 0.0, 1),
+        (0.2, 0.0, 2),
+        (1.0, 0.0, 2),
         (3.2, 0.0, 4),
         (0.0, 3.2, 13),
         (2.0, 1.0, 6),

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-MOST_INSTANTS = 64
+# One instant alone would be a sharp picture, however far things move.
+_FEWEST_INSTANTS, MOST_INSTANTS = 2, 64
 _STEP_PX, _ROW_STEP_PX = 1.0, 0.25
 
 Weights = npt.NDArray[np.float32]  # (rows,)
@@ -42,7 +43,9 @@ class Shutter:
         spread_px: the largest way in the exposure; carried_px: in the readout, first row to last.
         """
         wanted = spread_px / _STEP_PX + carried_px / _ROW_STEP_PX
-        return cls(exposure_s, readout_s, max(math.ceil(min(wanted, MOST_INSTANTS)), 1))
+        return cls(
+            exposure_s, readout_s, max(math.ceil(min(wanted, MOST_INSTANTS)), _FEWEST_INSTANTS)
+        )
 
     @property
     def times_s(self) -> tuple[float, ...]:

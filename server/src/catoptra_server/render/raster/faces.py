@@ -81,6 +81,12 @@ def frame_depth(scene: SceneBuffers, exposure: Exposure, spread: float) -> Depth
     return scene.surroundings.depth_range(at - scene.origin, spread=spread, beside=reach)
 
 
+def edge_planes(clip_from_scene: Floats) -> Floats:
+    """Return the (n, 5, 3) normals of the planes around what (n, 3, 3) maps show."""
+    x, y, w = np.moveaxis(clip_from_scene, 1, 0)
+    return np.stack((w + x, w - x, w + y, w - y, w), axis=1)
+
+
 class FacePass(Generic[LayoutT]):
     """The atlas of one view, and how it is filled."""
 
@@ -144,8 +150,7 @@ class FacePass(Generic[LayoutT]):
         self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
     ) -> tuple[int, int]:
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
-        x, y, w = np.moveaxis(clip_from_scene, 1, 0)
-        planes = np.stack((w + x, w - x, w + y, w - y, w), axis=1)
+        planes = edge_planes(clip_from_scene)
         visible = self._scene.chunks.in_front(planes, viewpoint)
         calls, triangles = 0, int((visible @ self._scene.chunk_sizes).sum())
         for cell, clip, edges, seen in zip(

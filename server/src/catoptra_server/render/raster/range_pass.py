@@ -16,7 +16,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.chunks import runs
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.faces import frame_depth
+from catoptra_server.render.raster.faces import edge_planes, frame_depth
 from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler, set_uniform
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.renderer import Exposure
@@ -78,9 +78,7 @@ class RangePass:
         self._target.use()
         self._bodies.place(exposure.bodies)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
-        x, y, w = np.moveaxis(clip_from_scene, 1, 0)
-        planes = np.stack((w + x, w - x, w + y, w - y, w), axis=1)
-        visible = self._scene.chunks.in_front(planes, viewpoint)
+        visible = self._scene.chunks.in_front(edge_planes(clip_from_scene), viewpoint)
         for cell, clip, seen in zip(self._atlas.cells, clip_from_scene, visible, strict=True):
             self._context.viewport = cell.viewport
             set_uniform(self._surfaces, "clip_from_scene", clip.T)

@@ -159,6 +159,7 @@ class RasterOmniView:
 
     def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
+        assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
             picture = self._with(effects, exposure.shutter is not None)
             self._run(picture, exposure, StageClock(context.finish))
