@@ -21,12 +21,12 @@ DEADLINE_S = 10.0  # only a broken test waits so long
 
 
 @contextmanager
-def serving(script: Script) -> Iterator[int]:
+def serve_script(script: Script) -> Iterator[int]:
     """Serve one connection with the script; yield the port."""
     failures: list[BaseException] = []
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(DEADLINE_S)
-        thread = threading.Thread(target=_play, args=(listener, script, failures))
+        thread = threading.Thread(target=_run_script, args=(listener, script, failures))
         thread.start()
         yield listener.getsockname()[1]
         thread.join(DEADLINE_S)
@@ -35,7 +35,7 @@ def serving(script: Script) -> Iterator[int]:
     assert not thread.is_alive()
 
 
-def _play(listener: socket.socket, script: Script, failures: list[BaseException]) -> None:
+def _run_script(listener: socket.socket, script: Script, failures: list[BaseException]) -> None:
     try:
         connection, _ = listener.accept()
         with connection:
@@ -45,7 +45,7 @@ def _play(listener: socket.socket, script: Script, failures: list[BaseException]
         failures.append(error)
 
 
-class ControlScript:
+class ScriptedControlPeer:
     """The server's end of a control connection, for scripts."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -58,14 +58,14 @@ class ControlScript:
         """Send reports as one segment."""
         self._socket.sendall(b"".join(map(self._protocol.send, reports)))
 
-    def next_command(self) -> Command:
+    def receive_command(self) -> Command:
         """Return the next command of the client."""
         while not self._commands:
-            self._commands += self._protocol.receive(_received(self._socket))
+            self._commands += self._protocol.receive(_receive(self._socket))
         return self._commands.pop(0)
 
 
-class ImageScript:
+class ScriptedImagePeer:
     """The server's end of an image connection, for scripts."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -77,10 +77,10 @@ class ImageScript:
         """Send bytes."""
         self._socket.sendall(data)
 
-    def next_request(self) -> ImageRequest:
+    def receive_request(self) -> ImageRequest:
         """Return the next request of the client."""
         while not self._requests:
-            self._requests += self._reader.receive(_received(self._socket))
+            self._requests += self._reader.receive(_receive(self._socket))
         return self._requests.pop(0)
 
 
@@ -90,7 +90,7 @@ def wait_for_close(connection: socket.socket) -> None:
         pass
 
 
-def _received(connection: socket.socket) -> bytes:
+def _receive(connection: socket.socket) -> bytes:
     data = connection.recv(4096)
     assert data, "the client closed while the script waited for it"
     return data

@@ -8,66 +8,66 @@ from contextlib import contextmanager
 
 import pytest
 
-from catoptra_client.control_connection import ControlConnection, SilentError
-from catoptra_client.tcp import connected
+from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError
+from catoptra_client.tcp import open_connection
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.wire.commands import GetStartPoses
 from catoptra_protocol.wire.reports import OdometryReading, StartPoses, VehicleStatus
-from client.scripted_server import ControlScript, Script, serving, wait_for_close
+from client.scripted_server import ScriptedControlPeer, Script, serve_script, wait_for_close
 
 FIRST, SECOND = (OdometryReading("Odometry", x, 2.0, 0.5) for x in (1.0, 2.0))
 STATUS = VehicleStatus(1.0, 1200)
 
 
 @contextmanager
-def connection_to(script: Script) -> Iterator[ControlConnection]:
+def connect_to_script(script: Script) -> Iterator[ControlConnection]:
     """Yield a connection whose clock goes on by a tenth of a second a look."""
     ticks = iter(range(1000))
-    with serving(script) as port:
-        plain = connected("127.0.0.1", port, 5.0, server="control")
+    with serve_script(script) as port:
+        plain = open_connection("127.0.0.1", port, 5.0, server_kind="control")
         connection = ControlConnection(plain, timeout_s=5.0, clock=lambda: 0.1 * next(ticks))
         with plain:
             yield connection
             connection.close()
 
 
-def telling(connection: socket.socket) -> None:
-    ControlScript(connection).send(FIRST, SECOND, STATUS, FIRST)
+def send_reports(connection: socket.socket) -> None:
+    ScriptedControlPeer(connection).send(FIRST, SECOND, STATUS, FIRST)
     wait_for_close(connection)
 
 
 def test_reports_when_waited_for_come_in_order_and_the_newest_are_kept() -> None:
-    with connection_to(telling) as connection:
-        assert connection.newest(OdometryReading) is None
+    with connect_to_script(send_reports) as connection:
+        assert connection.get_latest(OdometryReading) is None
         found = connection.wait_until(lambda report: report == STATUS, "a status")
         assert found[1:] == [FIRST, SECOND, STATUS]  # behind the greeting
-        assert connection.wait(OdometryReading, "odometry") == FIRST
-        assert connection.newest(VehicleStatus) == STATUS
-        assert STATUS in connection.latest
+        assert connection.wait_for_report(OdometryReading, "odometry") == FIRST
+        assert connection.get_latest(VehicleStatus) == STATUS
+        assert STATUS in connection.latest_reports
 
 
 def test_reports_when_only_some_are_accepted_pass_over_the_others() -> None:
-    with connection_to(telling) as connection:
-        assert connection.wait(OdometryReading, "x", lambda report: report.x_m == 2.0) == SECOND
+    with connect_to_script(send_reports) as connection:
+        assert connection.wait_for_report(OdometryReading, "x", lambda report: report.x_m == 2.0) == SECOND
 
 
 def test_wait_when_others_come_for_ever_ends_in_time_and_names_what_lacks() -> None:
-    with connection_to(telling) as connection:
-        with pytest.raises(SilentError, match="is connected but did not send the start poses"):
-            connection.wait(StartPoses, "the start poses", timeout_s=0.3)
+    with connect_to_script(send_reports) as connection:
+        with pytest.raises(ReplyTimeoutError, match="is connected but did not send the start poses"):
+            connection.wait_for_report(StartPoses, "the start poses", timeout_s=0.3)
 
 
 def test_command_when_sent_arrives() -> None:
     def script(connection: socket.socket) -> None:
-        assert ControlScript(connection).next_command() == GetStartPoses()
+        assert ScriptedControlPeer(connection).receive_command() == GetStartPoses()
 
-    with connection_to(script) as connection:
+    with connect_to_script(script) as connection:
         connection.send(GetStartPoses())
         with pytest.raises(ConnectionLostError, match="connect and spawn again"):
-            connection.wait(StartPoses, "the start poses")
+            connection.wait_for_report(StartPoses, "the start poses")
 
 
 def test_connection_when_made_does_not_delay_short_commands() -> None:
-    with serving(wait_for_close) as port:
-        with connected("127.0.0.1", port, 5.0, server="control") as plain:
+    with serve_script(wait_for_close) as port:
+        with open_connection("127.0.0.1", port, 5.0, server_kind="control") as plain:
             assert plain.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_client.frame import rgb_from_file
+from catoptra_client.frame import rgb_from_image_bytes
 from catoptra_protocol.errors import RemoteProtocolError
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)
@@ -17,17 +17,17 @@ PICTURE[..., 0] = 250
 def test_file_when_decoded_has_red_first(suffix: str) -> None:
     _, data = cv2.imencode(suffix, np.ascontiguousarray(PICTURE[..., ::-1]))
     # A flat picture: quality 95 still rounds in YCbCr.
-    assert np.abs(rgb_from_file(data.tobytes()).astype(int) - PICTURE).max() <= 4
+    assert np.abs(rgb_from_image_bytes(data.tobytes()).astype(int) - PICTURE).max() <= 4
 
 
-BAD = [
+BAD_FILES = [
     (b"", "JPEG"),
     (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\xff\xff\xff\xff\0\0\0\1", "PNG frame of 4294967295 x 1"),
     (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\1\0\0\0\1", "PNG frame of 24 bytes"),
 ]
 
 
-@pytest.mark.parametrize(("data", "said"), BAD)
+@pytest.mark.parametrize(("data", "said"), BAD_FILES)
 def test_file_when_no_picture_or_too_large_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(RemoteProtocolError, match=said):
-        rgb_from_file(data)
+        rgb_from_image_bytes(data)

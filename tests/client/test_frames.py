@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_client.frames import open_frames
-from catoptra_client.images import ImageStream
-from catoptra_client.stream_frames import StreamFrames, Watched
+from catoptra_client.frames import open_frame_source
+from catoptra_client.images import ImageClient
+from catoptra_client.stream_frames import StreamFrameSource, CameraSelection
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
-from catoptra_protocol.wire.stream_requests import Encoding
-from client.scripted_server import serving
-from client.test_stream import script
-from helpers.scripted_stream import scripted_stream
+from catoptra_protocol.wire.stream_requests import ImageEncoding
+from client.scripted_server import serve_script
+from client.test_stream import reply_to_all
+from helpers.scripted_stream import serve_script
 
 
 @pytest.mark.parametrize(
@@ -23,48 +23,48 @@ from helpers.scripted_stream import scripted_stream
 )
 def test_address_when_wrong_says_what_is_expected(address: str) -> None:
     with pytest.raises(CatoptraError, match="expected tcp://host:port"):
-        open_frames(address)
+        open_frame_source(address)
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "zmq"])
 def test_address_when_nobody_listens_names_it(scheme: str) -> None:
     with pytest.raises(ConnectionLostError, match=r"127\.0\.0\.1:1"):
-        open_frames(f"{scheme}://127.0.0.1:1", timeout_s=0.1)
+        open_frame_source(f"{scheme}://127.0.0.1:1", timeout_s=0.1)
 
 
 def test_address_when_of_a_stream_opens_one() -> None:
-    with scripted_stream(script) as port, open_frames(f"zmq://127.0.0.1:{port}") as source:
-        assert isinstance(source, StreamFrames)
-        assert source.watched == Watched()
+    with serve_script(reply_to_all) as port, open_frame_source(f"zmq://127.0.0.1:{port}") as source:
+        assert isinstance(source, StreamFrameSource)
+        assert source.selection == CameraSelection()
 
 
 def test_camera_when_chosen_in_the_address_is_watched() -> None:
     with (
-        scripted_stream(script) as port,
-        open_frames(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
+        serve_script(reply_to_all) as port,
+        open_frame_source(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
     ):
-        assert isinstance(source, StreamFrames)
-        assert source.watched == Watched("R 1", "Rear", Encoding.PNG)
+        assert isinstance(source, StreamFrameSource)
+        assert source.selection == CameraSelection("R 1", "Rear", ImageEncoding.PNG)
 
 
 def test_camera_when_chosen_by_keywords_counts_more_than_the_address() -> None:
     with (
-        scripted_stream(script) as port,
-        open_frames(
-            f"zmq://127.0.0.1:{port}?robot=A&camera=Rear", camera="Ahead", encoding=Encoding.RAW
+        serve_script(reply_to_all) as port,
+        open_frame_source(
+            f"zmq://127.0.0.1:{port}?robot=A&camera=Rear", camera="Ahead", encoding=ImageEncoding.RAW
         ) as source,
     ):
-        assert isinstance(source, StreamFrames)
-        assert source.watched == Watched("A", "Ahead", Encoding.RAW)
+        assert isinstance(source, StreamFrameSource)
+        assert source.selection == CameraSelection("A", "Ahead", ImageEncoding.RAW)
 
 
 def test_camera_when_chosen_over_tcp_is_refused_with_the_way_to_choose() -> None:
     with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
-        open_frames("tcp://127.0.0.1:1?robot=A")
+        open_frame_source("tcp://127.0.0.1:1?robot=A")
     with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
-        open_frames("tcp://127.0.0.1:1", robot="A")
+        open_frame_source("tcp://127.0.0.1:1", robot="A")
 
 
 def test_address_when_of_an_image_server_opens_one() -> None:
-    with serving(lambda connection: None) as port, open_frames(f"tcp://127.0.0.1:{port}") as source:
-        assert isinstance(source, ImageStream)
+    with serve_script(lambda connection: None) as port, open_frame_source(f"tcp://127.0.0.1:{port}") as source:
+        assert isinstance(source, ImageClient)

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.shipped import landmark_file
+from catoptra_client.shipped import find_landmark_file
 from catoptra_protocol.errors import ConfigError
 from helpers.configs import REPOSITORY
 
 
 def test_name_when_shipped_is_the_file() -> None:
     file = REPOSITORY / "configs/landmarks/four_legged_2006.csv"
-    assert landmark_file("four_legged_2006").resolve() == file
+    assert find_landmark_file("four_legged_2006").resolve() == file
 
 
 @pytest.mark.parametrize("text", ["mine.csv", "folder/mine", "folder/mine.csv"])
 def test_path_when_given_is_taken_as_it_is(text: str) -> None:
-    assert landmark_file(text) == Path(text)
+    assert find_landmark_file(text) == Path(text)
 
 
 def test_name_when_unknown_is_answered_with_those_that_are_there() -> None:
     with pytest.raises(ConfigError, match="comes with the client: four_legged_2006"):
-        landmark_file("four_legged")
+        find_landmark_file("four_legged")

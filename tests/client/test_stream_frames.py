@@ -8,37 +8,37 @@ from itertools import islice
 import pytest
 
 from catoptra_client.stream import StreamClient
-from catoptra_client.stream_frames import StreamFrames, Watched
+from catoptra_client.stream_frames import StreamFrameSource, CameraSelection
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.wire.stream import bytes_from_message
-from catoptra_protocol.wire.stream_answers import Refused
-from catoptra_protocol.wire.stream_requests import AskFrame, Encoding, Request
-from client.test_stream import script
-from helpers.scripted_stream import scripted_stream
+from catoptra_protocol.wire.stream_answers import Error
+from catoptra_protocol.wire.stream_requests import GetFrameRequest, ImageEncoding, Request
+from client.test_stream import reply_to_all
+from helpers.scripted_stream import serve_script
 
-REAR = Watched("A", "Rear", Encoding.RAW)
+REAR_CAMERA = CameraSelection("A", "Rear", ImageEncoding.RAW)
 
 
 def test_frames_when_iterated_ask_for_the_camera_each_time() -> None:
     asked: list[Request] = []
 
-    def keeping(request: Request) -> list[list[bytes]]:
+    def record_request(request: Request) -> list[list[bytes]]:
         asked.append(request)
-        return script(request)
+        return reply_to_all(request)
 
-    with scripted_stream(keeping) as port:
-        with StreamFrames(StreamClient("127.0.0.1", port), REAR) as source:
-            frames = list(islice(source.frames(), 2))
+    with serve_script(record_request) as port:
+        with StreamFrameSource(StreamClient("127.0.0.1", port), REAR_CAMERA) as source:
+            frames = list(islice(source.iter_frames(), 2))
     assert [frame.sequence for frame in frames] == [1, 2]
-    assert asked == [AskFrame(number, "A", "Rear", Encoding.RAW) for number in (1, 2)]
+    assert asked == [GetFrameRequest(number, "A", "Rear", ImageEncoding.RAW) for number in (1, 2)]
 
 
 def test_frame_when_the_robot_left_raises_with_the_server_s_reason() -> None:
-    def refusing(request: Request) -> list[list[bytes]]:
-        return [[bytes_from_message(Refused(request.id, "there is no camera of robot 'A'"))]]
+    def reply_with_error(request: Request) -> list[list[bytes]]:
+        return [[bytes_from_message(Error(request.id, "there is no camera of robot 'A'"))]]
 
-    with scripted_stream(refusing) as port:
-        watched = dataclasses.replace(REAR, camera="")
-        with StreamFrames(StreamClient("127.0.0.1", port), watched) as source:
+    with serve_script(reply_with_error) as port:
+        watched = dataclasses.replace(REAR_CAMERA, camera="")
+        with StreamFrameSource(StreamClient("127.0.0.1", port), watched) as source:
             with pytest.raises(CatoptraError, match="refused: there is no camera of robot 'A'"):
-                source.frame()
+                source.get_frame()

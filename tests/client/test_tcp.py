@@ -6,14 +6,14 @@ import socket
 
 import pytest
 
-from catoptra_client.tcp import connected, peer_address
+from catoptra_client.tcp import open_connection, peer_address
 from catoptra_protocol.errors import ConnectionLostError
 
 
 def test_connection_when_made_sends_at_once_and_knows_its_peer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        with connected("127.0.0.1", port, 5.0, server="image") as connection:
+        with open_connection("127.0.0.1", port, 5.0, server_kind="image") as connection:
             assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert peer_address(connection) == f"127.0.0.1:{port}"
 
@@ -23,4 +23,4 @@ def test_connection_when_nobody_listens_names_the_server_and_the_option(kind: st
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     with pytest.raises(ConnectionLostError, match=f"no {kind} server at .*--{kind}-port"):
-        connected("127.0.0.1", port, 5.0, server=kind)
+        open_connection("127.0.0.1", port, 5.0, server_kind=kind)

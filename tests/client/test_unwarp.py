@@ -8,39 +8,39 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, unwarp, unwarp_map
+from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, unwarp, make_unwarp_map
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import (
-    camera_with_rim_inscribed,
+    camera_with_inscribed_rim,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
 )
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 
-CAMERA = camera_with_rim_inscribed(
+CAMERA = camera_with_inscribed_rim(
     HyperbolicMirror(k=11.546, c_m=0.2321), width_px=360, height_px=360, rim_rad=math.radians(120)
 )
 CYLINDER = CylinderGeometry(columns=720, rows=170, top_slope=-0.15, bottom_slope=1.5)
-FORWARD = PerspectiveGeometry(width_px=161, height_px=121, width_rad=math.radians(60))
+FORWARD = PerspectiveGeometry(width_px=161, height_px=121, horizontal_fov_rad=math.radians(60))
 
 
-def frame_of(value_from_direction) -> np.ndarray:
+def make_frame(value_from_direction) -> np.ndarray:
     """Return a (360, 360, 3) frame whose grey value is a function of the direction."""
-    direction, seen = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[:, :, 0])
+    direction, seen = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[:, :, 0])
     value = np.where(seen, value_from_direction(direction), 0.0)
     return np.repeat(np.round(value).astype(np.uint8)[..., None], 3, axis=-1)
 
 
-def spot(azimuth_rad: float, slope: float):
+def make_gaussian_spot(azimuth_rad: float, slope: float):
     """Return a bright Gaussian spot of 1.5 degrees at an azimuth and a slope."""
     centre = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), slope])
     centre /= np.linalg.norm(centre)
 
-    def value(direction):
+    def evaluate(direction):
         squared = np.square(direction - centre).sum(axis=-1)
         return 250.0 * np.exp(-0.5 * squared / math.radians(1.5) ** 2)
 
-    return value
+    return evaluate
 
 
 def centroid(picture: np.ndarray) -> tuple[float, float]:
@@ -78,7 +78,7 @@ def test_row_and_slope_are_inverse_and_heights_are_linear() -> None:
 @pytest.mark.parametrize("slope", [0.02, 0.2, 0.6])
 def test_spot_appears_in_the_cylinder_at_its_azimuth_and_slope(azimuth_deg, slope) -> None:
     azimuth = math.radians(azimuth_deg)
-    cylinder = unwarp(frame_of(spot(azimuth, slope)), unwarp_map(CAMERA, CYLINDER))
+    cylinder = unwarp(make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, CYLINDER))
     column, row = centroid(cylinder)
     # 0.2 of a column is 0.1 degrees: a fifth of a source pixel, and rows stretch the spot a little.
     assert column == pytest.approx(CYLINDER.column_from_azimuth(np.array(azimuth)), abs=0.2)
@@ -86,7 +86,7 @@ def test_spot_appears_in_the_cylinder_at_its_azimuth_and_slope(azimuth_deg, slop
 
 
 def test_cylinder_is_not_mirrored_a_landmark_on_the_right_is_right() -> None:
-    cylinder = unwarp(frame_of(spot(math.pi / 2, 0.2)), unwarp_map(CAMERA, CYLINDER))
+    cylinder = unwarp(make_frame(make_gaussian_spot(math.pi / 2, 0.2)), make_unwarp_map(CAMERA, CYLINDER))
     assert centroid(cylinder)[0] == pytest.approx(540.0, abs=0.2)
 
 
@@ -94,21 +94,21 @@ def test_cylinder_is_not_mirrored_a_landmark_on_the_right_is_right() -> None:
 def test_spot_appears_in_the_perspective_where_a_pinhole_sees_it(right_deg, down_deg) -> None:
     right, down = math.tan(math.radians(right_deg)), math.tan(math.radians(down_deg))
     azimuth, slope = math.atan(right), down / math.hypot(1.0, right)
-    picture = unwarp(frame_of(spot(azimuth, slope)), unwarp_map(CAMERA, FORWARD))
-    expected = (80.5 + FORWARD.focal_px * right, 60.5 + FORWARD.focal_px * down)
+    picture = unwarp(make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, FORWARD))
+    expected = (80.5 + FORWARD.focal_length_px * right, 60.5 + FORWARD.focal_length_px * down)
     assert centroid(picture) == pytest.approx(expected, abs=0.25)
 
 
 def test_perspective_turned_and_pitched_looks_along_its_axis() -> None:
     yaw, pitch = math.radians(70.0), math.radians(-25.0)
     geometry = PerspectiveGeometry(161, 121, math.radians(50), yaw_rad=yaw, pitch_rad=pitch)
-    picture = unwarp(frame_of(spot(yaw, math.tan(-pitch))), unwarp_map(CAMERA, geometry))
+    picture = unwarp(make_frame(make_gaussian_spot(yaw, math.tan(-pitch))), make_unwarp_map(CAMERA, geometry))
     assert centroid(picture) == pytest.approx((80.5, 60.5), abs=0.25)
 
 
 def test_what_the_mirror_does_not_see_is_invalid_and_black() -> None:
     above = CylinderGeometry(columns=90, rows=40, top_slope=-1.0, bottom_slope=1.0)
-    mapping = unwarp_map(CAMERA, above)
+    mapping = make_unwarp_map(CAMERA, above)
     rim_row = above.row_from_slope(np.array(-math.tan(math.radians(30))))
     assert not mapping.valid[: int(rim_row)].any()
     assert mapping.valid[int(rim_row) + 1 :].all()
@@ -118,7 +118,7 @@ def test_what_the_mirror_does_not_see_is_invalid_and_black() -> None:
 
 def test_half_a_disc_is_valid_on_the_side_that_the_frame_shows() -> None:
     half = dataclasses.replace(CAMERA, width_px=180, centre_px=(0.0, 180.0))
-    valid = unwarp_map(half, CYLINDER).valid
+    valid = make_unwarp_map(half, CYLINDER).valid
     # The image is mirrored: what is right of the centre in it lies to the robot's left.
     assert valid[:, 5:355].all()
     assert not valid[:, 365:715].any()
@@ -126,7 +126,7 @@ def test_half_a_disc_is_valid_on_the_side_that_the_frame_shows() -> None:
 
 def test_frame_of_another_size_is_refused() -> None:
     with pytest.raises(DomainError, match="360 x 360"):
-        unwarp(np.zeros((360, 361, 3), np.uint8), unwarp_map(CAMERA, CYLINDER))
+        unwarp(np.zeros((360, 361, 3), np.uint8), make_unwarp_map(CAMERA, CYLINDER))
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_geometry_without_a_picture_is_refused(make) -> None:
 def test_azimuth_that_is_not_finite_has_no_column_and_says_which(azimuth: float) -> None:
     with pytest.raises(DomainError, match="azimuth") as refused:
         CylinderGeometry(8, 4, 0.0, 1.0).column_from_azimuth(np.array([0.0, azimuth]))
-    assert refused.value.valid.tolist() == [True, False]
+    assert refused.value.valid_mask.tolist() == [True, False]
 
 
 @pytest.mark.parametrize("slopes", [(-1.7e308, 1.7e308), (0.0, 5e-324)])

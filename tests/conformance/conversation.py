@@ -18,20 +18,20 @@ from string import Template
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.wire.grammar import LineReader, parse_message
-from catoptra_protocol.wire.image import ImageFrameReader, ImageType, WireFrame, raw_size
-from catoptra_protocol.wire.jpeg import jpeg_size
-from conformance.script import WITHIN_S, Address, Conversation, Step, UnexpectedError
+from catoptra_protocol.wire.image import ImageFrameReader, ImageType, EncodedFrame, parse_raw_size
+from catoptra_protocol.wire.jpeg import parse_jpeg_size
+from conformance.script import TIMEOUT_S, Address, Conversation, StepSpec, StepFailedError
 
 _READ_BYTES = 64 * 1024
 
 
 @dataclass(slots=True)
-class Line:
+class TcpConnection:
     """One connection, and what of it has not been looked at yet."""
 
     socket: socket.socket
     lines: deque[str] = field(default_factory=deque)
-    frames: deque[WireFrame] = field(default_factory=deque)
+    frames: deque[EncodedFrame] = field(default_factory=deque)
     line_reader: LineReader = field(default_factory=LineReader)
     frame_reader: ImageFrameReader = field(default_factory=ImageFrameReader)
     is_image: bool = False
@@ -44,16 +44,16 @@ class Line:
         except TimeoutError:
             return False
         if not data:
-            raise UnexpectedError("the server closed the connection")
+            raise StepFailedError("the server closed the connection")
         if self.is_image:
             self.frames.extend(self.frame_reader.receive(data))
         else:
             self.lines.extend(self.line_reader.receive(data))
         return True
 
-    def next_lines(self, within_s: float) -> Iterator[str]:
+    def iter_lines(self, timeout_s: float) -> Iterator[str]:
         """Yield lines until the time is up."""
-        deadline_s = time.monotonic() + within_s
+        deadline_s = time.monotonic() + timeout_s
         while True:
             while self.lines:
                 yield self.lines.popleft()
@@ -62,129 +62,129 @@ class Line:
 
 
 @dataclass(slots=True)
-class Stage:
+class TcpSession:
     """Where a conversation stands: its connection, and the words that `$name` stands for."""
 
     address: Address
-    words: dict[str, str]
+    variables: dict[str, str]
     is_image: bool
-    ends: ExitStack
-    line: Line | None = None
+    exit_stack: ExitStack
+    connection: TcpConnection | None = None
 
-    def connected(self) -> Line:
+    def connect(self) -> TcpConnection:
         """Return the connection, made when first needed."""
-        if self.line is None:
-            connection = socket.create_connection(self.address, timeout=WITHIN_S)
-            self.ends.callback(connection.close)
-            self.line = Line(connection, is_image=self.is_image)
-        return self.line
+        if self.connection is None:
+            connection = socket.create_connection(self.address, timeout=TIMEOUT_S)
+            self.exit_stack.callback(connection.close)
+            self.connection = TcpConnection(connection, is_image=self.is_image)
+        return self.connection
 
 
-def hold(conversation: Conversation, address: Address, words: dict[str, str]) -> str:
+def play_conversation(conversation: Conversation, address: Address, variables: dict[str, str]) -> str:
     """Hold the conversation; return an empty text, or what went wrong and at which step."""
     with ExitStack() as ends:
-        stage = Stage(address, dict(words), conversation.port == "image", ends)
+        stage = TcpSession(address, dict(variables), conversation.port == "image", ends)
         for number, step in enumerate(conversation.steps, 1):
             try:
-                for key in step.keys() - SETTINGS:
-                    STEPS[key](stage, step)
-            except (UnexpectedError, CatoptraError, OSError) as error:
+                for key in step.keys() - STEP_OPTIONS:
+                    STEP_HANDLERS[key](stage, step)
+            except (StepFailedError, CatoptraError, OSError) as error:
                 return f"step {number} ({next(iter(step))}): {error}"
     return ""
 
 
-def _send(stage: Stage, step: Step) -> None:
+def _send(session: TcpSession, step: StepSpec) -> None:
     """`send`: text; or `send_hex`: bytes. `repeat` times, with `pieces` so many bytes at a time."""
-    text = Template(step.get("send", "")).safe_substitute(stage.words)
+    text = Template(step.get("send", "")).safe_substitute(session.variables)
     data = bytes.fromhex(step["send_hex"]) if "send_hex" in step else text.encode("latin-1")
     data *= step.get("repeat", 1)
     size = step.get("pieces", len(data))
-    line = stage.connected()
+    line = session.connect()
     line.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     for start in range(0, len(data), size):
         line.socket.sendall(data[start : start + size])
 
 
-def _expect(stage: Stage, step: Step) -> None:
+def _expect(session: TcpSession, step: StepSpec) -> None:
     """`expect`: patterns of whole lines, in this order, other lines between them."""
     for pattern in step["expect"]:
-        filled = Template(pattern).safe_substitute(stage.words)
-        _wait(stage.connected(), filled, step.get("within_s", WITHIN_S))
+        filled = Template(pattern).safe_substitute(session.variables)
+        _wait_for_line(session.connect(), filled, step.get("within_s", TIMEOUT_S))
 
 
-def _silence(stage: Stage, step: Step) -> None:
+def _expect_silence(session: TcpSession, step: StepSpec) -> None:
     """`silence`: a pattern that no line matches for `for_s` seconds."""
-    for text in stage.connected().next_lines(step["for_s"]):
+    for text in session.connect().iter_lines(step["for_s"]):
         if re.fullmatch(step["silence"], text):
-            raise UnexpectedError(f"{text[:100]!r} was not to come")
+            raise StepFailedError(f"{text[:100]!r} was not to come")
 
 
-def _changes(stage: Stage, step: Step) -> None:
+def _expect_increase(session: TcpSession, step: StepSpec) -> None:
     """`changes`: a pattern with one group, a number that grows by more than `by`."""
-    line, first = stage.connected(), None
-    for text in line.next_lines(step.get("within_s", WITHIN_S)):
+    line, first = session.connect(), None
+    for text in line.iter_lines(step.get("within_s", TIMEOUT_S)):
         if found := re.fullmatch(step["changes"], text):
             first = float(found[1]) if first is None else first
             if float(found[1]) - first > step["by"]:
                 return
-    raise UnexpectedError(f"{step['changes']} did not grow by {step['by']} from {first}")
+    raise StepFailedError(f"{step['changes']} did not grow by {step['by']} from {first}")
 
 
-def _ask_every_sensor(stage: Stage, step: Step) -> None:
+def _query_every_sensor(session: TcpSession, step: StepSpec) -> None:
     """`ask_every_sensor`: each that is heard of for `for_s` seconds has its CONF and GEO."""
-    line = stage.connected()
-    heard = {pair for text in line.next_lines(step["for_s"]) for pair in _parts(text)}
+    line = session.connect()
+    heard = {pair for text in line.iter_lines(step["for_s"]) for pair in _sensor_names(text)}
     if not heard:
-        raise UnexpectedError("no sensor was heard of")
+        raise StepFailedError("no sensor was heard of")
     for type_, name in sorted(heard):
         for word in ("CONF", "GEO"):
             line.socket.sendall(f"GET{word} {{Type {type_}}} {{Name {name}}}\r\n".encode())
             pattern = rf"{word} {{Type {type_}}} {{Name {name}\b.+"
-            _wait(line, f"(?i:{pattern})", WITHIN_S)
+            _wait_for_line(line, f"(?i:{pattern})", TIMEOUT_S)
 
 
-def _frames(stage: Stage, step: Step) -> None:
+def _expect_frames(session: TcpSession, step: StepSpec) -> None:
     """`frames`: so many come, each a picture; with `size`, of that width and height."""
-    line, deadline_s = stage.connected(), time.monotonic() + step.get("within_s", WITHIN_S)
+    line, deadline_s = session.connect(), time.monotonic() + step.get("within_s", TIMEOUT_S)
     for number in range(step["frames"]):
         while not line.frames:
             if time.monotonic() >= deadline_s or not line.read(deadline_s):
-                raise UnexpectedError(f"{number} frames came of {step['frames']}")
+                raise StepFailedError(f"{number} frames came of {step['frames']}")
         frame = line.frames.popleft()
         is_raw = frame.image_type is ImageType.RAW
-        size = list(raw_size(frame.payload)[:2] if is_raw else jpeg_size(frame.payload))
+        size = list(parse_raw_size(frame.payload)[:2] if is_raw else parse_jpeg_size(frame.payload))
         if size != step.get("size", size):
-            raise UnexpectedError(f"a frame of {size}, not {step['size']}")
+            raise StepFailedError(f"a frame of {size}, not {step['size']}")
 
 
-def _no_frame(stage: Stage, step: Step) -> None:
+def _expect_no_frame(session: TcpSession, step: StepSpec) -> None:
     """`no_frame_for_s`: nothing comes for so long."""
-    line = stage.connected()
+    line = session.connect()
     if line.frames or line.read(time.monotonic() + step["no_frame_for_s"]):
-        raise UnexpectedError("a frame came that nobody asked for")
+        raise StepFailedError("a frame came that nobody asked for")
 
 
-def _close(stage: Stage, step: Step) -> None:
+def _close_connection(session: TcpSession, step: StepSpec) -> None:
     """`close`: end the connection; the next step makes another."""
-    stage.connected().socket.close()
-    stage.line = None
+    session.connect().socket.close()
+    session.connection = None
 
 
-def _reset(stage: Stage, step: Step) -> None:
+def _reset_connection(session: TcpSession, step: StepSpec) -> None:
     """`reset`: break the connection off with RST, as a client that dies with unread bytes."""
     at_once = struct.pack("ii", 1, 0)
-    stage.connected().socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, at_once)
-    _close(stage, step)
+    session.connect().socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, at_once)
+    _close_connection(session, step)
 
 
-def _wait(line: Line, pattern: str, within_s: float) -> None:
-    for text in line.next_lines(within_s):
+def _wait_for_line(connection: TcpConnection, pattern: str, timeout_s: float) -> None:
+    for text in connection.iter_lines(timeout_s):
         if re.fullmatch(pattern, text):
             return
-    raise UnexpectedError(f"nothing like {pattern} came within {within_s:g} s")
+    raise StepFailedError(f"nothing like {pattern} came within {timeout_s:g} s")
 
 
-def _parts(text: str) -> Iterator[tuple[str, str]]:
+def _sensor_names(text: str) -> Iterator[tuple[str, str]]:
     """Yield type and name of each part that a report speaks of."""
     message = parse_message(text)
     type_ = message.get("Type") if message.word == "SEN" else "MisPkg"
@@ -193,16 +193,16 @@ def _parts(text: str) -> Iterator[tuple[str, str]]:
         yield from ((type_, name) for name in names)
 
 
-STEPS: dict[str, Callable[[Stage, Step], None]] = {
+STEP_HANDLERS: dict[str, Callable[[TcpSession, StepSpec], None]] = {
     "send": _send,
     "send_hex": _send,
     "expect": _expect,
-    "silence": _silence,
-    "changes": _changes,
-    "ask_every_sensor": _ask_every_sensor,
-    "frames": _frames,
-    "no_frame_for_s": _no_frame,
-    "close": _close,
-    "reset": _reset,
+    "silence": _expect_silence,
+    "changes": _expect_increase,
+    "ask_every_sensor": _query_every_sensor,
+    "frames": _expect_frames,
+    "no_frame_for_s": _expect_no_frame,
+    "close": _close_connection,
+    "reset": _reset_connection,
 }
-SETTINGS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}
+STEP_OPTIONS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}

@@ -20,37 +20,37 @@ from rich.console import Console
 from rich.table import Table
 
 from conformance import fuzz_files, fuzz_stream, fuzz_wire
-from conformance.fuzz_parser import BrokenError, Parser
+from conformance.fuzz_parser import FuzzFailureError, FuzzTarget
 
-_PROGRESS_EVERY = 50_000
+_PROGRESS_INTERVAL = 50_000
 
 
-def parsers() -> list[Parser]:
+def all_targets() -> list[FuzzTarget]:
     """Return all parsers; those that keep something keep it from case to case."""
-    return [*fuzz_wire.parsers(), *fuzz_stream.parsers(), *fuzz_files.parsers()]
+    return [*fuzz_wire.wire_targets(), *fuzz_stream.stream_targets(), *fuzz_files.file_targets()]
 
 
-def fuzz(them: Sequence[Parser], cases: int, seed: int, report: Callable[[int], None]) -> None:
+def fuzz(targets: Sequence[FuzzTarget], num_cases: int, seed: int, report: Callable[[int], None]) -> None:
     """Feed the parsers in turn. An error that is none of theirs carries the case."""
     chance = random.Random(seed)
-    for number, parser in enumerate(islice(_turns(them), cases)):
+    for number, parser in enumerate(islice(_schedule(targets), num_cases)):
         data = parser.mutate(chance, parser.seeds)
         begin_s = time.perf_counter()
         try:
             is_accepted = parser.feed(data)
         except Exception as error:
-            raise BrokenError(f"{parser.name}, case {number}, {data!r}") from error
-        parser.seconds += time.perf_counter() - begin_s
-        parser.accepted += is_accepted
-        parser.refused += not is_accepted
-        if (number + 1) % _PROGRESS_EVERY == 0:
+            raise FuzzFailureError(f"{parser.name}, case {number}, {data!r}") from error
+        parser.total_s += time.perf_counter() - begin_s
+        parser.num_accepted += is_accepted
+        parser.num_rejected += not is_accepted
+        if (number + 1) % _PROGRESS_INTERVAL == 0:
             report(number + 1)
 
 
-def _turns(them: Sequence[Parser]) -> Iterator[Parser]:
+def _schedule(targets: Sequence[FuzzTarget]) -> Iterator[FuzzTarget]:
     """Yield the parsers in turn, for ever; some sit out most turns."""
     for turn in count():
-        yield from (parser for parser in them if turn % parser.every == 0)
+        yield from (parser for parser in targets if turn % parser.period == 0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,20 +59,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.add_argument("--cases", type=int, default=1_000_000)
     options.add_argument("--seed", type=int, default=1)
     given = options.parse_args(arguments)
-    them, begin_s = parsers(), time.perf_counter()
+    them, begin_s = all_targets(), time.perf_counter()
 
     def progress(done: int) -> None:
         print(f"{done} cases, {time.perf_counter() - begin_s:.0f} s", flush=True)
 
-    with _silent_libraries():
+    with _silence_image_libraries():
         fuzz(them, given.cases, given.seed, progress)
-    Console().print(table(them))
+    Console().print(results_table(them))
     print(f"{given.cases} cases, seed {given.seed}: no parser failed")
     return 0
 
 
 @contextmanager
-def _silent_libraries() -> Iterator[None]:
+def _silence_image_libraries() -> Iterator[None]:
     """Keep libjpeg and libpng from telling stderr what is wrong with each of their cases."""
     kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     sys.stderr.flush()
@@ -85,13 +85,13 @@ def _silent_libraries() -> Iterator[None]:
         os.close(nothing)
 
 
-def table(them: Sequence[Parser]) -> Table:
+def results_table(targets: Sequence[FuzzTarget]) -> Table:
     """Return what became of the cases of each parser."""
     shown = Table("parser", "cases", "accepted", "refused", "us a case")
-    for one in them:
-        cases = one.accepted + one.refused
-        microseconds = f"{1e6 * one.seconds / max(cases, 1):.1f}"
-        shown.add_row(one.name, str(cases), str(one.accepted), str(one.refused), microseconds)
+    for one in targets:
+        cases = one.num_accepted + one.num_rejected
+        microseconds = f"{1e6 * one.total_s / max(cases, 1):.1f}"
+        shown.add_row(one.name, str(cases), str(one.num_accepted), str(one.num_rejected), microseconds)
     return shown
 
 

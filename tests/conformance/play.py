@@ -22,26 +22,26 @@ from rich.table import Table
 from catoptra_protocol.wire.connection import ControlClient
 from catoptra_protocol.wire.reports import StartPoses
 from conformance import conversation, stream_conversation
-from conformance.script import WITHIN_S, Address, Conversation, read_conversation
+from conformance.script import TIMEOUT_S, Address, Conversation, read_conversation
 
 CONVERSATIONS = Path(__file__).parent / "data/conversations"
 
-Hold = Callable[[Conversation, Address, dict[str, str]], str]
-HOLD: dict[str, Hold] = {
-    "control": conversation.hold,
-    "image": conversation.hold,
-    "stream": stream_conversation.hold,
+Player = Callable[[Conversation, Address, dict[str, str]], str]
+PLAYERS: dict[str, Player] = {
+    "control": conversation.play_conversation,
+    "image": conversation.play_conversation,
+    "stream": stream_conversation.play_conversation,
 }
-_TCP_KEYS = {*conversation.STEPS, *conversation.SETTINGS}
-KEYS = {
-    "control": _TCP_KEYS,
-    "image": _TCP_KEYS,
-    "stream": {*stream_conversation.STEPS, *stream_conversation.SETTINGS},
+_TCP_STEP_KEYS = {*conversation.STEP_HANDLERS, *conversation.STEP_OPTIONS}
+STEP_KEYS = {
+    "control": _TCP_STEP_KEYS,
+    "image": _TCP_STEP_KEYS,
+    "stream": {*stream_conversation.STEP_HANDLERS, *stream_conversation.STEP_OPTIONS},
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ConversationResult:
     """What became of one conversation: an empty reason means that it passed."""
 
     conversation: Conversation
@@ -50,26 +50,26 @@ class Verdict:
     @property
     def is_failure(self) -> bool:
         """Return whether the server lacks what it must have."""
-        return bool(self.reason) and self.conversation.required
+        return bool(self.reason) and self.conversation.is_required
 
 
-def conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
+def read_conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
     """Return all conversations of a folder."""
-    return [read_conversation(path, KEYS) for path in sorted(folder.glob("*.json"))]
+    return [read_conversation(path, STEP_KEYS) for path in sorted(folder.glob("*.json"))]
 
 
-def play(
-    them: Iterable[Conversation], addresses: dict[str, Address], robot_class: str, place: str
-) -> list[Verdict]:
+def play_all(
+    conversations: Iterable[Conversation], addresses: dict[str, Address], robot_class: str, placement_blocks: str
+) -> list[ConversationResult]:
     """Hold the conversations for whose port there is an address, one after the other."""
-    words = {"class": robot_class, "place": place}
-    return [Verdict(one, HOLD[one.port](one, addresses[one.port], words)) for one in them]
+    words = {"class": robot_class, "place": placement_blocks}
+    return [ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], words)) for one in conversations]
 
 
-def first_start(address: Address) -> str:
+def find_start_pose(address: Address) -> str:
     """Return the blocks that place a robot: the first start pose told, or else the origin."""
     client = ControlClient()
-    with socket.create_connection(address, timeout=WITHIN_S) as connection:
+    with socket.create_connection(address, timeout=TIMEOUT_S) as connection:
         connection.sendall(b"GETSTARTPOSES\r\n")
         while data := connection.recv(4096):
             for report in client.receive(data):
@@ -80,15 +80,15 @@ def first_start(address: Address) -> str:
     return "{Location 0,0,0}"
 
 
-def table(verdicts: Sequence[Verdict]) -> Table:
+def results_table(results: Sequence[ConversationResult]) -> Table:
     """Return the table: what was played, what it shows, how it went; by port."""
     shown = Table("port", "conversation", "what it shows", "verdict")
-    for port in HOLD:
-        for verdict in (one for one in verdicts if one.conversation.port == port):
+    for port in PLAYERS:
+        for verdict in (one for one in results if one.conversation.port == port):
             one = verdict.conversation
-            name = one.name if one.required else f"{one.name} (not required)"
-            how = f"[red]{_plain(verdict.reason)}" if verdict.reason else "[green]passed"
-            shown.add_row(port, name, _plain(one.why), how)
+            name = one.name if one.is_required else f"{one.name} (not required)"
+            how = f"[red]{_escape_markup(verdict.reason)}" if verdict.reason else "[green]passed"
+            shown.add_row(port, name, _escape_markup(one.description), how)
         shown.add_section()
     return shown
 
@@ -96,9 +96,9 @@ def table(verdicts: Sequence[Verdict]) -> Table:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play everything; return the exit status."""
     parser = argparse.ArgumentParser(description="Play the conversations to a live server.")
-    parser.add_argument("control", type=_address, help="host:port of the control server")
-    parser.add_argument("--image", type=_address, help="host:port of the image server")
-    parser.add_argument("--stream", type=_address, help="host:port of the ZeroMQ stream")
+    parser.add_argument("control", type=_parse_address, help="host:port of the control server")
+    parser.add_argument("--image", type=_parse_address, help="host:port of the image server")
+    parser.add_argument("--stream", type=_parse_address, help="host:port of the ZeroMQ stream")
     parser.add_argument("--dialect", choices=("ut2004", "udk"), default="ut2004")
     parser.add_argument("--legacy-images", action="store_true", help="one frame comes unasked")
     parser.add_argument("--robot-class", default="USARBot.OmniP2AT")
@@ -107,17 +107,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ports = {"control": given.control, "image": given.image, "stream": given.stream}
     addresses = {port: address for port, address in ports.items() if address}
     images = "legacy" if given.legacy_images else "plain"
-    fitting = (one for one in conversations() if one.fits(given.dialect, images))
+    fitting = (one for one in read_conversations() if one.applies_to(given.dialect, images))
     played = [one for one in fitting if one.port in addresses]
-    place = given.place or first_start(given.control)
-    verdicts = play(played, addresses, given.robot_class, place)
-    Console().print(table(verdicts))
+    place = given.place or find_start_pose(given.control)
+    verdicts = play_all(played, addresses, given.robot_class, place)
+    Console().print(results_table(verdicts))
     failed = sum(verdict.is_failure for verdict in verdicts)
     print(f"{len(verdicts) - failed} of {len(verdicts)} passed or not required")
     return 1 if failed or not verdicts else 0
 
 
-def _address(text: str) -> Address:
+def _parse_address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     try:
         return host or "127.0.0.1", int(port)
@@ -125,7 +125,7 @@ def _address(text: str) -> Address:
         raise argparse.ArgumentTypeError(f"{text!r}: expected host:port") from error
 
 
-def _plain(text: str) -> str:
+def _escape_markup(text: str) -> str:
     """Return a text in which rich finds no markup."""
     return text.replace("[", r"\[")
 

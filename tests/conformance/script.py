@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-WITHIN_S = 10.0  # of a server that works, however busy its machine is
-_PARTS = {"why", "port", "required", "dialect", "images", "steps"}
+TIMEOUT_S = 10.0  # of a server that works, however busy its machine is
+_DOCUMENT_KEYS = {"why", "port", "required", "dialect", "images", "steps"}
 
-Step = dict[str, Any]  # as JSON holds it
+StepSpec = dict[str, Any]  # as JSON holds it
 Address = tuple[str, int]
 
 
-class UnexpectedError(Exception):
+class StepFailedError(Exception):
     """The server did not do what a step expects."""
 
 
@@ -29,24 +29,24 @@ class Conversation:
     """One file. dialect: None = any; images: None = any control or stream, `plain` or `legacy`."""
 
     name: str
-    why: str
+    description: str
     port: str
-    required: bool
-    steps: tuple[Step, ...]
+    is_required: bool
+    steps: tuple[StepSpec, ...]
     dialect: str | None = None
-    images: str | None = None
+    image_mode: str | None = None
 
-    def fits(self, dialect: str, images: str) -> bool:
+    def applies_to(self, dialect: str, image_mode: str) -> bool:
         """Return whether it is for a server that speaks this dialect and sends images so."""
-        return self.dialect in (None, dialect) and self.images in (None, images)
+        return self.dialect in (None, dialect) and self.image_mode in (None, image_mode)
 
 
-def read_conversation(path: Path, known: dict[str, Iterable[str]]) -> Conversation:
+def read_conversation(path: Path, step_keys: dict[str, Iterable[str]]) -> Conversation:
     """Return the conversation of a file. known: the keys that steps may have, by port."""
     document = json.loads(path.read_text(encoding="utf-8"))
     port, steps = document["port"], tuple(document["steps"])
-    unknown = {key for step in steps for key in step} - set(known[port])
-    if unknown or set(document) - _PARTS:
+    unknown = {key for step in steps for key in step} - set(step_keys[port])
+    if unknown or set(document) - _DOCUMENT_KEYS:
         raise ValueError(f"{path}: unknown keys {sorted(unknown) or sorted(document)}")
     return Conversation(
         path.stem,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from conformance.fuzz import fuzz, main, parsers
-from conformance.fuzz_parser import BrokenError, Parser
+from conformance.fuzz import fuzz, main, all_targets
+from conformance.fuzz_parser import FuzzFailureError, FuzzTarget
 
 
 def test_fuzz_when_run_with_few_cases_passes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -16,9 +16,9 @@ def test_fuzz_when_run_with_few_cases_passes(capsys: pytest.CaptureFixture[str])
 def test_fuzz_when_repeated_feeds_the_same() -> None:
     tallies = []
     for _ in range(2):
-        them = parsers()
+        them = all_targets()
         fuzz(them, 6000, 7, lambda done: None)
-        tallies.append([(one.name, one.accepted, one.refused) for one in them])
+        tallies.append([(one.name, one.num_accepted, one.num_rejected) for one in them])
     assert tallies[0] == tallies[1]
     assert all(accepted for _, accepted, _ in tallies[0])
 
@@ -27,5 +27,5 @@ def test_fuzz_when_a_parser_fails_names_it_and_the_case() -> None:
     def fragile(data: bytes) -> bool:
         return bool(1 // (b"\xff" not in data))
 
-    with pytest.raises(BrokenError, match=r"fragile, case \d+, b'"):
-        fuzz([Parser("fragile", fragile, (b"seed",))], 2000, 1, lambda done: None)
+    with pytest.raises(FuzzFailureError, match=r"fragile, case \d+, b'"):
+        fuzz([FuzzTarget("fragile", fragile, (b"seed",))], 2000, 1, lambda done: None)

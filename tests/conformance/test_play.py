@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from conformance import conversation, stream_conversation
-from conformance.conversation import hold
-from conformance.play import CONVERSATIONS, HOLD, KEYS, Verdict, conversations, main, table
+from conformance.conversation import play_conversation
+from conformance.play import CONVERSATIONS, PLAYERS, STEP_KEYS, ConversationResult, read_conversations, main, results_table
 from conformance.script import Conversation, read_conversation
-from helpers.server_process import running_server
+from helpers.server_process import start_server
 
-ALL = conversations()
+ALL_CONVERSATIONS = read_conversations()
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_our_server_when_all_conversations_are_played_passes(
     of_server: tuple[str, ...],
     of_player: tuple[str, ...],
 ) -> None:
-    with running_server(tmp_path, *of_server) as server:
+    with start_server(tmp_path, *of_server) as server:
         control, image = (f"127.0.0.1:{p}" for p in (server.control_port, server.image_port))
         # The stream is the same whatever the dialect: once is enough.
         stream = () if of_player else ("--stream", f"127.0.0.1:{server.stream_port}")
@@ -43,14 +43,14 @@ def test_our_server_when_all_conversations_are_played_passes(
 
 
 def test_conversations_when_read_use_every_kind_of_step() -> None:
-    keys = {key for one in ALL for step in one.steps for key in step}
-    assert keys >= {*conversation.STEPS, *stream_conversation.STEPS}
-    assert {one.port for one in ALL} == set(HOLD)
+    keys = {key for one in ALL_CONVERSATIONS for step in one.steps for key in step}
+    assert keys >= {*conversation.STEP_HANDLERS, *stream_conversation.STEP_HANDLERS}
+    assert {one.port for one in ALL_CONVERSATIONS} == set(PLAYERS)
 
 
 def test_conversations_when_for_one_kind_of_server_are_left_out_for_others() -> None:
-    udk = {one.name for one in ALL if one.fits("udk", "legacy")}
-    usual = {one.name for one in ALL if one.fits("ut2004", "plain")}
+    udk = {one.name for one in ALL_CONVERSATIONS if one.applies_to("udk", "legacy")}
+    usual = {one.name for one in ALL_CONVERSATIONS if one.applies_to("ut2004", "plain")}
     assert {"udk_status", "image_legacy_first", "greeting", "stream_status"} <= udk
     assert {"ut2004_status", "image_whole", "greeting", "stream_status"} <= usual
     assert not {"ut2004_status", "image_whole"} & udk
@@ -61,11 +61,11 @@ def test_conversation_when_it_has_an_unknown_key_is_refused(tmp_path: Path) -> N
     path = tmp_path / "wrong.json"
     path.write_text('{"why": "", "port": "control", "steps": [{"expcet": []}]}')
     with pytest.raises(ValueError, match="expcet"):
-        read_conversation(path, KEYS)
+        read_conversation(path, STEP_KEYS)
 
 
 @contextmanager
-def deaf_server() -> Iterator[tuple[str, int]]:
+def closing_server() -> Iterator[tuple[str, int]]:
     """Accept one connection, say one line and close it."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
@@ -82,17 +82,17 @@ def deaf_server() -> Iterator[tuple[str, int]]:
 
 def test_hold_when_the_server_closes_says_at_which_step() -> None:
     steps = ({"expect": ["NFO .*"]}, {"expect": ["STA .*"]})
-    with deaf_server() as address:
-        reason = hold(Conversation("c", "", "control", True, steps), address, {})
+    with closing_server() as address:
+        reason = play_conversation(Conversation("c", "", "control", True, steps), address, {})
     assert reason == "step 2 (expect): the server closed the connection"
 
 
 def test_verdict_when_the_conversation_is_not_required_is_no_failure() -> None:
     optional = Conversation("c", "", "control", False, ())
-    assert not Verdict(optional, "step 1").is_failure
-    assert Verdict(Conversation("c", "", "control", True, ()), "step 1").is_failure
-    assert table([Verdict(optional, "step [1]")]).row_count == 1
+    assert not ConversationResult(optional, "step 1").is_failure
+    assert ConversationResult(Conversation("c", "", "control", True, ()), "step 1").is_failure
+    assert results_table([ConversationResult(optional, "step [1]")]).row_count == 1
 
 
 def test_conversations_when_listed_are_all_files_of_the_folder() -> None:
-    assert len(ALL) == len(list(CONVERSATIONS.iterdir()))
+    assert len(ALL_CONVERSATIONS) == len(list(CONVERSATIONS.iterdir()))

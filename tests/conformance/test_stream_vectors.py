@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.wire.stream import answer_from_bytes, bytes_from_message, request_from_bytes
-from catoptra_protocol.wire.stream_answers import ANSWERS, Answer
+from catoptra_protocol.wire.stream import reply_from_bytes, bytes_from_message, request_from_bytes
+from catoptra_protocol.wire.stream_answers import REPLIES, Reply
 from catoptra_protocol.wire.stream_requests import REQUESTS, Request
 
 VECTORS = sorted((Path(__file__).parent / "data/stream").glob("*.bytes"))
 
 
-def read(data: bytes, sender: str) -> Request | Answer | None:
+def decode(data: bytes, sender: str) -> Request | Reply | None:
     """Return the message of a `client` or of a `server`."""
-    return request_from_bytes(data) if sender == "client" else answer_from_bytes(data)
+    return request_from_bytes(data) if sender == "client" else reply_from_bytes(data)
 
 
 @pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.stem)
@@ -28,13 +28,13 @@ def test_message_when_read_is_what_it_means(path: Path) -> None:
     sender = vector.get("from", "client" if path.stem.startswith("ask_") else "server")
     if "refused" in vector:
         with pytest.raises(RemoteProtocolError, match=vector["refused"]):
-            read(path.read_bytes(), sender)
+            decode(path.read_bytes(), sender)
     else:
-        message = read(path.read_bytes(), sender)
-        assert as_json(message) == vector["meaning"]
+        message = decode(path.read_bytes(), sender)
+        assert message_to_json(message) == vector["meaning"]
 
 
-def as_json(message: Request | Answer | None) -> object:
+def message_to_json(message: Request | Reply | None) -> object:
     """Return a message with JSON's types."""
     if message is None:
         return None
@@ -44,11 +44,11 @@ def as_json(message: Request | Answer | None) -> object:
 
 def test_vectors_when_listed_have_one_of_every_kind() -> None:
     meanings = (json.loads(path.with_suffix(".json").read_text())["meaning"] for path in VECTORS)
-    assert {meaning["kind"] for meaning in meanings if meaning} == {*REQUESTS, *ANSWERS}
+    assert {meaning["kind"] for meaning in meanings if meaning} == {*REQUESTS, *REPLIES}
 
 
 def test_frame_when_written_has_the_vector_s_bytes() -> None:
     data = next(path for path in VECTORS if path.stem == "frame").read_bytes()
-    message = answer_from_bytes(data)
+    message = reply_from_bytes(data)
     assert message is not None
     assert bytes_from_message(message) == data

@@ -15,48 +15,48 @@ from catoptra_protocol.wire.commands import Command, command_from_message
 from catoptra_protocol.wire.connection import ControlClient, ControlServer
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import LineReader, parse_message
-from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, frame_header
+from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, encode_frame_header
 from catoptra_protocol.wire.reports import Greeting, Report, line_from_report
 
 DATA = Path(__file__).parent / "data"
 
-Receive = Callable[[bytes], list[Any]]  # any event: what comes out is compared as JSON
+EventReader = Callable[[bytes], list[Any]]  # any event: what comes out is compared as JSON
 
 
 @dataclass(frozen=True)
-class Vector:
+class ConformanceVector:
     """One pair of files."""
 
     channel: str
     name: str
     data: bytes
     meaning: list[Any]
-    written: bool
-    complete: bool
+    is_canonical: bool
+    is_complete: bool
     dialect: Dialect
-    says: list[Any] | None
+    source_reports: list[Any] | None
 
     def __str__(self) -> str:
         return f"{self.channel}/{self.name}"
 
 
-def read_vector(path: Path) -> Vector:
+def read_vector(path: Path) -> ConformanceVector:
     """Return the vector whose JSON file this is."""
     document = json.loads(path.read_text(encoding="utf-8"))
     assert set(document) <= {"why", "meaning", "written", "complete", "dialect", "says"}
-    return Vector(
+    return ConformanceVector(
         channel=path.parent.name,
         name=path.stem,
         data=path.with_suffix(".bytes").read_bytes(),
         meaning=document["meaning"],
-        written=document.get("written", False),
-        complete=document.get("complete", True),
+        is_canonical=document.get("written", False),
+        is_complete=document.get("complete", True),
         dialect=Dialect(document.get("dialect", "ut2004")),
-        says=document.get("says"),
+        source_reports=document.get("says"),
     )
 
 
-def commands() -> Receive:
+def make_command_reader() -> EventReader:
     """Return a reader of commands that knows no states."""
     reader = LineReader()
 
@@ -67,7 +67,7 @@ def commands() -> Receive:
     return receive
 
 
-def session() -> Receive:
+def make_session_reader() -> EventReader:
     """Return a server's end that has greeted."""
     server = ControlServer()
     server.send(Greeting("BotDeathMatch", "field"))
@@ -75,26 +75,26 @@ def session() -> Receive:
 
 
 # How to receive on each channel, and bytes that begin something without ending it.
-CHANNELS: dict[str, tuple[Callable[[], Receive], bytes]] = {
-    "commands": (commands, b"DRIVE {Left 9} {Ri"),
-    "sessions": (session, b"DRIVE {Left 9} {Ri"),
+CHANNELS: dict[str, tuple[Callable[[], EventReader], bytes]] = {
+    "commands": (make_command_reader, b"DRIVE {Left 9} {Ri"),
+    "sessions": (make_session_reader, b"DRIVE {Left 9} {Ri"),
     "reports": (lambda: ControlClient().receive, b"SEN {Type Odometry} {Na"),
     "image_requests": (lambda: ImageRequestReader().receive, b"UOKOKOKOK"),
-    "image_frames": (lambda: ImageFrameReader().receive, frame_header(2, 9)),  # type: ignore[arg-type] # the number of the tag
+    "image_frames": (lambda: ImageFrameReader().receive, encode_frame_header(2, 9)),  # type: ignore[arg-type] # the number of the tag
 }
 
 
 VECTORS = [read_vector(x) for name in CHANNELS for x in sorted((DATA / name).glob("*.json"))]
 
 
-def meaning_of(vector: Vector, *chunks: bytes) -> list[Any]:
+def decode_chunks(vector: ConformanceVector, *chunks: bytes) -> list[Any]:
     """Return as JSON what the chunks mean on the vector's channel."""
     receive = CHANNELS[vector.channel][0]()
     events = [{type(e).__name__: asdict(e)} for chunk in chunks for e in receive(chunk)]
     return list(json.loads(json.dumps(events, default=bytes.hex)))
 
 
-each = pytest.mark.parametrize("vector", VECTORS, ids=str)
+each_vector = pytest.mark.parametrize("vector", VECTORS, ids=str)
 
 
 def test_data_when_listed_holds_pairs_for_every_channel() -> None:
@@ -109,52 +109,52 @@ def test_data_when_listed_holds_pairs_for_every_channel() -> None:
         assert {path.stem for path in (DATA / channel).iterdir()} == pairs
 
 
-@each
-def test_vector_when_played_whole_means_what_its_json_says(vector: Vector) -> None:
-    assert meaning_of(vector, vector.data) == vector.meaning
+@each_vector
+def test_vector_when_played_whole_means_what_its_json_says(vector: ConformanceVector) -> None:
+    assert decode_chunks(vector, vector.data) == vector.meaning
 
 
-@each
-def test_vector_when_played_byte_by_byte_means_the_same(vector: Vector) -> None:
+@each_vector
+def test_vector_when_played_byte_by_byte_means_the_same(vector: ConformanceVector) -> None:
     single = [vector.data[i : i + 1] for i in range(len(vector.data))]
-    assert meaning_of(vector, *single) == vector.meaning
+    assert decode_chunks(vector, *single) == vector.meaning
 
 
-@each
-def test_vector_when_cut_anywhere_means_the_same(vector: Vector) -> None:
+@each_vector
+def test_vector_when_cut_anywhere_means_the_same(vector: ConformanceVector) -> None:
     cuts = range(0, len(vector.data), max(1, len(vector.data) // 400))
     for cut in cuts:
-        assert meaning_of(vector, vector.data[:cut], vector.data[cut:]) == vector.meaning
+        assert decode_chunks(vector, vector.data[:cut], vector.data[cut:]) == vector.meaning
 
 
-@pytest.mark.parametrize("vector", [v for v in VECTORS if v.complete], ids=str)
-def test_vector_when_a_tail_follows_means_the_same(vector: Vector) -> None:
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.is_complete], ids=str)
+def test_vector_when_a_tail_follows_means_the_same(vector: ConformanceVector) -> None:
     tail = CHANNELS[vector.channel][1]
-    assert meaning_of(vector, vector.data + tail) == vector.meaning
+    assert decode_chunks(vector, vector.data + tail) == vector.meaning
 
 
-@pytest.mark.parametrize("vector", [v for v in VECTORS if v.written], ids=str)
-def test_vector_when_written_by_us_is_the_same_bytes(vector: Vector) -> None:
-    said = ControlClient().receive(vector.data) if vector.says is None else said_by(vector)
+@pytest.mark.parametrize("vector", [v for v in VECTORS if v.is_canonical], ids=str)
+def test_vector_when_written_by_us_is_the_same_bytes(vector: ConformanceVector) -> None:
+    said = ControlClient().receive(vector.data) if vector.source_reports is None else build_reports(vector)
     assert b"".join(line_from_report(x, vector.dialect) for x in said) == vector.data
 
 
-def said_by(vector: Vector) -> list[Report]:
+def build_reports(vector: ConformanceVector) -> list[Report]:
     """Return the reports that a server means, where a client reads them as others."""
     return [
-        getattr(reports, kind)(**{name: _value(name, value) for name, value in fields.items()})
-        for document in vector.says or []
+        getattr(reports, kind)(**{name: _field_value(name, value) for name, value in fields.items()})
+        for document in vector.source_reports or []
         for kind, fields in document.items()
     ]
 
 
-def _value(name: str, value: Any) -> Any:  # whatever JSON holds
+def _field_value(name: str, value: Any) -> Any:  # whatever JSON holds
     """Return what a field holds: lists become tuples, nested documents their own dataclasses."""
     if name == "tile":
-        return reports.Tile(**value)
+        return reports.TextureRegion(**value)
     if name == "links":
         return tuple(
-            reports.LinkConfiguration(**{k: _value(k, v) for k, v in link.items()})
+            reports.LinkConfiguration(**{k: _field_value(k, v) for k, v in link.items()})
             for link in value
         )
     return tuple(map(tuple, value)) if name == "items" else value

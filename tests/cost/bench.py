@@ -24,14 +24,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from catoptra_client.images import ImageStream
-from catoptra_client.robot import Robot
+from catoptra_client.images import ImageClient
+from catoptra_client.robot import RobotClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.plan.render_plan import RenderWish, plan_from_wish
-from catoptra_server.render.choice import Choice, choose_renderer
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.setup import Setup, read_setup
+from catoptra_server.plan.render_plan import RenderSettings, plan_from_settings
+from catoptra_server.render.choice import RendererChoice, choose_renderer
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.setup import StartupConfig, read_startup_config
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"
@@ -43,7 +43,7 @@ MEASURED_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class FrameRateRow:
     """One line of the table. fps_alone: View.draw in a loop; the others: over TCP, RAW."""
 
     world: str
@@ -55,7 +55,7 @@ class Row:
     fps_delivered: float
 
     @property
-    def delivered_share(self) -> float:
+    def delivered_fraction(self) -> float:
         """Return delivered over rendered frames."""
         return self.fps_delivered / self.fps_rendered if self.fps_rendered else 0.0
 
@@ -68,37 +68,37 @@ def main() -> int:
         for size in SIZES:
             for samples in SAMPLES:
                 for renderer in ("trace", "raster"):
-                    row = _measured(world, ROOT / "configs/worlds" / file, size, samples, renderer)
+                    row = _measure(world, ROOT / "configs/worlds" / file, size, samples, renderer)
                     if row is not None:
                         rows.append(row)
-                        console.print(_line(row), highlight=False)
-    console.print(_table(rows))
+                        console.print(_format_row(row), highlight=False)
+    console.print(_make_table(rows))
     _print_detection_time(console)
     output = ROOT / "out/bench"
     output.mkdir(parents=True, exist_ok=True)
-    document = {"machine": _machine(), "rows": [asdict(row) for row in rows]}
+    document = {"machine": _describe_machine(), "rows": [asdict(row) for row in rows]}
     (output / "bench.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return 0
 
 
-def _measured(world: str, path: Path, size: int, samples: int, renderer: str) -> Row | None:
+def _measure(world: str, path: Path, size: int, samples: int, renderer: str) -> FrameRateRow | None:
     """Return a row, or None where the renderer cannot run."""
-    with _robot_file(size, samples) as robot:
-        setup = read_setup([robot], path)
+    with _write_robot_file(size, samples) as robot:
+        setup = read_startup_config([robot], path)
         try:
             choice = choose_renderer(renderer, setup.scene, setup.world)
         except CatoptraError:
             return None
         try:
-            alone = _fps_alone(setup, choice)
+            alone = _measure_fps_alone(setup, choice)
         finally:
             choice.renderer.close()
-        rendered, delivered = _fps_over_tcp(robot, path, renderer)
-    return Row(world, size, samples, renderer, alone, rendered, delivered)
+        rendered, delivered = _measure_fps_over_tcp(robot, path, renderer)
+    return FrameRateRow(world, size, samples, renderer, alone, rendered, delivered)
 
 
 @contextmanager
-def _robot_file(size: int, samples: int) -> Iterator[Path]:
+def _write_robot_file(size: int, samples: int) -> Iterator[Path]:
     """Yield a robot file like the shipped one, with another picture size."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.ini"
@@ -109,17 +109,17 @@ def _robot_file(size: int, samples: int) -> Iterator[Path]:
         yield path
 
 
-def _fps_alone(setup: Setup, choice: Choice) -> float:
+def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
     """Return frames per second of the median frame time."""
     omni = setup.robots[0].omni_camera
     assert omni is not None, "the bench's robot has a camera"
-    wish: RenderWish = replace(omni.wish)
-    plan = plan_from_wish(wish, omni.camera, kind=choice.kind, why="bench")
+    wish: RenderSettings = replace(omni.render_settings)
+    plan = plan_from_settings(wish, omni.camera, kind=choice.kind, reason="bench")
     view = choice.renderer.prepare(omni.camera, plan)
     times: list[float] = []
     begin = time.perf_counter()
     while (now := time.perf_counter()) < begin + WARM_UP_S + MEASURED_S:
-        view.draw(Exposure(_pose(now - begin)))
+        view.render(CameraState(_pose(now - begin)))
         if now > begin + WARM_UP_S:
             times.append(time.perf_counter() - now)
     view.close()
@@ -131,7 +131,7 @@ def _pose(t: float) -> Pose:
     return Pose.from_rpy((0.5 * math.sin(t), 0.3 * math.cos(t), -0.6), (0.0, 0.0, 0.5 * t))
 
 
-def _fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float]:
+def _measure_fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float]:
     """Return rendered and delivered frames per second of a server process with one RAW viewer."""
     command = [
         sys.executable,
@@ -149,7 +149,7 @@ def _fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float
     ) as process:
         assert process.stdout is not None
         ports = re.findall(r":(\d+)", process.stdout.readline())
-        delivered, elapsed_s = _watch(int(ports[0]), int(ports[1]))
+        delivered, elapsed_s = _measure_delivery(int(ports[0]), int(ports[1]))
         process.terminate()
         _, log = process.communicate()
     drawn = re.search(r"(\d+) shots in", log)
@@ -158,16 +158,16 @@ def _fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float
     return int(drawn[1]) / elapsed_s, delivered / elapsed_s
 
 
-def _watch(control_port: int, image_port: int) -> tuple[int, float]:
+def _measure_delivery(control_port: int, image_port: int) -> tuple[int, float]:
     """Return how many frames came, and in how many seconds, while the robot turns."""
     with (
-        Robot.connect(port=control_port) as robot,
-        ImageStream.connect(port=image_port) as images,
+        RobotClient.connect(port=control_port) as robot,
+        ImageClient.connect(port=image_port) as images,
     ):
         robot.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
         robot.drive(0.5, -0.5)
         count, begin = 0, time.perf_counter()
-        for _ in images.frames():
+        for _ in images.iter_frames():
             count += 1
             elapsed_s = time.perf_counter() - begin
             if elapsed_s > WARM_UP_S + MEASURED_S:
@@ -184,16 +184,16 @@ def _print_detection_time(console: Console) -> None:
     console.print(found.stdout, highlight=False)
 
 
-def _line(row: Row) -> str:
+def _format_row(row: FrameRateRow) -> str:
     return (
         f"{row.world:9} {row.size_px} px {row.samples}^2 {row.renderer:6} "
         f"alone {row.fps_alone:6.1f}  rendered {row.fps_rendered:6.1f}  "
-        f"delivered {row.fps_delivered:6.1f} fps ({row.delivered_share:.1%})"
+        f"delivered {row.fps_delivered:6.1f} fps ({row.delivered_fraction:.1%})"
     )
 
 
-def _table(rows: list[Row]) -> Table:
-    table = Table(title=f"frames per second, {_machine()}")
+def _make_table(rows: list[FrameRateRow]) -> Table:
+    table = Table(title=f"frames per second, {_describe_machine()}")
     for head in ("world", "picture", "samples", "renderer", "alone", "over TCP", "delivered"):
         table.add_column(head, justify="left" if head in ("world", "renderer") else "right")
     for row in rows:
@@ -204,12 +204,12 @@ def _table(rows: list[Row]) -> Table:
             row.renderer,
             f"{row.fps_alone:.1f}",
             f"{row.fps_rendered:.1f}",
-            f"{row.delivered_share:.1%}",
+            f"{row.delivered_fraction:.1%}",
         )
     return table
 
 
-def _machine() -> str:
+def _describe_machine() -> str:
     return f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Python " + (
         platform.python_version()
     )

@@ -28,31 +28,31 @@ from scenes import CORRIDOR, FIELD, camera
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.imaging.planning import Planning
-from catoptra_server.imaging.shot import OmniEye, Take
-from catoptra_server.imaging.views import Views
-from catoptra_server.plan.budget_watch import MOST_OVER
+from catoptra_server.imaging.planning import RenderPlanner
+from catoptra_server.imaging.shot import OmniCameraSpec, ViewRequest
+from catoptra_server.imaging.views import ViewCache
+from catoptra_server.plan.budget_watch import OVERRUN_FACTOR
 from catoptra_server.plan.planner import PlanChoice
 from catoptra_server.render.choice import choose_renderer
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.robot.render_wish import Dial, RenderWish
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.robot.render_wish import AccuracyTarget, RenderSettings
 from catoptra_server.scene.meshes import build_scene
 
 WORLDS = {"field": FIELD, "corridor": CORRIDOR}
-DIALS = (
-    *(Dial(max_error_px=px) for px in (2.0, 0.5, 0.1, 0.01)),
-    *(Dial(budget_ms=ms) for ms in (5.0, 10.0, 20.0, 50.0)),
+TARGETS = (
+    *(AccuracyTarget(max_error_px=px) for px in (2.0, 0.5, 0.1, 0.01)),
+    *(AccuracyTarget(budget_ms=ms) for ms in (5.0, 10.0, 20.0, 50.0)),
 )
 VIEWPOINT_M = 0.6
 # Frames before the watched ones: a plan that breaks its budget is chosen again among them.
-SETTLING = 70
+WARM_UP_FRAMES = 70
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TargetRow:
     """What was asked, what was chosen, and what frames really take."""
 
-    dial: Dial
+    target: AccuracyTarget
     choice: PlanChoice
     median_ms: float
 
@@ -60,48 +60,48 @@ class Row:
     def error_px(self) -> float:
         """Return how far off outlines may be."""
         assert self.choice.bound is not None
-        return self.choice.bound.outline_px
+        return self.choice.bound.outline_error_px
 
     @property
-    def verdict(self) -> str:
+    def outcome(self) -> str:
         """Return `kept`, `said so` where the planner itself says that it cannot, or `BROKEN`."""
-        within = not self.dial.max_error_px or self.error_px <= self.dial.max_error_px
-        budget_ms = self.dial.budget_ms
-        in_time = not budget_ms or self.median_ms <= MOST_OVER * budget_ms
+        within = not self.target.max_error_px or self.error_px <= self.target.max_error_px
+        budget_ms = self.target.budget_ms
+        in_time = not budget_ms or self.median_ms <= OVERRUN_FACTOR * budget_ms
         if within and in_time:
             return "kept"
-        return "BROKEN" if self.choice.keeps_word else "said so"
+        return "BROKEN" if self.choice.target_met else "said so"
 
 
-def way(frames: int) -> Iterator[Exposure]:
+def circle_path(frames: int) -> Iterator[CameraState]:
     """Yield what is seen along a circle with a radius of half a metre, turning twice."""
     for index in range(frames):
         turn = 2.0 * math.pi * index / frames
         place = (0.5 * math.cos(turn), 0.5 * math.sin(turn), -VIEWPOINT_M)
-        yield Exposure(Pose.from_rpy(place, (0.0, 0.0, 2.0 * turn)))
+        yield CameraState(Pose.from_rpy(place, (0.0, 0.0, 2.0 * turn)))
 
 
-def measured(views: Views, dial: Dial, frames: int) -> Row:
-    eye = OmniEye(camera(), RenderWish(dial=dial))
-    slow = (views.choice(eye).choice.ms or 0.0) > 100.0
-    for exposure in way(3 if slow else SETTLING):
-        views.draw(Take(eye, exposure))
+def measure(views: ViewCache, target: AccuracyTarget, frames: int) -> TargetRow:
+    eye = OmniCameraSpec(camera(), RenderSettings(accuracy_target=target))
+    slow = (views.view_state(eye).choice.predicted_ms or 0.0) > 100.0
+    for exposure in circle_path(3 if slow else WARM_UP_FRAMES):
+        views.render(ViewRequest(eye, exposure))
     times = []
-    for exposure in way(frames):
+    for exposure in circle_path(frames):
         begin = time.perf_counter()
-        views.draw(Take(eye, exposure))
+        views.render(ViewRequest(eye, exposure))
         times.append(1e3 * (time.perf_counter() - begin))
-    return Row(dial, views.choice(eye).choice, statistics.median(times))
+    return TargetRow(target, views.view_state(eye).choice, statistics.median(times))
 
 
-def line(row: Row) -> str:
-    dial, choice = row.dial, row.choice
+def format_row(row: TargetRow) -> str:
+    dial, choice = row.target, row.choice
     asked = f"{dial.max_error_px:g} px" if dial.max_error_px else f"{dial.budget_ms:g} ms"
-    numbers = f"{row.error_px:7.3f}{choice.ms or 0.0:9.1f}{row.median_ms:9.1f}"
+    numbers = f"{row.error_px:7.3f}{choice.predicted_ms or 0.0:9.1f}{row.median_ms:9.1f}"
     steps = [
-        f"{name} {step}" for name, step in (("+", choice.better), ("-", choice.cheaper)) if step
+        f"{name} {step}" for name, step in (("+", choice.more_accurate), ("-", choice.faster)) if step
     ]
-    return f"  {asked:<8}{numbers}  {row.verdict:<8} {choice.plan}\n" + "".join(
+    return f"  {asked:<8}{numbers}  {row.outcome:<8} {choice.plan}\n" + "".join(
         f"{'':44}{step}\n" for step in steps
     )
 
@@ -115,17 +115,17 @@ def main() -> int:
         world = read_world(path)[0]
         scene = build_scene(world)
         choice = choose_renderer("auto", scene, world)
-        places = tuple(way(4))
-        views = Views(Planning(choice), places=places, capacity=1)
+        places = tuple(circle_path(4))
+        views = ViewCache(RenderPlanner(choice), calibration_states=places, max_views=1)
         begin = time.perf_counter()
-        views.choice(OmniEye(camera(), RenderWish(dial=DIALS[0])))
+        views.view_state(OmniCameraSpec(camera(), RenderSettings(accuracy_target=TARGETS[0])))
         print(f"{title}, {len(scene)} triangles, {choice.reason}")
         print(f"  costs measured in {time.perf_counter() - begin:.1f} s")
         print(f"  {'asked':<8}{'px':>7}{'foretold':>9}{'ms':>9}")
-        for dial in DIALS:
-            row = measured(views, dial, options.frames)
-            broken += row.verdict == "BROKEN"
-            print(line(row), end="", flush=True)
+        for dial in TARGETS:
+            row = measure(views, dial, options.frames)
+            broken += row.outcome == "BROKEN"
+            print(format_row(row), end="", flush=True)
         views.close()
     return 1 if broken else 0
 

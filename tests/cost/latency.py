@@ -28,8 +28,8 @@ from rich.console import Console
 from rich.table import Table
 
 from catoptra_client.frame import FrameSource, Pixels
-from catoptra_client.frames import open_frames
-from catoptra_client.robot import Robot
+from catoptra_client.frames import open_frame_source
+from catoptra_client.robot import RobotClient
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.mailbox import Mailboxes
 
@@ -41,32 +41,32 @@ ARGUMENTS = (
 )
 LISTENING = re.compile(r"listening control=\S+:(\d+) image=\S+:(\d+) stream=\S+:(\d+)")
 SQUARE_PX = 8  # a block of JPEG: one square does not spill into the next
-SQUARES_A_ROW = 32
+SQUARES_PER_ROW = 32
 BITS = 64
 WARM_UP_FRAMES = 10
 MEASURED_S = 5.0
-WATCHERS = (1, 8)
-LARGEST_AGE = 1.5  # frame times
-LARGEST_COST = 1.3  # times one watcher's
+CLIENT_COUNTS = (1, 8)
+MAX_AGE_FRAMES = 1.5  # frame times
+MAX_COST_RATIO = 1.3  # times one watcher's
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class ClientRecord:
     """What one watcher saw: ages in seconds, and when frames came."""
 
     ages_s: list[float]
-    came_s: list[float]
+    arrival_times_s: list[float]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class LatencyRow:
     """One line of the table."""
 
     transport: str
-    watchers: int
+    clients: int
     frame_ms: float
     age_ms: float
-    cpu_ms_a_frame: float
+    cpu_ms_per_frame: float
 
     @property
     def age_in_frames(self) -> float:
@@ -76,75 +76,75 @@ class Row:
 
 def main() -> int:
     """Measure both transports with one and eight watchers; return 1 beyond the bounds."""
-    rows = [_measured(name, count) for name in ("tcp", "zmq") for count in WATCHERS]
-    Console().print(_table(rows))
-    cost = {row.transport: row.cpu_ms_a_frame for row in rows if row.watchers == 1}
+    rows = [_measure(name, count) for name in ("tcp", "zmq") for count in CLIENT_COUNTS]
+    Console().print(_make_table(rows))
+    cost = {row.transport: row.cpu_ms_per_frame for row in rows if row.clients == 1}
     is_good = all(
-        row.cpu_ms_a_frame < LARGEST_COST * cost[row.transport]
-        and (row.watchers > 1 or row.age_in_frames < LARGEST_AGE)
+        row.cpu_ms_per_frame < MAX_COST_RATIO * cost[row.transport]
+        and (row.clients > 1 or row.age_in_frames < MAX_AGE_FRAMES)
         for row in rows
     )
     return 0 if is_good else 1
 
 
-def _measured(transport: str, watchers: int) -> Row:
-    with _server() as (process, ports), Robot.connect(port=ports[0]) as robot:
-        robot.spawn("USARBot.OmniP2AT", start="Centre")
+def _measure(transport: str, clients: int) -> LatencyRow:
+    with _start_server() as (process, ports), RobotClient.connect(port=ports[0]) as robot:
+        robot.spawn("USARBot.OmniP2AT", start_pose="Centre")
         robot.drive(0.5, 1.0)
         address = f"{transport}://127.0.0.1:{ports[1 if transport == 'tcp' else 2]}"
-        cpu_s, seen = _watch(process.pid, [open_frames(address) for _ in range(watchers)])
+        cpu_s, seen = _run_clients(process.pid, [open_frame_source(address) for _ in range(clients)])
     first = seen[0]
-    frame_s = (first.came_s[-1] - first.came_s[0]) / (len(first.came_s) - 1)
-    drawn = max(len(watched.came_s) for watched in seen)
+    frame_s = (first.arrival_times_s[-1] - first.arrival_times_s[0]) / (len(first.arrival_times_s) - 1)
+    drawn = max(len(watched.arrival_times_s) for watched in seen)
     ages = [age for watched in seen for age in watched.ages_s]
-    return Row(
-        *(transport, watchers, 1e3 * frame_s, 1e3 * statistics.median(ages), 1e3 * cpu_s / drawn)
+    return LatencyRow(
+        *(transport, clients, 1e3 * frame_s, 1e3 * statistics.median(ages), 1e3 * cpu_s / drawn)
     )
 
 
-def _watch(pid: int, sources: list[FrameSource]) -> tuple[float, list[Watched]]:
+def _run_clients(pid: int, sources: list[FrameSource]) -> tuple[float, list[ClientRecord]]:
     """Return the server's processor seconds while all watch, and what they saw."""
     ready, begin = threading.Barrier(len(sources) + 1), threading.Event()
-    seen = [Watched([], []) for _ in sources]
+    seen = [ClientRecord([], []) for _ in sources]
     threads = [
-        threading.Thread(target=_watcher, args=(source, watched, ready, begin))
+        threading.Thread(target=_run_client, args=(source, watched, ready, begin))
         for source, watched in zip(sources, seen, strict=True)
     ]
     for thread in threads:
         thread.start()
     ready.wait()
-    before_s = _cpu_s(pid)
+    before_s = _read_cpu_s(pid)
     begin.set()
     for thread in threads:
         thread.join()
-    return _cpu_s(pid) - before_s, seen
+    return _read_cpu_s(pid) - before_s, seen
 
 
-def _watcher(
-    source: FrameSource, watched: Watched, ready: threading.Barrier, begin: threading.Event
+def _run_client(
+    source: FrameSource, record: ClientRecord, ready: threading.Barrier, begin: threading.Event
 ) -> None:
     with source:
-        for _ in itertools.islice(source.frames(), WARM_UP_FRAMES):
+        for _ in itertools.islice(source.iter_frames(), WARM_UP_FRAMES):
             pass
         ready.wait()
         begin.wait()
         until_s = time.monotonic() + MEASURED_S
-        for frame in source.frames():
+        for frame in source.iter_frames():
             now_s = time.monotonic()
             if now_s > until_s:
                 return
-            watched.came_s.append(now_s)
-            watched.ages_s.append(now_s - _stamp_of(frame.rgb))
+            record.arrival_times_s.append(now_s)
+            record.ages_s.append(now_s - _read_stamp(frame.rgb))
 
 
-def _cpu_s(pid: int) -> float:
+def _read_cpu_s(pid: int) -> float:
     """Return the processor time of a process, its threads together."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
-def _server() -> Iterator[tuple[subprocess.Popen[str], tuple[int, ...]]]:
+def _start_server() -> Iterator[tuple[subprocess.Popen[str], tuple[int, ...]]]:
     command = [sys.executable, __file__, "--serve", *ARGUMENTS]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -164,28 +164,28 @@ def _serve_with_stamps(arguments: list[str]) -> int:
 
     put = Mailboxes.put
 
-    def put_stamped(mailboxes: Mailboxes, frame: Frame) -> None:
+    def put_with_stamp(mailboxes: Mailboxes, frame: Frame) -> None:
         rgb = frame.rgb.copy()
-        _stamp(rgb, frame.finished_s - frame.drawn_s)
+        _write_stamp(rgb, frame.finished_at_s - frame.render_duration_s)
         put(mailboxes, dataclasses.replace(frame, rgb=rgb))
 
-    Mailboxes.put = put_stamped  # type: ignore[method-assign] # the one place that every frame passes
+    Mailboxes.put = put_with_stamp  # type: ignore[method-assign] # the one place that every frame passes
     return serve(arguments)
 
 
-def _stamp(rgb: Pixels, time_s: float) -> None:
-    bits = np.unpackbits(np.array([time_s], ">f8").view(np.uint8)).reshape(-1, SQUARES_A_ROW)
+def _write_stamp(rgb: Pixels, time_s: float) -> None:
+    bits = np.unpackbits(np.array([time_s], ">f8").view(np.uint8)).reshape(-1, SQUARES_PER_ROW)
     squares = np.kron(255 * bits, np.ones((SQUARE_PX, SQUARE_PX), np.uint8)).astype(np.uint8)
     rgb[: squares.shape[0], : squares.shape[1]] = squares[..., None]
 
 
-def _stamp_of(rgb: Pixels) -> float:
-    half, rows = SQUARE_PX // 2, BITS // SQUARES_A_ROW
-    middles = rgb[half::SQUARE_PX, half::SQUARE_PX, 1][:rows, :SQUARES_A_ROW]
+def _read_stamp(rgb: Pixels) -> float:
+    half, rows = SQUARE_PX // 2, BITS // SQUARES_PER_ROW
+    middles = rgb[half::SQUARE_PX, half::SQUARE_PX, 1][:rows, :SQUARES_PER_ROW]
     return float(np.packbits(middles > 127).view(">f8")[0])
 
 
-def _table(rows: list[Row]) -> Table:
+def _make_table(rows: list[LatencyRow]) -> Table:
     table = Table(title="Age of a frame at the client, and what watchers cost")
     for name in (
         "transport",
@@ -197,8 +197,8 @@ def _table(rows: list[Row]) -> Table:
     ):
         table.add_column(name, justify="right")
     for row in rows:
-        numbers = (row.frame_ms, row.age_ms, row.age_in_frames, row.cpu_ms_a_frame)
-        table.add_row(row.transport, str(row.watchers), *(f"{number:.2f}" for number in numbers))
+        numbers = (row.frame_ms, row.age_ms, row.age_in_frames, row.cpu_ms_per_frame)
+        table.add_row(row.transport, str(row.clients), *(f"{number:.2f}" for number in numbers))
     return table
 
 

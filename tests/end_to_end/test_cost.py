@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.experiment.cost.__main__ import EXIT_CANNOT_DRIVE, main
-from catoptra_server.cost.ladder import Step, robot_lines
-from catoptra_server.plan.render_plan import RendererKind, RenderWish
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_client.experiment.cost.__main__ import EXIT_FAILURE, main
+from catoptra_server.cost.ladder import AccuracyLevel, level_robot_ini
+from catoptra_server.plan.render_plan import RendererKind, RenderSettings
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from helpers.configs import REPOSITORY
 
 CONFIGS = ("--configs", str(REPOSITORY / "configs"))
 
 
 def test_landmarks_when_a_step_is_driven_stand_in_the_study(tmp_path: Path) -> None:
-    step = Step("1024 polygons", RendererKind.TRACE, RenderWish(split_for(1024), 1))
-    lines = robot_lines(step, 360)
+    step = AccuracyLevel("1024 polygons", RendererKind.TRACE, RenderSettings(tessellation_from_polygon_count(1024), 1))
+    lines = level_robot_ini(step, 360)
     row = {"name": step.name, "renderer": "trace", "robot_lines": lines, "rmse": 9.0}
     study = {"version": 1, "steps": [{**row, "is_key": True}]}
     (tmp_path / "cost.json").write_text(json.dumps(study))
@@ -43,5 +43,5 @@ def test_landmarks_when_a_step_is_driven_stand_in_the_study(tmp_path: Path) -> N
 def test_study_when_missing_ends_with_a_message_and_no_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*CONFIGS, "--output", str(tmp_path)]) == EXIT_CANNOT_DRIVE
+    assert main([*CONFIGS, "--output", str(tmp_path)]) == EXIT_FAILURE
     assert "let catoptra-server cost measure first" in capsys.readouterr().err

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.frames import open_frames
+from catoptra_client.frames import open_frame_source
 from catoptra_client.stream import StreamClient
-from catoptra_protocol.wire.stream_requests import Encoding
-from helpers.server_process import DEADLINE_S, running_server
+from catoptra_protocol.wire.stream_requests import ImageEncoding
+from helpers.server_process import DEADLINE_S, start_server
 
 CLASS = "USARBot.OmniP2AT"
 HOST = "127.0.0.1"
@@ -30,19 +30,19 @@ def lockstep_run(folder: Path, *arguments: str, spectators: int = 0) -> tuple[st
     folder.mkdir()
     frames, values = hashlib.sha256(), hashlib.sha256()
     arguments = ("--clock", "lockstep", "--seed", SEED, *arguments)
-    with running_server(folder, *arguments) as server, ExitStack() as stack:
+    with start_server(folder, *arguments) as server, ExitStack() as stack:
         client = stack.enter_context(StreamClient.connect(HOST, server.stream_port, DEADLINE_S))
-        client.spawn(CLASS, start="Centre")
+        client.spawn(CLASS, start_pose="Centre")
         client.drive(2.0, 1.0)
         ports = (f"zmq://{HOST}:{server.stream_port}", f"tcp://{HOST}:{server.image_port}")
         others = [
-            stack.enter_context(open_frames(ports[i % 2], DEADLINE_S)) for i in range(spectators)
+            stack.enter_context(open_frame_source(ports[i % 2], DEADLINE_S)) for i in range(spectators)
         ]
         for _ in range(STEPS):
             values.update(repr(client.step(0.2)).encode())
             for other in others:
-                other.frame()
-            frames.update(client.frame(encoding=Encoding.RAW).rgb.tobytes())
+                other.get_frame()
+            frames.update(client.get_frame(encoding=ImageEncoding.RAW).rgb.tobytes())
     return frames.hexdigest(), values.hexdigest()
 
 

@@ -7,40 +7,40 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.experiment.results import write_results
-from catoptra_client.experiment.server_process import running_server
-from catoptra_client.experiment.session import Plan, run_setup, train_classifier
+from catoptra_client.experiment.results import write_experiment_results
+from catoptra_client.experiment.server_process import run_server
+from catoptra_client.experiment.session import ExperimentConfig, run_setup, train_classifier
 from catoptra_client.experiment.setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_protocol.errors import CatoptraError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def quiet(name: str) -> None:
+def ignore_progress(name: str) -> None:
     """Take no note of progress."""
 
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
-    return Plan(
-        configs=CONFIGS,
-        output=tmp_path_factory.mktemp("experiment"),
+    return ExperimentConfig(
+        config_folder=CONFIGS,
+        output_folder=tmp_path_factory.mktemp("experiment"),
         setups=SETUPS,
-        runs=1,
+        num_runs=1,
         seed=0,
-        training_frames=12,
+        num_training_frames=12,
         server_arguments=("--renderer", "trace"),
     )
 
 
 @pytest.fixture(scope="module")
-def trained(plan):
-    return train_classifier(plan, quiet)
+def trained_classifier(plan):
+    return train_classifier(plan, ignore_progress)
 
 
 @pytest.fixture(scope="module")
 def results(plan, trained):
-    return [run_setup(plan, setup, trained[0], quiet) for setup in SETUPS]
+    return [run_setup(plan, setup, trained[0], ignore_progress) for setup in SETUPS]
 
 
 def test_landmarks_are_found_in_the_frames_that_came_over_tcp(trained):
@@ -66,17 +66,17 @@ def test_sim_and_real_measure_with_their_own_noise(results):
 
 
 def test_the_same_run_gives_the_same_record(plan, trained, results):
-    again = run_setup(plan, REAL, trained[0], quiet)
-    assert again.recordings == results[1].recordings
+    again = run_setup(plan, REAL, trained[0], ignore_progress)
+    assert again.drive_logs == results[1].recordings
 
 
 def test_report_and_summary_are_written(plan, trained, results):
-    report = write_results(
+    report = write_experiment_results(
         plan,
         results,
         [],
         snapshot=trained[1],
-        camera_numbers={},
+        camera_metrics={},
         timing_s={"all": 1.0},
         subtitle="a test",
     )
@@ -91,6 +91,6 @@ def test_server_that_cannot_start_is_reported_with_its_last_words(tmp_path):
     missing = tmp_path / "missing.ini"
     with (
         pytest.raises(CatoptraError, match=r"did not start:[\s\S]*missing\.ini"),
-        running_server(missing, missing, seed=0, log=tmp_path / "log"),
+        run_server(missing, missing, seed=0, log_file=tmp_path / "log"),
     ):
         pass

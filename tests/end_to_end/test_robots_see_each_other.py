@@ -10,35 +10,35 @@ import pytest
 
 from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.wire.commands import Init
-from catoptra_server.imaging.planning import Planning
-from catoptra_server.imaging.views import Views
+from catoptra_server.imaging.planning import RenderPlanner
+from catoptra_server.imaging.views import ViewCache
 from catoptra_server.plan.render_plan import RendererKind
-from catoptra_server.render.choice import Choice
+from catoptra_server.render.choice import RendererChoice
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.setup import read_setup
+from catoptra_server.setup import read_startup_config
 from catoptra_server.simulation import Fleet
-from helpers.robots import FakeClient, shown
+from helpers.robots import FakeClient, render_channel
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SETUP = read_setup(
+STARTUP = read_startup_config(
     [CONFIGS / "robots" / "p2at_omni.ini"], CONFIGS / "worlds" / "four_legged_2006.ini"
 )
-(ROBOT,) = SETUP.robots
+(ROBOT,) = STARTUP.robots
 
 
 @pytest.fixture
 def fleet():
     """Yield a fleet of the field whose first robot stands in the middle, looking along x."""
-    fleet = Fleet(SETUP.robots, SETUP.world, SETUP.scene, seed=0)
-    fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seeing", (0.0, 0.0, 0.0)), 0.0)
+    fleet = Fleet(STARTUP.robots, STARTUP.world, STARTUP.scene, seed=0)
+    fleet.execute(FakeClient(), Init(ROBOT.class_name, "Seeing", (0.0, 0.0, 0.0)), 0.0)
     return fleet
 
 
 @pytest.fixture(scope="module")
-def views():
+def view_cache():
     """Yield traced views of the field."""
-    views = Views(
-        Planning(Choice(TraceRenderer(SETUP.scene, SETUP.world), RendererKind.TRACE, "test"))
+    views = ViewCache(
+        RenderPlanner(RendererChoice(TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test"))
     )
     yield views
     views.close()
@@ -46,11 +46,11 @@ def views():
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -140.0])
 def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, views, bearing_deg):
-    before = shown(fleet, views).rgb.astype(int)
+    before = render_channel(fleet, views).rgb.astype(int)
     bearing = math.radians(bearing_deg)
     place = (1.2 * math.cos(bearing), 1.2 * math.sin(bearing), 0.0)
     fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seen", place), 0.0)
-    changed = np.abs(shown(fleet, views).rgb.astype(int) - before).max(axis=-1) > 8
+    changed = np.abs(render_channel(fleet, views).rgb.astype(int) - before).max(axis=-1) > 8
     assert ROBOT.omni_camera is not None
     # Its chassis, 1.2 m away and 0.45 m below the viewpoint.
     chassis, _ = pixel_from_direction(
@@ -65,9 +65,9 @@ def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, views, be
 
 
 def test_picture_when_the_other_robot_left_is_as_before(fleet, views):
-    before = shown(fleet, views).rgb.copy()
+    before = render_channel(fleet, views).rgb.copy()
     other = FakeClient()
     fleet.obey(other, Init(ROBOT.class_name, "Seen", (1.0, 0.0, 0.0)), 0.0)
-    assert not np.array_equal(shown(fleet, views).rgb, before)
+    assert not np.array_equal(render_channel(fleet, views).rgb, before)
     fleet.remove(other)
-    assert np.array_equal(shown(fleet, views).rgb, before)
+    assert np.array_equal(render_channel(fleet, views).rgb, before)

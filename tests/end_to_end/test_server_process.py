@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.robot import Robot
+from catoptra_client.robot import RobotClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.camera import pixel_from_direction
-from catoptra_protocol.wire.commands import COMMANDS
+from catoptra_protocol.wire.commands import COMMAND_PARSERS
 from catoptra_protocol.wire.image import ImageType
 from catoptra_protocol.wire.reports import GroundTruthReading
-from helpers.configs import FIELD, OMNI_ROBOT, small_world
-from helpers.server_process import DEADLINE_S, RunningServer, running_server
+from helpers.configs import FIELD, OMNI_ROBOT, write_small_world
+from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 
@@ -29,20 +29,20 @@ CLASS = "USARBot.OmniP2AT"
 def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     """Serve in lockstep for the tests of this module; each brings its own robots and viewers."""
     folder = tmp_path_factory.mktemp("lockstep")
-    with running_server(folder, "--clock", "lockstep", "--image-type", "RAW") as server:
+    with start_server(folder, "--clock", "lockstep", "--image-type", "RAW") as server:
         yield server
-        assert server.end() == 0
+        assert server.terminate() == 0
         assert "Traceback" not in server.log.read_text()
 
 
-def raw(port: int) -> socket.socket:
+def connect_socket(port: int) -> socket.socket:
     """Return a connection that knows nothing of the protocol."""
     return socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
 
 
 def test_robot_when_driven_goes_where_its_wheels_say(lockstep: RunningServer) -> None:
-    with lockstep.robot() as robot:
-        robot.spawn(CLASS, start="Centre")
+    with lockstep.connect_robot() as robot:
+        robot.spawn(CLASS, start_pose="Centre")
         robot.drive(2.0, 2.0)
         robot.step(2.0)
         assert robot.ground_truth is not None
@@ -53,8 +53,8 @@ def test_robot_when_driven_goes_where_its_wheels_say(lockstep: RunningServer) ->
 
 
 def test_time_when_stepped_is_printed_exactly(lockstep: RunningServer) -> None:
-    with lockstep.robot() as robot:
-        robot.spawn(CLASS, start="Centre")
+    with lockstep.connect_robot() as robot:
+        robot.spawn(CLASS, start_pose="Centre")
         begin = robot.step(0.0)[-2]
         robot.step(0.2)
         assert isinstance(begin, GroundTruthReading)
@@ -64,68 +64,68 @@ def test_time_when_stepped_is_printed_exactly(lockstep: RunningServer) -> None:
 
 def test_frame_when_something_stands_on_the_left_shows_it_on_the_right(tmp_path: Path) -> None:
     red = "Boxes=(Size=(X=2,Y=2,Z=2),Position=(X=0,Y=-3,Z=-1),Colour=(R=255),Unlit=true)"
-    world = small_world(tmp_path, red)
+    world = write_small_world(tmp_path, red)
     with (
-        running_server(tmp_path, "--image-type", "RAW", world=world) as server,
-        server.robot() as robot,
-        server.images() as images,
+        start_server(tmp_path, "--image-type", "RAW", world=world) as server,
+        server.connect_robot() as robot,
+        server.connect_images() as images,
     ):
         robot.spawn(CLASS, location_m=(0.0, 0.0, 0.0))
-        pixel, valid = pixel_from_direction(robot.camera(), np.array([0.0, -1.0, 0.0]))
-        rgb = images.frame().rgb
+        pixel, valid = pixel_from_direction(robot.get_camera(), np.array([0.0, -1.0, 0.0]))
+        rgb = images.get_frame().rgb
     assert valid
     assert pixel[0] > 32.0
     assert rgb[int(pixel[1]), int(pixel[0])].tolist() == [255, 0, 0]
 
 
 def test_viewer_when_there_is_no_robot_sees_black(lockstep: RunningServer) -> None:
-    with lockstep.images() as images:
-        assert not images.frame().rgb.any()
+    with lockstep.connect_images() as images:
+        assert not images.get_frame().rgb.any()
 
 
 def test_robot_when_its_connection_closes_is_gone(lockstep: RunningServer) -> None:
     for _ in range(2):
-        with lockstep.robot() as robot:
-            robot.spawn(CLASS, name="Same", start="Centre")
+        with lockstep.connect_robot() as robot:
+            robot.spawn(CLASS, name="Same", start_pose="Centre")
             assert robot.step(0.1)
 
 
 def test_spawn_when_the_class_is_unknown_tells_the_client_after_a_while(
     lockstep: RunningServer,
 ) -> None:
-    robot = Robot.connect(port=lockstep.control_port, timeout_s=0.3)
+    robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
     with robot, pytest.raises(CatoptraError, match="refuses an unknown class"):
-        robot.spawn("USARBot.Submarine", start="Centre")
+        robot.spawn("USARBot.Submarine", start_pose="Centre")
 
 
 def test_realtime_server_when_watched_delivers_status_and_frames(tmp_path: Path) -> None:
     with (
-        running_server(tmp_path, "--image-type", "GOOD") as server,
-        server.robot() as robot,
-        server.images() as images,
+        start_server(tmp_path, "--image-type", "GOOD") as server,
+        server.connect_robot() as robot,
+        server.connect_images() as images,
     ):
-        robot.spawn(CLASS, start="Centre")
+        robot.spawn(CLASS, start_pose="Centre")
         robot.drive(1.0, -1.0)
-        times = [robot.wait_for(GroundTruthReading).time_s for _ in range(4)]
+        times = [robot.wait_for_report(GroundTruthReading).time_s for _ in range(4)]
         periods = np.diff(times)
         assert (periods > 0.19).all()
-        stream = images.frames()
+        stream = images.iter_frames()
         frames = [next(stream) for _ in range(10)]
         assert {frame.image_type for frame in frames} == {ImageType.GOOD}
         assert len({frame.rgb.tobytes() for frame in frames}) > 1
         # Both clients are still connected.
-        assert server.end(signal.SIGINT) == 0
+        assert server.terminate(signal.SIGINT) == 0
         assert "Traceback" not in server.log.read_text()
 
 
-def conversation(folder: Path, seed: int) -> bytes:
+def record_conversation(folder: Path, seed: int) -> bytes:
     """Return all bytes that a lockstep server sends for the same commands: reports and frames."""
     folder.mkdir()
     arguments = ("--clock", "lockstep", "--image-type", "RAW", "--seed", str(seed))
     with (
-        running_server(folder, *arguments) as server,
-        raw(server.control_port) as control,
-        server.images() as images,
+        start_server(folder, *arguments) as server,
+        connect_socket(server.control_port) as control,
+        server.connect_images() as images,
         control.makefile("rb") as lines,
     ):
         said = [lines.readline()]
@@ -135,27 +135,27 @@ def conversation(folder: Path, seed: int) -> bytes:
             control.sendall(command.encode())
             while not said[-1].startswith(b"RES"):
                 said.append(lines.readline())
-            said += [images.frame().rgb.tobytes(), b""]
-        assert server.end() == 0
+            said += [images.get_frame().rgb.tobytes(), b""]
+        assert server.terminate() == 0
     return b"".join(said)
 
 
 def test_lockstep_when_repeated_gives_the_same_bytes_and_frames(tmp_path: Path) -> None:
     one, other, third = (
-        conversation(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
+        record_conversation(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
     )
     assert one == other
     assert one != third
 
 
-def garbage(seed: int) -> list[bytes]:
+def malformed_input(seed: int) -> list[bytes]:
     """Return what a control or image port may be sent by somebody who is lost."""
     random = np.random.default_rng(seed)
     return [
         random.bytes(100_000),
         65_536 * b"x",
         65_536 * b"{",
-        b"".join(f"{word} {{Type {{".encode() + b"\r\n" for word in COMMANDS),
+        b"".join(f"{word} {{Type {{".encode() + b"\r\n" for word in COMMAND_PARSERS),
         b"\x00\xff" * 1000,
         b"U" + struct.pack(">4I", 2**32 - 1, 2**32 - 1, 2**32 - 1, 2**32 - 1),
     ]
@@ -165,51 +165,51 @@ def garbage(seed: int) -> list[bytes]:
 def test_client_when_others_send_garbage_keeps_its_data_and_order(
     lockstep: RunningServer, port: str
 ) -> None:
-    with lockstep.robot() as robot, lockstep.images() as images:
-        robot.spawn(CLASS, start="Centre")
+    with lockstep.connect_robot() as robot, lockstep.connect_images() as images:
+        robot.spawn(CLASS, start_pose="Centre")
         robot.drive(1.0, 1.0)
         times = []
-        for data in garbage(3):
-            with raw(getattr(lockstep, port)) as rude:
+        for data in malformed_input(3):
+            with connect_socket(getattr(lockstep, port)) as rude:
                 rude.sendall(data)
                 reports = robot.step(0.2)
                 times += [r.time_s for r in reports if isinstance(r, GroundTruthReading)]
-                assert images.frame().rgb.any()
+                assert images.get_frame().rgb.any()
         assert times == sorted(times)
         # One at the spawn; then, a step, the one that fell due and the one of the whole cycle.
-        assert len(times) == 1 + 2 * len(garbage(3))
+        assert len(times) == 1 + 2 * len(malformed_input(3))
 
 
 def test_client_when_others_vanish_mid_frame_keeps_its_data(lockstep: RunningServer) -> None:
-    with lockstep.robot() as robot, lockstep.images() as images:
-        robot.spawn(CLASS, start="Centre")
+    with lockstep.connect_robot() as robot, lockstep.connect_images() as images:
+        robot.spawn(CLASS, start_pose="Centre")
         for _ in range(5):
-            with raw(lockstep.image_port) as gone:
+            with connect_socket(lockstep.image_port) as gone:
                 gone.sendall(b"OK")
                 gone.recv(100)
                 # Closed with unread bytes: the server's end is reset.
-            with raw(lockstep.control_port) as gone:
+            with connect_socket(lockstep.control_port) as gone:
                 gone.sendall(b"INIT {ClassName OmniP2AT} {Start Centre}\r\nDRIVE {Left")
             robot.step(0.2)
-            assert images.frame().rgb.any()
+            assert images.get_frame().rgb.any()
 
 
 def test_client_when_others_never_read_keeps_its_data(lockstep: RunningServer) -> None:
     with (
-        lockstep.robot() as robot,
-        lockstep.images() as images,
-        raw(lockstep.image_port) as deaf_viewer,
-        raw(lockstep.control_port) as deaf_controller,
+        lockstep.connect_robot() as robot,
+        lockstep.connect_images() as images,
+        connect_socket(lockstep.image_port) as deaf_viewer,
+        connect_socket(lockstep.control_port) as deaf_controller,
     ):
         deaf_viewer.sendall(2000 * b"OK")
         deaf_controller.sendall(500 * b"GETSTARTPOSES\r\nSTEP {Time 0}\r\n")
-        robot.spawn(CLASS, start="Centre")
+        robot.spawn(CLASS, start_pose="Centre")
         for _ in range(10):
             robot.step(0.2)
-            assert images.frame().rgb.any()
+            assert images.get_frame().rgb.any()
 
 
-def failed(*arguments: str) -> tuple[int, str]:
+def run_failing_server(*arguments: str) -> tuple[int, str]:
     """Return exit status and messages of a server that is to end by itself."""
     command = [sys.executable, "-m", "catoptra_server", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
@@ -220,7 +220,7 @@ def failed(*arguments: str) -> tuple[int, str]:
 def test_server_when_the_robot_is_broken_exits_2_and_says_where(tmp_path: Path) -> None:
     path = tmp_path / "robot.ini"
     path.write_text(OMNI_ROBOT.read_text().replace("K=11.546", "K=two"))
-    status, said = failed("--robot", str(path), "--world", str(FIELD))
+    status, said = run_failing_server("--robot", str(path), "--world", str(FIELD))
     assert status == 2
     line = said.strip()
     assert "\n" not in line

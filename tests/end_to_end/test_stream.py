@@ -7,32 +7,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.frames import open_frames
+from catoptra_client.frames import open_frame_source
 from catoptra_client.stream import StreamClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.camera import direction_from_pixel
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.stream_requests import Encoding
-from helpers.server_process import DEADLINE_S, RunningServer, running_server
+from catoptra_protocol.wire.stream_requests import ImageEncoding
+from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"
 HOST = "127.0.0.1"
 
 
-def client_of(server: RunningServer) -> StreamClient:
+def connect_client(server: RunningServer) -> StreamClient:
     """Return a connection to the stream."""
     return StreamClient.connect(HOST, server.stream_port, DEADLINE_S)
 
 
-def recorded_run(folder: Path) -> list[bytes]:
+def record_run(folder: Path) -> list[bytes]:
     """Return everything that a lockstep run gives, as bytes."""
     record: list[bytes] = []
-    with running_server(folder, "--clock", "lockstep") as server, client_of(server) as client:
-        client.spawn(CLASS, start="Centre")
+    with start_server(folder, "--clock", "lockstep") as server, connect_client(server) as client:
+        client.spawn(CLASS, start_pose="Centre")
         client.drive(2.0, 1.0)
         for _ in range(5):
             record.append(repr(client.step(0.2)).encode())
-            frame = client.frame(encoding=Encoding.RAW)
+            frame = client.get_frame(encoding=ImageEncoding.RAW)
             assert frame.world_from_robot is not None
             record.append(frame.rgb.tobytes() + frame.world_from_robot.rotation.tobytes())
             record.append(repr((frame.time_s, frame.sequence, frame.camera)).encode())
@@ -43,31 +43,31 @@ def test_lockstep_when_run_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     folders = [tmp_path / "first", tmp_path / "second"]
     for folder in folders:
         folder.mkdir()
-    first, second = map(recorded_run, folders)
+    first, second = map(record_run, folders)
     assert first == second
     assert len(set(first)) == len(first)
 
 
 def test_frames_when_of_both_transports_show_the_same(tmp_path: Path) -> None:
     with (
-        running_server(tmp_path, "--clock", "lockstep", "--image-type", "GOOD") as server,
-        client_of(server) as client,
-        open_frames(f"tcp://{HOST}:{server.image_port}", DEADLINE_S) as tcp,
-        open_frames(f"zmq://{HOST}:{server.stream_port}", DEADLINE_S) as zmq,
+        start_server(tmp_path, "--clock", "lockstep", "--image-type", "GOOD") as server,
+        connect_client(server) as client,
+        open_frame_source(f"tcp://{HOST}:{server.image_port}", DEADLINE_S) as tcp,
+        open_frame_source(f"zmq://{HOST}:{server.stream_port}", DEADLINE_S) as zmq,
     ):
-        client.spawn(CLASS, start="Centre")
-        one, other = tcp.frame(), zmq.frame()
+        client.spawn(CLASS, start_pose="Centre")
+        one, other = tcp.get_frame(), zmq.get_frame()
         assert np.array_equal(one.rgb, other.rgb)
         assert one.camera is None
-        assert other.camera == client.camera()
+        assert other.camera == client.get_camera()
         assert other.camera_name
-        assert other.robot == CLASS.partition(".")[2]
+        assert other.robot_name == CLASS.partition(".")[2]
 
 
 def test_frame_when_of_the_stream_is_enough_to_unproject_a_pixel(tmp_path: Path) -> None:
-    with running_server(tmp_path, "--clock", "lockstep") as server, client_of(server) as client:
+    with start_server(tmp_path, "--clock", "lockstep") as server, connect_client(server) as client:
         client.spawn(CLASS, location_m=(0.0, 0.0, 0.0), rotation_rad=(0.0, 0.0, 1.0))
-        frame = client.frame(encoding=Encoding.PNG)
+        frame = client.get_frame(encoding=ImageEncoding.PNG)
         assert frame.camera is not None
         assert isinstance(frame.world_from_robot, Pose)
         assert frame.robot_from_mirror is not None
@@ -77,41 +77,41 @@ def test_frame_when_of_the_stream_is_enough_to_unproject_a_pixel(tmp_path: Path)
         down, valid = direction_from_pixel(frame.camera, np.array(frame.camera.centre_px))
         world_from_mirror = frame.world_from_robot @ frame.robot_from_mirror
         assert valid
-        assert world_from_mirror.directions(down) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
-        assert frame.world_from_robot.rpy()[2] == pytest.approx(1.0)
+        assert world_from_mirror.rotate_directions(down) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+        assert frame.world_from_robot.to_rpy()[2] == pytest.approx(1.0)
 
 
 def test_robot_when_refused_reset_or_left_behind_is_said(tmp_path: Path) -> None:
-    with running_server(tmp_path, "--clock", "lockstep") as server:
-        with client_of(server) as client:
+    with start_server(tmp_path, "--clock", "lockstep") as server:
+        with connect_client(server) as client:
             with pytest.raises(CatoptraError, match="unknown class"):
-                client.spawn("USARBot.Submarine", start="Centre")
-            client.spawn(CLASS, name="Same", start="Centre")
+                client.spawn("USARBot.Submarine", start_pose="Centre")
+            client.spawn(CLASS, name="Same", start_pose="Centre")
             client.reset()
             with pytest.raises(CatoptraError, match="spawn one first"):
                 client.drive(1.0, 1.0)
-            client.spawn(CLASS, name="Same", start="Centre")
-            assert client.frame().robot == "Same"
-            assert {mark.kind for mark in client.landmarks()} == {"beacon", "goal"}
-            assert "Centre" in {start.name for start in client.start_poses()}
-        with client_of(server) as another:
+            client.spawn(CLASS, name="Same", start_pose="Centre")
+            assert client.get_frame().robot_name == "Same"
+            assert {mark.kind for mark in client.get_landmarks()} == {"beacon", "goal"}
+            assert "Centre" in {start.name for start in client.get_start_poses()}
+        with connect_client(server) as another:
             # A connection that is gone is found out with the next pulse.
-            while another.status().clients > 1:
+            while another.get_status().num_clients > 1:
                 pass
-            assert not another.frame().rgb.any()
-        assert server.end() == 0
+            assert not another.get_frame().rgb.any()
+        assert server.terminate() == 0
         assert "Traceback" not in server.log.read_text()
 
 
 def test_client_when_the_server_restarts_comes_back(tmp_path: Path) -> None:
-    with running_server(tmp_path) as server:
-        client = client_of(server)
-        client.spawn(CLASS, start="Centre")
-        assert any(frame.robot for frame in client.frames())
+    with start_server(tmp_path) as server:
+        client = connect_client(server)
+        client.spawn(CLASS, start_pose="Centre")
+        assert any(frame.robot_name for frame in client.iter_frames())
         port = server.stream_port
-    with client, running_server(tmp_path, "--stream-port", str(port)):
-        assert client.frame().robot == ""
+    with client, start_server(tmp_path, "--stream-port", str(port)):
+        assert client.get_frame().robot_name == ""
         with pytest.raises(CatoptraError, match="spawn one first"):
             client.drive(1.0, 1.0)
-        client.spawn(CLASS, start="Centre")
-        assert any(frame.robot for frame in client.frames())
+        client.spawn(CLASS, start_pose="Centre")
+        assert any(frame.robot_name for frame in client.iter_frames())

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.frames import open_frames
+from catoptra_client.frames import open_frame_source
 from catoptra_client.stream import StreamClient
-from catoptra_client.stream_landmarks import SeenLandmark
+from catoptra_client.stream_landmarks import LandmarkProjection
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_protocol.wire.stream_requests import Encoding
+from catoptra_protocol.wire.stream_requests import ImageEncoding
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances
-from helpers.configs import OMNI_ROBOT, Edit, edited_copy
-from helpers.server_process import RunningServer, running_server, small_robot
+from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
+from helpers.server_process import RunningServer, start_server, write_small_robot
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.4, -0.5)), (0.5, 0.6, 0.7))
 WORLD = """[Catoptra.World]
@@ -45,54 +45,54 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     folder = tmp_path_factory.mktemp("cameras")
     world = folder / "world.ini"
     world.write_text(WORLD, encoding="utf-8")
-    robot = small_robot(folder)
+    robot = write_small_robot(folder)
     cameras = REAR.format("Ahead", 0.2) + REAR.format("Rear", 3.0)
     text = robot.read_text(encoding="utf-8")
     mark = "Cameras=("
     assert mark in text
     robot.write_text(text.replace(mark, cameras + mark, 1), encoding="utf-8")
-    with running_server(folder, "--clock", "lockstep", robot=robot, world=world) as running:
+    with start_server(folder, "--clock", "lockstep", robot=robot, world=world) as running:
         yield running
-        assert running.end() == 0
+        assert running.terminate() == 0
         assert "Traceback" not in running.log.read_text()
 
 
 @contextmanager
-def spawned(
-    server: RunningServer, name: str, place_m: tuple[float, float], yaw_rad: float
+def spawn_beside_box(
+    server: RunningServer, name: str, position_m: tuple[float, float], yaw_rad: float
 ) -> Iterator[StreamClient]:
     """Yield a client whose robot sees the box; see it leave at the end."""
-    with server.stream() as client:
+    with server.connect_stream() as client:
         client.spawn(
             "USARBot.OmniP2AT",
             name=name,
-            location_m=(*place_m, 0.0),
+            location_m=(*position_m, 0.0),
             rotation_rad=(0.0, 0.0, yaw_rad),
         )
         yield client
         client.reset()
 
 
-def address(server: RunningServer, query: str = "") -> str:
+def stream_address(server: RunningServer, query: str = "") -> str:
     """Return the address of a camera's exact frames."""
     return f"zmq://127.0.0.1:{server.stream_port}?encoding=png{query}"
 
 
-def meets_the_box(frame: Frame) -> tuple[Bools, Bools]:
+def box_mask(frame: Frame) -> tuple[Bools, Bools]:
     """Return (h, w) where pixels' rays meet the box, and where that is beyond doubt.
 
     In doubt are pixels that the box fills in part, or beside the mirror.
     """
     assert frame.camera is not None
-    centres = pixel_centres(frame.camera)[:, :, 0]
+    centres = pixel_sample_positions(frame.camera)[:, :, 0]
     corners = [centres + np.array((u, v)) for u in (-0.7, 0.0, 0.7) for v in (-0.7, 0.0, 0.7)]
-    rays = [seen(frame, pixels) for pixels in corners]
+    rays = [rays_hit_box(frame, pixels) for pixels in corners]
     every, some = np.all([hit for hit, _ in rays], axis=0), np.any([hit for hit, _ in rays], axis=0)
     inside = np.all([valid for _, valid in rays], axis=0)
     return every, inside & (every == some)
 
 
-def seen(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
+def rays_hit_box(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
     """Return which pixels' rays meet the box, and which are rays at all."""
     assert frame.world_from_robot is not None
     assert frame.robot_from_mirror is not None
@@ -104,15 +104,15 @@ def seen(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
         case None:
             raise AssertionError("a frame of a camera has its law")
     pose = frame.world_from_robot @ frame.robot_from_mirror
-    rays = pose.directions(directions).reshape(-1, 3)
+    rays = pose.rotate_directions(directions).reshape(-1, 3)
     origins = np.broadcast_to(pose.translation, rays.shape)
     hit = np.isfinite(box_distances([BOX], origins, rays)).reshape(valid.shape)
     return hit & valid, valid
 
 
-def assert_red_where_the_law_says(frame: Frame) -> None:
+def assert_red_where_model_predicts(frame: Frame) -> None:
     """Fail unless the picture is red exactly where the pixel's ray meets the box."""
-    expected, certain = meets_the_box(frame)
+    expected, certain = box_mask(frame)
     red = frame.rgb.astype(int)
     is_red = (red[..., 0] > 200) & (red[..., 1] < 60) & (red[..., 2] < 60)
     assert np.count_nonzero(expected & certain) > 10
@@ -121,30 +121,30 @@ def assert_red_where_the_law_says(frame: Frame) -> None:
 
 
 def test_pixels_when_of_any_camera_look_where_the_frame_says(server: RunningServer) -> None:
-    with spawned(server, "A", (0.0, 0.0), 0.0), spawned(server, "B", (-1.0, 1.0), 3.0):
+    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), spawn_beside_box(server, "B", (-1.0, 1.0), 3.0):
         for query in ("&robot=A", "&robot=A&camera=Ahead", "&robot=B&camera=rear"):
-            with open_frames(address(server, query)) as source:
-                frame = source.frame()
-            assert frame.robot == query[7]
-            assert_red_where_the_law_says(frame)
+            with open_frame_source(stream_address(server, query)) as source:
+                frame = source.get_frame()
+            assert frame.robot_name == query[7]
+            assert_red_where_model_predicts(frame)
 
 
 def test_frame_when_of_a_camera_by_name_is_that_robot_s_and_of_its_kind(
     server: RunningServer,
 ) -> None:
-    with spawned(server, "A", (0.0, 0.0), 0.0), spawned(server, "B", (-1.0, 1.0), 3.0):
-        with open_frames(address(server), robot="B", camera="Ahead") as source:
-            flat = source.frame()
-        with open_frames(address(server), robot="B") as source:
-            round_ = source.frame()
-        with open_frames(address(server)) as source:
-            shown = source.frame()
-    assert (flat.robot, flat.camera_name) == ("B", "Ahead")
+    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), spawn_beside_box(server, "B", (-1.0, 1.0), 3.0):
+        with open_frame_source(stream_address(server), robot="B", camera="Ahead") as source:
+            flat = source.get_frame()
+        with open_frame_source(stream_address(server), robot="B") as source:
+            round_ = source.get_frame()
+        with open_frame_source(stream_address(server)) as source:
+            shown = source.get_frame()
+    assert (flat.robot_name, flat.camera_name) == ("B", "Ahead")
     assert isinstance(flat.camera, PerspectiveCamera)
     assert flat.rgb.shape == (240, 320, 3)
-    assert (round_.robot, round_.camera_name) == ("B", "OmniCamPillar_Link4")
+    assert (round_.robot_name, round_.camera_name) == ("B", "OmniCamPillar_Link4")
     assert isinstance(round_.camera, OmniCamera)
-    assert shown.robot == "A"  # the one that is there longest
+    assert shown.robot_name == "A"  # the one that is there longest
     assert flat.world_from_robot is not None
     assert flat.world_from_robot.translation[0] == pytest.approx(-1.0)
 
@@ -152,31 +152,31 @@ def test_frame_when_of_a_camera_by_name_is_that_robot_s_and_of_its_kind(
 def test_robot_when_it_leaves_while_watched_is_refused_with_the_reason(
     server: RunningServer,
 ) -> None:
-    with open_frames(address(server, "&robot=A&camera=Rear")) as source:
+    with open_frame_source(stream_address(server, "&robot=A&camera=Rear")) as source:
         with pytest.raises(CatoptraError, match="there is no camera 'Rear' of robot 'A'"):
-            source.frame()
-        with server.stream() as client:
+            source.get_frame()
+        with server.connect_stream() as client:
             client.spawn("USARBot.OmniP2AT", name="A", location_m=(0.0, 0.0, 0.0))
-            assert source.frame().robot == "A"
+            assert source.get_frame().robot_name == "A"
         with pytest.raises(CatoptraError, match="there is no camera 'Rear' of robot 'A'"):
-            for _ in source.frames():
+            for _ in source.iter_frames():
                 pass  # until the server has found out that it left
-        with spawned(server, "A", (0.0, 0.0), 0.0):
-            assert source.frame().robot == "A"
+        with spawn_beside_box(server, "A", (0.0, 0.0), 0.0):
+            assert source.get_frame().robot_name == "A"
 
 
 def test_camera_when_the_robot_has_none_of_that_name_is_refused(server: RunningServer) -> None:
-    with spawned(server, "A", (0.0, 0.0), 0.0), open_frames(address(server), camera="Up") as source:
+    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), open_frame_source(stream_address(server), camera="Up") as source:
         with pytest.raises(CatoptraError, match="camera 'Up' of the robot on the screen"):
-            source.frame()
+            source.get_frame()
 
 
 def test_landmarks_when_a_camera_is_asked_lie_where_it_shows_them(tmp_path: Path) -> None:
-    with running_server(tmp_path, "--clock", "lockstep", robot=large_robot(tmp_path)) as field:
-        with field.stream() as client:
-            client.spawn("USARBot.OmniP2AT", start="Centre")
-            frame = client.frame(encoding=Encoding.PNG)
-            seen = client.landmarks_seen()
+    with start_server(tmp_path, "--clock", "lockstep", robot=large_robot(tmp_path)) as field:
+        with field.connect_stream() as client:
+            client.spawn("USARBot.OmniP2AT", start_pose="Centre")
+            frame = client.get_frame(encoding=ImageEncoding.PNG)
+            seen = client.get_landmark_projections()
     assert {one.landmark for one in seen if one.pixel} == {one.landmark for one in seen}
     beacons = [one for one in seen if one.landmark.kind == "beacon" and one.visible]
     assert len(beacons) >= 4
@@ -189,10 +189,10 @@ def test_landmarks_when_a_camera_is_asked_lie_where_it_shows_them(tmp_path: Path
 def large_robot(folder: Path) -> Path:
     """Write the shipped robot with a picture in which a beacon has some pixels."""
     sizes = (Edit(f"Resolution{axis}=360", f"Resolution{axis}=720") for axis in "XY")
-    return edited_copy(OMNI_ROBOT, folder, *sizes)
+    return write_edited_copy(OMNI_ROBOT, folder, *sizes)
 
 
-def assert_shows_both_colours(frame: Frame, one: SeenLandmark) -> None:
+def assert_shows_both_colours(frame: Frame, one: LandmarkProjection) -> None:
     """Fail unless the landmark's lower colour is inwards of its pixel, the upper one outwards."""
     assert isinstance(frame.camera, OmniCamera)
     assert one.pixel is not None

@@ -16,7 +16,7 @@ from catoptra_protocol.wire.readings import (
     GroundTruthReading,
     InsReading,
     OdometryReading,
-    RangeScan,
+    RangeScanReading,
     Reading,
     RfidReading,
     SonarReadings,
@@ -25,12 +25,12 @@ from catoptra_protocol.wire.readings import (
     reading_from_message,
 )
 from helpers.configs import ROBOTS, WORLDS
-from helpers.control_lines import ControlLines, control_lines
-from helpers.server_process import running_server
+from helpers.control_lines import ControlLines, connect_control_lines
+from helpers.server_process import start_server
 
 SUITES = {"P2DX": "p2dx.ini", "OmniP2AT": "p2at_omni_full.ini", "P2AT": "p2at.ini"}
 # Wheels roll about 0.3 m in a second; the head turns; then a whole cycle is told.
-ON_THE_WAY = ("DRIVE {Left 2} {Right 2}", "MULTIDRIVE {CameraPan 0.1} {CameraTilt 0.1}")
+IN_TRANSIT_TYPES = ("DRIVE {Left 2} {Right 2}", "MULTIDRIVE {CameraPan 0.1} {CameraTilt 0.1}")
 # What a P2DX told on a real wire.
 P2DX_TYPES = {
     *("Sonar", "RangeScanner", "INS", "Odometry", "Encoder"),
@@ -47,10 +47,10 @@ def client(
     folder = tmp_path_factory.mktemp("suite")
     robot, world = ROBOTS / SUITES[class_], WORLDS / "rescue.ini"
     with (
-        running_server(folder, "--clock", "lockstep", robot=robot, world=world) as server,
-        control_lines(server.control_port) as lines,
+        start_server(folder, "--clock", "lockstep", robot=robot, world=world) as server,
+        connect_control_lines(server.control_port) as lines,
     ):
-        lines.send(f"INIT {{ClassName USARBot.{class_}}} {{Start Yard}}", *ON_THE_WAY)
+        lines.send(f"INIT {{ClassName USARBot.{class_}}} {{Start Yard}}", *IN_TRANSIT_TYPES)
         lines.step(1.0)
         lines.send("DRIVE {Left 0} {Right 0}")
         yield class_, lines, lines.step(0.0)
@@ -60,7 +60,7 @@ def client(
 Client = tuple[str, ControlLines, list[str]]
 
 
-def readings(lines: list[str]) -> dict[str, Reading]:
+def count_readings(lines: list[str]) -> dict[str, Reading]:
     """Return the readings of SEN lines by their type."""
     found = {}
     for message in map(parse_message, lines):
@@ -72,15 +72,15 @@ def readings(lines: list[str]) -> dict[str, Reading]:
 
 def test_cycle_when_told_has_every_sensor_seen_on_the_wire(client: Client) -> None:
     _, _, lines = client
-    assert set(readings(lines)) >= P2DX_TYPES
+    assert set(count_readings(lines)) >= P2DX_TYPES
     assert [line.split(" ")[0] for line in lines[-2:]] == ["MISSTA", "STA"]
 
 
 def test_ranges_when_told_are_of_the_yard(client: Client) -> None:
     class_, _, lines = client
-    told = readings(lines)
+    told = count_readings(lines)
     scan, sonars = told["RangeScanner"], told["Sonar"]
-    assert isinstance(scan, RangeScan)
+    assert isinstance(scan, RangeScanReading)
     assert isinstance(sonars, SonarReadings)
     assert len(scan.ranges_m) == 181
     # The farthest corner of the building is 8 m away; nothing is nearer than the walls aside.
@@ -93,7 +93,7 @@ def test_ranges_when_told_are_of_the_yard(client: Client) -> None:
 
 def test_poses_when_told_agree(client: Client) -> None:
     _, _, lines = client
-    told = readings(lines)
+    told = count_readings(lines)
     truth, ins, odometry = told["GroundTruth"], told["INS"], told["Odometry"]
     assert isinstance(truth, GroundTruthReading)
     assert isinstance(ins, InsReading)
@@ -107,7 +107,7 @@ def test_poses_when_told_agree(client: Client) -> None:
 
 def test_counts_when_told_are_of_wheels_and_of_the_head(client: Client) -> None:
     _, _, lines = client
-    encoders = readings(lines)["Encoder"]
+    encoders = count_readings(lines)["Encoder"]
     assert isinstance(encoders, EncoderReadings)
     ticks = dict(encoders.items)
     # 2 rad and 0.1 rad in ticks of 0.01745 rad, give or take one by the noise of 0.005 rad.
@@ -117,7 +117,7 @@ def test_counts_when_told_are_of_wheels_and_of_the_head(client: Client) -> None:
 
 def test_finds_when_told_are_what_the_world_holds(client: Client) -> None:
     _, _, lines = client
-    told = readings(lines)
+    told = count_readings(lines)
     rfid, victims = told["RFID"], told["VictSensor"]
     assert isinstance(rfid, RfidReading)
     assert isinstance(victims, VictimReading)
@@ -130,15 +130,15 @@ def test_finds_when_told_are_what_the_world_holds(client: Client) -> None:
 
 def test_gps_when_under_the_open_sky_has_a_fix_near_the_origin(client: Client) -> None:
     _, _, lines = client
-    gps = readings(lines)["GPS"]
+    gps = count_readings(lines)["GPS"]
     assert isinstance(gps, GpsReading)
-    assert gps.fix
-    assert gps.satellites >= 4
+    assert gps.has_fix
+    assert gps.num_satellites >= 4
     # A ten-thousandth of a degree of latitude is 11 m.
     assert (gps.latitude_deg, gps.longitude_deg) == pytest.approx((39.1339, -77.2167), abs=1e-4)
 
 
-def named(lines: list[str]) -> set[tuple[str, str]]:
+def named_parts(lines: list[str]) -> set[tuple[str, str]]:
     """Return type and name of all that tells of itself."""
     found = set()
     for line in lines:
@@ -151,26 +151,26 @@ def named(lines: list[str]) -> set[tuple[str, str]]:
 
 def test_questions_when_asked_as_the_nist_client_does_are_all_answered(client: Client) -> None:
     class_, lines, told = client
-    asked = named(told) | {("Camera", "Camera")}
+    asked = named_parts(told) | {("Camera", "Camera")}
     assert len(asked) >= 19
     for type_, name in sorted(asked):
         lines.send(f"GETCONF {{Type {type_}}} {{Name {name}}}")
-        conf = lines.line()
+        conf = lines.read_line()
         assert conf.startswith(f"CONF {{Type {type_}}} {{Name {name}}} {{"), conf
         lines.send(f"GETGEO {{Type {type_}}} {{Name {name}}}")
-        geo = lines.line()
+        geo = lines.read_line()
         assert geo.startswith(f"GEO {{Type {type_}}} {{Name {name}"), geo
         assert all(key in geo for key in ("Location ", "Orientation ")), geo
     lines.send("GETCONF {Type Robot} {Name R1}", "GETGEO {Type Robot} {Name R1}")
-    assert lines.line().startswith(f"CONF {{Type GroundVehicle}} {{Name {class_}}} {{SteeringType")
-    assert lines.line().startswith(f"GEO {{Type GroundVehicle}} {{Name {class_}}} {{Dimensions")
+    assert lines.read_line().startswith(f"CONF {{Type GroundVehicle}} {{Name {class_}}} {{SteeringType")
+    assert lines.read_line().startswith(f"GEO {{Type GroundVehicle}} {{Name {class_}}} {{Dimensions")
 
 
 def test_questions_when_asked_for_whole_types_fit_into_a_clients_buffer(client: Client) -> None:
     _, lines, told = client
-    for type_ in sorted({type_ for type_, _ in named(told)} | {"Camera"}):
+    for type_ in sorted({type_ for type_, _ in named_parts(told)} | {"Camera"}):
         lines.send(f"GETGEO {{Type {type_}}}", f"GETCONF {{Type {type_}}}", "STEP {Time 0}")
-        answers = [line for line in lines.until("RES") if line.startswith(("GEO", "CONF"))]
+        answers = [line for line in lines.read_until("RES") if line.startswith(("GEO", "CONF"))]
         assert len(answers) >= 2
 
 
@@ -187,8 +187,8 @@ def test_udk_when_spoken_tells_the_time_of_odometry_encoders_and_touch(tmp_path:
     world = WORLDS / "rescue.ini"
     arguments = ("--clock", "lockstep", "--dialect", "udk")
     with (
-        running_server(tmp_path, *arguments, robot=robot, world=world) as server,
-        control_lines(server.control_port) as lines,
+        start_server(tmp_path, *arguments, robot=robot, world=world) as server,
+        connect_control_lines(server.control_port) as lines,
     ):
         lines.send("INIT {ClassName USARBot.P3AT} {Start Yard}", "DRIVE {Left 1} {Right 0.5}")
         lines.step(1.5)
@@ -202,8 +202,8 @@ def test_udk_when_spoken_tells_the_time_of_odometry_encoders_and_touch(tmp_path:
             "SEN {Time 1.5000} {Type Tachometer} {Name TachTest} "
             "{Vel 0.5000,1.0000,0.5000,1.0000} {Pos 0.7500,1.5000,0.7500,1.5000}"
         )
-        for type_, name in named(told):
+        for type_, name in named_parts(told):
             lines.send(f"GETCONF {{Type {type_}}} {{Name {name}}}")
-            assert f"{{Name {name}}}" in lines.line()
+            assert f"{{Name {name}}}" in lines.read_line()
             lines.send(f"GETGEO {{Type {type_}}} {{Name {name}}}")
-            assert "{Mount HARD}" in lines.line()
+            assert "{Mount HARD}" in lines.read_line()

@@ -36,10 +36,10 @@ class Quadric:
     beta: float
     gamma: float
     delta: float
-    below_m: float
+    max_z_m: float
 
     @classmethod
-    def of(cls, mirror: object) -> Quadric:
+    def from_mirror(cls, mirror: object) -> Quadric:
         """Return a mirror's surface, from its equation."""
         if isinstance(mirror, HyperbolicMirror):
             k, c = mirror.k, mirror.c_m
@@ -48,7 +48,7 @@ class Quadric:
         p = mirror.horizon_radius_m
         return cls(1.0, 0.0, 2.0 * p, -p * p, math.inf)
 
-    def met(self, origin: Floats, direction: Floats) -> Floats:
+    def intersect(self, origin: Floats, direction: Floats) -> Floats:
         """Return the (n, 3) points that rays meet first on that side; NaN for none."""
         flat_o, flat_d = origin[:, :2], direction[:, :2]
         o, d = origin[:, 2], direction[:, 2]
@@ -60,7 +60,7 @@ class Quadric:
             q = -half_b - np.copysign(root, half_b)
             ways = np.stack((q / a, c / q))
             heights = o + ways * d
-            ways[~((ways > 0.0) & (heights < self.below_m))] = np.inf
+            ways[~((ways > 0.0) & (heights < self.max_z_m))] = np.inf
             way = ways.min(axis=0)
             points: Floats = origin + np.where(np.isfinite(way), way, np.nan)[:, None] * direction
         return points
@@ -77,7 +77,7 @@ class Quadric:
 class LensRays(Protocol):
     """A lens: rays of pixels through a place of its aperture."""
 
-    def __call__(self, flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
+    def __call__(self, offset_px: Floats, aperture_point: Floats) -> tuple[Floats, Floats]:
         """Return (n, 3) origins and directions; (n, 2) px from the axis, place in a unit disc."""
 
 
@@ -85,7 +85,7 @@ def pinhole_lens(
     camera: OmniCamera, focal_px: float, *, aperture_m: float, focus_m: float
 ) -> LensRays:
     """Return a thin lens around the pinhole, of an aperture's diameter, sharp at a depth."""
-    pinhole = np.array((0.0, 0.0, camera.mirror.pinhole_m))
+    pinhole = np.array((0.0, 0.0, camera.mirror.pinhole_distance_m))
 
     def rays(flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
         depth = np.full(len(flat_px), -1.0)
@@ -108,29 +108,29 @@ def telecentric_lens(px_per_m: float, *, slope: float, focus_height_m: float) ->
     return rays
 
 
-def seen_through(
+def render_through_lens(
     lens: LensRays,
     camera: OmniCamera,
     world: World,
     pose: Pose,
     *,
-    every_px: int = 1,
-    largest: float = 1.25,
+    stride_px: int = 1,
+    max_radiance: float = 1.25,
 ) -> Floats:
     """Return the (rows, columns, 3) linear light of pixels: means over square and aperture.
 
     Of every n-th pixel in both directions. Black where a ray passes the mirror's rim.
     """
     scene = EmbreeScene(build_scene(world), world)
-    scale = LinearScale.for_samples(1, largest=largest)
-    table = scene.light_table(scale)
-    quadric = Quadric.of(camera.mirror)
-    rim_m = float(camera.mirror.surface(np.array(camera.rim_t))[0])
+    scale = LinearScale.for_samples(1, max_radiance=max_radiance)
+    table = scene.radiance_table(scale)
+    quadric = Quadric.from_mirror(camera.mirror)
+    rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
 
     def sample(offset_and_place: tuple[Floats, Floats]) -> Floats:
         offset, place = offset_and_place
-        origin, direction = lens(_flat_px(camera, offset, every_px), place)
-        met = quadric.met(origin, direction)
+        origin, direction = lens(_offset_from_axis_px(camera, offset, stride_px), place)
+        met = quadric.intersect(origin, direction)
         on_mirror: Bools = np.hypot(met[:, 0], met[:, 1]) <= rim_m
         met, direction = met[on_mirror], direction[on_mirror]
         normal = quadric.normal(met)
@@ -138,26 +138,26 @@ def seen_through(
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         start = met @ pose.rotation.T + pose.translation - scene.origin
         towards = (away @ pose.rotation.T).astype(np.float32)
-        seen = scene.hit_light(start.astype(np.float32), towards, table=table, scale=scale)
+        seen = scene.trace_radiance(start.astype(np.float32), towards, table=table, scale=scale)
         light = np.zeros((len(on_mirror), 3))
-        light[on_mirror] = scale.colours(seen)
+        light[on_mirror] = scale.unpack(seen)
         return light
 
     with ThreadPoolExecutor(2) as pool:
-        total = sum(pool.map(sample, _samples()), start=np.zeros(3))
-    return (total / SAMPLES).reshape(-(-camera.height_px // every_px), -1, 3)
+        total = sum(pool.map(sample, _quasirandom_samples()), start=np.zeros(3))
+    return (total / SAMPLES).reshape(-(-camera.height_px // stride_px), -1, 3)
 
 
-def _flat_px(camera: OmniCamera, offset: Floats, every_px: int) -> Floats:
+def _offset_from_axis_px(camera: OmniCamera, offset: Floats, stride_px: int) -> Floats:
     """Return (n, 2) px from the axis, along x and y of the mirror frame, of places in pixels."""
-    du = np.arange(0, camera.width_px, every_px) + offset[0] - camera.centre_px[0]
-    dv = np.arange(0, camera.height_px, every_px) + offset[1] - camera.centre_px[1]
+    du = np.arange(0, camera.width_px, stride_px) + offset[0] - camera.centre_px[0]
+    dv = np.arange(0, camera.height_px, stride_px) + offset[1] - camera.centre_px[1]
     du, dv = (flat.reshape(-1) for flat in np.meshgrid(du, dv))
-    ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
     return np.column_stack((sa * du - ca * dv, -ca * du - sa * dv))
 
 
-def _samples() -> Iterator[tuple[Floats, Floats]]:
+def _quasirandom_samples() -> Iterator[tuple[Floats, Floats]]:
     """Return places in the pixel and in the unit disc, evenly in all four dimensions.
 
     Additive recurrence by the root of x^5 = x + 1, Roberts 2018.

@@ -6,11 +6,11 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import ImageEffect
 
 
-def seen_diameters_px(effect: Effect, camera: OmniCamera, capture: Capture) -> Floats:
+def measure_blur_diameters_px(effect: ImageEffect, camera: OmniCamera, capture: CaptureContext) -> Floats:
     """Return the (h, w) diameter of the disc that each pixel is the mean of, by its variance.
 
     A uniform disc of diameter d has the variance d^2 / 16 along each axis, and the mean of u^2 is
@@ -31,7 +31,7 @@ def inner_pixels(camera: OmniCamera, margin_px: float) -> np.ndarray[tuple[int, 
     return np.hypot(u[None, :], v[:, None]) < camera.rim_radius_px - margin_px
 
 
-def point(camera: OmniCamera, row: int, column: int) -> Floats:
+def make_point_source(camera: OmniCamera, row: int, column: int) -> Floats:
     """Return a black picture with one pixel of light 1."""
     light = np.zeros((camera.height_px, camera.width_px, 3))
     light[row, column] = 1.0

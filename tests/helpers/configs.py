@@ -19,29 +19,29 @@ class Edit:
     old: str
     new: str
 
-    def applied(self, text: str) -> str:
+    def apply(self, text: str) -> str:
         """Return the text with the part replaced."""
         assert text.count(self.old) == 1, f"{self.old!r} occurs {text.count(self.old)} times"
         return text.replace(self.old, self.new)
 
 
-def edited_copy(original: Path, folder: Path, *edits: Edit) -> Path:
+def write_edited_copy(original: Path, folder: Path, *edits: Edit) -> Path:
     """Write a copy of a file with edits into a folder; return its path."""
     text = original.read_text(encoding="utf-8")
     for edit in edits:
-        text = edit.applied(text)
+        text = edit.apply(text)
     copy = folder / original.name
     copy.write_text(text, encoding="utf-8")
     return copy
 
 
-def line_of(path: Path, part: str) -> int:
+def find_line_number(path: Path, part: str) -> int:
     """Return the number of the first line that holds a part."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return next(number for number, line in enumerate(lines, 1) if part in line)
 
 
-def small_world(folder: Path, *lines: str) -> Path:
+def write_small_world(folder: Path, *lines: str) -> Path:
     """Write a world of one box and further lines; return its path."""
     path = folder / "world.ini"
     box = "Boxes=(Size=(X=1,Y=1,Z=1),Position=(X=3,Y=0,Z=-0.5))"

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import PIXELS, Effect
+from catoptra_server.effects.effect import PIXELS, ImageEffect
 from catoptra_server.effects.scene_summary import SceneSummary
-from helpers.effects import CAMERA, CAPTURE
+from helpers.effects import CAMERA, CAPTURE_CONTEXT
 
 THRESHOLD_PX = 0.5
 
 
-def framed(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
+def add_margin(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
     """Return the camera in a larger picture, so that nothing is read from beyond its border."""
     return replace(
         camera,
@@ -25,34 +25,34 @@ def framed(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
     )
 
 
-def displacement(effect: Effect, camera: OmniCamera) -> Floats:
+def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
     """Return (h, w, 3) px between each pixel of the mirror and where its light comes from.
 
     0 for what the effect leaves black, and beside the mirror.
     """
-    pixels = pixel_centres(camera)[:, :, 0]
+    pixels = pixel_sample_positions(camera)[:, :, 0]
     on_mirror = direction_from_pixel(camera, pixels)[1]
-    light = effect.apply(np.ones((*on_mirror.shape, 3)), camera, CAPTURE)
+    light = effect.apply(np.ones((*on_mirror.shape, 3)), camera, CAPTURE_CONTEXT)
     moved = np.zeros_like(light)
     for axis in (0, 1):
         ramp = np.repeat(pixels[..., axis, None], 3, axis=-1)
-        moved = np.hypot(moved, effect.apply(ramp, camera, CAPTURE) - ramp)
+        moved = np.hypot(moved, effect.apply(ramp, camera, CAPTURE_CONTEXT) - ramp)
     return np.where((light > 0.0) & on_mirror[..., None], moved, 0.0)
 
 
-def assert_displacement_left_out(effect: Effect, camera: OmniCamera) -> None:
+def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
     """Assert that the criterion calls an effect needless, and that nothing moves far."""
     bound = effect.bound(SceneSummary(1.0), camera)
     assert effect.unit == PIXELS
     assert bound.value <= THRESHOLD_PX
-    assert displacement(effect, camera).max() <= bound.value * (1.0 + 1e-6) + 1e-6
+    assert measure_displacement_px(effect, camera).max() <= bound.value * (1.0 + 1e-6) + 1e-6
 
 
-def assert_displacement_called_for(effect: Effect, camera: OmniCamera) -> None:
+def assert_displacement_not_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
     """Assert that the criterion calls for an effect, that something moves, within its bound."""
     bound = effect.bound(SceneSummary(1.0), camera)
     assert effect.unit == PIXELS
     assert bound.value > THRESHOLD_PX
     assert bound.reason
-    moved = float(displacement(effect, camera).max())
+    moved = float(measure_displacement_px(effect, camera).max())
     assert 0.5 * THRESHOLD_PX < moved <= bound.value * (1.0 + 1e-6)

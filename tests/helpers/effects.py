@@ -7,34 +7,34 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.frame_key import NoiseSeed
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.scene.bodies import Body, body_mesh
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, Material
 from catoptra_server.scene.motion import Twist
 from catoptra_server.scene.primitives import box
-from helpers.worlds import VIEW, omni_camera
+from helpers.worlds import CAMERA_STATE, make_omni_camera
 
-CAMERA = omni_camera(width_px=96)
-KEY = FrameKey((7, 11), 3)
+CAMERA = make_omni_camera(width_px=96)
+NOISE_SEED = NoiseSeed((7, 11), 3)
 THRESHOLD = 0.5
 
 # A camera that drives ahead and turns while another body crosses its way.
-BODY = Body(
-    body_mesh([(box(Box((0.4, 0.4, 0.4))), Material((0.5, 0.5, 0.5)))]),
+DYNAMIC_OBJECT = DynamicObject(
+    build_object_mesh([(box(Box((0.4, 0.4, 0.4))), Material((0.5, 0.5, 0.5)))]),
     Pose.from_rpy((1.0, 0.5, -0.3)),
     Twist((0.0, -0.6, 0.0), (0.0, 0.0, 1.0)),
 )
-EXPOSURE = Exposure(
-    VIEW.world_from_mirror, (BODY,), KEY, twist=Twist((0.5, 0.1, 0.0), (0.0, 0.0, 0.7))
+CAMERA_STATE = CameraState(
+    CAMERA_STATE.world_from_mirror, (DYNAMIC_OBJECT,), NOISE_SEED, twist=Twist((0.5, 0.1, 0.0), (0.0, 0.0, 0.7))
 )
 
 
@@ -47,27 +47,27 @@ def _ranges() -> npt.NDArray[np.float32]:
 
 
 RANGES = _ranges()
-CAPTURE = Capture(KEY, RANGES)
+CAPTURE_CONTEXT = CaptureContext(NOISE_SEED, RANGES)
 
 
 # The names of the effects that change the picture; the others change what there is to be seen.
-PICTURE_EFFECTS = [
+IMAGE_EFFECTS = [
     kind.name
-    for kind in EFFECTS
-    if isinstance(kind.make(**{p.field: p.default for p in kind.parameters}), Effect)
+    for kind in EFFECT_TYPES
+    if isinstance(kind.factory(**{p.field: p.default for p in kind.parameters}), ImageEffect)
 ]
 
 
-def effect_of(name: str, changes: Mapping[str, float] | None = None) -> Effect:
+def make_effect(name: str, changes: Mapping[str, float] | None = None) -> ImageEffect:
     """Return an effect with the defaults of its keys; `changes` by field."""
-    kind = next(kind for kind in EFFECTS if kind.name == name)
+    kind = next(kind for kind in EFFECT_TYPES if kind.name == name)
     fields = {p.field: p.default for p in kind.parameters} | dict(changes or {})
-    effect = kind.make(**fields)
-    assert isinstance(effect, Effect), f"{name} changes the scene, not the picture"
+    effect = kind.factory(**fields)
+    assert isinstance(effect, ImageEffect), f"{name} changes the scene, not the picture"
     return effect
 
 
-def card(largest: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
+def make_test_pattern(max_radiance: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
     """Return (h, w, 3) light from 0 to `largest`: greys, dark ones finely, edges, and colours.
 
     Black where no mirror is seen, as every picture is.
@@ -78,33 +78,33 @@ def card(largest: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
     light[: height // 3] = np.geomspace(1e-4, 1.0, width)[:, None]
     light[height // 2 : height // 2 + 6] = 1.0
     light[:, width // 2 : width // 2 + 2] = 0.0
-    rim = direction_from_pixel(camera, pixel_centres(camera))[1]
-    return largest * light * rim
+    rim = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
+    return max_radiance * light * rim
 
 
-def seen_change(effect: Effect, light: Floats, camera: OmniCamera = CAMERA) -> float:
+def max_grey_level_change(effect: ImageEffect, light: Floats, camera: OmniCamera = CAMERA) -> float:
     """Return by how many grey levels, not rounded, the pixel changes that changes most."""
-    changed = effect.apply(light, camera, CAPTURE)
+    changed = effect.apply(light, camera, CAPTURE_CONTEXT)
     return 255.0 * float(np.abs(srgb_from_linear(changed) - srgb_from_linear(light)).max())
 
 
-def assert_left_out(effect: Effect, largest: float = 1.0, camera: OmniCamera = CAMERA) -> None:
+def assert_effect_negligible(effect: ImageEffect, max_radiance: float = 1.0, camera: OmniCamera = CAMERA) -> None:
     """Assert that the criterion calls an effect needless, and that nobody would have seen it."""
-    bound = effect.bound(SceneSummary(largest), camera)
+    bound = effect.bound(SceneSummary(max_radiance), camera)
     assert bound.value <= THRESHOLD
-    assert seen_change(effect, card(largest, camera), camera) <= bound.value + 1e-9
+    assert max_grey_level_change(effect, make_test_pattern(max_radiance, camera), camera) <= bound.value + 1e-9
 
 
-def assert_called_for(effect: Effect, largest: float = 1.0, camera: OmniCamera = CAMERA) -> None:
+def assert_effect_not_negligible(effect: ImageEffect, max_radiance: float = 1.0, camera: OmniCamera = CAMERA) -> None:
     """Assert that the criterion calls for an effect, that it is seen, and within its bound."""
-    bound = effect.bound(SceneSummary(largest), camera)
+    bound = effect.bound(SceneSummary(max_radiance), camera)
     assert bound.value > THRESHOLD
     assert bound.reason
-    change = seen_change(effect, card(largest, camera), camera)
+    change = max_grey_level_change(effect, make_test_pattern(max_radiance, camera), camera)
     assert 0.5 * THRESHOLD < change <= bound.value * (1.0 + 1e-3)
 
 
-def assert_summary_holds(effect: Effect, largest: float = 1.0) -> None:
+def assert_summary_bounds_effect(effect: ImageEffect, max_radiance: float = 1.0) -> None:
     """Assert that no pixel behind an effect is brighter than its summary says."""
-    behind = effect.apply(card(largest), CAMERA, CAPTURE)
-    assert behind.max() <= effect.after(SceneSummary(largest)).largest_radiance + 1e-9
+    behind = effect.apply(make_test_pattern(max_radiance), CAMERA, CAPTURE_CONTEXT)
+    assert behind.max() <= effect.update_summary(SceneSummary(max_radiance)).max_radiance + 1e-9

@@ -16,16 +16,16 @@ SMALL_BUFFER_BYTES = 4096
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
-def play(scene: Coroutine[Any, Any, None]) -> None:
+def run_scenario(scenario: Coroutine[Any, Any, None]) -> None:
     """Run a scene; fail where it hangs."""
 
     async def main() -> None:
-        await asyncio.wait_for(scene, DEADLINE_S)
+        await asyncio.wait_for(scenario, DEADLINE_S)
 
     asyncio.run(main())
 
 
-def port_of(server: asyncio.Server) -> int:
+def listening_port(server: asyncio.Server) -> int:
     """Return the port that a server listens on."""
     port: int = server.sockets[0].getsockname()[1]
     return port
@@ -33,18 +33,18 @@ def port_of(server: asyncio.Server) -> int:
 
 async def connect(server: asyncio.Server) -> Streams:
     """Return a connection to a server."""
-    return await asyncio.open_connection(HOST, port_of(server))
+    return await asyncio.open_connection(HOST, listening_port(server))
 
 
-async def connect_deaf(server: asyncio.Server) -> socket.socket:
+async def connect_without_reading(server: asyncio.Server) -> socket.socket:
     """Return a connection whose end reads nothing and keeps little."""
     end = socket.socket()
     end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
     end.setblocking(False)
-    await asyncio.get_running_loop().sock_connect(end, (HOST, port_of(server)))
+    await asyncio.get_running_loop().sock_connect(end, (HOST, listening_port(server)))
     return end
 
 
-def reset(writer: asyncio.StreamWriter) -> None:
+def abort(writer: asyncio.StreamWriter) -> None:
     """Break a connection off, as a process that is killed does."""
     writer.transport.abort()

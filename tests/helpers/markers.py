@@ -40,13 +40,13 @@ def marker_world(
     disc = Ring(0.0, distance_m * math.tan(0.5 * diameter_rad), sectors=48)
     white = Material((1.0, 1.0, 1.0), unlit=True)
     items = tuple(
-        Item(f"marker {index}", disc, world_from_mirror @ _facing(direction, distance_m), white)
+        Item(f"marker {index}", disc, world_from_mirror @ _disc_pose(direction, distance_m), white)
         for index, direction in enumerate(directions)
     )
     return World("markers", items)
 
 
-def _facing(direction: Floats, distance_m: float) -> Pose:
+def _disc_pose(direction: Floats, distance_m: float) -> Pose:
     """Return the pose, in the mirror frame, of a ring that looks back along a (3,) direction."""
     aside = np.eye(3)[int(np.argmin(np.abs(direction)))]
     x = np.cross(aside, direction)
@@ -55,15 +55,15 @@ def _facing(direction: Floats, distance_m: float) -> Pose:
     return Pose(rotation, distance_m * direction)
 
 
-def marker_centroid(image: Image, near_px: Floats, *, reach_px: float = 5.0) -> Floats:
+def marker_centroid(image: Image, near_px: Floats, *, window_px: float = 5.0) -> Floats:
     """Return the (2,) centroid (u, v) of the light within a square around a (2,) place.
 
     Light is linear: sRGB levels would weigh the dim pixels of a disc's edge too much. Raises
     AssertionError where the square is dark.
     """
-    rows, columns = (_window(centre, reach_px, size) for centre, size in _axes(image, near_px))
+    rows, columns = (_window(centre, window_px, size) for centre, size in _axes(image, near_px))
     light = linear_from_srgb(image[rows, columns] / 255.0).sum(axis=-1)
-    assert light.sum() > 0.0, f"no marker within {reach_px} px of {near_px}"
+    assert light.sum() > 0.0, f"no marker within {window_px} px of {near_px}"
     v, u = np.mgrid[rows, columns] + 0.5
     return np.array(((u * light).sum(), (v * light).sum())) / light.sum()
 

@@ -17,66 +17,66 @@ FACES = np.array([[0, 1, 2], [0, 2, 3]])
 UV = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def quarters() -> Image.Image:
+def make_quadrant_image() -> Image.Image:
     """Return a picture of 2 x 2 texels: red, green above blue, white."""
     return Image.fromarray(
         np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], dtype=np.uint8)
     )
 
 
-def plain_square() -> trimesh.Trimesh:
+def make_plain_square() -> trimesh.Trimesh:
     """Return the square without a look."""
     return trimesh.Trimesh(SQUARE, FACES, process=False)
 
 
-def textured_square(*, pbr: bool = False) -> trimesh.Trimesh:
+def make_textured_square(*, pbr: bool = False) -> trimesh.Trimesh:
     """Return the square with the picture on it."""
-    image = quarters()
+    image = make_quadrant_image()
     material = PBRMaterial(baseColorTexture=image) if pbr else SimpleMaterial(image=image)
-    mesh = plain_square()
+    mesh = make_plain_square()
     mesh.visual = TextureVisuals(uv=UV, material=material)
     return mesh
 
 
-def coloured_square() -> trimesh.Trimesh:
+def make_coloured_square() -> trimesh.Trimesh:
     """Return the square with red vertices."""
-    mesh = plain_square()
+    mesh = make_plain_square()
     mesh.visual = ColorVisuals(mesh, vertex_colors=np.tile([255, 0, 0, 255], (4, 1)))
     return mesh
 
 
-def written(mesh: trimesh.Trimesh, path: Path) -> Path:
+def export_mesh(mesh: trimesh.Trimesh, path: Path) -> Path:
     """Write a mesh in the format of the path's ending; return the path."""
     mesh.export(path)
     return path
 
 
-def textured_gltf(folder: Path) -> Path:
+def write_textured_gltf(folder: Path) -> Path:
     """Write the textured square as glTF: a text file and those that it names."""
-    files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured_square(pbr=True)))
+    files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(make_textured_square(pbr=True)))
     for name, data in files.items():
         (folder / name).write_bytes(data)
     return folder / "model.gltf"
 
 
-def tinted_glb(folder: Path, red: int) -> Path:
+def write_tinted_glb(folder: Path, red: int) -> Path:
     """Write the square in a material of one colour (red, 0, 0), no texture."""
-    return written(_tinted(red), folder / "m.glb")
+    return export_mesh(_make_tinted_square(red), folder / "m.glb")
 
 
-def tinted_dae(folder: Path, red: int) -> Path:
+def write_tinted_dae(folder: Path, red: int) -> Path:
     """Write the square in a material of one colour, no texture coordinates."""
-    return written(_tinted(red), folder / "m.dae")
+    return export_mesh(_make_tinted_square(red), folder / "m.dae")
 
 
-def _tinted(red: int) -> trimesh.Trimesh:
-    mesh = plain_square()
+def _make_tinted_square(red: int) -> trimesh.Trimesh:
+    mesh = make_plain_square()
     material = PBRMaterial(baseColorFactor=np.array([red, 0, 0, 255], dtype=np.uint8))
     mesh.visual = TextureVisuals(uv=UV, material=material)
     return mesh
 
 
-def tinted_obj(folder: Path, red: int) -> Path:
+def write_tinted_obj(folder: Path, red: int) -> Path:
     """Write the square with an MTL file of one colour, no texture coordinates."""
     (folder / "m.mtl").write_text(f"newmtl tint\nKd {red / 255:.3f} 0 0\n")
     vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in SQUARE)
@@ -86,9 +86,9 @@ def tinted_obj(folder: Path, red: int) -> Path:
     return path
 
 
-def textured_dae(folder: Path) -> Path:
+def write_textured_dae(folder: Path) -> Path:
     """Write the textured square as COLLADA, which trimesh writes without textures."""
-    quarters().save(folder / "quarters.png")
+    make_quadrant_image().save(folder / "quarters.png")
     places = " ".join(str(value) for value in SQUARE.ravel())
     uv = " ".join(str(value) for value in UV.ravel())
     corners = " ".join(f"{index} {index}" for index in FACES.ravel())

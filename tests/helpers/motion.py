@@ -10,90 +10,90 @@ import numpy as np
 from catoptra_protocol.optics.camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
     pixel_from_direction,
 )
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.config.shipped import configuration_file
-from catoptra_server.render.renderer import Exposure, OmniView
-from catoptra_server.scene.bodies import Body
+from catoptra_server.config.shipped import find_configuration
+from catoptra_server.render.renderer import CameraState, OmniView
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.motion import Twist
-from catoptra_server.setup import Setup, read_setup
-from helpers.effects import BODY
+from catoptra_server.setup import StartupConfig, read_startup_config
+from helpers.effects import DYNAMIC_OBJECT
 
 # Inside each world, off every axis, at the height of the P2AT's mirror.
-STARTS = {
+START_POSES = {
     "four_legged_2006": Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)),
     "corridor": Pose.from_rpy((0.2, 0.1, -0.6), (0.0, 0.0, 0.2)),
 }
 
 
-def world_setup(name: str) -> Setup:
+def load_world_setup(name: str) -> StartupConfig:
     """Return the P2AT in a world that comes with the server."""
-    return read_setup(
-        [configuration_file("robots", "p2at_omni")], configuration_file("worlds", name)
+    return read_startup_config(
+        [find_configuration("robots", "p2at_omni")], find_configuration("worlds", name)
     )
 
 
-def driving(start: Pose, speed_m_s: float, turn_deg_s: float, *bodies: Body) -> Exposure:
+def driving_camera_state(start: Pose, speed_m_s: float, turn_deg_s: float, *bodies: DynamicObject) -> CameraState:
     """Return the exposure of a robot that drives ahead and turns."""
     ahead = start.rotation @ np.array([speed_m_s, 0.0, 0.0])
     twist = Twist((*ahead.tolist(),), (0.0, 0.0, math.radians(turn_deg_s)))
-    return Exposure(start, bodies, twist=twist)
+    return CameraState(start, bodies, twist=twist)
 
 
-def crossing(start: Pose, speed_m_s: float = 0.6) -> Body:
+def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
     """Return a body in front, to the right, that crosses the robot's way and turns."""
     place = start @ Pose.from_rpy((0.9, 0.5, 0.3))
     return replace(
-        BODY, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
+        DYNAMIC_OBJECT, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
     )
 
 
-def ways_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: Floats) -> Floats:
+def displacements_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: Floats) -> Floats:
     """Return (h, w, 2) px from each pixel to where the law shows, some seconds later, what it sees.
 
     twist: of what is seen, told at the viewpoint, mirror frame. range_m, time_s: broadcast to
     (h, w). NaN where it leaves the mirror.
     """
-    pixels = pixel_centres(camera)[..., 0, :]
+    pixels = pixel_sample_positions(camera)[..., 0, :]
     directions, on_mirror = direction_from_pixel(camera, pixels)
     where = np.broadcast_to(time_s, on_mirror.shape)
     points = np.where(np.isfinite(range_m), range_m, 1e9)[..., None] * directions
     moved = np.empty_like(points)
     for time in np.unique(where):
         at = where == time
-        moved[at] = twist.carried(Pose.identity(), float(time)).points(points[at])
+        moved[at] = twist.integrate_pose(Pose.identity(), float(time)).transform_points(points[at])
     after_px, is_seen = pixel_from_direction(camera, moved)
     both = (on_mirror & is_seen)[..., None]
     return np.where(both, after_px - pixels, np.nan)
 
 
-def seen_motion(exposure: Exposure, body: Body) -> Twist:
+def relative_twist(exposure: CameraState, body: DynamicObject) -> Twist:
     """Return a body's motion as the camera sees it: told at the viewpoint, mirror frame."""
     mirror = exposure.world_from_mirror
-    theirs = body.twist.at(mirror.translation - body.world_from_body.translation)
-    return theirs.minus(exposure.twist).turned(mirror.rotation.T)
+    theirs = body.twist.at_offset(mirror.translation - body.world_from_object.translation)
+    return theirs.relative_to(exposure.twist).rotate(mirror.rotation.T)
 
 
-def after(exposure: Exposure, time_s: float) -> Exposure:
+def camera_state_after(exposure: CameraState, time_s: float) -> CameraState:
     """Return the exposure at another time, every pose moved as its twist says."""
     bodies = (
-        replace(body, world_from_body=_moved(body.world_from_body, body.twist, time_s))
-        for body in exposure.bodies
+        replace(body, world_from_object=_integrate_pose(body.world_from_object, body.twist, time_s))
+        for body in exposure.objects
     )
-    pose = _moved(exposure.world_from_mirror, exposure.twist, time_s)
-    return replace(exposure, world_from_mirror=pose, bodies=tuple(bodies))
+    pose = _integrate_pose(exposure.world_from_mirror, exposure.twist, time_s)
+    return replace(exposure, world_from_mirror=pose, objects=tuple(bodies))
 
 
-def _moved(pose: Pose, twist: Twist, time_s: float) -> Pose:
-    turn = _rotation(np.asarray(twist.angular_rad_s) * time_s)
+def _integrate_pose(pose: Pose, twist: Twist, time_s: float) -> Pose:
+    turn = _rotation_from_vector(np.asarray(twist.angular_rad_s) * time_s)
     return Pose(turn @ pose.rotation, pose.translation + np.asarray(twist.linear_m_s) * time_s)
 
 
-def _rotation(vector: Floats) -> Floats:
+def _rotation_from_vector(vector: Floats) -> Floats:
     """Return the (3, 3) rotation about a vector by its length. Source: Rodrigues' formula."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
@@ -103,14 +103,14 @@ def _rotation(vector: Floats) -> Floats:
     return np.eye(3) + math.sin(angle) * across + (1.0 - math.cos(angle)) * across @ across
 
 
-def times(duration_s: float, count: int) -> Floats:
+def time_samples(duration_s: float, count: int) -> Floats:
     """Return the middles of equal parts of a duration about 0."""
     return ((np.arange(count) + 0.5) / count - 0.5) * duration_s
 
 
-def mean_of_frames(view: OmniView, exposure: Exposure, duration_s: float, count: int) -> Floats:
+def average_frames(view: OmniView, exposure: CameraState, duration_s: float, count: int) -> Floats:
     """Return the mean light of sharp frames of a moving robot."""
-    frames = (view.draw_linear(after(exposure, t)) for t in times(duration_s, count))
+    frames = (view.render_linear(camera_state_after(exposure, t)) for t in time_samples(duration_s, count))
     return sum((frame.astype(np.float64) for frame in frames), start=np.array(0.0)) / count
 
 

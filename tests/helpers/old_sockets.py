@@ -7,15 +7,15 @@ import struct
 
 from helpers.server_process import DEADLINE_S
 
-_AT_ONCE = struct.pack("ii", 1, 0)
+_ZERO_LINGER = struct.pack("ii", 1, 0)
 
 
-def connected(port: int) -> socket.socket:
+def connect(port: int) -> socket.socket:
     """Return a connection on which a broken test ends, if late."""
     return socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
 
 
-def received(connection: socket.socket, size: int) -> bytes:
+def receive(connection: socket.socket, size: int) -> bytes:
     """Return what one recv gives. Raises ConnectionError if the server has closed."""
     data = connection.recv(size)
     if not data:
@@ -23,17 +23,17 @@ def received(connection: socket.socket, size: int) -> bytes:
     return data
 
 
-def exactly(connection: socket.socket, size: int) -> bytes:
+def receive_exactly(connection: socket.socket, size: int) -> bytes:
     """Return so many bytes, however they are cut."""
     data = b""
     while len(data) < size:
-        data += received(connection, size - len(data))
+        data += receive(connection, size - len(data))
     return data
 
 
-def die(connection: socket.socket) -> None:
+def reset_connection(connection: socket.socket) -> None:
     """Break the connection off with RST, as a process that is killed with unread bytes."""
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ZERO_LINGER)
     connection.close()
 
 
@@ -44,7 +44,7 @@ class LineSocket:
     """
 
     def __init__(self, port: int, *, size: int) -> None:
-        self.connection = connected(port)
+        self.connection = connect(port)
         self._size = size
         self._rest = b""
 
@@ -58,15 +58,15 @@ class LineSocket:
         """Send text in one segment."""
         self.connection.sendall(text.encode("ascii"))
 
-    def line(self) -> str:
+    def read_line(self) -> str:
         """Return the next line."""
         while b"\n" not in self._rest:
-            self._rest += received(self.connection, self._size)
+            self._rest += receive(self.connection, self._size)
         line, _, self._rest = self._rest.partition(b"\n")
         return line.rstrip(b"\r").decode("ascii")
 
-    def line_with(self, start: str) -> str:
+    def read_line_starting_with(self, prefix: str) -> str:
         """Return the next line that starts so."""
-        while not (line := self.line()).startswith(start):
+        while not (line := self.read_line()).startswith(prefix):
             pass
         return line

@@ -13,4 +13,4 @@ def device_or_skip() -> GlDevice:
     try:
         return open_device()
     except OpenGLMissingError as error:
-        pytest.skip(f"needs OpenGL: {error.what}")
+        pytest.skip(f"needs OpenGL: {error.reason}")

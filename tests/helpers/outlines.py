@@ -15,10 +15,10 @@ import numpy as np
 from catoptra_protocol.optics.camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.cube import FACE_AXES, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_coordinates, face_from_direction
 from catoptra_protocol.optics.frames import Pose, rotation_from_rpy
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.renderer import Image
@@ -27,13 +27,13 @@ from catoptra_server.scene.description import Item, Material, Rectangle, Ring, S
 
 _WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 # Places on an outline, and corners of a disc: they cut 9e-5 of its radius off.
-_PLACES = 240
+_OUTLINE_POINTS = 240
 # Of a side of a square: the rest is nearer to a corner than a texel, if a side has eight of them.
-_SMOOTH_PART = 0.7
+_SMOOTH_FRACTION = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Targets:
+class DisplacementTargets:
     """Discs, or squares, each in a plane of its own, one unit ahead of the viewpoint.
 
     axes: (n, 3, 3), columns ahead, right and down in the mirror frame. middle: (n, 2) of each thing
@@ -41,11 +41,11 @@ class Targets:
     """
 
     axes: Floats
-    middle: Floats
-    half: Floats
-    are_round: bool
+    centre: Floats
+    half_size: Floats
+    is_round: bool
 
-    def world(self, world_from_mirror: Pose) -> World:
+    def build_world(self, world_from_mirror: Pose) -> World:
         """Return the world that shows them."""
         items = tuple(
             Item(f"thing {i}", self._shape(i), world_from_mirror @ self._pose(i), _WHITE)
@@ -54,63 +54,63 @@ class Targets:
         return World("things", items)
 
     def _shape(self, index: int) -> Shape:
-        half = float(self.half[index])
-        disc = Ring(0.0, half, sectors=_PLACES)
-        return disc if self.are_round else Rectangle((2.0 * half, 2.0 * half))
+        half = float(self.half_size[index])
+        disc = Ring(0.0, half, sectors=_OUTLINE_POINTS)
+        return disc if self.is_round else Rectangle((2.0 * half, 2.0 * half))
 
     def _pose(self, index: int) -> Pose:
         axes = self.axes[index]
-        return Pose(np.roll(axes, -1, axis=1), axes @ (1.0, *self.middle[index]))
+        return Pose(np.roll(axes, -1, axis=1), axes @ (1.0, *self.centre[index]))
 
-    def cover(self, directions: Floats) -> Bools:
+    def contains(self, directions: Floats) -> Bools:
         """Return which of (m, 3) directions meet one."""
         ahead, right, down = (directions @ self.axes[:, :, axis].T for axis in range(3))
-        aside = right - self.middle[:, 0] * ahead, down - self.middle[:, 1] * ahead
-        far = np.hypot(*aside) if self.are_round else np.maximum(*np.abs(aside))
-        return np.asarray((far < self.half * ahead).any(axis=-1))
+        aside = right - self.centre[:, 0] * ahead, down - self.centre[:, 1] * ahead
+        far = np.hypot(*aside) if self.is_round else np.maximum(*np.abs(aside))
+        return np.asarray((far < self.half_size * ahead).any(axis=-1))
 
-    def outlines(self) -> tuple[Floats, Bools]:
+    def outline_directions(self) -> tuple[Floats, Bools]:
         """Return (n * places, 3) directions of all outlines, and which are far from corners."""
-        turn = 2.0 * math.pi * np.arange(_PLACES) / _PLACES
+        turn = 2.0 * math.pi * np.arange(_OUTLINE_POINTS) / _OUTLINE_POINTS
         circle = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-        smooth = np.ones(_PLACES, dtype=np.bool_)
-        if not self.are_round:
+        smooth = np.ones(_OUTLINE_POINTS, dtype=np.bool_)
+        if not self.is_round:
             circle /= np.abs(circle).max(axis=-1, keepdims=True)
-            smooth = np.abs(circle).min(axis=-1) < _SMOOTH_PART
-        planes = self.middle[:, None] + self.half[:, None, None] * circle
+            smooth = np.abs(circle).min(axis=-1) < _SMOOTH_FRACTION
+        planes = self.centre[:, None] + self.half_size[:, None, None] * circle
         local = np.concatenate((np.ones((*planes.shape[:2], 1)), planes), axis=-1)
         directions: Floats = np.einsum("nij,npj->npi", self.axes, local)
         return directions.reshape(-1, 3), np.tile(smooth, len(self.axes))
 
 
-def scattered_discs(
+def scatter_discs(
     camera: OmniCamera, *, size_px: float, count: int, rng: np.random.Generator
-) -> Targets:
+) -> DisplacementTargets:
     """Return discs of about one size in the image that do not touch, anywhere within the rim.
 
     size_px: across them where the image makes them thinnest.
     """
-    directions, half = _scattered(camera, size_px=size_px, count=count, rng=rng)
-    return Targets(_facing(directions), np.zeros((len(half), 2)), half, True)
+    directions, half = _scatter(camera, size_px=size_px, count=count, rng=rng)
+    return DisplacementTargets(_plane_axes(directions), np.zeros((len(half), 2)), half, True)
 
 
-def scattered_squares(
+def scatter_squares(
     camera: OmniCamera,
     *,
     size_px: float,
     count: int,
     rng: np.random.Generator,
     turn_rad: float = 0.0,
-) -> Targets:
+) -> DisplacementTargets:
     """Return squares likewise, in the planes of the cube's faces, turned from their texels."""
-    directions, half = _scattered(camera, size_px=size_px, count=count, rng=rng)
+    directions, half = _scatter(camera, size_px=size_px, count=count, rng=rng)
     face = face_from_direction(directions)
     turn = rotation_from_rpy(turn_rad, 0.0, 0.0)
     middle = face_coordinates(directions, face) @ turn[1:, 1:]
-    return Targets(FACE_AXES[face] @ turn, middle, half, False)
+    return DisplacementTargets(MIRROR_FROM_FACE_ROTATIONS[face] @ turn, middle, half, False)
 
 
-def _scattered(
+def _scatter(
     camera: OmniCamera, *, size_px: float, count: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Return (n, 3) directions and (n,) half sizes at unit distance; each place alike."""
@@ -132,7 +132,7 @@ def _scattered(
     return places[chosen], half[chosen]
 
 
-def _facing(directions: Floats) -> Floats:
+def _plane_axes(directions: Floats) -> Floats:
     """Return (n, 3, 3) axes of planes across (n, 3) unit directions."""
     aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
     right = np.cross(aside, directions)
@@ -140,17 +140,17 @@ def _facing(directions: Floats) -> Floats:
     return np.stack((directions, right, np.cross(directions, right)), axis=-1)
 
 
-def largest_displacement_px(camera: OmniCamera, image: Image, targets: Targets) -> float:
+def max_displacement_px(camera: OmniCamera, image: Image, targets: DisplacementTargets) -> float:
     """Return how far the farthest wrong pixel of a frame with one sample a pixel is displaced.
 
     Not counted: pixels beside a corner, which texels round off. Beside polygons a frame is black:
     what is missing there is displaced to the rim at most.
     """
-    pixels = pixel_centres(camera)[:, :, 0]
+    pixels = pixel_sample_positions(camera)[:, :, 0]
     directions, on_mirror = direction_from_pixel(camera, pixels)
     lit = linear_from_srgb(image[..., 0][on_mirror] / 255.0) > 0.5
-    wrong = pixels[on_mirror][lit != targets.cover(directions[on_mirror])]
-    outline, is_smooth = targets.outlines()
+    wrong = pixels[on_mirror][lit != targets.contains(directions[on_mirror])]
+    outline, is_smooth = targets.outline_directions()
     outline_px, _ = pixel_from_direction(replace(camera, rim_rad=camera.rim_rad + 1e-3), outline)
     distance_px, nearest = _nearest(wrong, outline_px)
     to_rim_px = camera.rim_radius_px - np.linalg.norm(wrong - camera.centre_px, axis=1)

@@ -14,7 +14,7 @@ def level_differences(one: Image, other: Image) -> npt.NDArray[np.int64]:
     return difference
 
 
-def away_from_edges(image: Image, *, contrast: int = 6) -> npt.NDArray[np.bool_]:
+def mask_away_from_edges(image: Image, *, contrast: int = 6) -> npt.NDArray[np.bool_]:
     """Return (h, w) True where the 3 x 3 neighbours vary by less than `contrast` levels.
 
     At an edge two renderers may honestly show either side: a sample's place is rounded, a cube

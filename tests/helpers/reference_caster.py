@@ -22,14 +22,14 @@ _NEAR_SURFACE_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cast:
+class ReferenceRadiance:
     """What rays see: (n, 3) linear radiance, and which of the n are beyond doubt."""
 
     radiance: Floats
-    certain: Bools
+    is_certain: Bools
 
 
-def cast(scene: SceneMesh, world: World, origin: Floats, directions: Floats) -> Cast:
+def cast_rays(scene: SceneMesh, world: World, origin: Floats, directions: Floats) -> ReferenceRadiance:
     """Return what (n, 3) directions from one origin (3,) see."""
     distance, u, v = _distances(scene, origin, directions)
     triangle = np.argmin(distance, axis=1)
@@ -39,7 +39,7 @@ def cast(scene: SceneMesh, world: World, origin: Floats, directions: Floats) -> 
     seen, which = rows[hit], triangle[hit]
     points = origin + distance[seen, which][:, None] * directions[seen]
     radiance[seen] = _radiance(scene, world, which, points, u[seen, which], v[seen, which])
-    return Cast(radiance, _certain(distance, u, v))
+    return ReferenceRadiance(radiance, _is_certain(distance, u, v))
 
 
 def _distances(
@@ -60,7 +60,7 @@ def _distances(
     return np.where(inside, distance, np.inf), u, v
 
 
-def _certain(distance: Floats, u: Floats, v: Floats) -> Bools:
+def _is_certain(distance: Floats, u: Floats, v: Floats) -> Bools:
     """Return (n,) whether no edge of a triangle in front, nor a second surface, is near."""
     nearest = distance.min(axis=1)
     edge = np.minimum(np.minimum(np.abs(u), np.abs(v)), np.abs(1.0 - u - v)) < _NEAR_EDGE
@@ -84,5 +84,5 @@ def _radiance(
     uv += v[:, None] * corners[:, 2]
     for index, texture in enumerate(scene.textures):
         on = scene.texture_index[triangle] == index
-        radiance[on] *= shading.texture_value(linear_from_srgb(texture / 255.0), uv[on])
+        radiance[on] *= shading.sample_texture(linear_from_srgb(texture / 255.0), uv[on])
     return radiance

@@ -7,4 +7,4 @@ from collections.abc import Callable
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.scene.description import World
 
-Make = Callable[[World], Renderer]
+RendererFactory = Callable[[World], Renderer]

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import camera_with_rim_inscribed
+from catoptra_protocol.optics.camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.wire.reports import Report
-from catoptra_server.imaging.drawing import developed
+from catoptra_server.imaging.drawing import render_frame
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import SCREEN, Channel, Eye, OmniEye, Shot, Take
+from catoptra_server.imaging.shot import IMAGE_PORT, Channel, CameraSpec, OmniCameraSpec, FrameRequest, ViewRequest
 from catoptra_server.imaging.views import ViewState
 from catoptra_server.plan.error_bound import ErrorBound, error_bound
 from catoptra_server.plan.planner import PlanChoice
-from catoptra_server.plan.render_plan import RendererKind, plan_from_wish
-from catoptra_server.render.renderer import Exposure, RenderedImage
+from catoptra_server.plan.render_plan import RendererKind, plan_from_settings
+from catoptra_server.render.renderer import CameraState, RenderedImage
 from catoptra_server.robot.description import (
     DriveBase,
     EncoderDescription,
@@ -38,7 +38,7 @@ from catoptra_server.robot.description import (
     TouchDescription,
     VictimSensorDescription,
 )
-from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.robot.render_wish import RenderSettings
 from catoptra_server.scene.description import Box, Item, Material, StartPlace, World
 from catoptra_server.simulation.fleet import Fleet
 
@@ -55,44 +55,44 @@ BASE = DriveBase(
     slip_noise=0.0,
 )
 ODOMETRY = OdometryDescription("Odometry", 0.2)
-TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=9)
-AHEAD = Mount((0.1, 0.0, -0.05), (0.0, 0.0, 0.0))
+GROUND_TRUTH = GroundTruthDescription("GroundTruth", 0.2, decimals=9)
+FORWARD_MOUNT = Mount((0.1, 0.0, -0.05), (0.0, 0.0, 0.0))
 SCANNER = RangeScannerDescription(
-    "Scanner1", 0.2, AHEAD, fov_rad=math.pi, resolution_rad=math.pi / 180.0,
+    "Scanner1", 0.2, FORWARD_MOUNT, fov_rad=math.pi, resolution_rad=math.pi / 180.0,
     min_range_m=0.1, max_range_m=20.0,
 )  # fmt: skip
-SONAR = SonarDescription("F1", 0.2, AHEAD, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0)
-INS = InsDescription("INS", 0.2, AHEAD)
-ENCODER = EncoderDescription("ECLeft", 0.2, AHEAD, shaft="left", resolution_rad=0.01745)
-TACHOMETER = TachometerDescription("TachTest", 0.2, AHEAD)
-TOUCH = TouchDescription("Touch", 0.2, AHEAD, diameter_m=0.01)
-RFID = RfidDescription("RFID", 0.2, AHEAD, max_range_m=2.0)
-VICTIMS = VictimSensorDescription("VictSensor", 0.2, AHEAD, fov_rad=1.0, max_range_m=5.0)
-GPS = GpsDescription("GPS", 0.2, AHEAD)
+SONAR = SonarDescription("F1", 0.2, FORWARD_MOUNT, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0)
+INS = InsDescription("INS", 0.2, FORWARD_MOUNT)
+ENCODER = EncoderDescription("ECLeft", 0.2, FORWARD_MOUNT, shaft="left", resolution_rad=0.01745)
+TACHOMETER = TachometerDescription("TachTest", 0.2, FORWARD_MOUNT)
+TOUCH = TouchDescription("Touch", 0.2, FORWARD_MOUNT, diameter_m=0.01)
+RFID = RfidDescription("RFID", 0.2, FORWARD_MOUNT, max_range_m=2.0)
+VICTIMS = VictimSensorDescription("VictSensor", 0.2, FORWARD_MOUNT, fov_rad=1.0, max_range_m=5.0)
+GPS = GpsDescription("GPS", 0.2, FORWARD_MOUNT)
 # One of each kind.
 SENSORS = (
     *(SONAR, SCANNER, INS, ODOMETRY, ENCODER, TACHOMETER),
-    *(TOUCH, RFID, VICTIMS, TRUTH, GPS),
+    *(TOUCH, RFID, VICTIMS, GROUND_TRUTH, GPS),
 )
 CAMERA = OmniCameraDescription(
     name="OmniCam",
-    camera=camera_with_rim_inscribed(
+    camera=camera_with_inscribed_rim(
         HyperbolicMirror(11.546, 0.2321), width_px=8, height_px=6, rim_rad=math.radians(120.0)
     ),
     robot_from_mirror=Pose.from_rpy((0.0, 0.0, -0.4543)),
     texture_clients=(),
-    wish=RenderWish(),
-    frame_interval_s=0.0,
+    render_settings=RenderSettings(),
+    min_frame_interval_s=0.0,
     capture_fov_rad=0.33,
 )
 
 
-def p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
+def make_p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
     """Return a robot with odometry, ground truth and a small camera; `changes` replace fields."""
     robot = RobotDescription(
         class_name="USARBot.OmniP2AT",
         drive=base,
-        sensors=(ODOMETRY, TRUTH),
+        sensors=(ODOMETRY, GROUND_TRUTH),
         omni_camera=CAMERA,
         status_interval_s=0.2,
         battery_s=1200.0,
@@ -100,16 +100,16 @@ def p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
     return dataclasses.replace(robot, **changes)
 
 
-def noisy_p2at() -> RobotDescription:
+def make_noisy_p2at() -> RobotDescription:
     """Return a P2AT whose floor and odometry draw random numbers."""
     base = dataclasses.replace(BASE, turn_slip=0.03, slip_noise=0.01)
     odometry = dataclasses.replace(
         ODOMETRY, distance_noise_m=0.01, turn_noise_rad=0.02, heading_noise_rad=0.01
     )
-    return p2at(base=base, sensors=(odometry, TRUTH))
+    return make_p2at(base=base, sensors=(odometry, GROUND_TRUTH))
 
 
-def walled_world(*walls_x_m: float) -> World:
+def make_walled_world(*walls_x_m: float) -> World:
     """Return a world with walls, 0.1 m thick, whose near faces stand at these x > 0."""
     items = tuple(
         Item(
@@ -132,7 +132,7 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.batches: list[tuple[Report, ...]] = []
-        self.refusals = 0
+        self.num_rejections = 0
 
     @property
     def reports(self) -> list[Report]:
@@ -143,54 +143,54 @@ class FakeClient:
         """Keep reports."""
         self.batches.append(tuple(reports))
 
-    def refuse_init(self) -> None:
+    def reject_init(self) -> None:
         """Count a refusal."""
-        self.refusals += 1
+        self.num_rejections += 1
 
 
 class FakeView:
     """A view whose pictures have the number of the exposure in every byte."""
 
     def __init__(self) -> None:
-        self.exposures: list[Exposure] = []
-        self.closed = False
+        self.exposures: list[CameraState] = []
+        self.is_closed = False
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, exposure: CameraState) -> RenderedImage:
         """Return the next picture."""
         self.exposures.append(exposure)
         return RenderedImage(np.full((6, 8, 3), len(self.exposures), dtype=np.uint8), {"fake": 1.0})
 
     def close(self) -> None:
         """Take note."""
-        self.closed = True
+        self.is_closed = True
 
 
-class FakeViews:
+class FakeViewProvider:
     """Views of which every eye is drawn by one fake view, at the eye's own size if it has one."""
 
     def __init__(self, view: FakeView | None = None) -> None:
         self.view = view or FakeView()
-        self.takes: list[Take] = []
+        self.view_requests: list[ViewRequest] = []
 
-    def draw(self, take: Take) -> RenderedImage:
+    def render(self, take: ViewRequest) -> RenderedImage:
         """Return the next picture."""
-        self.takes.append(take)
-        image = self.view.draw(take.exposure)
-        eye = take.eye.camera if isinstance(take.eye, OmniEye) else take.eye
+        self.view_requests.append(take)
+        image = self.view.render(take.camera_state)
+        eye = take.camera.camera if isinstance(take.camera, OmniCameraSpec) else take.camera
         rgb = np.full((eye.height_px, eye.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
         return RenderedImage(rgb, image.stage_ms)
 
-    def plan(self, eye: Eye) -> str:
+    def plan(self, eye: CameraSpec) -> str:
         """Return a plan that can be printed."""
         return "fake plan"
 
-    def bound(self, eye: Eye) -> ErrorBound | None:
+    def error_bound(self, eye: CameraSpec) -> ErrorBound | None:
         """Return the bound of an omnidirectional eye, traced as it is wished."""
-        return self.choice(eye).choice.bound if isinstance(eye, OmniEye) else None
+        return self.view_state(eye).choice.bound if isinstance(eye, OmniCameraSpec) else None
 
-    def choice(self, eye: OmniEye) -> ViewState:
+    def view_state(self, eye: OmniCameraSpec) -> ViewState:
         """Return how trace draws an eye as it is wished, in 12.5 ms."""
-        plan = plan_from_wish(eye.wish, eye.camera, kind=RendererKind.TRACE, why="fake")
+        plan = plan_from_settings(eye.render_settings, eye.camera, kind=RendererKind.TRACE, reason="fake")
         return ViewState(PlanChoice(plan, error_bound(eye.camera, plan)), 12.5)
 
     def close(self) -> None:
@@ -198,9 +198,9 @@ class FakeViews:
         self.view.close()
 
 
-def shown(fleet: Fleet, views: Any = None, channel: Channel = SCREEN) -> Frame:
+def render_channel(fleet: Fleet, views: Any = None, channel: Channel = IMAGE_PORT) -> Frame:
     """Return what a channel shows now, drawn at once."""
-    scenery = fleet.scenery(channel)
+    scenery = fleet.compose_frame(channel)
     assert scenery is not None
-    shot = Shot(channel, 1, 0.0, 0.0, scenery)
-    return developed(shot, views if views is not None else FakeViews(), monotonic=lambda: 0.0)
+    shot = FrameRequest(channel, 1, 0.0, 0.0, scenery)
+    return render_frame(shot, views if views is not None else FakeViewProvider(), monotonic=lambda: 0.0)

@@ -8,11 +8,11 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.sensors import Moment
-from catoptra_server.sensors.sight import Surroundings
+from catoptra_server.sensors import SensorContext
+from catoptra_server.sensors.sight import SensorEnvironment
 
 
-class Room:
+class RoomRayCaster:
     """A room around the origin, of half its edges, seen from inside: analytic, float64."""
 
     def __init__(self, half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> None:
@@ -25,7 +25,7 @@ class Room:
         ways = (np.copysign(self._half, along) - origins) / along
         return np.where(level, np.inf, ways).min(axis=-1)
 
-    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return the distances, and the inward normals of the walls."""
         distances = self.distances(origins, directions)
         places = (origins + distances[:, None] * directions) / self._half
@@ -34,7 +34,7 @@ class Room:
         return distances, normals
 
 
-def room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
+def make_room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
     """Return the same room as a world, its walls 0.1 m thick."""
     items = []
     for axis in range(3):
@@ -50,13 +50,13 @@ def room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
     return World("room", tuple(items))
 
 
-def box_at(
+def oriented_box_at(
     x_m: float, y_m: float, *, size_m: tuple[float, float, float] = (0.4, 0.4, 0.4)
 ) -> OrientedBox:
     """Return an upright box whose middle is at the height of the world's origin."""
     return OrientedBox(Pose.from_rpy((x_m, y_m, 0.0)), size_m)
 
 
-def in_room(*boxes: OrientedBox, pose: Pose | None = None, tick: int = 0) -> Moment:
+def context_in_room(*boxes: OrientedBox, pose: Pose | None = None, tick: int = 0) -> SensorContext:
     """Return a moment of a robot in the room, with other robots."""
-    return Moment(1.0, tick, pose or Pose.identity(), Surroundings(Room(), boxes))
+    return SensorContext(1.0, tick, pose or Pose.identity(), SensorEnvironment(RoomRayCaster(), boxes))

@@ -9,24 +9,24 @@ from contextlib import contextmanager
 import zmq
 
 from catoptra_protocol.wire.stream import SCHEMA_VERSION, bytes_from_message, request_from_bytes
-from catoptra_protocol.wire.stream_answers import Pulse
+from catoptra_protocol.wire.stream_answers import Heartbeat
 from catoptra_protocol.wire.stream_requests import Request
 
-PULSE = bytes_from_message(Pulse(SCHEMA_VERSION))
+HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 # Returns the messages to send, each a list of parts.
 Script = Callable[[Request], list[list[bytes]]]
-_LOOK_EVERY_MS = 20
+_POLL_INTERVAL_MS = 20
 
 
 @contextmanager
-def scripted_stream(script: Script, *, port: int = 0, pulses: bool = False) -> Iterator[int]:
+def serve_script(script: Script, *, port: int = 0, sends_heartbeats: bool = False) -> Iterator[int]:
     """Serve a script; yield the port. pulses: tell clients all the time that the server lives."""
     context = zmq.Context()
     router = context.socket(zmq.ROUTER)
     router.bind(f"tcp://127.0.0.1:{port or '*'}")
     bound = int(router.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
     ended = threading.Event()
-    thread = threading.Thread(target=_serve, args=(router, script, pulses, ended))
+    thread = threading.Thread(target=_serve, args=(router, script, sends_heartbeats, ended))
     thread.start()
     try:
         yield bound
@@ -36,13 +36,13 @@ def scripted_stream(script: Script, *, port: int = 0, pulses: bool = False) -> I
         context.destroy(linger=0)
 
 
-def _serve(router: zmq.Socket[bytes], script: Script, pulses: bool, ended: threading.Event) -> None:
+def _serve(router: zmq.Socket[bytes], script: Script, sends_heartbeats: bool, ended: threading.Event) -> None:
     known: set[bytes] = set()
     while not ended.is_set():
-        if router.poll(_LOOK_EVERY_MS):
+        if router.poll(_POLL_INTERVAL_MS):
             peer, data = router.recv_multipart()
             known.add(peer)
             for parts in script(request_from_bytes(data)):
                 router.send_multipart([peer, *parts])
-        for peer in known if pulses else ():
-            router.send_multipart([peer, PULSE])
+        for peer in known if sends_heartbeats else ():
+            router.send_multipart([peer, HEARTBEAT])

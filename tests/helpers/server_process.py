@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from catoptra_client.images import ImageStream
-from catoptra_client.robot import Robot
+from catoptra_client.images import ImageClient
+from catoptra_client.robot import RobotClient
 from catoptra_client.stream import StreamClient
-from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy
+from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 
 # Only a broken test waits so long.
 DEADLINE_S = 60.0
-LISTENING = re.compile(
+LISTENING_PATTERN = re.compile(
     r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+) stream=127\.0\.0\.1:(\d+)\n"
 )
 
@@ -34,27 +34,27 @@ class RunningServer:
     stream_port: int
     log: Path
 
-    def robot(self) -> Robot:
+    def connect_robot(self) -> RobotClient:
         """Return a connection to the control port."""
-        return Robot.connect(port=self.control_port, timeout_s=DEADLINE_S)
+        return RobotClient.connect(port=self.control_port, timeout_s=DEADLINE_S)
 
-    def images(self) -> ImageStream:
+    def connect_images(self) -> ImageClient:
         """Return a connection to the image port."""
-        return ImageStream.connect(port=self.image_port, timeout_s=DEADLINE_S)
+        return ImageClient.connect(port=self.image_port, timeout_s=DEADLINE_S)
 
-    def stream(self) -> StreamClient:
+    def connect_stream(self) -> StreamClient:
         """Return a connection to the stream."""
         return StreamClient.connect(port=self.stream_port, timeout_s=DEADLINE_S)
 
-    def end(self, number: signal.Signals = signal.SIGTERM) -> int:
+    def terminate(self, signal_number: signal.Signals = signal.SIGTERM) -> int:
         """Send a signal; return the exit status."""
-        self.process.send_signal(number)
+        self.process.send_signal(signal_number)
         return self.process.wait(DEADLINE_S)
 
 
-def small_robot(folder: Path) -> Path:
+def write_small_robot(folder: Path) -> Path:
     """Write the shipped robot with a picture of 64 x 64 px and exact ground truth."""
-    return edited_copy(
+    return write_edited_copy(
         OMNI_ROBOT,
         folder,
         Edit("ResolutionX=360", "ResolutionX=64"),
@@ -64,12 +64,12 @@ def small_robot(folder: Path) -> Path:
 
 
 @contextmanager
-def running_server(
+def start_server(
     folder: Path,
     *arguments: str,
     robot: Path | None = None,
     world: Path = FIELD,
-    within_s: float = DEADLINE_S,
+    timeout_s: float = DEADLINE_S,
 ) -> Iterator[RunningServer]:
     """Start a server with a small picture; end it with the block if it still runs.
 
@@ -77,7 +77,7 @@ def running_server(
     """
     command = [
         *(sys.executable, "-m", "catoptra_server", "--world", str(world)),
-        *("--robot", str(robot or small_robot(folder))),
+        *("--robot", str(robot or write_small_robot(folder))),
         *("--control-port", "0", "--image-port", "0"),
         *("--renderer", "trace", "--threads", "1", *arguments),
     ]
@@ -86,11 +86,11 @@ def running_server(
         log.open("w") as messages,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages, text=True) as process,
     ):
-        watchdog = threading.Timer(within_s, process.kill)
+        watchdog = threading.Timer(timeout_s, process.kill)
         watchdog.start()
         try:
             assert process.stdout is not None, "stdout is a pipe"
-            found = LISTENING.fullmatch(process.stdout.readline())
+            found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
             assert found, f"the server did not start:\n{log.read_text()}"
             yield RunningServer(process, *map(int, found.groups()), log)
         finally:

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.programs import VERSION, Definitions, set_uniform, source
+from catoptra_server.render.raster.programs import GLSL_VERSION, Definitions, set_uniform, load_source
 
 _MAINS = Path(__file__).parent.parent / "twins" / "shaders"
 
 
-def evaluate(
+def evaluate_shader(
     context: moderngl.Context,
-    main: str,
+    main_file: str,
     *,
     include: str | None,
     inputs: tuple[Floats, ...],
@@ -32,14 +32,14 @@ def evaluate(
 
     texture: bound as `albedo_texture`. Everything goes through float32.
     """
-    functions = source(include, define) if include else VERSION
+    functions = load_source(include, define) if include else GLSL_VERSION
     program = context.program(
-        vertex_shader=source("cover.vert"),
-        fragment_shader="\n".join((functions, (_MAINS / main).read_text(encoding="utf-8"))),
+        vertex_shader=load_source("cover.vert"),
+        fragment_shader="\n".join((functions, (_MAINS / main_file).read_text(encoding="utf-8"))),
     )
     count = len(inputs[0])
     for unit, values in enumerate(inputs):
-        _table(context, values).use(unit)
+        _input_texture(context, values).use(unit)
         program[f"input_{unit}"] = unit
     if texture is not None:
         texture.use(len(inputs))
@@ -60,7 +60,7 @@ def evaluate(
 _COLUMNS = 1024
 
 
-def _table(context: moderngl.Context, values: Floats) -> moderngl.Texture:
+def _input_texture(context: moderngl.Context, values: Floats) -> moderngl.Texture:
     rows = -(-len(values) // _COLUMNS)
     texels = np.zeros((rows * _COLUMNS, 4), dtype=np.float32)
     texels[: len(values), : values.shape[1]] = values

@@ -20,31 +20,31 @@ from catoptra_server.scene.description import (
 )
 from catoptra_server.scene.meshes import SceneMesh
 
-DUSK = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
-SUN = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
-LAMP = PointLight((-0.4, 0.3, -1.3), (0.8, 0.7, 0.6))
+HEMISPHERE_LIGHT = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
+DIRECTIONAL_LIGHT = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
+POINT_LIGHT = PointLight((-0.4, 0.3, -1.3), (0.8, 0.7, 0.6))
 GREY = Material((0.5, 0.5, 0.5))
 # A shadow ray that passes this near an edge, as a share of a triangle, may go either way.
-_NEAR_EDGE = 1e-4
-_LIFT_M = 1e-5
+_EDGE_TOLERANCE = 1e-4
+_SHADOW_BIAS_M = 1e-5
 
 
-def floor(size_m: float = 4.0, material: Material = GREY) -> Item:
+def floor_item(size_m: float = 4.0, material: Material = GREY) -> Item:
     """Return a floor at z = 0."""
     return Item("floor", Rectangle((size_m, size_m)), Pose.identity(), material)
 
 
-def box_at(x: float, y: float, z: float, size_m: tuple[float, float, float]) -> Item:
+def box_item(x: float, y: float, z: float, size_m: tuple[float, float, float]) -> Item:
     """Return a grey box."""
     return Item("box", Box(size_m), Pose.from_rpy((x, y, z), (0.0, 0.0, 0.4)), GREY)
 
 
-def world_of(*items: Item, lights: tuple[Light, ...] = (DUSK, SUN)) -> World:
+def make_world(*items: Item, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)) -> World:
     """Return a world of items under lights, with a dark background."""
     return World("shadows", items, lights=lights, background=(0.1, 0.1, 0.1))
 
 
-def inward_room(lamp: Light) -> World:
+def make_inward_facing_room(light: Light) -> World:
     """Return an empty room of six faces that look inward, 4 x 4 x 2 m, with a light."""
     half = 0.5 * np.pi
     faces = (
@@ -59,28 +59,28 @@ def inward_room(lamp: Light) -> World:
         Item(f"face{n}", Rectangle((4.0, 4.0)), Pose.from_rpy(at, turn), GREY)
         for n, (at, turn) in enumerate(faces)
     )
-    return world_of(*items, lights=(DUSK, lamp))
+    return make_world(*items, lights=(HEMISPHERE_LIGHT, light))
 
 
-def shadowed_radiance(
+def reference_radiance(
     scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats
 ) -> tuple[Floats, Bools]:
     """Return (n, 3) radiance of places on triangles without texture, and (n,) which are certain."""
-    sky = shading.facet_irradiance(shading.sky_lights(world.lights), scene.normals[triangle])
+    sky = shading.facet_irradiance(shading.hemisphere_lights(world.lights), scene.normals[triangle])
     certain = np.ones(len(points), dtype=bool)
     total = sky.copy()
-    for light in shading.hideable_lights(world.lights):
+    for light in shading.shadow_casting_lights(world.lights):
         normals = scene.normals[triangle]
-        unhidden = shading.light_irradiance(light, points, normals)
-        towards, far = shading.towards_light(light, points + _LIFT_M * normals)
-        hidden, doubtful = _hidden(scene, points + _LIFT_M * normals, towards, far)
+        unhidden = shading.unshadowed_irradiance(light, points, normals)
+        towards, far = shading.direction_to_light(light, points + _SHADOW_BIAS_M * normals)
+        hidden, doubtful = _occlusion(scene, points + _SHADOW_BIAS_M * normals, towards, far)
         total += np.where(hidden[:, None], 0.0, unhidden)
         certain &= ~(doubtful & unhidden.any(axis=-1))
     unlit = scene.unlit[triangle, None]
     return scene.albedo[triangle] * np.where(unlit, 1.0, total), certain
 
 
-def _hidden(scene: SceneMesh, points: Floats, towards: Floats, far: Floats) -> tuple[Bools, Bools]:
+def _occlusion(scene: SceneMesh, points: Floats, towards: Floats, far: Floats) -> tuple[Bools, Bools]:
     """Return (n,) whether a triangle is met before a light, and whether an edge is near."""
     hidden, doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for corners in scene.corners[scene.casts_shadows]:
@@ -95,5 +95,5 @@ def _hidden(scene: SceneMesh, points: Floats, towards: Floats, far: Floats) -> t
             edge = np.minimum(np.minimum(u, v), 1.0 - u - v)
             between = (distance > 0.0) & (distance < far)
         hidden |= between & (edge >= 0.0)
-        doubtful |= between & (np.abs(edge) < _NEAR_EDGE)
+        doubtful |= between & (np.abs(edge) < _EDGE_TOLERANCE)
     return hidden, doubtful

@@ -10,33 +10,33 @@ import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.stream_answers import StartRecord
-from catoptra_server.effects.decide import Decision
+from catoptra_protocol.wire.stream_answers import StartPoseRecord
+from catoptra_server.effects.decide import EffectDecision
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import SCREEN, CameraChannel, Caption, Channel
+from catoptra_server.imaging.shot import IMAGE_PORT, CameraChannel, FrameMetadata, Channel
 from catoptra_server.mailbox import Mailboxes
-from catoptra_server.simulation import Drawn, FrameWanted, Request
+from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
 from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
-from catoptra_server.transports.zmq_stream_facts import CameraFacts, StreamFacts
+from catoptra_server.transports.zmq_stream_facts import CameraInfo, ServerInfo
 from helpers.loopback import HOST
-from helpers.robots import FakeViews
-from helpers.stream_messages import LAW
+from helpers.robots import FakeViewProvider
+from helpers.stream_messages import CAMERA_MODEL
 
 MOUNT = Pose.from_rpy((0.1, 0.0, -0.5))
 LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
-FACTS = StreamFacts(
+SERVER_INFO = ServerInfo(
     server="Catoptra test",
     world="field",
     class_names=("USARBot.OmniP2AT",),
     clock="lockstep",
-    cameras={("USARBot.OmniP2AT", "Omni"): CameraFacts(tuple(LAW.items()), MOUNT, "traced")},
+    cameras={("USARBot.OmniP2AT", "Omni"): CameraInfo(tuple(CAMERA_MODEL.items()), MOUNT, "traced")},
     landmarks=(LANDMARK,),
-    starts=(StartRecord("Centre", (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),),
+    start_poses=(StartPoseRecord("Centre", (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),),
 )
 
 
 @dataclass
-class Scene:
+class FakeSimulation:
     """Counts what is drawn, keeps what is posted. Every byte of a picture is the frame's number.
 
     draws: whether a wanted frame ever comes.
@@ -44,57 +44,57 @@ class Scene:
 
     width: int = 8
     height: int = 6
-    draws: bool = True
-    drawn: int = 0
-    posted: list[Request] = field(default_factory=list)
+    renders_frames: bool = True
+    num_rendered: int = 0
+    posted_events: list[SimulationEvent] = field(default_factory=list)
     mailboxes: Mailboxes | None = None
 
-    def post(self, request: Request) -> None:
+    def post(self, request: SimulationEvent) -> None:
         """Draw at once what is wanted; keep what else is posted."""
         match request:
-            case FrameWanted(channel=channel):
-                if self.draws:
-                    self._draw(channel)
-            case Drawn():
+            case FrameRequested(channel=channel):
+                if self.renders_frames:
+                    self._render(channel)
+            case FrameRendered():
                 pass
             case _:
-                self.posted.append(request)
+                self.posted_events.append(request)
 
-    def _draw(self, channel: Channel) -> None:
+    def _render(self, channel: Channel) -> None:
         assert self.mailboxes is not None
         known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "Omni")}
-        if channel not in {SCREEN, *known}:
-            self.mailboxes.refuse(channel)
+        if channel not in {IMAGE_PORT, *known}:
+            self.mailboxes.fail(channel)
             return
-        self.drawn += 1
-        pose = Pose.from_rpy((0.01 * self.drawn, 0.0, -0.2))
+        self.num_rendered += 1
+        pose = Pose.from_rpy((0.01 * self.num_rendered, 0.0, -0.2))
         frame = Frame(
-            sequence=self.drawn,
-            time_s=0.1 * self.drawn,
-            rgb=np.full((self.height, self.width, 3), self.drawn % 256, dtype=np.uint8),
-            exposed_s=0.0,
-            finished_s=0.0,
+            sequence=self.num_rendered,
+            time_s=0.1 * self.num_rendered,
+            rgb=np.full((self.height, self.width, 3), self.num_rendered % 256, dtype=np.uint8),
+            exposed_at_s=0.0,
+            finished_at_s=0.0,
             channel=channel,
-            caption=Caption(
-                *("OmniP2AT", "USARBot.OmniP2AT", "Omni", pose, MOUNT, tuple(LAW.items()))
+            metadata=FrameMetadata(
+                *("OmniP2AT", "USARBot.OmniP2AT", "Omni", pose, MOUNT, tuple(CAMERA_MODEL.items()))
             ),
             stage_ms={"trace": 2.0},
             plan="traced",
-            effects=(Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),),
+            effect_decisions=(EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),),
         )
         self.mailboxes.put(frame)
 
 
 @asynccontextmanager
-async def streaming(scene: Scene) -> AsyncIterator[StreamServer]:
+async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[StreamServer]:
     """Serve a scene on a free port."""
-    scene.mailboxes = Mailboxes(scene.post, ahead=False)
+    simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
     async with serve_stream(
         HOST,
         0,
-        mailboxes=scene.mailboxes,
-        post=scene.post,
-        facts=FACTS,
-        plan_of=lambda eye, tell: tell(FakeViews().choice(eye)),
+        mailboxes=simulation.mailboxes,
+        post=simulation.post,
+        server_info=SERVER_INFO,
+        query_plan=lambda eye, tell: tell(FakeViewProvider().view_state(eye)),
     ) as server:
         yield server

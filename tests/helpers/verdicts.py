@@ -10,18 +10,18 @@ from rich.table import Table
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class RequirementResult:
     """One requirement, what was measured, and whether it holds."""
 
     requirement: str
-    measured: str
-    holds: bool
+    measurement: str
+    is_met: bool
 
 
-def print_verdicts(verdicts: Sequence[Verdict], console: Console | None = None) -> int:
+def print_requirements(results: Sequence[RequirementResult], console: Console | None = None) -> int:
     """Print a table; return the exit status, 0 if every requirement holds."""
     table = Table("requirement", "measured", "holds")
-    for verdict in verdicts:
-        table.add_row(verdict.requirement, verdict.measured, "yes" if verdict.holds else "NO")
+    for verdict in results:
+        table.add_row(verdict.requirement, verdict.measurement, "yes" if verdict.is_met else "NO")
     (console or Console()).print(table)
-    return 0 if all(verdict.holds for verdict in verdicts) else 1
+    return 0 if all(verdict.is_met for verdict in results) else 1

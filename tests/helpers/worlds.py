@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from catoptra_protocol.optics.camera import OmniCamera, camera_with_rim_inscribed
+from catoptra_protocol.optics.camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror
 from catoptra_server.plan.render_plan import (
     PerPixel,
     RendererKind,
     RenderPlan,
-    RenderWish,
-    Surface,
-    plan_from_wish,
+    RenderSettings,
+    MirrorSurface,
+    plan_from_settings,
 )
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.description import (
     Box,
     Cylinder,
@@ -34,45 +34,45 @@ from catoptra_server.scene.description import (
     World,
 )
 
-SKY = HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3))
-SUN = DirectionalLight((0.28, 0.19, -0.94), (0.4, 0.4, 0.4))
-LAMP = PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4))
+HEMISPHERE_LIGHT = HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3))
+DIRECTIONAL_LIGHT = DirectionalLight((0.28, 0.19, -0.94), (0.4, 0.4, 0.4))
+POINT_LIGHT = PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4))
 PAPER_MIRROR = HyperbolicMirror(11.546, 0.2321)
 # 0.6 m over the floor, off every axis and turned, so that nothing lines up by accident.
-VIEW = Exposure(Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)))
+CAMERA_STATE = CameraState(Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)))
 
 
-def room(*, lights: tuple[Light, ...] = (SKY, SUN), texture: Path | None = None) -> World:
+def make_test_world(*, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), texture: Path | None = None) -> World:
     """Return a floor with boxes and a post on it, under an open sky of constant radiance."""
     items = (
         Item(
             "floor", Rectangle((6, 4), (3, 2)), Pose.identity(), Material((0.3, 0.35, 0.3), texture)
         ),
-        Item("wall", Box((0.1, 3.0, 1.2)), _at(1.6, 0.2, -0.6, 0.2), Material((0.6, 0.5, 0.2))),
-        Item("crate", Box((0.4, 0.3, 0.5)), _at(-0.9, -0.8, -0.25, 0.5), Material((0.5, 0.1, 0.1))),
-        Item("post", Cylinder(0.1, 1.0), _at(0.0, 1.1, -0.5, 0.0), Material((0.1, 0.3, 0.7))),
+        Item("wall", Box((0.1, 3.0, 1.2)), _pose_on_floor(1.6, 0.2, -0.6, 0.2), Material((0.6, 0.5, 0.2))),
+        Item("crate", Box((0.4, 0.3, 0.5)), _pose_on_floor(-0.9, -0.8, -0.25, 0.5), Material((0.5, 0.1, 0.1))),
+        Item("post", Cylinder(0.1, 1.0), _pose_on_floor(0.0, 1.1, -0.5, 0.0), Material((0.1, 0.3, 0.7))),
         Item(
             "panel",
             Box((0.5, 0.5, 0.02)),
-            _at(0.3, -1.3, -0.9, 0.0),
+            _pose_on_floor(0.3, -1.3, -0.9, 0.0),
             Material((0.9, 0.2, 0.8), unlit=True),
         ),
     )
     return World("room", items, lights=lights, background=(0.3, 0.3, 0.35))
 
 
-def moved(world: World, offset_m: tuple[float, float, float]) -> World:
+def translate_world(world: World, offset_m: tuple[float, float, float]) -> World:
     """Return the world with all its items, not its lights, moved by an offset."""
     offset = Pose.from_rpy(offset_m)
     items = (replace(item, world_from_item=offset @ item.world_from_item) for item in world.items)
     return replace(world, items=tuple(items))
 
 
-def _at(x: float, y: float, z: float, yaw_rad: float) -> Pose:
+def _pose_on_floor(x: float, y: float, z: float, yaw_rad: float) -> Pose:
     return Pose.from_rpy((x, y, z), (0.0, 0.0, yaw_rad))
 
 
-def smooth_texture(path: Path, *, size: int = 64) -> Path:
+def write_smooth_texture(path: Path, *, size: int = 64) -> Path:
     """Write an image file whose colours vary slowly and repeat without a step; return its path."""
     wave = 2.0 * math.pi * (np.arange(size) + 0.5) / size
     u, v = np.meshgrid(wave, wave)
@@ -81,23 +81,23 @@ def smooth_texture(path: Path, *, size: int = 64) -> Path:
     return path
 
 
-def omni_camera(
+def make_omni_camera(
     *, mirror: CentralMirror = PAPER_MIRROR, width_px: int = 200, rim_deg: float = 120.0
 ) -> OmniCamera:
     """Return a square camera whose rim touches the image borders."""
-    return camera_with_rim_inscribed(
+    return camera_with_inscribed_rim(
         mirror, width_px=width_px, height_px=width_px, rim_rad=math.radians(rim_deg)
     )
 
 
-def raster_plan(
+def make_plan(
     camera: OmniCamera,
-    surface: Surface = PerPixel(),  # noqa: B008 - frozen
+    surface: MirrorSurface = PerPixel(),  # noqa: B008 - frozen
     *,
     samples: int = 1,
     face_size_px: int = 0,
     face_samples: int = 1,
 ) -> RenderPlan:
     """Return a plan of explicit numbers for the raster renderer; trace ignores the faces."""
-    wish = RenderWish(surface, samples, face_size_px, face_samples)
-    return plan_from_wish(wish, camera, kind=RendererKind.RASTER, why="test")
+    wish = RenderSettings(surface, samples, face_size_px, face_samples)
+    return plan_from_settings(wish, camera, kind=RendererKind.RASTER, reason="test")

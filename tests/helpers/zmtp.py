@@ -10,15 +10,15 @@ MORE, LONG, COMMAND = 1, 2, 4
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + bytes(32)
 
 
-def frame(body: bytes, flags: int = 0) -> bytes:
+def zmtp_frame(body: bytes, flags: int = 0) -> bytes:
     """Return a frame with a length of one byte, or of eight where flags say so."""
     return bytes([flags]) + len(body).to_bytes(8 if flags & LONG else 1, "big") + body
 
 
-READY = frame(b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER", COMMAND)
+READY = zmtp_frame(b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER", COMMAND)
 
 
-def handshaken(port: int) -> socket.socket:
+def connect_with_handshake(port: int) -> socket.socket:
     """Return a blocking connection on which both sides have said READY."""
     peer = socket.create_connection((HOST, port), DEADLINE_S)
     peer.sendall(GREETING + READY)
@@ -30,12 +30,12 @@ def handshaken(port: int) -> socket.socket:
     return peer
 
 
-def bytes_sent_for_ever(port: int, block: bytes, *, at_most: int) -> int:
+def send_until_disconnect(port: int, block: bytes, *, max_bytes: int) -> int:
     """Send a block again and again; return how many bytes went until the connection was ended."""
     sent = 0
-    with handshaken(port) as peer:
+    with connect_with_handshake(port) as peer:
         try:
-            while sent < at_most:
+            while sent < max_bytes:
                 sent += peer.send(block)
         except ConnectionError:
             pass

@@ -67,7 +67,7 @@ class Containers:
         self._lines = process.stdout
         self.said: list[str] = []
 
-    def until(self, text: str) -> str:
+    def wait_for(self, text: str) -> str:
         """Read until a line has a text; return it."""
         for line in self._lines:
             self.said.append(line)
@@ -75,7 +75,7 @@ class Containers:
                 return line
         raise AssertionError(f"nobody said {text!r}: {self.said[-5:]}")
 
-    def number_of(self, text: str) -> int:
+    def parse_number(self, text: str) -> int:
         """Return how many of the lines that were read have a text."""
         return sum(text in line for line in self.said)
 
@@ -108,19 +108,19 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 def test_client_when_the_server_is_stopped_says_so_and_fails() -> None:
     with containers("sim", "client") as running:
-        running.until("robot Run0 of class")
+        running.wait_for("robot Run0 of class")
         compose("stop", "--timeout", "5", "sim")
-        running.until("experiment: ")
-        assert "the client ended with 1" in running.until("the client ended with")
+        running.wait_for("experiment: ")
+        assert "the client ended with 1" in running.wait_for("the client ended with")
 
 
 def test_server_when_the_client_is_killed_frees_its_robot_and_serves_the_next(
     tmp_path: Path,
 ) -> None:
     with containers("sim", "client", "next") as running:
-        running.until("robot Run0 of class")
+        running.wait_for("robot Run0 of class")
         compose("kill", "client")
         (tmp_path / "begin").touch()
-        running.until("robot Trainer0 of class")
-        assert running.number_of(" spawned at ") == running.number_of(" left") + 1
-        running.until("the next client is done")
+        running.wait_for("robot Trainer0 of class")
+        assert running.parse_number(" spawned at ") == running.parse_number(" left") + 1
+        running.wait_for("the next client is done")

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.camera_conf import camera_from_pairs, pairs_from_camera
+from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.optics.camera import (
     OmniCamera,
-    camera_with_rim_inscribed,
+    camera_with_inscribed_rim,
     pixel_from_direction,
 )
 from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
@@ -24,15 +24,15 @@ from catoptra_protocol.wire.reports import Configuration, line_from_report, repo
 PAPER = HyperbolicMirror(11.546, 2.321)
 
 
-def camera(mirror: CentralMirror = PAPER, rim_deg: float = 125.0) -> OmniCamera:
+def make_camera(mirror: CentralMirror = PAPER, rim_deg: float = 125.0) -> OmniCamera:
     """Return the paper's picture of 360 x 360 px."""
-    return camera_with_rim_inscribed(
+    return camera_with_inscribed_rim(
         mirror, width_px=360, height_px=360, rim_rad=math.radians(rim_deg)
     )
 
 
 def test_pairs_when_written_have_the_agreed_names_and_order() -> None:
-    names = [name for name, _ in pairs_from_camera(camera(), 0.5)]
+    names = [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)]
     assert " ".join(names) == (
         "CameraDefFov CameraMinFov CameraMaxFov CameraFov Width Height Mirror MirrorK MirrorC "
         "CentreU CentreV HorizonRadius RimAngle UpAzimuth ViewpointHeight"
@@ -41,24 +41,24 @@ def test_pairs_when_written_have_the_agreed_names_and_order() -> None:
 
 def test_pairs_when_written_start_with_the_capture_camera_s_view() -> None:
     # By hand: s = sqrt(k (k - 2)) = 10.4995, h = 93.1316 px, fov = 2 atan(180 / (s h)).
-    views = [value for _, value in pairs_from_camera(camera(), 0.5)[:4]]
+    views = [value for _, value in pairs_from_omni_camera(make_camera(), 0.5)[:4]]
     assert views == ["20.8625"] * 4
 
 
 def test_pairs_when_the_mirror_is_parabolic_name_its_radius() -> None:
-    pairs = dict(pairs_from_camera(camera(ParabolicMirror(0.03)), 0.5))
+    pairs = dict(pairs_from_omni_camera(make_camera(ParabolicMirror(0.03)), 0.5))
     assert (pairs["Mirror"], pairs["MirrorHorizonRadius"]) == ("parabolic", "0.03")
     assert pairs["CameraFov"] == "0.0000"
 
 
 @pytest.mark.parametrize("mirror", [PAPER, ParabolicMirror(0.03)])
 def test_camera_when_sent_as_a_line_comes_back(mirror: CentralMirror) -> None:
-    sent = camera(mirror)
-    conf = Configuration("Camera", (("Name", "Omni"), *pairs_from_camera(sent, 0.4321)))
+    sent = make_camera(mirror)
+    conf = Configuration("Camera", (("Name", "Omni"), *pairs_from_omni_camera(sent, 0.4321)))
     line = line_from_report(conf).decode().rstrip("\r\n")
     received = report_from_message(parse_message(line))
     assert isinstance(received, Configuration)
-    assert camera_from_pairs(received.pairs) == (sent, 0.4321)
+    assert omni_camera_from_pairs(received.pairs) == (sent, 0.4321)
 
 
 @settings(derandomize=True, max_examples=100, deadline=None)
@@ -72,14 +72,14 @@ def test_camera_when_sent_as_a_line_comes_back(mirror: CentralMirror) -> None:
 def test_camera_when_it_comes_back_projects_to_the_same_pixels(
     k: float, c_m: float, rim_deg: float, up_azimuth_rad: float, height_m: float
 ) -> None:
-    sent = camera_with_rim_inscribed(
+    sent = camera_with_inscribed_rim(
         HyperbolicMirror(k, c_m),
         width_px=640,
         height_px=480,
         rim_rad=math.radians(rim_deg) * 0.9,
-        up_azimuth_rad=up_azimuth_rad,
+        image_up_azimuth_rad=up_azimuth_rad,
     )
-    received, received_height_m = camera_from_pairs(pairs_from_camera(sent, height_m))
+    received, received_height_m = omni_camera_from_pairs(pairs_from_omni_camera(sent, height_m))
     direction = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 0.9], [0.0, 0.0, 1.0]])
     pixels = [pixel_from_direction(law, direction)[0] for law in (sent, received)]
     assert np.array_equal(pixels[0], pixels[1])
@@ -87,20 +87,20 @@ def test_camera_when_it_comes_back_projects_to_the_same_pixels(
 
 
 def test_pairs_when_names_differ_in_case_and_others_join_in_are_read() -> None:
-    pairs = pairs_from_camera(camera(), 0.5)
+    pairs = pairs_from_omni_camera(make_camera(), 0.5)
     shouted = (("Serial", "1"), *((name.upper(), value.upper()) for name, value in pairs))
-    assert camera_from_pairs(shouted) == (camera(), 0.5)
+    assert omni_camera_from_pairs(shouted) == (make_camera(), 0.5)
 
 
-def changed(name: str, value: str) -> Pairs:
-    return tuple((n, value if n == name else v) for n, v in pairs_from_camera(camera(), 0.5))
+def replace_pair(name: str, value: str) -> Pairs:
+    return tuple((n, value if n == name else v) for n, v in pairs_from_omni_camera(make_camera(), 0.5))
 
 
-@pytest.mark.parametrize("name", [name for name, _ in pairs_from_camera(camera(), 0.5)[4:]])
+@pytest.mark.parametrize("name", [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)[4:]])
 def test_pairs_when_one_is_missing_name_it(name: str) -> None:
-    pairs = tuple(pair for pair in pairs_from_camera(camera(), 0.5) if pair[0] != name)
+    pairs = tuple(pair for pair in pairs_from_omni_camera(make_camera(), 0.5) if pair[0] != name)
     with pytest.raises(RemoteProtocolError, match=name):
-        camera_from_pairs(pairs)
+        omni_camera_from_pairs(pairs)
 
 
 BAD = [
@@ -120,10 +120,10 @@ BAD = [
 @pytest.mark.parametrize(("name", "value", "said"), BAD)
 def test_pairs_when_one_is_wrong_tell_which(name: str, value: str, said: str) -> None:
     with pytest.raises(RemoteProtocolError, match=said):
-        camera_from_pairs(changed(name, value))
+        omni_camera_from_pairs(replace_pair(name, value))
 
 
 def test_mirrors_when_listed_can_all_be_sent() -> None:
     examples: dict[str, CentralMirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
     assert set(examples) == set(MIRRORS)
-    assert all(camera_from_pairs(pairs_from_camera(camera(m), 0.0)) for m in examples.values())
+    assert all(omni_camera_from_pairs(pairs_from_omni_camera(make_camera(m), 0.0)) for m in examples.values())

@@ -14,7 +14,7 @@ HEADER = "name,kind,x_m,y_m,width_m,depth_m,band_bottom_m,band_top_m,lower_colou
 BEACON = "b1,beacon,1.35,-1.9,0.1,0.1,0.2,0.4,yellow,magenta"
 
 
-def landmark_of(*lines: str) -> tuple[Landmark, ...]:
+def parse_landmark(*lines: str) -> tuple[Landmark, ...]:
     return landmarks_from_lines([HEADER, *lines], file="x.csv")
 
 
@@ -26,22 +26,22 @@ def test_shipped_file_when_read_has_four_beacons_and_two_goals() -> None:
 
 
 def test_row_when_read_is_a_landmark() -> None:
-    assert landmark_of(BEACON) == (
+    assert parse_landmark(BEACON) == (
         Landmark("b1", "beacon", 1.35, -1.9, 0.1, 0.1, 0.2, 0.4, "yellow", "magenta"),
     )
 
 
 def test_band_middle_when_asked_is_where_the_colours_meet() -> None:
-    assert landmark_of(BEACON)[0].band_middle_m == pytest.approx(0.3)
+    assert parse_landmark(BEACON)[0].band_centre_m == pytest.approx(0.3)
 
 
 def test_comments_blank_lines_and_spaces_when_there_are_nothing() -> None:
     lines = ["# a field", "", HEADER, "  # more", BEACON.replace(",", " , ")]
-    assert landmarks_from_lines(lines, file="x.csv") == landmark_of(BEACON)
+    assert landmarks_from_lines(lines, file="x.csv") == parse_landmark(BEACON)
 
 
 def test_file_when_it_has_only_a_header_has_no_landmarks() -> None:
-    assert landmark_of() == ()
+    assert parse_landmark() == ()
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,9 @@ def test_row_when_broken_names_file_line_key_and_expectation(
     old: str, new: str, key: str, expected: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
-        landmark_of("# the next one is wrong", BEACON.replace(old, new, 1))
+        parse_landmark("# the next one is wrong", BEACON.replace(old, new, 1))
     error = caught.value
-    assert (error.where.file, error.where.line, error.key) == ("x.csv", 3, key)
+    assert (error.location.file, error.location.line, error.key) == ("x.csv", 3, key)
     assert expected in error.expected
 
 
@@ -81,22 +81,22 @@ def test_header_when_missing_or_other_is_refused(lines: list[str]) -> None:
 
 def test_name_when_given_twice_is_refused_at_the_second() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:3: name='b1'.*only once"):
-        landmark_of(BEACON, BEACON)
+        parse_landmark(BEACON, BEACON)
 
 
 def test_name_when_empty_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2: name=''"):
-        landmark_of(BEACON.replace("b1", ""))
+        parse_landmark(BEACON.replace("b1", ""))
 
 
 def test_field_when_longer_than_any_reader_takes_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2: row=.*a CSV"):
-        landmark_of(BEACON.replace("b1", 200_000 * "x"))
+        parse_landmark(BEACON.replace("b1", 200_000 * "x"))
 
 
 def test_quote_when_never_closed_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2"):
-        landmark_of(BEACON.replace("b1", '"b1'))
+        parse_landmark(BEACON.replace("b1", '"b1'))
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])

@@ -12,31 +12,31 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server import app
-from catoptra_server.app import Listening, Options, serve
-from catoptra_server.config.server_file import Said
+from catoptra_server.app import ListeningAddress, Options, serve
+from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.plan.render_plan import RendererKind
-from catoptra_server.render.choice import Choice
-from catoptra_server.simulation import Clock
-from helpers.configs import Edit, edited_copy, small_world
-from helpers.loopback import HOST, play
+from catoptra_server.render.choice import RendererChoice
+from catoptra_server.simulation import ClockMode
+from helpers.configs import Edit, write_edited_copy, write_small_world
+from helpers.loopback import HOST, run_scenario
 from helpers.robots import FakeView
-from helpers.server_process import small_robot
+from helpers.server_process import write_small_robot
 
 
-def options_of(folder: Path, *, clock: Clock = Clock.LOCKSTEP) -> Options:
+def options_of(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Options:
     return Options(
-        robots=(small_robot(folder),),
-        world=small_world(folder),
-        said=Said(control_port=0, image_port=0),
+        robot_files=(write_small_robot(folder),),
+        world_file=write_small_world(folder),
+        server_options=ServerOptions(control_port=0, image_port=0),
         renderer="trace",
         threads=1,
         clock=clock,
     )
 
 
-async def served(options: Options, visit: Callable[[Listening], Awaitable[None]]) -> None:
+async def served(options: Options, visit: Callable[[ListeningAddress], Awaitable[None]]) -> None:
     """Serve until a visitor has done what it does and sent SIGTERM."""
-    where: asyncio.Future[Listening] = asyncio.get_running_loop().create_future()
+    where: asyncio.Future[ListeningAddress] = asyncio.get_running_loop().create_future()
     server = asyncio.create_task(serve(options, where.set_result))
     await asyncio.wait({server, where}, return_when=asyncio.FIRST_COMPLETED)
     if where.done():
@@ -45,11 +45,11 @@ async def served(options: Options, visit: Callable[[Listening], Awaitable[None]]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("clock", Clock)
+@pytest.mark.parametrize("clock", ClockMode)
 def test_server_when_signalled_ends_also_with_clients_connected(
-    tmp_path: Path, number: signal.Signals, clock: Clock
+    tmp_path: Path, number: signal.Signals, clock: ClockMode
 ) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         reader, writer = await asyncio.open_connection(HOST, where.control_port)
         viewer, asking = await asyncio.open_connection(HOST, where.image_port)
         writer.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
@@ -61,7 +61,7 @@ def test_server_when_signalled_ends_also_with_clients_connected(
         writer.close()
         asking.close()
 
-    play(served(options_of(tmp_path, clock=clock), visit))
+    run_scenario(served(options_of(tmp_path, clock=clock), visit))
 
 
 class _FailingView(FakeView):
@@ -88,7 +88,7 @@ class _FakeRenderer:
 
 def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRenderer:
     renderer = _FakeRenderer(view)
-    choice = Choice(renderer, RendererKind.TRACE, "fake")  # type: ignore[arg-type] # fake enough
+    choice = RendererChoice(renderer, RendererKind.TRACE, "fake")  # type: ignore[arg-type] # fake enough
     monkeypatch.setattr(app, "choose_renderer", lambda *args, **kwargs: choice)
     return renderer
 
@@ -96,7 +96,7 @@ def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRender
 def test_server_when_its_simulation_fails_ends_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         _, controller = await asyncio.open_connection(HOST, where.control_port)
         controller.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
         viewer, asking = await asyncio.open_connection(HOST, where.image_port)
@@ -108,38 +108,38 @@ def test_server_when_its_simulation_fails_ends_and_says_why(
 
     renderer = use_renderer(monkeypatch, _FailingView())
     with pytest.raises(DomainError, match="the lamp is broken"):
-        play(served(options_of(tmp_path), visit))
+        run_scenario(served(options_of(tmp_path), visit))
     assert renderer.closed
 
 
 def test_renderer_when_the_server_ends_is_closed_with_its_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     renderer = use_renderer(monkeypatch, FakeView())
-    play(served(options_of(tmp_path), visit))
+    run_scenario(served(options_of(tmp_path), visit))
     assert renderer.closed
-    assert renderer.view.closed
+    assert renderer.view.is_closed
 
 
 def test_renderer_when_it_cannot_be_had_ends_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*args: object, **kwargs: object) -> Choice:
+    def refuse(*args: object, **kwargs: object) -> RendererChoice:
         raise DomainError("no renderer today")
 
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         raise AssertionError("nothing was to listen")
 
     monkeypatch.setattr(app, "choose_renderer", refuse)
     with pytest.raises(DomainError, match="no renderer today"):
-        play(served(options_of(tmp_path), visit))
+        run_scenario(served(options_of(tmp_path), visit))
 
 
 def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         viewer, asking = await asyncio.open_connection(HOST, where.image_port)
         asking.write(b"OK")
         assert (await viewer.readexactly(5))[:1] == b"\x02"
@@ -147,24 +147,24 @@ def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) ->
         signal.raise_signal(signal.SIGTERM)
 
     options = options_of(tmp_path)
-    blind = edited_copy(options.robots[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
-    assert blind == options.robots[0]
-    play(served(options, visit))
+    blind = write_edited_copy(options.robot_files[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    assert blind == options.robot_files[0]
+    run_scenario(served(options, visit))
 
 
 def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         assert where.image_port is None
         assert where.control_port
         signal.raise_signal(signal.SIGTERM)
 
     options = options_of(tmp_path)
-    said = Said(control_port=0, has_images=False)
-    play(served(dataclasses.replace(options, said=said, stream_port=0), visit))
+    said = ServerOptions(control_port=0, has_images=False)
+    run_scenario(served(dataclasses.replace(options, server_options=said, stream_port=0), visit))
 
 
 def test_controllers_when_there_are_enough_are_sent_away_until_one_leaves(tmp_path: Path) -> None:
-    async def visit(where: Listening) -> None:
+    async def visit(where: ListeningAddress) -> None:
         first = await asyncio.open_connection(HOST, where.control_port)
         assert (await first[0].readline()).startswith(b"NFO ")
         second = await asyncio.open_connection(HOST, where.control_port)
@@ -177,7 +177,7 @@ def test_controllers_when_there_are_enough_are_sent_away_until_one_leaves(tmp_pa
 
     ini = tmp_path / "server.ini"
     ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
-    play(served(dataclasses.replace(options_of(tmp_path), server=ini), visit))
+    run_scenario(served(dataclasses.replace(options_of(tmp_path), server_file=ini), visit))
 
 
 async def greets(port: int) -> bool:

@@ -7,15 +7,15 @@ from dataclasses import replace
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.config.shipped import configuration_file
-from catoptra_server.effects import EFFECTS
-from catoptra_server.explain import STANDING, Velocity, exposed, main
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.config.shipped import find_configuration
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state, main
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.motion import AT_REST
-from catoptra_server.setup import read_setup
-from helpers.effects import PICTURE_EFFECTS
-from helpers.motion import seen_motion
+from catoptra_server.setup import read_startup_config
+from helpers.effects import IMAGE_EFFECTS
+from helpers.motion import relative_twist
 
 QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
 
@@ -27,7 +27,7 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     head, _, *rows, cost = capsys.readouterr().out.splitlines()
     assert head.startswith("USARBot.OmniP2AT OmniCamPillar_Link4: trace")
     names = [row.split()[0] for row in rows]
-    assert names == [kind.name for kind in EFFECTS if kind.name in names], "in optical order"
+    assert names == [kind.name for kind in EFFECT_TYPES if kind.name in names], "in optical order"
     assert {"Fog", "Vignetting", "ShotNoise"} <= set(names)
     assert any("a converter of 12 bits" in row and " off " in row for row in rows)
     assert cost.startswith("a frame takes ")
@@ -44,7 +44,7 @@ def test_explanation_when_asked_for_as_json_has_the_same_decisions(
     assert main(["--robot", "p2at_omni_real", *QUESTION, "--pose", "0.5,0,1", "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)
     running = {one["effect"] for one in told["effects"] if one["is_on"]}
-    assert set(told["ms"]) == running & set(PICTURE_EFFECTS), "a scene's are part of its drawing"
+    assert set(told["ms"]) == running & set(IMAGE_EFFECTS), "a scene's are part of its drawing"
     assert told["others_ms"] > 0.0
 
 
@@ -74,31 +74,31 @@ def test_velocity_when_it_is_none_is_refused(
     assert "a velocity is three numbers VX,VY,YAWRATE" in capsys.readouterr().err
 
 
-def camera_at(velocity: Velocity, *, yaw_rad: float = 0.0) -> Exposure:
-    files = configuration_file("robots", "p2at_omni_real")
-    (robot,) = read_setup([files], configuration_file("worlds", "incidence_rings")).robots
+def camera_at(velocity: PlanarVelocity, *, yaw_rad: float = 0.0) -> CameraState:
+    files = find_configuration("robots", "p2at_omni_real")
+    (robot,) = read_startup_config([files], find_configuration("worlds", "incidence_rings")).robots
     assert robot.omni_camera is not None
     mount = Pose.from_rpy((0.2, 0.0, -0.4543))
     omni = replace(robot.omni_camera, robot_from_mirror=mount)
-    return exposed(robot, omni, PlanarPose(1.0, 2.0, yaw_rad), velocity)
+    return build_camera_state(robot, omni, PlanarPose(1.0, 2.0, yaw_rad), velocity)
 
 
 def test_velocity_when_told_is_that_of_the_mirror_in_the_worlds_axes() -> None:
     # It looks to the right of x, and turns clockwise: what is 0.2 m ahead goes to its right too.
-    twist = camera_at(Velocity(0.5, 0.1, 0.7), yaw_rad=0.5 * math.pi).twist
+    twist = camera_at(PlanarVelocity(0.5, 0.1, 0.7), yaw_rad=0.5 * math.pi).twist
     assert twist.linear_m_s == pytest.approx((-0.1 - 0.2 * 0.7, 0.5, 0.0))
     assert twist.angular_rad_s == pytest.approx((0.0, 0.0, 0.7))
 
 
 def test_own_body_when_the_robot_moves_stands_still_in_its_picture() -> None:
-    exposure = camera_at(Velocity(0.5, 0.1, 0.7), yaw_rad=0.3)
-    assert exposure.own_body is not None
+    exposure = camera_at(PlanarVelocity(0.5, 0.1, 0.7), yaw_rad=0.3)
+    assert exposure.ego_body is not None
     assert exposure.twist.speed_m_s > 0.4
-    assert seen_motion(exposure, exposure.own_body).speed_m_s == pytest.approx(0.0, abs=1e-15)
+    assert relative_twist(exposure, exposure.ego_body).speed_m_s == pytest.approx(0.0, abs=1e-15)
 
 
 def test_robot_when_nothing_is_said_stands(capsys: pytest.CaptureFixture[str]) -> None:
-    assert camera_at(STANDING).twist == AT_REST
+    assert camera_at(ZERO_VELOCITY).twist == AT_REST
     assert main(["--robot", "p2at_omni_real", *QUESTION, "--velocity", "0.5,0,0.3"]) == 0
     told = capsys.readouterr().out
     assert "the robot is seen up to 46.7 degrees from the axis" in told

@@ -10,13 +10,13 @@ import pytest
 
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server import serving as module
-from catoptra_server.app import Listening, Options
-from catoptra_server.config.server_file import Said
-from catoptra_server.imaging.multi_view import multi_view
+from catoptra_server.app import ListeningAddress, Options
+from catoptra_server.config.server_file import ServerOptions
+from catoptra_server.imaging.multi_view import multi_view_layout
 from catoptra_server.render.raster import context
 from catoptra_server.serving import main
-from helpers.configs import FIELD, OMNI_ROBOT, Edit, edited_copy, line_of, small_world
-from helpers.server_process import small_robot
+from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy, find_line_number, write_small_world
+from helpers.server_process import write_small_robot
 
 FREE_PORTS = ("--control-port", "0", "--image-port", "0")
 
@@ -35,9 +35,9 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_robot_when_broken_is_refused_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
     said = refusal(capsys, "--robot", str(path), "--world", str(FIELD))
-    assert said == f"{path}:{line_of(path, 'C=two')}: C='two': expected a number of at least 0"
+    assert said == f"{path}:{find_line_number(path, 'C=two')}: C='two': expected a number of at least 0"
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_mesh_when_it_cannot_be_read_is_refused(
 ) -> None:
     if content is not None:
         (tmp_path / "m.glb").write_bytes(content)
-    world = small_world(tmp_path, "Meshes=(File=m.glb)")
+    world = write_small_world(tmp_path, "Meshes=(File=m.glb)")
     said = refusal(capsys, "--robot", str(OMNI_ROBOT), "--world", str(world))
     assert str(tmp_path) in said
     assert "m.glb" in said
@@ -81,7 +81,7 @@ def test_port_when_in_use_is_refused_with_a_remedy(
         ports = {"--control-port": "0", "--image-port": "0", option: port}
         said = refusal(
             capsys,
-            *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+            *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
             *("--renderer", "trace", "--threads", "1"),
             *(part for pair in ports.items() for part in pair),
         )
@@ -96,7 +96,7 @@ def test_raster_when_there_is_no_opengl_is_refused_with_the_packages(
     monkeypatch.setattr(context, "EGL_LIBRARY", "libabsent.so.1")
     said = refusal(
         capsys,
-        *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
         *("--renderer", "raster", *FREE_PORTS),
     )
     assert "libabsent.so.1 cannot be loaded" in said
@@ -147,11 +147,11 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
         announce(listening)  # type: ignore[arg-type] # it is what it was
         signal.raise_signal(signal.SIGTERM)
 
-    announce = module._announce
+    announce = module._print_addresses
     monkeypatch.setattr(module, "_announce", announce_and_end)
     status = main(
         [
-            *("--robot", str(small_robot(tmp_path)), "--world", str(small_world(tmp_path))),
+            *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
             *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
         ]
     )
@@ -163,12 +163,12 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
 
 def options_of(*arguments: str) -> Options:
     """Return what a command line of two files and these arguments says."""
-    parsed = module._parser().parse_args(["--robot", "r.ini", "--world", "w.ini", *arguments])
-    return module._options(parsed)[0]
+    parsed = module._build_parser().parse_args(["--robot", "r.ini", "--world", "w.ini", *arguments])
+    return module._make_options(parsed)[0]
 
 
 def test_command_line_when_it_says_nothing_leaves_the_say_to_files() -> None:
-    assert options_of().said == {}
+    assert options_of().server_options == {}
 
 
 def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
@@ -176,14 +176,14 @@ def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
         *("--image-port", "7", "--image-type", "raw", "--no-legacy-images", "--frame-skip", "6"),
         *("--multi-view", "4x1:320x240", "--server-ini", "s.ini"),
     )
-    assert options.server == Path("s.ini")
-    assert options.said == Said(
+    assert options.server_file == Path("s.ini")
+    assert options.server_options == ServerOptions(
         has_images=True,
         image_port=7,
         image_type=ImageType.RAW,
         legacy_images=False,
         frame_skip=6,
-        multi_view=multi_view(4, 1, width_px=320, height_px=240),
+        multi_view=multi_view_layout(4, 1, width_px=320, height_px=240),
     )
 
 
@@ -196,7 +196,7 @@ def test_command_line_when_it_turns_a_dial_counts_more_than_files() -> None:
 def test_image_port_when_there_is_none_is_announced_as_off(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    module._announce(Listening("127.0.0.1", 1, None, 2))
+    module._print_addresses(ListeningAddress("127.0.0.1", 1, None, 2))
     assert capsys.readouterr().out == (
         "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
     )

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.server_file import settings_of
+from catoptra_server.config.server_file import resolve_settings
 from catoptra_server.robot.description import RobotDescription, SensorDescription
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.setup import Setup, ray_caster, read_setup
-from helpers.configs import small_world
-from helpers.robots import SCANNER, p2at, walled_world
-from helpers.server_process import small_robot
+from catoptra_server.setup import StartupConfig, create_ray_caster, read_startup_config
+from helpers.configs import write_small_world
+from helpers.robots import SCANNER, make_p2at, make_walled_world
+from helpers.server_process import write_small_robot
 
 
 def with_server(robot: Path, *lines: str) -> Path:
@@ -28,26 +28,26 @@ def with_server(robot: Path, *lines: str) -> Path:
 def test_setup_when_keys_mean_nothing_warns_with_their_lines(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    world = small_world(tmp_path, "Colour=(R=1)")
+    world = write_small_world(tmp_path, "Colour=(R=1)")
     with caplog.at_level(logging.WARNING):
-        setup = read_setup([small_robot(tmp_path)], world)
+        setup = read_startup_config([write_small_robot(tmp_path)], world)
     assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
     assert len(setup.scene) == 12
 
 
 def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
     with pytest.raises(ConfigError):
-        read_setup([small_robot(tmp_path)], small_world(tmp_path, "Boxes=1"))
+        read_startup_config([write_small_robot(tmp_path)], write_small_world(tmp_path, "Boxes=1"))
 
 
 def test_setup_when_several_files_speak_of_the_server_believes_its_own(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    robot = with_server(small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256")
+    robot = with_server(write_small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256")
     server = tmp_path / "server.ini"
     server.write_text("[USARBotAPI.UPISImageServer]\nListenPort=8\n")
     with caplog.at_level(logging.WARNING):
-        settings = settings_of(read_setup([robot], small_world(tmp_path), server).said)
+        settings = resolve_settings(read_startup_config([robot], write_small_world(tmp_path), server).server_options)
     assert (settings.image_port, settings.frame_skip, settings.control_port) == (8, 3, 3000)
     assert caplog.text.count("key Colours is not known here") == 1
 
@@ -58,22 +58,22 @@ def test_setup_when_the_server_s_own_file_says_nothing_of_it_warns(
     server = tmp_path / "server.ini"
     server.write_text("[USARBot.P2AT]\nMass=1\n")
     with caplog.at_level(logging.WARNING):
-        assert read_setup([small_robot(tmp_path)], small_world(tmp_path), server).said == {}
+        assert read_startup_config([write_small_robot(tmp_path)], write_small_world(tmp_path), server).server_options == {}
     assert f"{server} says nothing of the server" in caplog.text
 
 
-def setup_of(robot: RobotDescription) -> Setup:
-    world = walled_world()
-    return Setup((robot,), world, build_scene(world))
+def setup_of(robot: RobotDescription) -> StartupConfig:
+    world = make_walled_world()
+    return StartupConfig((robot,), world, build_scene(world))
 
 
 @pytest.mark.parametrize("sensors", [(), (SCANNER,)])
 def test_ray_caster_when_asked_measures_whether_sensors_do_or_not(
     sensors: tuple[SensorDescription, ...],
 ) -> None:
-    caster = ray_caster(setup_of(p2at(sensors=sensors)))
+    caster = create_ray_caster(setup_of(make_p2at(sensors=sensors)))
     origins, ahead = np.array([[0.0, 0.0, -0.5]]), np.array([[1.0, 0.0, 0.0]])
     assert caster.distances(origins, ahead) == pytest.approx([50.0])
-    distances, normals = caster.hits(origins, ahead)
+    distances, normals = caster.closest_hits(origins, ahead)
     assert distances == pytest.approx([50.0])
     assert abs(normals) == pytest.approx(ahead)

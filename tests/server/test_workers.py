@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from catoptra_server.workers import Worker
-from helpers.loopback import play
+from catoptra_server.workers import WorkerThread
+from helpers.loopback import run_scenario
 
 
 class Work:
@@ -36,32 +36,32 @@ class Work:
 def test_worker_when_stopped_has_ended() -> None:
     async def scene() -> None:
         work = Work()
-        worker = Worker("w", work.run, stop=work.stop, on_failure=lambda: None)
+        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
         await worker.start()
         await worker.stop()
         assert work.has_ended
 
-    play(scene())
+    run_scenario(scene())
 
 
 def test_worker_when_it_cannot_start_says_why() -> None:
     async def scene() -> None:
         work = Work(fails="before")
-        worker = Worker("w", work.run, stop=work.stop, on_failure=lambda: None)
+        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
         with pytest.raises(ValueError, match="broken"):
             await worker.start()
 
-    play(scene())
+    run_scenario(scene())
 
 
 def test_worker_when_it_fails_later_tells_at_once_and_when_stopped() -> None:
     async def scene() -> None:
         told = asyncio.Event()
         work = Work(fails="after")
-        worker = Worker("w", work.run, stop=work.stop, on_failure=told.set)
+        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=told.set)
         await worker.start()
         await told.wait()
         with pytest.raises(ValueError, match="broken"):
             await worker.stop()
 
-    play(scene())
+    run_scenario(scene())

@@ -25,7 +25,7 @@ from rich.progress import Progress
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from helpers.memory import resident_mb  # after the path above
-from helpers.verdicts import Verdict, print_verdicts
+from helpers.verdicts import RequirementResult, print_requirements
 from soak import crowd
 
 ROOT = Path(__file__).parents[2]
@@ -34,10 +34,10 @@ VIEWERS = 30  # of the image port, and two rude ones
 STREAM_VIEWERS = 4
 PERIOD_S = 0.2
 TOLERANCE = 0.2
-SAMPLE_EVERY_S = 5.0
+SAMPLE_INTERVAL_S = 5.0
 # The first minute fills caches and pools; from then on memory may grow by this share.
-SETTLED_AFTER = 0.1
-MEMORY_GROWTH = 0.03
+WARM_UP_FRACTION = 0.1
+MAX_MEMORY_GROWTH = 0.03
 
 
 def main() -> int:
@@ -47,13 +47,13 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=ROOT / "out/soak")
     parsed = parser.parse_args()
     console = Console()
-    memory_mb, tally = asyncio.run(_soak(60.0 * parsed.minutes, console))
-    verdicts = _judge(tally, memory_mb)
-    _write(parsed.output, verdicts, memory_mb, tally)
-    return print_verdicts(verdicts, console)
+    memory_mb, tally = asyncio.run(_run_soak(60.0 * parsed.minutes, console))
+    verdicts = _evaluate(tally, memory_mb)
+    _write_report(parsed.output, verdicts, memory_mb, tally)
+    return print_requirements(verdicts, console)
 
 
-async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd.Tally]:
+async def _run_soak(duration_s: float, console: Console) -> tuple[list[float], crowd.LoadRecord]:
     """Run server and crowd; return the server's memory over time and what the crowd saw."""
     command = [sys.executable, "-m", "catoptra_server", "--control-port", "0", "--image-port", "0"]
     command += ["--stream-port", "0"]
@@ -64,10 +64,10 @@ async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd
     ) as server:
         assert server.stdout is not None
         ports = [int(port) for port in re.findall(r":(\d+)", server.stdout.readline())]
-        address = crowd.Address("127.0.0.1", *ports)
-        tally = crowd.Tally()
-        tasks = [asyncio.create_task(client) for client in _clients(address, tally)]
-        memory_mb = await _watch_memory(server.pid, duration_s, console)
+        address = crowd.ServerEndpoints("127.0.0.1", *ports)
+        tally = crowd.LoadRecord()
+        tasks = [asyncio.create_task(client) for client in _start_clients(address, tally)]
+        memory_mb = await _sample_memory(server.pid, duration_s, console)
         faults = list(tally.faults)
         for task in tasks:
             task.cancel()
@@ -77,72 +77,72 @@ async def _soak(duration_s: float, console: Console) -> tuple[list[float], crowd
     return memory_mb, tally
 
 
-def _clients(address: crowd.Address, tally: crowd.Tally) -> list[object]:
+def _start_clients(address: crowd.ServerEndpoints, record: crowd.LoadRecord) -> list[object]:
     return [
-        *(crowd.controller(address, number, tally) for number in range(CONTROLLERS)),
+        *(crowd.run_controller(address, number, record) for number in range(CONTROLLERS)),
         *(
-            crowd.viewer(address, number, tally, pause_s=0.05 * (number % 8))
+            crowd.run_viewer(address, number, record, pause_s=0.05 * (number % 8))
             for number in range(VIEWERS)
         ),
         *(
-            crowd.stream_viewer(address, number, tally, robot=f"Soak{number}" if number else "")
+            crowd.run_stream_viewer(address, number, record, robot=f"Soak{number}" if number else "")
             for number in range(STREAM_VIEWERS)
         ),
-        crowd.viewer_that_never_reads(address),
-        crowd.viewer_that_resets(address),
-        crowd.controller_without_line_ends(address),
-        crowd.controller_that_never_reads(address),
-        crowd.stream_client_without_end(address),
+        crowd.run_unread_viewer(address),
+        crowd.run_resetting_viewer(address),
+        crowd.run_unterminated_controller(address),
+        crowd.run_unread_controller(address),
+        crowd.run_unterminated_stream_client(address),
     ]
 
 
-async def _watch_memory(pid: int, duration_s: float, console: Console) -> list[float]:
+async def _sample_memory(pid: int, duration_s: float, console: Console) -> list[float]:
     memory_mb: list[float] = []
     begin = time.monotonic()
     with Progress(console=console) as progress:
         task = progress.add_task("soaking", total=duration_s)
         while (elapsed_s := time.monotonic() - begin) < duration_s:
-            await asyncio.sleep(min(SAMPLE_EVERY_S, duration_s - elapsed_s))
+            await asyncio.sleep(min(SAMPLE_INTERVAL_S, duration_s - elapsed_s))
             memory_mb.append(resident_mb(pid))
             progress.update(task, completed=time.monotonic() - begin)
     return memory_mb
 
 
-def _judge(tally: crowd.Tally, memory_mb: list[float]) -> list[Verdict]:
-    means, late = _periods(tally)
+def _evaluate(record: crowd.LoadRecord, memory_mb: list[float]) -> list[RequirementResult]:
+    means, late = _status_periods(record)
     slowest = max(means)
     low, high = (1.0 - TOLERANCE) * PERIOD_S, (1.0 + TOLERANCE) * PERIOD_S
-    frames = sorted(tally.frames.values())
-    settled = memory_mb[int(SETTLED_AFTER * len(memory_mb))]
+    frames = sorted(record.frames.values())
+    settled = memory_mb[int(WARM_UP_FRACTION * len(memory_mb))]
     growth = max(memory_mb[-3:]) / settled - 1.0
     return [
-        Verdict(
+        RequirementResult(
             f"{CONTROLLERS} robots report every 0.2 s within 20 %",
             f"mean period {min(means):.3f} to {slowest:.3f} s",
             low <= min(means) and slowest <= high and len(means) == CONTROLLERS,
         ),
-        Verdict(
+        RequirementResult(
             "19 of 20 single periods stay within 20 % above 0.2 s",
             f"{late:.1%} are longer",
             late <= 0.05,
         ),
-        Verdict(
+        RequirementResult(
             f"{VIEWERS} viewers and {STREAM_VIEWERS} of the stream get whole frames, in order",
-            f"{frames[0]} to {frames[-1]} frames, {len(tally.faults)} faults {tally.faults[:2]}",
-            frames[0] > 0 and not tally.faults,
+            f"{frames[0]} to {frames[-1]} frames, {len(record.faults)} faults {record.faults[:2]}",
+            frames[0] > 0 and not record.faults,
         ),
-        Verdict(
+        RequirementResult(
             "the server's memory is flat",
             f"{settled:.0f} MB after the first tenth, {growth:+.1%} at the end",
-            growth <= MEMORY_GROWTH,
+            growth <= MAX_MEMORY_GROWTH,
         ),
     ]
 
 
-def _periods(tally: crowd.Tally) -> tuple[list[float], float]:
+def _status_periods(record: crowd.LoadRecord) -> tuple[list[float], float]:
     """Return the mean period of each controller, and the share of periods that are too long."""
     means, periods = [], []
-    for arrivals in tally.status_at_s.values():
+    for arrivals in record.status_times_s.values():
         own = [later - earlier for earlier, later in pairwise(arrivals)]
         if own:
             means.append(statistics.fmean(own))
@@ -151,18 +151,18 @@ def _periods(tally: crowd.Tally) -> tuple[list[float], float]:
     return means or [float("inf")], too_long / max(1, len(periods))
 
 
-def _write(
-    folder: Path, verdicts: list[Verdict], memory_mb: list[float], tally: crowd.Tally
+def _write_report(
+    folder: Path, verdicts: list[RequirementResult], memory_mb: list[float], record: crowd.LoadRecord
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     document = {
         "verdicts": [asdict(verdict) for verdict in verdicts],
         "memory_mb": memory_mb,
-        "frames": tally.frames,
-        "faults": tally.faults,
+        "frames": record.frames,
+        "faults": record.faults,
     }
     (folder / "soak.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-    rows = [f"| {v.requirement} | {v.measured} | {'yes' if v.holds else 'no'} |" for v in verdicts]
+    rows = [f"| {v.requirement} | {v.measurement} | {'yes' if v.is_met else 'no'} |" for v in verdicts]
     lines = ["# Soak", "", "| requirement | measured | holds |", "|---|---|---|", *rows, ""]
     (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
 

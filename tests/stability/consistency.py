@@ -17,13 +17,13 @@ from catoptra_client.localization import (
     LandmarkPosition,
     MotionNoise,
     RangeBearing,
-    mean_interval,
+    chi_square_mean_interval,
     nees,
     predict,
     update,
 )
-from catoptra_client.localization.measurement import expect
-from catoptra_client.localization.motion import control_covariance, moved
+from catoptra_client.localization.measurement import predict_measurement
+from catoptra_client.localization.motion import control_covariance, propagate_pose
 from catoptra_protocol.optics.numerics import Floats
 
 RUNS, STEPS = 50, 60
@@ -59,7 +59,7 @@ def consistency() -> tuple[Consistency, Consistency]:
         for believed in (1.0, OVERCONFIDENT)
     )
     nees_of, nis_of = (
-        Consistency(name, size, matched[:, row], over[:, row], mean_interval(size, RUNS))
+        Consistency(name, size, matched[:, row], over[:, row], chi_square_mean_interval(size, RUNS))
         for row, (name, size) in enumerate((("NEES", 3), ("NIS", 2)))
     )
     return nees_of, nis_of
@@ -73,13 +73,13 @@ def run(seed: int, *, believed: float) -> Floats:
     real, taken = MotionNoise(*ALPHAS), MotionNoise(*(believed * alpha for alpha in ALPHAS))
     for step in range(STEPS):
         off = np.sqrt(np.diagonal(control_covariance(CONTROL, real))) * rng.normal(size=2)
-        truth = moved(truth, Control(CONTROL.distance_m + off[0], CONTROL.turn_rad + off[1]))
+        truth = propagate_pose(truth, Control(CONTROL.distance_m + off[0], CONTROL.turn_rad + off[1]))
         belief = predict(belief, CONTROL, noise=taken)
         landmark = LANDMARKS[step % len(LANDMARKS)]
-        seen, _ = expect(truth, landmark)
+        seen, _ = predict_measurement(truth, landmark)
         off = np.sqrt(np.diagonal(R)) * rng.normal(size=2)
         measured = RangeBearing(seen.range_m + off[0], seen.bearing_rad + off[1], R * believed)
         result = update(belief, measured, landmark=landmark, gate=OPEN_GATE)
         belief = result.belief
-        rows.append((nees(belief, truth)[0], result.distance_squared))
+        rows.append((nees(belief, truth)[0], result.nis))
     return np.array(rows)

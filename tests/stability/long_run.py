@@ -23,8 +23,8 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.belief import correlations
-from catoptra_client.localization.measurement import expect
+from catoptra_client.localization.belief import sigmas_and_correlations
+from catoptra_client.localization.measurement import predict_measurement
 
 MARKS = [
     LandmarkPosition(f"l{i}", x, y)
@@ -52,12 +52,12 @@ def run(steps: int) -> Outcome:
         control = Control(0.0, 0.0) if standing else Control(0.02, 0.1)
         belief = predict(belief, control, noise=NOISE)
         mark = MARKS[step % len(MARKS)]
-        seen, _ = expect(belief.mean, mark)
+        seen, _ = predict_measurement(belief.mean, mark)
         off = 1e-5 * math.sin(step)
         measured = RangeBearing(seen.range_m + off, seen.bearing_rad - off, EXACT)
         result = update(belief, measured, landmark=mark, gate=PAPER_GATE)
-        belief, refused = result.belief, refused + (not result.accepted)
-        _, correlation, _ = correlations(belief.covariance)
+        belief, refused = result.belief, refused + (not result.is_accepted)
+        _, correlation, _ = sigmas_and_correlations(belief.covariance)
         smallest = min(smallest, float(np.linalg.eigvalsh(correlation)[0]))
         asymmetry = max(asymmetry, float(np.abs(belief.covariance - belief.covariance.T).max()))
     return Outcome(smallest, asymmetry, refused)

@@ -13,7 +13,7 @@ import numpy as np
 
 from catoptra_client.landmarks.histogram import Histogram
 from catoptra_client.localization import Belief, Control
-from catoptra_client.localization.measurement import BearingOnly, Expectation
+from catoptra_client.localization.measurement import BearingOnly, PredictedMeasurement
 from catoptra_client.localization.odometry import OdometryPose
 from catoptra_protocol.optics.numerics import TWO_PI
 from stability.mutations import Mutation
@@ -66,25 +66,25 @@ def control_by_distance(previous: OdometryPose, current: OdometryPose) -> Contro
     return Control(chord, current.yaw_rad - previous.yaw_rad)
 
 
-def expectation(pose: Floats, landmark: Any, bearing: Any) -> tuple[Expectation, bool]:
+def expectation(pose: Floats, landmark: Any, bearing: Any) -> tuple[PredictedMeasurement, bool]:
     dx, dy = landmark.x_m - float(pose[0]), landmark.y_m - float(pose[1])
     rho = math.sqrt(dx * dx + dy * dy)
     if not rho:
-        return Expectation(0.0, 0.0, np.zeros((2, 3))), False
+        return PredictedMeasurement(0.0, 0.0, np.zeros((2, 3))), False
     q = rho * rho
     jacobian = np.array([[-dx / rho, -dy / rho, 0.0], [dy / q, -dx / q, -1.0]])
-    return Expectation(rho, bearing(dx, dy, rho) - float(pose[2]), jacobian), True
+    return PredictedMeasurement(rho, bearing(dx, dy, rho) - float(pose[2]), jacobian), True
 
 
-def expect_by_squares(pose: Floats, landmark: Any) -> tuple[Expectation, bool]:
+def expect_by_squares(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
     return expectation(pose, landmark, lambda dx, dy, rho: math.atan2(dy, dx))
 
 
-def expect_by_acos(pose: Floats, landmark: Any) -> tuple[Expectation, bool]:
+def expect_by_acos(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
     return expectation(pose, landmark, lambda dx, dy, rho: math.acos(dx / rho))
 
 
-def residual_not_wrapped(measured: Any, expected: Expectation) -> tuple[Floats, Floats, Floats]:
+def residual_not_wrapped(measured: Any, expected: PredictedMeasurement) -> tuple[Floats, Floats, Floats]:
     assert not isinstance(measured, BearingOnly)
     off = (measured.range_m - expected.range_m, measured.bearing_rad - expected.bearing_rad)
     return np.array(off), expected.jacobian, measured.covariance

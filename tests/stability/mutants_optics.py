@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.render.trace.packed_light import SrgbScale
 from catoptra_server.scene.description import PointLight
 from stability.mutations import Mutation
 
@@ -80,7 +80,7 @@ def slope_by_difference(mirror: HyperbolicMirror, t: Floats) -> Floats:
 def surface_by_root(mirror: HyperbolicMirror, t: Floats) -> tuple[Floats, Floats]:
     """z = c / 2 - sqrt(a^2 + r^2 (k / 2 - 1))."""
     k, c = mirror.k, mirror.c_m
-    r = 2.0 * mirror.vertex_m * t / (1.0 - mirror.kappa * t * t)
+    r = 2.0 * mirror.vertex_height_m * t / (1.0 - mirror.kappa * t * t)
     return r, 0.5 * c - np.sqrt(0.25 * c * c * (k - 2.0) / k + r * r * (0.5 * k - 1.0))
 
 
@@ -120,7 +120,7 @@ def pixel_by_azimuth(camera: OmniCamera, direction: Floats) -> tuple[Floats, Flo
     """Angles, sines and cosines; what is not seen is held at the rim in silence."""
     x, y, z = direction
     theta = np.minimum(np.arctan2(np.sqrt(x * x + y * y), z), camera.rim_rad)
-    azimuth = np.arctan2(y, x) - camera.up_azimuth_rad
+    azimuth = np.arctan2(y, x) - camera.image_up_azimuth_rad
     radius = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
     u, v = -radius * np.sin(azimuth), -radius * np.cos(azimuth)
     return np.stack((u, v), axis=-1) + camera.centre_px, np.bool_(True)
@@ -131,7 +131,7 @@ def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats,
     du, dv = (np.asarray(pixel) - camera.centre_px) / camera.horizon_radius_px
     radius = np.sqrt(du * du + dv * dv)
     t = camera.mirror.t_from_radius_ratio(radius)
-    theta, up = 2.0 * np.arctan(t), camera.up_azimuth_rad
+    theta, up = 2.0 * np.arctan(t), camera.image_up_azimuth_rad
     x = np.sin(theta) * (math.sin(up) * du - math.cos(up) * dv) / radius
     y = -np.sin(theta) * (math.cos(up) * du + math.sin(up) * dv) / radius
     return np.stack((x, y, np.cos(theta)), axis=-1), t <= camera.rim_t
@@ -139,7 +139,7 @@ def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats,
 
 def face_by_last(direction: Floats) -> Floats:
     """The last of the largest."""
-    ahead = direction @ FACE_AXES[:, :, 0].T
+    ahead = direction @ MIRROR_FROM_FACE_ROTATIONS[:, :, 0].T
     return len(ahead) - 1 - np.argmax(ahead[::-1])
 
 
@@ -150,15 +150,15 @@ def face_by_largest_component(direction: Floats) -> Floats:
 
 
 def coordinates_unguarded(direction: Floats, face: Floats) -> Floats:
-    local = np.einsum("...i,...ij->...j", direction, FACE_AXES[face])
+    local = np.einsum("...i,...ij->...j", direction, MIRROR_FROM_FACE_ROTATIONS[face])
     return local[..., 1:] / local[..., :1]
 
 
 def lens_pixel_unguarded(camera: PerspectiveCamera, direction: Floats) -> tuple[Floats, Floats]:
     """y / x, wherever it lies."""
     x, y, z = direction
-    u = camera.focal_px * y / x + 0.5 * camera.width_px
-    v = camera.focal_px * z / x + 0.5 * camera.height_px
+    u = camera.focal_length_px * y / x + 0.5 * camera.width_px
+    v = camera.focal_length_px * z / x + 0.5 * camera.height_px
     inside = (0.0 <= u) & (u <= camera.width_px) & (0.0 <= v) & (v <= camera.height_px)
     return np.stack((u, v), axis=-1), inside
 
@@ -167,7 +167,7 @@ def lens_direction_by_angles(camera: PerspectiveCamera, pixel: Floats) -> tuple[
     """Clamp to the picture in silence."""
     u, v = np.clip(pixel, 0.0, (camera.width_px, camera.height_px))
     y, z = u - 0.5 * camera.width_px, v - 0.5 * camera.height_px
-    ray = np.array([camera.focal_px, y, z])
+    ray = np.array([camera.focal_length_px, y, z])
     return ray / np.sqrt(ray @ ray), np.bool_(True)
 
 
@@ -213,18 +213,18 @@ def encoded_unclipped(linear: Floats) -> Floats:
     return 1.055 * np.abs(linear) ** (1.0 / 2.4) - 0.055
 
 
-def mean_of_greys(scale: LightScale, sums: Floats) -> Floats:
+def mean_of_greys(scale: SrgbScale, sums: Floats) -> Floats:
     """A mean of encoded samples: what averaging finished pictures does."""
     shifts = (0, 21, 42)
     light = [
-        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.top * scale.samples) for shift in shifts
+        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.max_level * scale.samples) for shift in shifts
     ]
     return np.array([[255.0 * level for level in light]])
 
 
-def packed_overflowing(scale: LightScale, radiance: Floats) -> Floats:
+def packed_overflowing(scale: SrgbScale, radiance: Floats) -> Floats:
     """Without a clip: what is brighter than white spills over into the next channel."""
-    levels = (radiance * scale.top + 0.5).astype(np.uint64)
+    levels = (radiance * scale.max_level + 0.5).astype(np.uint64)
     return levels[0] | (levels[1] << np.uint64(21)) | (levels[2] << np.uint64(42))
 
 

@@ -10,7 +10,7 @@ from stability.catalogue import Case, Subject, check, load
 SUBJECTS: dict[str, Subject] = {
     "wrap": lambda angle: numerics.wrap_angle(angle),
     "difference": lambda angle, start: numerics.angle_difference(angle, start),
-    "between": lambda start, end, share: numerics.angle_between(start, end, share=share),
+    "between": lambda start, end, share: numerics.interpolate_angle(start, end, fraction=share),
 }
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from catoptra_client.landmarks import beacons
 from catoptra_client.landmarks.blobs import Blob
-from catoptra_client.landmarks.sightings import Candidate, Eye
+from catoptra_client.landmarks.sightings import Candidate, CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.landmarks import Landmark
-from client.landmarks.ideal import box
+from client.landmarks.ideal import make_blob
 from stability.catalogue import Case, Invalid, Subject, check, load
 from stability.test_ranging import CAMERA
 
@@ -30,17 +30,17 @@ def _cylinder() -> CylinderGeometry:
 
 def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
     place = {"range_m": range_m, "width_m": 0.1, "eye_m": BAND_M + drop_m}
-    lower = box(_cylinder(), "cyan", heights_m=(0.2, 0.3), **place)
-    return lower, box(_cylinder(), "magenta", heights_m=(0.3, 0.4), **place)
+    lower = make_blob(_cylinder(), "cyan", heights_m=(0.2, 0.3), **place)
+    return lower, make_blob(_cylinder(), "magenta", heights_m=(0.3, 0.4), **place)
 
 
 def _seen(range_m: float, drop_m: float) -> Candidate:
-    eye = Eye(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
-    found = beacons.beacon_candidates(eye, BEACON, _bands(range_m, drop_m))
+    eye = CylinderView(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
+    found = beacons.find_beacon_candidates(eye, BEACON, _bands(range_m, drop_m))
     if not found:
         raise Invalid("no beacon")
     (candidate,) = found
-    numbers = candidate.sighting
+    numbers = candidate.measurement
     assert all(
         map(
             math.isfinite,

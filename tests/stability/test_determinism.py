@@ -16,15 +16,15 @@ import pytest
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Renderer
+from catoptra_server.render.renderer import CameraState, Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
 from helpers.opengl import device_or_skip
-from helpers.worlds import LAMP, SKY, SUN, omni_camera, raster_plan, room
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, make_omni_camera, make_plan, make_test_world
 from stability.consistency import run
 
-WORLD = room(lights=(SKY, SUN, LAMP))
+WORLD = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
 POSES = [Pose.from_rpy((0.1 * i, 0.05 * i, -0.6), (0.01 * i, -0.02 * i, 0.3 * i)) for i in range(6)]
 HASH_OF_A_RUN = (
     "import hashlib, sys; sys.path[:0] = sys.argv[1:]; from stability.consistency import run;"
@@ -34,12 +34,12 @@ HASH_OF_A_RUN = (
 
 def pictures(renderer: Renderer, stride_px: int) -> bytes:
     """Return the bytes of all poses' pictures, with robots in half of them."""
-    plan = replace(raster_plan(omni_camera(width_px=96), samples=2), stride_px=stride_px)
-    view = renderer.prepare(omni_camera(width_px=96), plan)
+    plan = replace(make_plan(make_omni_camera(width_px=96), samples=2), stride_px=stride_px)
+    view = renderer.prepare(make_omni_camera(width_px=96), plan)
     exposures = [
-        Exposure(pose, TWO_ROBOTS if index % 2 else ()) for index, pose in enumerate(POSES)
+        CameraState(pose, TWO_ROBOTS if index % 2 else ()) for index, pose in enumerate(POSES)
     ]
-    drawn = b"".join(view.draw(exposure).rgb.tobytes() for exposure in exposures)
+    drawn = b"".join(view.render(exposure).rgb.tobytes() for exposure in exposures)
     view.close()
     return drawn
 
@@ -69,9 +69,9 @@ def test_raster_pictures_are_the_same_twice_on_one_device(device: GlDevice) -> N
 
 def test_picture_does_not_depend_on_what_was_drawn_before() -> None:
     renderer = TraceRenderer(build_scene(WORLD), WORLD, threads=2)
-    view = renderer.prepare(omni_camera(width_px=96), raster_plan(omni_camera(width_px=96)))
-    forwards = [view.draw(Exposure(pose)).rgb for pose in POSES]
-    backwards = [view.draw(Exposure(pose)).rgb for pose in reversed(POSES)]
+    view = renderer.prepare(make_omni_camera(width_px=96), make_plan(make_omni_camera(width_px=96)))
+    forwards = [view.render(CameraState(pose)).rgb for pose in POSES]
+    backwards = [view.render(CameraState(pose)).rgb for pose in reversed(POSES)]
     renderer.close()
     assert all(map(np.array_equal, forwards, reversed(backwards)))
 

@@ -25,8 +25,8 @@ def _updated(mean: list[float], covariance: list[list[float]], seen: list[list[f
         measured = RangeBearing(r, gamma, np.array([[r11, r12], [r12, r22]]))
         landmark = LandmarkPosition("l", x, y)
         result = ekf.update(belief, measured, landmark=landmark, gate=OPEN_GATE)
-        if not result.accepted:
-            raise Invalid(result.reason)
+        if not result.is_accepted:
+            raise Invalid(result.status)
         belief = result.belief
     return belief
 

@@ -19,11 +19,11 @@ def _encoded(linear: float) -> Floats:
 
 def _greys(red: list[float], samples: int) -> list[int]:
     """Return the greys of a pixel: red from the list, over and over, green full, blue dark."""
-    scale = packed_light.LightScale.for_samples(samples)
+    scale = packed_light.SrgbScale.for_samples(samples)
     radiance = np.zeros((3, samples), dtype=np.float32)
     radiance[0], radiance[1] = np.resize(np.array(red, dtype=np.float32), samples), 1.0
-    sums = scale.pixel_sums(scale.packed(radiance))
-    return [int(level) for level in scale.colours(sums)[0]]
+    sums = scale.sum_pixels(scale.pack(radiance))
+    return [int(level) for level in scale.unpack(sums)[0]]
 
 
 def _irradiance(height_m: float) -> float:

@@ -16,7 +16,7 @@ def _accepted(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) 
     positive[:2] = n_pos, all_pos - n_pos
     negative[[0, 2]] = n_neg, all_neg - n_neg
     histograms = (Histogram(counts.reshape(2, 2, 2)) for counts in (positive, negative))
-    return bool(classifier.accepts(*histograms, theta=theta)[0, 0, 0])
+    return bool(classifier.likelihood_ratio_test(*histograms, theta=theta)[0, 0, 0])
 
 
 SUBJECTS: dict[str, Subject] = {"accepted": _accepted}

@@ -11,8 +11,8 @@ from catoptra_client.localization import LandmarkPosition, RangeBearing, measure
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
-def _expected(pose: list[float], landmark: list[float]) -> measurement.Expectation:
-    expected, valid = measurement.expect(np.array(pose), LandmarkPosition("l", *landmark))
+def _expected(pose: list[float], landmark: list[float]) -> measurement.PredictedMeasurement:
+    expected, valid = measurement.predict_measurement(np.array(pose), LandmarkPosition("l", *landmark))
     if not valid:
         raise Invalid("no expectation")
     return expected
@@ -20,7 +20,7 @@ def _expected(pose: list[float], landmark: list[float]) -> measurement.Expectati
 
 def _innovation(pose: list[float], landmark: list[float], measured: list[float]) -> Any:
     seen = RangeBearing(*measured, np.eye(2))
-    return measurement.residual(seen, _expected(pose, landmark))[0]
+    return measurement.compute_innovation(seen, _expected(pose, landmark))[0]
 
 
 SUBJECTS: dict[str, Subject] = {

@@ -23,15 +23,15 @@ def _control(start: list[float], end: list[float]) -> list[float]:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "position": lambda pose, v, turn: motion.moved(np.array(pose), Control(v, turn))[:2],
-    "heading": lambda pose, v, turn: motion.moved(np.array(pose), Control(v, turn))[2],
-    "by_pose": lambda pose, v, turn: motion.jacobian_by_pose(np.array(pose), Control(v, turn))[
+    "position": lambda pose, v, turn: motion.propagate_pose(np.array(pose), Control(v, turn))[:2],
+    "heading": lambda pose, v, turn: motion.propagate_pose(np.array(pose), Control(v, turn))[2],
+    "by_pose": lambda pose, v, turn: motion.jacobian_wrt_pose(np.array(pose), Control(v, turn))[
         :2, 2
     ],
-    "by_control": lambda pose, v, turn: motion.jacobian_by_control(
+    "by_control": lambda pose, v, turn: motion.jacobian_wrt_control(
         np.array(pose), Control(v, turn)
     )[:2],
-    "chord_over_arc_slope": lambda a: motion.chord_over_arc_slope(a),
+    "chord_over_arc_slope": lambda a: motion.chord_over_arc_derivative(a),
     "control_from_odometry": _control,
     "noise": _noise,
 }

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.optics.camera import (
     OmniCamera,
-    camera_with_rim_inscribed,
+    camera_with_inscribed_rim,
     direction_from_pixel,
     half_angle_tangent,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.cube import FACE_AXES, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_coordinates, face_from_direction
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.numbers import exact, fixed, number_from_text
+from catoptra_protocol.wire.numbers import format_exact, format_fixed_point, number_from_text
 
 PROPERTY = settings(derandomize=True, max_examples=100, deadline=None)
 PLACES = 400
@@ -53,12 +53,12 @@ def some_camera(seed: int, k: float) -> tuple[OmniCamera, np.random.Generator]:
     mirror: CentralMirror = HyperbolicMirror(k, 0.2) if seed % 4 else ParabolicMirror(0.05)
     # No nearer to the antipode than 150 degrees, where a radian is a thousandth of a pixel.
     highest = min(2.0 * math.atan(mirror.t_limit), math.radians(150.0))
-    camera = camera_with_rim_inscribed(
+    camera = camera_with_inscribed_rim(
         mirror,
         width_px=int(rng.integers(1, 4096)),
         height_px=int(rng.integers(1, 4096)),
         rim_rad=highest * float(rng.uniform(0.05, 0.999)),
-        up_azimuth_rad=float(rng.uniform(-4.0, 4.0)),
+        image_up_azimuth_rad=float(rng.uniform(-4.0, 4.0)),
     )
     return camera, rng
 
@@ -86,8 +86,8 @@ def test_radius_when_t_grows_never_falls(seed: int, k: float) -> None:
 @given(seeds, ks)
 def test_surface_when_reflected_looks_at_the_pinhole(seed: int, k: float) -> None:
     mirror, t = places(seed, k)
-    r, z = mirror.surface(t)
-    to_viewpoint, to_pinhole = np.hypot(r, z), np.hypot(r, mirror.pinhole_m - z)
+    r, z = mirror.surface_point(t)
+    to_viewpoint, to_pinhole = np.hypot(r, z), np.hypot(r, mirror.pinhole_distance_m - z)
     # 2a = |M - p| - |M - v| for every point of the mirror: the hyperbola's own definition.
     axis_m = mirror.c_m * math.sqrt((k - 2.0) / k)
     reach = np.maximum(to_viewpoint, to_pinhole)
@@ -107,8 +107,8 @@ def test_law_when_computed_in_float32_is_within_its_bound(seed: int, k: float) -
     shown = mirror.radius_ratio_from_t(single)
     assert shown.dtype == np.float32
     # Eight operations of half an ulp, of which 1 - kappa t may be amplified by the nearness of 1.
-    left = mirror.kappa_left + mirror.kappa * (1.0 - single.astype(np.float64))
-    amplified = (mirror.kappa_left + mirror.kappa * np.abs(1.0 - t)) / left
+    left = mirror.one_minus_kappa + mirror.kappa * (1.0 - single.astype(np.float64))
+    amplified = (mirror.one_minus_kappa + mirror.kappa * np.abs(1.0 - t)) / left
     assert (np.abs(shown / expected - 1.0) <= 4.0 * EPS32 * (1.0 + amplified)).all()
 
 
@@ -181,12 +181,12 @@ def test_direction_has_one_face_and_comes_back_from_its_place_there(seed: int) -
     direction = rng.integers(-4, 5, (PLACES, 3)).astype(np.float64)
     direction = direction[(direction != 0.0).any(axis=-1)]
     face = face_from_direction(direction)
-    ahead = np.einsum("ni,nji->nj", direction, FACE_AXES[:, :, 0][None].repeat(len(direction), 0))
+    ahead = np.einsum("ni,nji->nj", direction, MIRROR_FROM_FACE_ROTATIONS[:, :, 0][None].repeat(len(direction), 0))
     assert np.array_equal(face, np.argmax(ahead, axis=-1))
     place = face_coordinates(direction, face)
     assert np.abs(place).max() <= 1.0
     local = np.column_stack((np.ones(len(place)), place))
-    back = np.einsum("nij,nj->ni", FACE_AXES[face], local)
+    back = np.einsum("nij,nj->ni", MIRROR_FROM_FACE_ROTATIONS[face], local)
     longest = np.abs(direction).max(axis=-1, keepdims=True)
     np.testing.assert_allclose(back, direction / longest, atol=2.0 * EPS)
 
@@ -196,11 +196,11 @@ def test_direction_has_one_face_and_comes_back_from_its_place_there(seed: int) -
 def test_number_when_printed_is_truncated_and_printing_again_changes_nothing(
     value: float, decimals: int
 ) -> None:
-    printed = fixed(value, decimals)
+    printed = format_fixed_point(value, decimals)
     again = number_from_text(printed)
-    assert fixed(again, decimals) == printed
-    assert fixed(-value, decimals) == (printed[1:] if printed[0] == "-" else f"-{printed}")
-    assert number_from_text(exact(value)) == value
+    assert format_fixed_point(again, decimals) == printed
+    assert format_fixed_point(-value, decimals) == (printed[1:] if printed[0] == "-" else f"-{printed}")
+    assert number_from_text(format_exact(value)) == value
 
 
 @pytest.mark.parametrize("k", [2.0 + 1e-12, 2.5, 11.546, 1e9])

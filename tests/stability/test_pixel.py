@@ -10,7 +10,7 @@ import pytest
 from catoptra_protocol.optics import camera as law
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.trace.pixel_law import PIXEL_ERROR_PX, PixelLaw
+from catoptra_server.render.trace.pixel_law import MAX_PIXEL_ERROR_PX, ProjectionTable
 from stability.catalogue import Case, Invalid, check, load
 
 
@@ -31,7 +31,7 @@ def _camera(inputs: dict[str, Any]) -> law.OmniCamera:
         centre_px=(inputs["centre_px"][0], inputs["centre_px"][1]),
         horizon_radius_px=inputs["horizon_px"],
         rim_rad=inputs["rim_rad"],
-        up_azimuth_rad=inputs["up_rad"],
+        image_up_azimuth_rad=inputs["up_rad"],
     )
 
 
@@ -69,9 +69,9 @@ def _in_table(case: Case) -> bool:
 def test_pixel_when_read_from_traces_table_is_within_its_bound(case: Case) -> None:
     inputs = dict(case.inputs)
     direction = np.array(inputs.pop("direction"))
-    table = PixelLaw.of(_camera(inputs))
+    table = ProjectionTable.from_camera(_camera(inputs))
     assert table is not None
     unit = (direction / np.linalg.norm(direction)).astype(np.float32)
-    u, v = table.pixels(*unit[:, None])
+    u, v = table.pixel_from_direction(*unit[:, None])
     away = np.hypot(u[0] - float(case.reference[0]), v[0] - float(case.reference[1]))
-    assert away < PIXEL_ERROR_PX
+    assert away < MAX_PIXEL_ERROR_PX

@@ -11,11 +11,11 @@ from stability.catalogue import Case, check, load
 
 
 def _hyperbolic(k: float, c_m: float, t: float) -> tuple[Floats, Floats]:
-    return HyperbolicMirror(k, c_m).surface(np.array(t))
+    return HyperbolicMirror(k, c_m).surface_point(np.array(t))
 
 
 def _parabolic(horizon_m: float, t: float) -> tuple[Floats, Floats]:
-    return ParabolicMirror(horizon_m).surface(np.array(t))
+    return ParabolicMirror(horizon_m).surface_point(np.array(t))
 
 
 SUBJECTS = {"hyperbolic_surface": _hyperbolic, "parabolic_surface": _parabolic}

@@ -20,8 +20,8 @@ def _nees(mean: Any, covariance: Any, truth: Any) -> float:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "threshold": lambda size, share: gate.Gate(share).threshold(size),
-    "interval": lambda size, runs, confidence: consistency.mean_interval(
+    "threshold": lambda size, share: gate.ValidationGate(share).threshold(size),
+    "interval": lambda size, runs, confidence: consistency.chi_square_mean_interval(
         size, runs, confidence=confidence
     ),
     "nees": _nees,

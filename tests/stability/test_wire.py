@@ -10,7 +10,7 @@ from stability.catalogue import Case, check, load
 
 
 def _fixed(value: float, decimals: int, text: str) -> float:
-    printed = numbers.fixed(value, decimals)
+    printed = numbers.format_fixed_point(value, decimals)
     assert printed == text, f"{value!r} is printed as {printed}, not as {text}"
     return float(printed)
 
@@ -20,7 +20,7 @@ def _read(text: str) -> float:
 
 
 def _angle(angle_rad: float) -> float:
-    return numbers.unreal_angle(angle_rad)
+    return numbers.truncate_to_unreal_units(angle_rad)
 
 
 def _length(length_uu: float) -> float:

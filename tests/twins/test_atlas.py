@@ -10,27 +10,27 @@ import pytest
 
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import parts_by_density, parts_of_size
+from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
-from helpers.shaders import evaluate
-from helpers.worlds import omni_camera
+from helpers.shaders import evaluate_shader
+from helpers.worlds import make_omni_camera
 
 SIZE = 672
 
 
 def make_atlas(limit_rad: float = math.pi - 1e-3) -> Atlas:
-    return pack_atlas(parts_of_size(limit_rad, SIZE), guard=GUARD_TEXELS, max_texels=4096)
+    return pack_atlas(regions_of_size(limit_rad, SIZE), guard_texels=GUARD_TEXELS, max_texels=4096)
 
 
 def shader_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -> Floats:
-    out = evaluate(
+    out = evaluate_shader(
         context,
         "atlas_position.frag",
         include="include/atlas.glsl",
         inputs=(directions,),
         uniforms={
-            "face_place": atlas.places(),
+            "face_place": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
         define=atlas_definitions(atlas),
@@ -55,9 +55,9 @@ def test_place_of_any_direction_equals_the_cube(context: moderngl.Context) -> No
 def test_place_in_parts_of_their_own_density_equals_the_cube(
     context: moderngl.Context, rim_deg: float
 ) -> None:
-    camera = omni_camera(width_px=640, rim_deg=rim_deg)
-    parts = parts_by_density(camera, camera.rim_rad, texels_per_px=1.0)
-    atlas = pack_atlas(parts, guard=GUARD_TEXELS, max_texels=4096)
+    camera = make_omni_camera(width_px=640, rim_deg=rim_deg)
+    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    atlas = pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=4096)
     directions = random_directions(20_000)
     seen = np.arccos(directions[:, 2] / np.linalg.norm(directions, axis=-1)) < camera.rim_rad
     directions = directions[seen]
@@ -86,6 +86,6 @@ def test_direction_beyond_five_faces_is_held_at_a_side_faces_edge(
 ) -> None:
     atlas = make_atlas(math.radians(125.0))
     texel = shader_texels(context, atlas, np.array([[1.0, 0.0, -2.0], [0.0, 0.0, -1.0]]))
-    x, y, _, rows = atlas.places()[Face.N]
+    x, y, _, rows = atlas.texel_transforms()[Face.N]
     assert texel[0] == pytest.approx((x, y - rows), abs=2e-3)
     assert np.isfinite(texel).all()

@@ -6,13 +6,13 @@ import moderngl
 import numpy as np
 
 from catoptra_server.scene.colour import srgb_from_linear
-from helpers.shaders import evaluate
+from helpers.shaders import evaluate_shader
 
 
 def test_encoding_equals_the_transfer_function(context: moderngl.Context) -> None:
     linear = np.concatenate((np.linspace(-0.1, 1.2, 5001), np.geomspace(1e-7, 1.0, 2000)))
     inputs = np.repeat(linear.astype(np.float32).astype(np.float64)[:, None], 3, axis=1)
-    encoded = evaluate(
+    encoded = evaluate_shader(
         context, "srgb_from_linear.frag", include="include/colour.glsl", inputs=(inputs,)
     )
     # A fiftieth of a grey level: drivers approximate pow.

@@ -6,26 +6,26 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects.auto_exposure import mean_of
-from catoptra_server.effects.shared.noise import frame_words, normals
-from catoptra_server.render.raster.effect_chain import EffectPass, LinearPicture, Meter
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.effects.auto_exposure import mean_luminance
+from catoptra_server.effects.shared.noise import frame_noise_key, normal_variates
+from catoptra_server.render.raster.effect_chain import EffectPass, LinearImageTarget, LuminanceMeter
+from catoptra_server.render.raster.programs import ShaderPrograms
 from helpers.effects import (
     CAMERA,
-    CAPTURE,
-    EXPOSURE,
-    KEY,
-    PICTURE_EFFECTS,
+    CAPTURE_CONTEXT,
+    CAMERA_STATE,
+    NOISE_SEED,
+    IMAGE_EFFECTS,
     RANGES,
-    card,
-    effect_of,
+    make_test_pattern,
+    make_effect,
 )
 
-LIGHT = card(2.0).astype(np.float32)
+LIGHT = make_test_pattern(2.0).astype(np.float32)
 
 
-def uploaded(context: moderngl.Context) -> LinearPicture:
-    picture = LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+def uploaded(context: moderngl.Context) -> LinearImageTarget:
+    picture = LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
     opaque = np.ones((*LIGHT.shape[:2], 4), dtype=np.float32)
     opaque[..., :3] = LIGHT
     picture.texture.write(opaque.tobytes())
@@ -47,18 +47,18 @@ class UploadedRange:
 def shaded(
     context: moderngl.Context, name: str, changes: dict[str, float]
 ) -> np.ndarray[tuple[int, int, int]]:
-    source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
-    effect, ranges = effect_of(name, changes), UploadedRange(context)
+    source, target = uploaded(context), LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
+    effect, ranges = make_effect(name, changes), UploadedRange(context)
     step = EffectPass(
         context,
-        Programs(context),
+        ShaderPrograms(context),
         effect,
         CAMERA,
         source.texture,
         target.target,
-        ranges=ranges if effect.uses_range else None,
+        ranges=ranges if effect.needs_range else None,
     )
-    step.draw(EXPOSURE)
+    step.draw(CAMERA_STATE)
     read = target.read()
     for made in (step, source, target, ranges):
         made.close()
@@ -78,10 +78,10 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", PICTURE_EFFECTS)
+@pytest.mark.parametrize("name", IMAGE_EFFECTS)
 def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> None:
     changes = CHANGES.get(name, {})
-    reference = effect_of(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE)
+    reference = make_effect(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE_CONTEXT)
     assert np.abs(reference - LIGHT).max() > 1e-4
     difference = np.abs(shaded(context, name, changes) - reference)
     if name == "Quantisation":  # a value at the border between two codes may become either
@@ -92,13 +92,13 @@ def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> No
 
 
 def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
-    source, target = uploaded(context), LinearPicture(context, CAMERA.width_px, CAMERA.height_px)
+    source, target = uploaded(context), LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
     source.texture.write(np.zeros((*LIGHT.shape[:2], 4), dtype=np.float32).tobytes())
-    noise = effect_of("ReadNoise", {"read_noise_e": 1.0, "full_well_e": 1.0})
-    step = EffectPass(context, Programs(context), noise, CAMERA, source.texture, target.target)
-    step.draw(EXPOSURE)
+    noise = make_effect("ReadNoise", {"read_noise_e": 1.0, "full_well_e": 1.0})
+    step = EffectPass(context, ShaderPrograms(context), noise, CAMERA, source.texture, target.target)
+    step.draw(CAMERA_STATE)
     np.testing.assert_array_equal(
-        target.read(), normals(frame_words(KEY, "ReadNoise"), *LIGHT.shape[:2])
+        target.read(), normal_variates(frame_noise_key(NOISE_SEED, "ReadNoise"), *LIGHT.shape[:2])
     )
     for made in (step, source, target):
         made.close()
@@ -106,7 +106,7 @@ def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Contex
 
 def test_meter_equals_the_mean(context: moderngl.Context) -> None:
     source = uploaded(context)
-    meter = Meter(context, Programs(context), source.texture)
-    assert meter.mean(CAMERA) == pytest.approx(mean_of(LIGHT, CAMERA), rel=1e-5)
+    meter = LuminanceMeter(context, ShaderPrograms(context), source.texture)
+    assert meter.measure_mean_luminance(CAMERA) == pytest.approx(mean_luminance(LIGHT, CAMERA), rel=1e-5)
     meter.close()
     source.close()

@@ -8,19 +8,19 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import FACE_AXES, face_from_direction
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
 from catoptra_protocol.optics.frames import rotation_from_rpy
-from catoptra_server.plan.face_sizes import parts_of_size
-from catoptra_server.render.raster.atlas import GUARD_TEXELS, Cell, pack_atlas
-from catoptra_server.render.raster.programs import set_uniform, source
+from catoptra_server.plan.face_sizes import regions_of_size
+from catoptra_server.render.raster.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
+from catoptra_server.render.raster.programs import set_uniform, load_source
 
-ATLAS = pack_atlas(parts_of_size(math.pi - 1e-3, 512), guard=GUARD_TEXELS, max_texels=4096)
+ATLAS = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
 TURN = rotation_from_rpy(0.02, -0.03, 0.3)
 
 
-def clip_positions(context: moderngl.Context, cell: Cell, vertices: np.ndarray) -> np.ndarray:
+def clip_positions(context: moderngl.Context, cell: AtlasCell, vertices: np.ndarray) -> np.ndarray:
     """Return (n, 4) clip positions of (n, 3) vertices seen from zero, as the shader has them."""
-    program = context.program(vertex_shader=source("face.vert"), varyings=["gl_Position"])
+    program = context.program(vertex_shader=load_source("face.vert"), varyings=["gl_Position"])
     set_uniform(program, "viewpoint", (0.0, 0.0, 0.0))
     set_uniform(program, "clip_from_scene", (cell.clip_from_mirror @ TURN.T).T)
     set_uniform(program, "depth_from_forward", (1.0, -0.02))
@@ -42,11 +42,11 @@ def around(scale_m: float, count: int = 4000) -> np.ndarray:
 @pytest.mark.parametrize("cell", ATLAS.cells, ids=lambda cell: cell.part.face.name)
 @pytest.mark.parametrize("scale_m", [2e-3, 1.0, 1e4])
 def test_vertex_near_and_far_lands_on_its_texel(
-    context: moderngl.Context, cell: Cell, scale_m: float
+    context: moderngl.Context, cell: AtlasCell, scale_m: float
 ) -> None:
     vertices = around(scale_m)
     mirror = vertices @ TURN
-    own = face_from_direction(mirror) == cell.part.face
+    own = face_from_direction(mirror) == cell.region.face
     clip = clip_positions(context, cell, vertices)[own]
     size, corner = np.array((cell.width, cell.height)), np.array((cell.x, cell.y))
     texels = corner + 0.5 * (clip[:, :2] / clip[:, 3:] + 1.0) * size
@@ -57,9 +57,9 @@ def test_vertex_near_and_far_lands_on_its_texel(
 
 @pytest.mark.parametrize("cell", ATLAS.cells[:2], ids=lambda cell: cell.part.face.name)
 def test_vertex_at_the_viewpoint_or_behind_it_is_clipped_not_infinite(
-    context: moderngl.Context, cell: Cell
+    context: moderngl.Context, cell: AtlasCell
 ) -> None:
-    ahead = TURN @ FACE_AXES[cell.part.face][:, 0]
+    ahead = TURN @ MIRROR_FROM_FACE_ROTATIONS[cell.region.face][:, 0]
     clip = clip_positions(context, cell, np.stack((np.zeros(3), -ahead, -1e30 * ahead)))
     assert np.isfinite(clip).all()
     assert (clip[:, 3] <= 0.0).all()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube import Face
-from catoptra_server.plan.face_sizes import parts_of_size
+from catoptra_server.plan.face_sizes import regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
-from helpers.shaders import evaluate
+from helpers.shaders import evaluate_shader
 from stability.catalogue import Case, load
 
 # The encoding's roots are fitted to a thousandth of a grey level, and drivers' roots add to it.
@@ -36,7 +36,7 @@ def test_encoding_when_at_the_ends_of_the_curve_is_that_of_50_digits(
     cases = float32_values("light", "srgb_from_linear")
     assert len(cases) >= 9
     inputs = np.repeat([[case.inputs["linear"]] for case in cases], 3, axis=1)
-    shown = evaluate(
+    shown = evaluate_shader(
         context, "srgb_from_linear.frag", include="include/colour.glsl", inputs=(inputs,)
     )
     expected = np.array([float(case.reference) for case in cases])
@@ -49,7 +49,7 @@ def test_encoding_over_every_half_float_never_falls_and_ends_at_0_and_1(
     # What the passes store: every half float from 0 to 1, 15361 of them.
     halves = np.arange(0x3C01, dtype=np.uint16).view(np.float16).astype(np.float64)
     inputs = np.repeat(halves[:, None], 3, axis=1)
-    shown = evaluate(
+    shown = evaluate_shader(
         context, "srgb_from_linear.frag", include="include/colour.glsl", inputs=(inputs,)
     )[:, 0]
     assert shown[0] == 0.0
@@ -66,7 +66,7 @@ def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) 
     # The lamp is the viewpoint's place; floors lie below it, z down.
     places = np.stack((np.zeros_like(heights), np.zeros_like(heights), heights), axis=-1)
     normals = np.tile([0.0, 0.0, -1.0], (len(heights), 1))
-    shown = evaluate(
+    shown = evaluate_shader(
         context,
         "point_irradiance.frag",
         include="include/shading.glsl",
@@ -81,7 +81,7 @@ def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) 
 def face_shown(atlas: Atlas, texel: np.ndarray) -> int:
     """Return the face in whose cell a texel position lies."""
     inside = [
-        cell.part.face
+        cell.region.face
         for cell in atlas.cells
         if cell.x <= texel[0] <= cell.x + cell.width and cell.y <= texel[1] <= cell.y + cell.height
     ]
@@ -90,13 +90,13 @@ def face_shown(atlas: Atlas, texel: np.ndarray) -> int:
 
 
 def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray) -> np.ndarray:
-    out = evaluate(
+    out = evaluate_shader(
         context,
         "atlas_position.frag",
         include="include/atlas.glsl",
         inputs=(directions,),
         uniforms={
-            "face_place": atlas.places(),
+            "face_place": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
         define=atlas_definitions(atlas),
@@ -107,7 +107,7 @@ def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray
 def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
     context: moderngl.Context,
 ) -> None:
-    atlas = pack_atlas(parts_of_size(math.pi - 1e-3, 128), guard=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096)
     cases = [
         case
         for case in float32_values("cube", "face_from_direction")
@@ -121,13 +121,13 @@ def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
 
 
 def test_face_of_the_zero_vector_is_n_and_finite(context: moderngl.Context) -> None:
-    atlas = pack_atlas(parts_of_size(math.pi - 1e-3, 128), guard=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096)
     (texel,) = shown_texels(context, atlas, np.zeros((1, 3)))
-    assert texel == pytest.approx(atlas.places()[Face.N][:2], abs=1e-3)
+    assert texel == pytest.approx(atlas.texel_transforms()[Face.N][:2], abs=1e-3)
 
 
 def test_place_over_a_dense_grid_of_directions_is_the_twins(context: moderngl.Context) -> None:
-    atlas = pack_atlas(parts_of_size(math.pi - 1e-3, 512), guard=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
     theta, gamma = np.meshgrid(np.linspace(0, math.pi, 361), np.linspace(-math.pi, math.pi, 721))
     ring = np.sin(theta)
     grid = np.stack((ring * np.cos(gamma), ring * np.sin(gamma), np.cos(theta)), axis=-1)

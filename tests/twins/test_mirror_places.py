@@ -11,14 +11,14 @@ from catoptra_protocol.optics.camera import (
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.plan.face_sizes import parts_by_density, parts_of_size
+from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.mirror_places import places_of
-from helpers.shaders import evaluate
-from helpers.worlds import omni_camera
+from catoptra_server.render.raster.mirror_places import atlas_coordinates
+from helpers.shaders import evaluate_shader
+from helpers.worlds import make_omni_camera
 
 TOLERANCE_PX = 1e-3
 MAX_TEXELS = 16384
@@ -38,8 +38,8 @@ CASES = [pytest.param(mirror, rim, id=name) for name, mirror, rim in MIRRORS]
 
 
 def atlas_by_density(camera: OmniCamera) -> Atlas:
-    parts = parts_by_density(camera, camera.rim_rad, texels_per_px=1.0)
-    return pack_atlas(parts, guard=GUARD_TEXELS, max_texels=MAX_TEXELS)
+    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    return pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=MAX_TEXELS)
 
 
 def looked_up(
@@ -50,11 +50,11 @@ def looked_up(
     What the sampler makes of a place is the device's own: llvmpipe multiplies by the atlas' size in
     float32, graphics cards count 256 steps from texel to texel.
     """
-    out = evaluate(
+    out = evaluate_shader(
         context,
         "looked_up.frag",
         include=None,
-        inputs=(places_of(camera, atlas, pixels).astype(np.float64),),
+        inputs=(atlas_coordinates(camera, atlas, pixels).astype(np.float64),),
     )
     return directions_of(atlas, out[:, :2] * (atlas.width, atlas.height)), out[:, 3] > 0.5
 
@@ -67,10 +67,10 @@ def directions_of(atlas: Atlas, texels: Floats) -> Floats:
         inside = ((texels >= low) & (texels < low + np.array((cell.width, cell.height)))).all(
             axis=-1
         )
-        place = np.array(cell.place)
+        place = np.array(cell.texel_transform)
         st = (texels[inside] - place[:2]) / place[2:]
         local = np.column_stack((np.ones(len(st)), st))
-        directions[inside] = local @ FACE_AXES[cell.part.face].T
+        directions[inside] = local @ MIRROR_FROM_FACE_ROTATIONS[cell.region.face].T
     return directions
 
 
@@ -96,7 +96,7 @@ def largest_error_px(context: moderngl.Context, camera: OmniCamera, atlas: Atlas
 def test_place_over_the_image_returns_to_its_pixel(
     context: moderngl.Context, mirror: CentralMirror, rim_deg: float, width_px: int
 ) -> None:
-    camera = omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
+    camera = make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
     assert largest_error_px(context, camera, atlas_by_density(camera)) < TOLERANCE_PX
 
 
@@ -104,7 +104,7 @@ def test_place_next_to_the_asymptote_of_nearly_a_plane_is_known_to_be_coarser(
     context: moderngl.Context,
 ) -> None:
     # A radian is 45 000 px there, and so is a face: more than float32 tells apart to 1e-3.
-    camera = omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=90.0)
+    camera = make_omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=90.0)
     assert largest_error_px(context, camera, atlas_by_density(camera)) < 2e-3
 
 
@@ -112,9 +112,9 @@ def test_place_next_to_the_asymptote_of_nearly_a_plane_is_known_to_be_coarser(
 def test_place_on_faces_of_a_wished_size_returns_to_its_pixel(
     context: moderngl.Context, face_size_px: int
 ) -> None:
-    camera = omni_camera(width_px=1024)
-    parts = parts_of_size(camera.rim_rad, face_size_px)
-    atlas = pack_atlas(parts, guard=GUARD_TEXELS, max_texels=MAX_TEXELS)
+    camera = make_omni_camera(width_px=1024)
+    parts = regions_of_size(camera.rim_rad, face_size_px)
+    atlas = pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=MAX_TEXELS)
     assert largest_error_px(context, camera, atlas) < TOLERANCE_PX
 
 
@@ -122,7 +122,7 @@ def test_place_on_faces_of_a_wished_size_returns_to_its_pixel(
 def test_samples_have_a_place_exactly_where_the_law_sees_the_mirror(
     context: moderngl.Context, mirror: CentralMirror, rim_deg: float
 ) -> None:
-    camera = omni_camera(mirror=mirror, width_px=360, rim_deg=rim_deg)
+    camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=rim_deg)
     _, valid = looked_up(context, camera, atlas_by_density(camera), grid(camera))
     _, expected = direction_from_pixel(camera, grid(camera))
     assert np.array_equal(valid, expected)

@@ -10,13 +10,13 @@ from catoptra_server.render import shading
 from catoptra_server.render.raster.scene_look import upload_texture
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.description import PointLight
-from helpers.shaders import evaluate
+from helpers.shaders import evaluate_shader
 
 LIGHTS = (PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4)), PointLight((-2.0, 1.0, 0.3), (3, 4, 5)))
 
 
 def shader_irradiance(context: moderngl.Context, places: Floats, normals: Floats) -> Floats:
-    out = evaluate(
+    out = evaluate_shader(
         context,
         "point_irradiance.frag",
         include="include/shading.glsl",
@@ -54,13 +54,13 @@ def test_texture_is_filtered_in_linear_light_and_repeats(context: moderngl.Conte
     rng = np.random.default_rng(4)
     image = rng.integers(0, 256, (24, 40, 3), dtype=np.uint8)
     uv = rng.uniform(-2.0, 2.0, (4000, 2)).astype(np.float32).astype(np.float64)
-    shown = evaluate(
+    shown = evaluate_shader(
         context,
         "texture_value.frag",
         include=None,
         inputs=(uv,),
         texture=upload_texture(context, image),
     )
-    expected = shading.texture_value(linear_from_srgb(image / 255.0), uv)
+    expected = shading.sample_texture(linear_from_srgb(image / 255.0), uv)
     # OpenGL promises 8 bits for the place between two texels: 1/256 of their difference.
     assert np.abs(shown[:, :3] - expected).max() < 1.5 / 256.0

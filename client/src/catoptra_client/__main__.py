@@ -17,8 +17,8 @@ from rich.progress import Progress
 
 from catoptra_client.experiment.recording import ROBOT_CLASS
 from catoptra_client.experiment.server_process import ServerAddress
-from catoptra_client.experiment.training_frames import labelled_frames
-from catoptra_client.images import ImageStream
+from catoptra_client.experiment.training_frames import capture_training_frames
+from catoptra_client.images import ImageClient
 from catoptra_client.landmarks import (
     DEFAULT_THETA,
     Detection,
@@ -29,15 +29,15 @@ from catoptra_client.landmarks import (
     save_classifier,
     train,
 )
-from catoptra_client.robot import Robot
-from catoptra_client.shipped import landmark_file
+from catoptra_client.robot import RobotClient
+from catoptra_client.shipped import find_landmark_file
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return 0, or 1 after saying what went wrong."""
-    parsed = _parser().parse_args(arguments)
+    parsed = _make_parser().parse_args(arguments)
     console = Console()
     try:
         parsed.run(parsed, console)
@@ -51,13 +51,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _train(parsed: argparse.Namespace, console: Console) -> None:
     """Train from labelled frames: the robot is put at random places of the field."""
-    landmarks = read_landmarks(landmark_file(parsed.landmarks))
+    landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     with Progress(console=console) as progress:
         task = progress.add_task("labelled frames", total=parsed.frames)
-        frames = labelled_frames(
-            _address(parsed),
+        frames = capture_training_frames(
+            _server_address(parsed),
             landmarks=landmarks,
-            count=parsed.frames,
+            num_frames=parsed.frames,
             seed=parsed.seed,
             on_frame=lambda: progress.advance(task),
         )
@@ -67,37 +67,37 @@ def _train(parsed: argparse.Namespace, console: Console) -> None:
     console.print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
 
 
-def _bearings(parsed: argparse.Namespace, console: Console) -> None:
+def _print_bearings(parsed: argparse.Namespace, console: Console) -> None:
     """Print the landmarks of every frame."""
-    landmarks = read_landmarks(landmark_file(parsed.landmarks))
+    landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     classifier = load_classifier(parsed.classifier)
-    address = _address(parsed)
+    address = _server_address(parsed)
     with (
-        Robot.connect(address.host, address.control_port) as robot,
-        ImageStream.connect(address.host, address.image_port) as images,
+        RobotClient.connect(address.host, address.control_port) as robot,
+        ImageClient.connect(address.host, address.image_port) as images,
     ):
-        robot.spawn(ROBOT_CLASS, start=parsed.start)
-        camera, height_m = robot.camera_and_height()
+        robot.spawn(ROBOT_CLASS, start_pose=parsed.start)
+        camera, height_m = robot.get_camera_and_height()
         detector = make_detector(
             camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
         )
-        for frame in islice(images.frames(), parsed.frames or None):
+        for frame in islice(images.iter_frames(), parsed.frames or None):
             console.print(f"frame {frame.sequence}", style="bold")
             for detection in detect(detector, frame.rgb):
-                console.print("  " + _line(detection))
+                console.print("  " + _format_detection(detection))
 
 
-def _line(detection: Detection) -> str:
+def _format_detection(detection: Detection) -> str:
     bearing = f"{math.degrees(detection.bearing_rad):+7.2f} deg"
     range_ = f"{detection.range_m:6.3f} m" if detection.has_range else "   ?    "
     return f"{detection.name:22} {bearing}  {range_}"
 
 
-def _address(parsed: argparse.Namespace) -> ServerAddress:
+def _server_address(parsed: argparse.Namespace) -> ServerAddress:
     return ServerAddress(parsed.host, parsed.control_port, parsed.image_port)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     trainer = commands.add_parser("train", help="train the colour classifier from labelled frames")
@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     trainer.add_argument("--seed", type=int, default=1, help="of the places")
     trainer.add_argument("--frames", type=int, default=30)
     watcher = commands.add_parser("bearings", help="print the landmarks in the robot's frames")
-    watcher.set_defaults(run=_bearings)
+    watcher.set_defaults(run=_print_bearings)
     watcher.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
     watcher.add_argument("--start", default="Centre", help="start place of the robot")
     watcher.add_argument("--frames", type=int, default=0, help="0 = until interrupted")

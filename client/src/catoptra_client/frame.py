@@ -16,12 +16,12 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.wire.image import ImageType
-from catoptra_protocol.wire.jpeg import jpeg_size
+from catoptra_protocol.wire.jpeg import parse_jpeg_size
 from catoptra_protocol.wire.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.wire.stream_answers import EffectRecord
 
-_READ_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
-_PNG_START = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+_IMREAD_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+_PNG_HEADER = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -45,7 +45,7 @@ class Frame:
     sequence: int
     received_s: float
     image_type: ImageType
-    robot: str | None = None
+    robot_name: str | None = None
     camera_name: str | None = None
     time_s: float | None = None
     world_from_robot: Pose | None = None
@@ -53,21 +53,21 @@ class Frame:
     robot_from_mirror: Pose | None = None
     stage_ms: Mapping[str, float] | None = None
     age_s: float | None = None
-    missed: int | None = None
-    dropped: int | None = None
+    missed_frames: int | None = None
+    dropped_frames: int | None = None
     plan: str | None = None
     error_bound_px: float | None = None
-    bound: dict[str, float] | None = None
+    error_bounds: dict[str, float] | None = None
     effects: tuple[EffectRecord, ...] = ()
 
 
 class FrameSource(Protocol):
-    """What both transports offer. Waiting raises ConnectionLostError or ServerSlowError."""
+    """What both transports offer. Waiting raises ConnectionLostError or DeadlineExceededError."""
 
-    def frame(self) -> Frame:
+    def get_frame(self) -> Frame:
         """Return the newest frame."""
 
-    def frames(self) -> Iterator[Frame]:
+    def iter_frames(self) -> Iterator[Frame]:
         """Iterate over frames for ever."""
 
     def close(self) -> None:
@@ -85,18 +85,18 @@ class FrameSource(Protocol):
         """Close."""
 
 
-def rgb_from_file(data: bytes) -> Pixels:
+def rgb_from_image_bytes(data: bytes) -> Pixels:
     """Return the (h, w, 3) uint8 RGB picture of a JPEG or PNG file.
 
     Raises RemoteProtocolError if it is none, or larger than we accept: before memory is taken.
     """
-    kind = "PNG" if data.startswith(_PNG_START) else "JPEG"
+    kind = "PNG" if data.startswith(_PNG_HEADER) else "JPEG"
     if kind == "PNG":
         _check_png_size(data)
     else:
-        jpeg_size(data)
+        parse_jpeg_size(data)
     try:
-        rgb = cv2.imdecode(np.frombuffer(data, np.uint8), _READ_FLAGS)
+        rgb = cv2.imdecode(np.frombuffer(data, np.uint8), _IMREAD_FLAGS)
     except cv2.error as error:
         raise RemoteProtocolError(f"{kind} frame that cannot be decoded: {error}") from error
     if rgb is None:
@@ -105,7 +105,7 @@ def rgb_from_file(data: bytes) -> Pixels:
 
 
 def _check_png_size(data: bytes) -> None:
-    size = data[len(_PNG_START) : len(_PNG_START) + 8]
+    size = data[len(_PNG_HEADER) : len(_PNG_HEADER) + 8]
     width, height = int.from_bytes(size[:4]), int.from_bytes(size[4:])
     if width * height > MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
-from catoptra_client.control_connection import ControlConnection, SilentError
-from catoptra_client.tcp import connected
-from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError
+from catoptra_client.tcp import open_connection
+from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.errors import CatoptraError, LocalProtocolError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.wire.commands import (
@@ -25,7 +25,7 @@ from catoptra_protocol.wire.commands import (
     Init,
     Step,
 )
-from catoptra_protocol.wire.numbers import Vector
+from catoptra_protocol.wire.numbers import Vector3
 from catoptra_protocol.wire.reports import (
     Configuration,
     Geometry,
@@ -33,16 +33,16 @@ from catoptra_protocol.wire.reports import (
     GroundTruthReading,
     OdometryReading,
     Report,
-    Result,
+    CommandResult,
     StartPoses,
     VehicleGeometry,
     VehicleStatus,
 )
 
-_R = TypeVar("_R", bound=Report)
+_ReportT = TypeVar("_ReportT", bound=Report)
 
 
-class Robot:
+class RobotClient:
     """One robot, from `connect` to `close`; also a context manager.
 
     Every call that waits raises ConnectionLostError if the server goes away or stays silent for
@@ -62,9 +62,9 @@ class Robot:
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 3000, timeout_s: float = 5.0) -> Self:
         """Return a robot still to be spawned, once the server has greeted."""
-        robot = cls(connected(host, port, timeout_s, server="control"), timeout_s=timeout_s)
+        robot = cls(open_connection(host, port, timeout_s, server_kind="control"), timeout_s=timeout_s)
         try:
-            robot._connection.wait(Greeting, "a greeting (is this the control port?)")
+            robot._connection.wait_for_report(Greeting, "a greeting (is this the control port?)")
         except CatoptraError:
             robot.close()
             raise
@@ -88,47 +88,47 @@ class Robot:
     @property
     def greeting(self) -> Greeting | None:
         """Return what the server said first: the game type and the level."""
-        return self._connection.newest(Greeting)
+        return self._connection.get_latest(Greeting)
 
     @property
     def odometry(self) -> OdometryReading | None:
         """Return the newest odometry that was read; None before the first."""
-        return self._connection.newest(OdometryReading)
+        return self._connection.get_latest(OdometryReading)
 
     @property
     def ground_truth(self) -> GroundTruthReading | None:
         """Return the newest ground truth that was read; None before the first."""
-        return self._connection.newest(GroundTruthReading)
+        return self._connection.get_latest(GroundTruthReading)
 
     @property
     def status(self) -> VehicleStatus | None:
         """Return the newest status that was read; None before the first."""
-        return self._connection.newest(VehicleStatus)
+        return self._connection.get_latest(VehicleStatus)
 
-    def start_poses(self) -> StartPoses:
+    def get_start_poses(self) -> StartPoses:
         """Return the named start poses of the world."""
         self._connection.send(GetStartPoses())
-        return self._connection.wait(StartPoses, "the start poses")
+        return self._connection.wait_for_report(StartPoses, "the start poses")
 
     def spawn(
         self,
         class_name: str,
         *,
         name: str | None = None,
-        location_m: Vector | None = None,
-        rotation_rad: Vector = (0.0, 0.0, 0.0),
-        start: str | None = None,
+        location_m: Vector3 | None = None,
+        rotation_rad: Vector3 = (0.0, 0.0, 0.0),
+        start_pose: str | None = None,
     ) -> None:
         """Put the robot into the world; return when its first status or reading has come.
 
         One connection is one robot: a second spawn raises LocalProtocolError.
         """
-        if any(_is_of_a_robot(report) for report in self._connection.latest):
+        if any(_is_robot_report(report) for report in self._connection.latest_reports):
             raise LocalProtocolError("this connection has its robot: connect again for another")
-        self._connection.send(Init(class_name, name, location_m, rotation_rad, start))
+        self._connection.send(Init(class_name, name, location_m, rotation_rad, start_pose))
         try:
-            self._connection.wait_until(_is_of_a_robot, "a report of the robot")
-        except SilentError as error:
+            self._connection.wait_until(_is_robot_report, "a report of the robot")
+        except ReplyTimeoutError as error:
             raise CatoptraError(
                 f"{self._connection.peer} did not spawn {class_name!r} within "
                 f"{self._connection.timeout_s:g} s. It refuses an unknown class or start in "
@@ -142,63 +142,63 @@ class Robot:
     def step(self, time_s: float) -> list[Report]:
         """Advance a lockstep server; return all that it reported before it was done."""
         self._connection.send(Step(time_s))
-        reports = self._connection.wait_until(_is_step_result, _STEP_DONE)
+        reports = self._connection.wait_until(_is_step_result, _STEP_RESULT)
         result = reports.pop()
-        if isinstance(result, Result) and result.status != "OK":
+        if isinstance(result, CommandResult) and result.status != "OK":
             raise CatoptraError(
                 f"{self._connection.peer} did not step by {time_s:g} s (status {result.status}): "
                 "run the server with --clock lockstep, and step by at most a minute"
             )
         return reports
 
-    def wait_for(self, report_type: type[_R], timeout_s: float | None = None) -> _R:
+    def wait_for_report(self, report_type: type[_ReportT], timeout_s: float | None = None) -> _ReportT:
         """Return the next report of this type that has not been read yet."""
-        return self._connection.wait(report_type, f"a {report_type.__name__}", timeout_s=timeout_s)
+        return self._connection.wait_for_report(report_type, f"a {report_type.__name__}", timeout_s=timeout_s)
 
-    def configuration(self, type_: str, name: str | None = None) -> Configuration:
+    def get_configuration(self, type_: str, name: str | None = None) -> Configuration:
         """Return the configuration of the `Robot`, of all sensors of a type, or of one."""
         self._connection.send(GetConf(type_, name))
-        return self._connection.wait(
+        return self._connection.wait_for_report(
             Configuration,
             f"the configuration of {type_} {name or ''}",
-            lambda report: _answers(type_, report.type) and _is_named(name, report),
+            lambda report: _matches_type(type_, report.type) and _has_camera_name(name, report),
         )
 
-    def geometry(self, type_: str, name: str | None = None) -> Geometry | VehicleGeometry:
+    def get_geometry(self, type_: str, name: str | None = None) -> Geometry | VehicleGeometry:
         """Return where the sensors of a type sit, or the geometry of the `Robot` itself."""
         self._connection.send(GetGeo(type_, name))
         what = f"the geometry of {type_} {name or ''}"
         if type_.lower() == "robot":
-            return self._connection.wait(VehicleGeometry, what)
-        return self._connection.wait(Geometry, what, lambda report: _answers(type_, report.type))
+            return self._connection.wait_for_report(VehicleGeometry, what)
+        return self._connection.wait_for_report(Geometry, what, lambda report: _matches_type(type_, report.type))
 
-    def camera(self, name: str | None = None) -> OmniCamera:
+    def get_camera(self, name: str | None = None) -> OmniCamera:
         """Return the law of the omnidirectional camera: from pixels to directions and back."""
-        return self.camera_and_height(name)[0]
+        return self.get_camera_and_height(name)[0]
 
-    def camera_and_height(self, name: str | None = None) -> tuple[OmniCamera, float]:
+    def get_camera_and_height(self, name: str | None = None) -> tuple[OmniCamera, float]:
         """Return the camera's law and the height of its viewpoint over the floor, in metres."""
-        return camera_from_pairs(self.configuration("Camera", name).pairs)
+        return omni_camera_from_pairs(self.get_configuration("Camera", name).pairs)
 
 
-_STEP_DONE = "the result of STEP (is it Catoptra, run with --clock lockstep?)"
+_STEP_RESULT = "the result of STEP (is it Catoptra, run with --clock lockstep?)"
 
 
-def _is_of_a_robot(report: Report) -> bool:
+def _is_robot_report(report: Report) -> bool:
     return isinstance(report, VehicleStatus | OdometryReading | GroundTruthReading)
 
 
 def _is_step_result(report: Report) -> bool:
-    return isinstance(report, Result) and report.type.lower() == "step"
+    return isinstance(report, CommandResult) and report.type.lower() == "step"
 
 
-def _is_named(asked: str | None, report: Configuration) -> bool:
+def _has_camera_name(requested_name: str | None, report: Configuration) -> bool:
     """Return whether a camera's reply is the one asked for: tiles are told unasked."""
-    if asked is None or report.type.lower() != "camera":
+    if requested_name is None or report.type.lower() != "camera":
         return True
-    return asked.lower() == (report.get("Name") or "").lower()
+    return requested_name.lower() == (report.get("Name") or "").lower()
 
 
-def _answers(asked: str, answered: str) -> bool:
+def _matches_type(requested_type: str, reply_type: str) -> bool:
     """Return whether a reply of one type answers the other; `Robot` is answered by its kind."""
-    return asked.lower() in (answered.lower(), "robot")
+    return requested_type.lower() in (reply_type.lower(), "robot")

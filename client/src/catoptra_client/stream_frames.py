@@ -9,11 +9,11 @@ from typing import Self
 
 from catoptra_client.frame import Frame
 from catoptra_client.stream import StreamClient
-from catoptra_protocol.wire.stream_requests import Encoding
+from catoptra_protocol.wire.stream_requests import ImageEncoding
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class CameraSelection:
     """What to look at: empty names take what the server's screen shows, or a robot's first camera.
 
     encoding: JPEG is small, PNG and RAW are exact.
@@ -21,29 +21,29 @@ class Watched:
 
     robot: str = ""
     camera: str = ""
-    encoding: Encoding = Encoding.JPEG
+    encoding: ImageEncoding = ImageEncoding.JPEG
 
 
-class StreamFrames:
+class StreamFrameSource:
     """Frames of one camera. Closing it closes the client that it was given.
 
     Waiting raises CatoptraError with the server's reason where there is no such robot or camera
-    (any more), ConnectionLostError and ServerSlowError as `StreamClient` does.
+    (any more), ConnectionLostError and DeadlineExceededError as `StreamClient` does.
     """
 
-    def __init__(self, client: StreamClient, watched: Watched) -> None:
+    def __init__(self, client: StreamClient, selection: CameraSelection) -> None:
         self.client = client
-        self.watched = watched
+        self.selection = selection
 
-    def frame(self) -> Frame:
+    def get_frame(self) -> Frame:
         """Return the newest frame."""
-        is_ = self.watched
-        return self.client.frame(encoding=is_.encoding, robot=is_.robot, camera=is_.camera)
+        is_ = self.selection
+        return self.client.get_frame(encoding=is_.encoding, robot=is_.robot, camera=is_.camera)
 
-    def frames(self) -> Iterator[Frame]:
+    def iter_frames(self) -> Iterator[Frame]:
         """Iterate over newest frames for ever."""
         while True:
-            yield self.frame()
+            yield self.get_frame()
 
     def close(self) -> None:
         """End the connection."""

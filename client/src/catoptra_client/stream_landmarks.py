@@ -6,11 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.wire.stream_answers import LandmarkRecord, LandmarksAre
+from catoptra_protocol.wire.stream_answers import LandmarkRecord, LandmarksReply
 
 
 @dataclass(frozen=True, slots=True)
-class SeenLandmark:
+class LandmarkProjection:
     """A landmark, and what a camera saw of it at `time_s`, by geometry.
 
     pixel: (u, v) of the middle of its band, None outside the picture. visible: whether it lies in
@@ -23,20 +23,20 @@ class SeenLandmark:
     time_s: float
 
 
-def landmarks_from_answer(answer: LandmarksAre) -> tuple[Landmark, ...]:
+def landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
     """Return where the landmarks are."""
-    return tuple(map(_landmark, answer.landmarks))
+    return tuple(map(_landmark_from_record, reply.landmarks))
 
 
-def seen_from_answer(answer: LandmarksAre) -> tuple[SeenLandmark, ...]:
+def projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
     """Return what was seen of each landmark."""
-    time_s = answer.time_s or 0.0
+    time_s = reply.time_s or 0.0
     return tuple(
-        SeenLandmark(_landmark(one), one.pixel, bool(one.visible), time_s)
-        for one in answer.landmarks
+        LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)
+        for one in reply.landmarks
     )
 
 
-def _landmark(record: LandmarkRecord) -> Landmark:
+def _landmark_from_record(record: LandmarkRecord) -> Landmark:
     fields = dataclasses.fields(Landmark)
     return Landmark(**{field.name: getattr(record, field.name) for field in fields})

@@ -15,14 +15,14 @@ from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.wire.limits import MAX_IMAGE_PAYLOAD_BYTES
 
 # A server that lives tells so every half second: three missed pulses are a lost server.
-SILENCE_S = 1.5
+SERVER_TIMEOUT_S = 1.5
 # Messages that wait for the program: frames come only when asked for, so these are pulses.
-_WAITING = 64
-_RECONNECT_MS = 100
-_RECONNECT_AT_MOST_MS = 1000
+_RECEIVE_QUEUE_SIZE = 64
+_MIN_RECONNECT_MS = 100
+_MAX_RECONNECT_MS = 1000
 # A connection whose other end vanished without a word is given up and made anew.
-_PING_EVERY_MS = 1000
-_GIVE_UP_AFTER_MS = 3000
+_ZMTP_PING_INTERVAL_MS = 1000
+_ZMTP_PING_TIMEOUT_MS = 3000
 
 
 class StreamSocket:
@@ -35,11 +35,11 @@ class StreamSocket:
         self._clock = clock
         self._context = zmq.Context(io_threads=1)
         self._socket = self._context.socket(zmq.DEALER)
-        for option, value in _OPTIONS.items():
+        for option, value in _SOCKET_OPTIONS.items():
             self._socket.set(option, value)
         name = f"[{host}]" if ":" in host else host
         self._socket.connect(f"tcp://{name}:{port}")
-        self._heard_s = self._clock()
+        self._last_received_s = self._clock()
 
     def close(self) -> None:
         """End the connection: the server removes the robot."""
@@ -55,30 +55,30 @@ class StreamSocket:
             )
         self._socket.send(data)
 
-    def receive(self, until_s: float) -> list[bytes] | None:
+    def receive(self, deadline_s: float) -> list[bytes] | None:
         """Return the next message; None if none comes by then."""
-        left_s = until_s - self._clock()
+        left_s = deadline_s - self._clock()
         if not self._socket.poll(max(0, round(1000 * left_s)), zmq.POLLIN):
             return None
-        self._heard_s = self._clock()
+        self._last_received_s = self._clock()
         return self._socket.recv_multipart()
 
     def is_lost(self) -> bool:
         """Return whether nothing at all is heard of the server; may wait for its next pulse."""
-        while (left_s := self._heard_s + SILENCE_S - self._clock()) > 0.0:
+        while (left_s := self._last_received_s + SERVER_TIMEOUT_S - self._clock()) > 0.0:
             if self._socket.poll(max(1, round(1000 * left_s)), zmq.POLLIN):
                 return False
         return True
 
 
-_OPTIONS = {
+_SOCKET_OPTIONS = {
     zmq.IPV6: 1,
     zmq.LINGER: 0,
-    zmq.RCVHWM: _WAITING,
+    zmq.RCVHWM: _RECEIVE_QUEUE_SIZE,
     zmq.IMMEDIATE: 1,
     zmq.MAXMSGSIZE: MAX_IMAGE_PAYLOAD_BYTES,
-    zmq.RECONNECT_IVL: _RECONNECT_MS,
-    zmq.RECONNECT_IVL_MAX: _RECONNECT_AT_MOST_MS,
-    zmq.HEARTBEAT_IVL: _PING_EVERY_MS,
-    zmq.HEARTBEAT_TIMEOUT: _GIVE_UP_AFTER_MS,
+    zmq.RECONNECT_IVL: _MIN_RECONNECT_MS,
+    zmq.RECONNECT_IVL_MAX: _MAX_RECONNECT_MS,
+    zmq.HEARTBEAT_IVL: _ZMTP_PING_INTERVAL_MS,
+    zmq.HEARTBEAT_TIMEOUT: _ZMTP_PING_TIMEOUT_MS,
 }

@@ -30,13 +30,13 @@ from catoptra_protocol.optics.camera import OmniCamera, opencv_from_pixel, pixel
 from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
 
-Bytes = npt.NDArray[np.uint8]
+UInt8Array = npt.NDArray[np.uint8]
 
 # One number or an array of them: the cylinder's rulers serve both.
-N = TypeVar("N", float, Floats)
+_FloatOrArray = TypeVar("_FloatOrArray", float, Floats)
 
 # cv2.remap addresses source and target with 16-bit signed integers.
-_LARGEST_SIDE_PX = 32767
+_MAX_SIDE_PX = 32767
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class CylinderGeometry:
         """Return the height of a row."""
         return (self.bottom_slope - self.top_slope) / self.rows
 
-    def azimuth_from_column(self, column: N) -> N:
+    def azimuth_from_column(self, column: _FloatOrArray) -> _FloatOrArray:
         """Return azimuths of (...) columns, not wrapped: it grows along the picture."""
         return self.seam_azimuth_rad + self.azimuth_per_column_rad * column
 
@@ -85,16 +85,16 @@ class CylinderGeometry:
         """
         finite = np.isfinite(azimuth_rad)
         if not np.all(finite):
-            raise DomainError("an azimuth that is not finite has no column", valid=finite)
+            raise DomainError("an azimuth that is not finite has no column", valid_mask=finite)
         turned = np.mod(azimuth_rad - self.seam_azimuth_rad, TWO_PI) / self.azimuth_per_column_rad
         # mod of a tiny negative number rounds up to the whole turn, which is column 0 again.
         return np.where(turned < self.columns, turned, 0.0)
 
-    def slope_from_row(self, row: N) -> N:
+    def slope_from_row(self, row: _FloatOrArray) -> _FloatOrArray:
         """Return slopes of (...) rows."""
         return self.top_slope + self.slope_per_row * row
 
-    def row_from_slope(self, slope: N) -> N:
+    def row_from_slope(self, slope: _FloatOrArray) -> _FloatOrArray:
         """Return (...) rows of slopes; those above or below the picture lie outside its rows."""
         return (slope - self.top_slope) / self.slope_per_row
 
@@ -116,30 +116,30 @@ class PerspectiveGeometry:
 
     width_px: int
     height_px: int
-    width_rad: float
+    horizontal_fov_rad: float
     yaw_rad: float = 0.0
     pitch_rad: float = 0.0
 
     def __post_init__(self) -> None:
         _check_size(self.width_px, self.height_px)
-        if not 0.0 < self.width_rad < math.pi:
-            raise DomainError(f"a pinhole sees more than 0 and less than pi: {self.width_rad!r}")
+        if not 0.0 < self.horizontal_fov_rad < math.pi:
+            raise DomainError(f"a pinhole sees more than 0 and less than pi: {self.horizontal_fov_rad!r}")
         if not (math.isfinite(self.yaw_rad) and math.isfinite(self.pitch_rad)):
             raise DomainError(f"angles must be finite: {self.yaw_rad!r}, {self.pitch_rad!r}")
         # The quotient of focal_px must not overflow, nor divide by a tangent of zero.
-        if 0.5 * self.width_px > math.tan(0.5 * self.width_rad) * sys.float_info.max:
-            raise DomainError(f"a view {self.width_rad!r} rad wide needs an infinite focal length")
+        if 0.5 * self.width_px > math.tan(0.5 * self.horizontal_fov_rad) * sys.float_info.max:
+            raise DomainError(f"a view {self.horizontal_fov_rad!r} rad wide needs an infinite focal length")
 
     @property
-    def focal_px(self) -> float:
+    def focal_length_px(self) -> float:
         """Return the focal length."""
-        return 0.5 * self.width_px / math.tan(0.5 * self.width_rad)
+        return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
 
     def directions(self) -> Floats:
         """Return (height, width, 3) directions of the pixel centres in the mirror frame."""
         right = np.arange(self.width_px) + 0.5 - 0.5 * self.width_px
         down = np.arange(self.height_px) + 0.5 - 0.5 * self.height_px
-        parts = np.broadcast_arrays(self.focal_px, right, down[:, None])
+        parts = np.broadcast_arrays(self.focal_length_px, right, down[:, None])
         rotation = rotation_from_rpy(0.0, self.pitch_rad, self.yaw_rad)
         directions: Floats = np.stack(parts, axis=-1) @ rotation.T
         return directions
@@ -149,21 +149,21 @@ class PerspectiveGeometry:
 class UnwarpMap:
     """Where each target pixel comes from: a fixed-point map, and which pixels the mirror sees.
 
-    whole_px (h, w, 2) int16 and fraction (h, w) uint16 as cv2.convertMaps makes them; valid (h, w).
+    integer_px (h, w, 2) int16 and fraction (h, w) uint16 as cv2.convertMaps makes them; valid (h, w).
     source_shape: (height, width) of the frames it is made for.
     """
 
-    whole_px: npt.NDArray[np.int16]
+    integer_px: npt.NDArray[np.int16]
     fraction: npt.NDArray[np.uint16]
     valid: Bools
     source_shape: tuple[int, int]
 
     def __post_init__(self) -> None:
-        for array in (self.whole_px, self.fraction, self.valid):
+        for array in (self.integer_px, self.fraction, self.valid):
             array.setflags(write=False)
 
 
-def unwarp_map(camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry) -> UnwarpMap:
+def make_unwarp_map(camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry) -> UnwarpMap:
     """Return the map from a camera's frames to a geometry's picture.
 
     Valid: the mirror sees the pixel's centre and the frame reaches there. Elsewhere the picture is
@@ -180,19 +180,19 @@ def unwarp_map(camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeome
     return UnwarpMap(np.asarray(whole), np.asarray(fraction), valid, shape)
 
 
-def unwarp(frame: Bytes, mapping: UnwarpMap) -> Bytes:
+def unwarp(frame: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
     """Return the (h, w, 3) picture of an omnidirectional (h, w, 3) RGB frame; bilinear."""
-    if frame.dtype != np.uint8 or frame.shape != (*mapping.source_shape, 3):
-        height, width = mapping.source_shape
+    if frame.dtype != np.uint8 or frame.shape != (*unwarp_map.source_shape, 3):
+        height, width = unwarp_map.source_shape
         raise DomainError(
             f"the map is for RGB frames of {width} x {height} px, not {frame.dtype} {frame.shape}"
         )
-    picture = cv2.remap(frame, mapping.whole_px, mapping.fraction, cv2.INTER_LINEAR)
+    picture = cv2.remap(frame, unwarp_map.integer_px, unwarp_map.fraction, cv2.INTER_LINEAR)
     return np.asarray(picture, dtype=np.uint8)
 
 
 def _check_size(width_px: int, height_px: int) -> None:
-    if not (1 <= width_px <= _LARGEST_SIDE_PX and 1 <= height_px <= _LARGEST_SIDE_PX):
+    if not (1 <= width_px <= _MAX_SIDE_PX and 1 <= height_px <= _MAX_SIDE_PX):
         raise DomainError(
-            f"a picture has 1 to {_LARGEST_SIDE_PX} px a side, not {width_px} x {height_px}"
+            f"a picture has 1 to {_MAX_SIDE_PX} px a side, not {width_px} x {height_px}"
         )

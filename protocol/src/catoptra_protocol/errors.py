@@ -7,7 +7,7 @@ CatoptraError
 │   ├── LocalProtocolError   our side tried to send what the protocol forbids
 │   └── RemoteProtocolError  the other side sent what the protocol forbids
 ├── ConnectionLostError      the other side went away
-├── ServerSlowError          the other side is there, but what was asked for did not come in time
+├── DeadlineExceededError          the other side is there, but what was asked for did not come in time
 └── RendererUnavailableError a renderer cannot run on this machine; says what to install
 """
 
@@ -22,7 +22,7 @@ class CatoptraError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class SourceLocation:
     """The place in a file that an error speaks of. Lines count from 1; 0 = the whole file."""
 
     file: str
@@ -35,9 +35,9 @@ class Where:
 class ConfigError(CatoptraError):
     """Say which file, line, key and value is wrong, and what was expected instead."""
 
-    def __init__(self, where: Where, *, key: str, value: str, expected: str) -> None:
-        super().__init__(f"{where}: {key}={value!r}: expected {expected}")
-        self.where = where
+    def __init__(self, location: SourceLocation, *, key: str, value: str, expected: str) -> None:
+        super().__init__(f"{location}: {key}={value!r}: expected {expected}")
+        self.location = location
         self.key = key
         self.value = value
         self.expected = expected
@@ -46,9 +46,9 @@ class ConfigError(CatoptraError):
 class DomainError(CatoptraError):
     """Say that a formula was asked outside its domain; `valid` tells which elements were inside."""
 
-    def __init__(self, message: str, valid: Any = None) -> None:  # a bool array; no numpy here
+    def __init__(self, message: str, valid_mask: Any = None) -> None:  # a bool array; no numpy here
         super().__init__(message)
-        self.valid = valid
+        self.valid_mask = valid_mask
 
 
 class ProtocolError(CatoptraError):
@@ -67,7 +67,7 @@ class ConnectionLostError(CatoptraError):
     """The other side closed the connection or did not answer in time."""
 
 
-class ServerSlowError(CatoptraError):
+class DeadlineExceededError(CatoptraError):
     """The server lives and says so, but did not send in time what was asked for."""
 
 

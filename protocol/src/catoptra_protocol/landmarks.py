@@ -14,12 +14,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from catoptra_protocol.errors import ConfigError, Where
+from catoptra_protocol.errors import ConfigError, SourceLocation
 
-COLOURS = ("cyan", "magenta", "yellow")
-KINDS = ("beacon", "goal")
+BAND_COLOURS = ("cyan", "magenta", "yellow")
+LANDMARK_KINDS = ("beacon", "goal")
 # Farther than any field; a float32 there still has steps of 8 mm.
-_LARGEST_M = 1e5
+_MAX_COORDINATE_M = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Landmark:
     upper_colour: str
 
     @property
-    def band_middle_m(self) -> float:
+    def band_centre_m(self) -> float:
         """Return the height where the two colours meet."""
         return 0.5 * (self.band_bottom_m + self.band_top_m)
 
@@ -53,7 +53,7 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
-            Where(str(path)), key="landmarks", value=str(path), expected=f"a readable CSV ({error})"
+            SourceLocation(str(path)), key="landmarks", value=str(path), expected=f"a readable CSV ({error})"
         ) from error
     return landmarks_from_lines(text.split("\n"), file=str(path))
 
@@ -62,54 +62,54 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
     """Return the landmarks of CSV lines; `file` is named in errors; # starts a comment line."""
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     names = [field.name for field in fields(Landmark)]
-    if not numbered or _columns(Where(file, numbered[0][0]), numbered[0][1]) != names:
+    if not numbered or _parse_columns(SourceLocation(file, numbered[0][0]), numbered[0][1]) != names:
         found = numbered[0][1] if numbered else ""
         raise ConfigError(
-            Where(file, 1), key="header", value=found, expected=f"the columns {','.join(names)}"
+            SourceLocation(file, 1), key="header", value=found, expected=f"the columns {','.join(names)}"
         )
     landmarks: dict[str, Landmark] = {}
     for i, line in numbered[1:]:
-        landmark = _landmark(Where(file, i), line, names)
+        landmark = _parse_landmark(SourceLocation(file, i), line, names)
         if not landmark.name or landmark.name in landmarks:
             expected = "a name" if not landmark.name else "each name only once"
-            raise ConfigError(Where(file, i), key="name", value=landmark.name, expected=expected)
+            raise ConfigError(SourceLocation(file, i), key="name", value=landmark.name, expected=expected)
         landmarks[landmark.name] = landmark
     return tuple(landmarks.values())
 
 
-def _columns(where: Where, line: str) -> list[str]:
+def _parse_columns(location: SourceLocation, line: str) -> list[str]:
     try:
         return [value.strip() for value in next(csv.reader([line]))]
     except csv.Error as error:
-        raise ConfigError(where, key="row", value=line[:80], expected=f"a CSV ({error})") from error
+        raise ConfigError(location, key="row", value=line[:80], expected=f"a CSV ({error})") from error
 
 
-def _landmark(where: Where, line: str, names: list[str]) -> Landmark:
-    values = _columns(where, line)
+def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> Landmark:
+    values = _parse_columns(location, line)
     if len(values) != len(names):
-        raise ConfigError(where, key="row", value=line, expected=f"{len(names)} columns")
+        raise ConfigError(location, key="row", value=line, expected=f"{len(names)} columns")
     row = dict(zip(names, values, strict=True))
-    for key, allowed in (("kind", KINDS), ("lower_colour", COLOURS), ("upper_colour", COLOURS)):
+    for key, allowed in (("kind", LANDMARK_KINDS), ("lower_colour", BAND_COLOURS), ("upper_colour", BAND_COLOURS)):
         if row[key] not in allowed:
             raise ConfigError(
-                where, key=key, value=row[key], expected="one of " + ", ".join(allowed)
+                location, key=key, value=row[key], expected="one of " + ", ".join(allowed)
             )
-    numbers = {key: _metres(where, key, row[key]) for key in names if key.endswith("_m")}
+    numbers = {key: _parse_metres(location, key, row[key]) for key in names if key.endswith("_m")}
     texts = {key: row[key] for key in names if not key.endswith("_m")}
     landmark = Landmark(**texts, **numbers)  # type: ignore[arg-type] # keys are split by type above
     if not (landmark.width_m > 0.0 and 0.0 <= landmark.band_bottom_m < landmark.band_top_m):
-        raise ConfigError(where, key="row", value=line, expected="width > 0 and 0 <= bottom < top")
+        raise ConfigError(location, key="row", value=line, expected="width > 0 and 0 <= bottom < top")
     if landmark.kind == "goal" and landmark.depth_m <= 0.0:
-        raise ConfigError(where, key="depth_m", value=row["depth_m"], expected="a goal's depth > 0")
+        raise ConfigError(location, key="depth_m", value=row["depth_m"], expected="a goal's depth > 0")
     return landmark
 
 
-def _metres(where: Where, key: str, value: str) -> float:
+def _parse_metres(location: SourceLocation, key: str, value: str) -> float:
     try:
         metres = float(value)
     except ValueError:
         metres = math.nan
-    if not abs(metres) <= _LARGEST_M:  # nan is not
-        expected = f"a number of metres, at most {_LARGEST_M:g}"
-        raise ConfigError(where, key=key, value=value, expected=expected)
+    if not abs(metres) <= _MAX_COORDINATE_M:  # nan is not
+        expected = f"a number of metres, at most {_MAX_COORDINATE_M:g}"
+        raise ConfigError(location, key=key, value=value, expected=expected)
     return metres

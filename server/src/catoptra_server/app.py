@@ -18,23 +18,23 @@ from pathlib import Path
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting
-from catoptra_server.config.server_file import Said, ServerSettings, settings_of
-from catoptra_server.imaging.drawing import Drawing
-from catoptra_server.imaging.planning import Planning
-from catoptra_server.imaging.shot import OmniEye
-from catoptra_server.imaging.views import Published, Views
+from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
+from catoptra_server.imaging.drawing import RenderThread
+from catoptra_server.imaging.planning import RenderPlanner
+from catoptra_server.imaging.shot import OmniCameraSpec
+from catoptra_server.imaging.views import ErrorBoundTable, ViewCache
 from catoptra_server.mailbox import Mailboxes
-from catoptra_server.plan.render_plan import wished_samples
+from catoptra_server.plan.render_plan import requested_samples
 from catoptra_server.render.choice import choose_renderer
-from catoptra_server.render.cost_cache import CostCache, user_cache
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.setup import Setup, ray_caster, read_setup
-from catoptra_server.simulation import Clock, Fleet, Request, Simulation, Stop
+from catoptra_server.render.cost_cache import CostCache, default_cache_folder
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.setup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.simulation import ClockMode, Fleet, SimulationEvent, Simulation, StopRequested
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
-from catoptra_server.transports.zmq_stream_facts import facts_of
-from catoptra_server.workers import Worker
+from catoptra_server.transports.zmq_stream_facts import build_server_info
+from catoptra_server.workers import WorkerThread
 
 log = logging.getLogger(__name__)
 
@@ -51,23 +51,23 @@ class Options:
     file says.
     """
 
-    robots: tuple[Path, ...]
-    world: Path
-    server: Path | None = None
-    said: Said = field(default_factory=Said)
+    robot_files: tuple[Path, ...]
+    world_file: Path
+    server_file: Path | None = None
+    server_options: ServerOptions = field(default_factory=ServerOptions)
     host: str = "127.0.0.1"
     stream_port: int | None = None
     dialect: Dialect = Dialect.UT2004
     renderer: str = "auto"
     threads: int = 0
-    clock: Clock = Clock.REALTIME
+    clock: ClockMode = ClockMode.REALTIME
     seed: int = 0
     max_error_px: float | None = None
     budget_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Listening:
+class ListeningAddress:
     """Where the server listens, once it does. image_port: None if it has none."""
 
     host: str
@@ -76,7 +76,7 @@ class Listening:
     stream_port: int
 
 
-async def serve(options: Options, announce: Callable[[Listening], None]) -> None:
+async def serve(options: Options, announce: Callable[[ListeningAddress], None]) -> None:
     """Serve until SIGINT or SIGTERM.
 
     Raises CatoptraError or OSError if it cannot start, and what ended one of its threads.
@@ -85,40 +85,40 @@ async def serve(options: Options, announce: Callable[[Listening], None]) -> None
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    setup = await asyncio.to_thread(read_setup, options.robots, options.world, options.server)
-    server = _Server(_turned(setup, options), options, on_failure=stop.set)
-    async with server.running():
-        await _listen(server, announce, stop)
+    setup = await asyncio.to_thread(read_startup_config, options.robot_files, options.world_file, options.server_file)
+    server = _ServerProcess(_apply_accuracy_target(setup, options), options, on_failure=stop.set)
+    async with server.run():
+        await _open_ports(server, announce, stop)
 
 
-async def _listen(
-    server: _Server, announce: Callable[[Listening], None], stop: asyncio.Event
+async def _open_ports(
+    server: _ServerProcess, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
 ) -> None:
     """Keep all ports open until told to stop."""
     host = server.options.host
     async with AsyncExitStack() as open_ports:
-        control = await open_ports.enter_async_context(_control_port(server))
+        control = await open_ports.enter_async_context(_serve_control_port(server))
         image_port = None
         if server.settings.has_images:
-            image_port = _port(await open_ports.enter_async_context(_image_port(server)))
-        stream = await open_ports.enter_async_context(_stream_port(server))
-        announce(Listening(host, _port(control), image_port, stream.port))
+            image_port = _bound_port(await open_ports.enter_async_context(_serve_image_port(server)))
+        stream = await open_ports.enter_async_context(_serve_stream_port(server))
+        announce(ListeningAddress(host, _bound_port(control), image_port, stream.port))
         await stop.wait()
         log.info("stopping")
 
 
-def _control_port(server: _Server) -> AbstractAsyncContextManager[asyncio.Server]:
+def _serve_control_port(server: _ServerProcess) -> AbstractAsyncContextManager[asyncio.Server]:
     return serve_control(
         server.options.host,
         server.settings.control_port,
-        greeting=Greeting("BotDeathMatch", server.setup.world.name),
+        greeting=Greeting("BotDeathMatch", server.startup.world.name),
         dialect=server.options.dialect,
         post=server.simulation.post,
-        most=server.settings.most_controllers,
+        max_connections=server.settings.max_connections,
     )
 
 
-def _image_port(server: _Server) -> AbstractAsyncContextManager[asyncio.Server]:
+def _serve_image_port(server: _ServerProcess) -> AbstractAsyncContextManager[asyncio.Server]:
     settings = server.settings
     return serve_images(
         server.options.host,
@@ -128,9 +128,9 @@ def _image_port(server: _Server) -> AbstractAsyncContextManager[asyncio.Server]:
     )
 
 
-def _stream_port(server: _Server) -> AbstractAsyncContextManager[StreamServer]:
+def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[StreamServer]:
     """Serve at the port asked for; who wants any free port elsewhere wants one here too."""
-    setup, options, settings = server.setup, server.options, server.settings
+    setup, options, settings = server.startup, server.options, server.settings
     port = options.stream_port
     if port is None:
         port = STREAM_PORT if settings.control_port and settings.image_port else 0
@@ -140,58 +140,58 @@ def _stream_port(server: _Server) -> AbstractAsyncContextManager[StreamServer]:
         port,
         mailboxes=server.mailboxes,
         post=server.simulation.post,
-        facts=facts_of(setup.robots, setup.world, clock=clock, plans=server.plans),
-        plan_of=server.drawing.ask,
+        server_info=build_server_info(setup.robots, setup.world, clock=clock, plans=server.plans),
+        query_plan=server.render_thread.query_plan,
     )
 
 
-def _port(server: asyncio.Server) -> int:
+def _bound_port(server: asyncio.Server) -> int:
     port: int = server.sockets[0].getsockname()[1]
     return port
 
 
-class _Server:
+class _ServerProcess:
     """Simulation and drawing, each in its thread, and the mailboxes between them and the sockets.
 
     plans: how each class's omnidirectional camera is drawn, by class name; known once it runs.
     """
 
-    def __init__(self, setup: Setup, options: Options, *, on_failure: Callable[[], None]) -> None:
-        self.setup = setup
+    def __init__(self, startup: StartupConfig, options: Options, *, on_failure: Callable[[], None]) -> None:
+        self.startup = startup
         self.options = options
-        self.settings: ServerSettings = settings_of(setup.said, options.said)
+        self.settings: ServerSettings = resolve_settings(startup.server_options, options.server_options)
         self.plans: dict[str, str] = {}
-        self.bounds = Published()
-        is_realtime = options.clock is Clock.REALTIME
-        self.mailboxes = Mailboxes(self._post, ahead=is_realtime)
-        self.drawing = drawing = Drawing(self.mailboxes.put)
+        self.error_bounds = ErrorBoundTable()
+        is_realtime = options.clock is ClockMode.REALTIME
+        self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
+        self.render_thread = drawing = RenderThread(self.mailboxes.put)
         self.simulation = Simulation(
-            self._fleet(),
+            self._create_fleet(),
             clock=options.clock,
-            draw=drawing.draw if is_realtime else drawing.draw_and_wait,
-            refuse=self.mailboxes.refuse,
+            render=drawing.submit if is_realtime else drawing.submit_and_wait,
+            reject=self.mailboxes.fail,
             frame_skip=self.settings.frame_skip,
         )
         self._workers = (
-            Worker(
+            WorkerThread(
                 "drawing",
-                partial(drawing.run, self._views),
+                partial(drawing.run, self._create_view_cache),
                 stop=drawing.stop,
                 on_failure=on_failure,
             ),
-            Worker(
+            WorkerThread(
                 "simulation",
                 self.simulation.run,
-                stop=partial(self._post, Stop()),
+                stop=partial(self._post, StopRequested()),
                 on_failure=on_failure,
             ),
         )
 
-    def _post(self, request: Request) -> None:
+    def _post(self, request: SimulationEvent) -> None:
         self.simulation.post(request)
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
+    async def run(self) -> AsyncIterator[None]:
         """Run both threads; what waits for pictures ends before who draws them."""
         async with AsyncExitStack() as started:
             for worker in self._workers:
@@ -199,10 +199,10 @@ class _Server:
                 started.push_async_callback(worker.stop)
             yield
 
-    def _views(self) -> Views | None:
+    def _create_view_cache(self) -> ViewCache | None:
         """Return the views of this server, those of each class's omni camera prepared."""
-        setup, options = self.setup, self.options
-        if not any(robot.omni_camera or robot.cameras for robot in setup.robots):
+        setup, options = self.startup, self.options
+        if not any(robot.omni_camera or robot.perspective_cameras for robot in setup.robots):
             log.info("no robot has a camera: nothing will be drawn")
             return None
         omnis = {r.class_name: r.omni_camera for r in setup.robots if r.omni_camera is not None}
@@ -211,54 +211,54 @@ class _Server:
             setup.scene,
             setup.world,
             threads=options.threads,
-            samples=max((wished_samples(omni.wish) for omni in omnis.values()), default=0),
+            samples=max((requested_samples(omni.render_settings) for omni in omnis.values()), default=0),
         )
         log.info("%s", choice.renderer.describe())
-        views = Views(
-            Planning(choice, CostCache(user_cache(), setup.scene)),
-            places=_places(setup),
-            published=self.bounds,
+        views = ViewCache(
+            RenderPlanner(choice, CostCache(default_cache_folder(), setup.scene)),
+            calibration_states=_make_calibration_states(setup),
+            error_bounds=self.error_bounds,
         )
         for name, omni in omnis.items():
-            self.plans[name] = str(views.plan(OmniEye(omni.camera, omni.wish, omni.effects)))
+            self.plans[name] = str(views.plan(OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)))
         return views
 
-    def _fleet(self) -> Fleet:
-        setup = self.setup
+    def _create_fleet(self) -> Fleet:
+        setup = self.startup
         return Fleet(
             setup.robots,
             setup.world,
             setup.scene,
             seed=self.options.seed,
-            caster=ray_caster(setup),
+            ray_caster=create_ray_caster(setup),
             multi_view=self.settings.multi_view,
-            bound_of=self.bounds.bound,
+            error_bound_of=self.error_bounds.get,
         )
 
 
-def _turned(setup: Setup, options: Options) -> Setup:
+def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:
     """Return the setup with the dials of all cameras as the command line says."""
     robots = []
-    for robot in setup.robots:
+    for robot in startup.robots:
         omni = robot.omni_camera
         if omni is not None:
-            dial = omni.wish.dial.turned(
+            dial = omni.render_settings.accuracy_target.with_changes(
                 max_error_px=options.max_error_px, budget_ms=options.budget_ms
             )
-            omni = replace(omni, wish=replace(omni.wish, dial=dial))
+            omni = replace(omni, render_settings=replace(omni.render_settings, accuracy_target=dial))
         robots.append(replace(robot, omni_camera=omni))
-    return replace(setup, robots=tuple(robots))
+    return replace(startup, robots=tuple(robots))
 
 
 # Frames of a few places stand for all in the measuring of what they cost.
-_MOST_PLACES = 4
+_MAX_CALIBRATION_STATES = 4
 
 
-def _places(setup: Setup) -> tuple[Exposure, ...]:
+def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
     """Return what cameras see from the world's starts, upright, at the first one's height."""
-    height_m = next((r.viewpoint_height_m for r in setup.robots if r.omni_camera), 0.0)
-    starts = [(s.location_m, s.rotation_rad) for s in setup.world.starts[:_MOST_PLACES]]
+    height_m = next((r.viewpoint_height_m for r in startup.robots if r.omni_camera), 0.0)
+    starts = [(s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]]
     return tuple(
-        Exposure(Pose.from_rpy((x, y, -height_m), (0.0, 0.0, yaw)))
+        CameraState(Pose.from_rpy((x, y, -height_m), (0.0, 0.0, yaw)))
         for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
     )

@@ -17,11 +17,11 @@ from weakref import WeakValueDictionary
 
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.shot import Channel
-from catoptra_server.simulation import Drawn, FrameWanted, Request
+from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
 from catoptra_server.simulation.loop import TICK_S
 
 
-class NothingShownError(Exception):
+class ChannelUnavailableError(Exception):
     """A channel shows nothing: there is no such robot or camera (any more)."""
 
 
@@ -30,104 +30,104 @@ class Mailbox:
 
     def __init__(
         self,
-        ask: Callable[[float], None],
+        request_frame: Callable[[float], None],
         *,
-        ahead: bool,
+        prefetch: bool,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ask = ask
-        self._ahead = ahead
+        self._request_frame = request_frame
+        self._prefetch = prefetch
         self._monotonic = monotonic
         self._newest: Frame | None = None
-        self._has_asked = False
+        self._is_frame_requested = False
         self._arrival: asyncio.Future[Frame] = self._loop.create_future()
 
-    def arrived(self, frame: Frame) -> None:
+    def put(self, frame: Frame) -> None:
         """Take a frame; who waits gets it."""
         self._newest = frame
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_result(frame)
 
-    def refused(self) -> None:
+    def fail(self) -> None:
         """Disappoint who waits."""
         self._newest = None
-        self._has_asked = False
+        self._is_frame_requested = False
         waiting, self._arrival = self._arrival, self._loop.create_future()
-        waiting.set_exception(NothingShownError())
+        waiting.set_exception(ChannelUnavailableError())
         waiting.exception()  # seen, also where nobody waits
 
-    async def newer_than(self, sequence: int) -> Frame:
+    async def wait_for_newer(self, sequence: int) -> Frame:
         """Return a frame that is newer than a sequence number and fresh.
 
-        Raises NothingShownError where there is nothing to show.
+        Raises ChannelUnavailableError where there is nothing to show.
 
         When drawing ahead, the next one is asked for at once, so that it is drawn while this one
         travels: a client that keeps asking gets one after the other without a pause.
         """
-        frame = self._waiting_frame(sequence)
+        frame = self._fresh_frame(sequence)
         if frame is None:
-            self._ask_for_the_next()
+            self._request_next()
             frame = await asyncio.shield(self._arrival)
-        if self._ahead:
-            self._ask(frame.sequence)
+        if self._prefetch:
+            self._request_frame(frame.sequence)
         return frame
 
-    def _ask_for_the_next(self) -> None:
+    def _request_next(self) -> None:
         if self._newest is not None:
-            self._ask(self._newest.sequence)
-        elif not self._has_asked:
+            self._request_frame(self._newest.sequence)
+        elif not self._is_frame_requested:
             # What was drawn before this mailbox was there is not known here: any will do.
-            self._has_asked = True
-            self._ask(math.inf)
+            self._is_frame_requested = True
+            self._request_frame(math.inf)
 
-    def _waiting_frame(self, sequence: int) -> Frame | None:
+    def _fresh_frame(self, sequence: int) -> Frame | None:
         frame = self._newest
-        if not self._ahead or frame is None or frame.sequence <= sequence:
+        if not self._prefetch or frame is None or frame.sequence <= sequence:
             return None
         # Within one tick a new frame would show the very same world.
-        fresh_for_s = max(frame.drawn_s, TICK_S)
-        return frame if self._monotonic() - frame.finished_s <= fresh_for_s else None
+        fresh_for_s = max(frame.render_duration_s, TICK_S)
+        return frame if self._monotonic() - frame.finished_at_s <= fresh_for_s else None
 
 
 class Mailboxes:
     """The mailboxes of all channels that somebody watches; one that nobody holds is gone."""
 
-    def __init__(self, post: Callable[[Request], None], *, ahead: bool) -> None:
+    def __init__(self, post: Callable[[SimulationEvent], None], *, prefetch: bool) -> None:
         self._post = post
-        self._ahead = ahead
+        self._prefetch = prefetch
         self._loop = asyncio.get_running_loop()
-        self._boxes: WeakValueDictionary[Channel, Mailbox] = WeakValueDictionary()
+        self._mailboxes: WeakValueDictionary[Channel, Mailbox] = WeakValueDictionary()
 
-    def of(self, channel: Channel) -> Mailbox:
+    def get(self, channel: Channel) -> Mailbox:
         """Return a channel's mailbox."""
-        box = self._boxes.get(channel)
+        box = self._mailboxes.get(channel)
         if box is None:
-            box = self._boxes[channel] = Mailbox(partial(self._ask, channel), ahead=self._ahead)
+            box = self._mailboxes[channel] = Mailbox(partial(self._request_frame, channel), prefetch=self._prefetch)
         return box
 
     def __len__(self) -> int:
         """Return how many channels are watched."""
-        return len(self._boxes)
+        return len(self._mailboxes)
 
-    def _ask(self, channel: Channel, newer_than: float) -> None:
-        self._post(FrameWanted(newer_than, channel))
+    def _request_frame(self, channel: Channel, newer_than: float) -> None:
+        self._post(FrameRequested(newer_than, channel))
 
     def put(self, frame: Frame) -> None:
         """Put a frame into its channel's mailbox; called by the drawing thread."""
-        self._post(Drawn(frame.channel))
-        self._loop.call_soon_threadsafe(self._arrived, frame)
+        self._post(FrameRendered(frame.channel))
+        self._loop.call_soon_threadsafe(self._put_on_loop, frame)
 
-    def refuse(self, channel: Channel) -> None:
+    def fail(self, channel: Channel) -> None:
         """Disappoint who waits for a channel; called by the simulation thread."""
-        self._loop.call_soon_threadsafe(self._refused, channel)
+        self._loop.call_soon_threadsafe(self._fail_on_loop, channel)
 
-    def _arrived(self, frame: Frame) -> None:
-        box = self._boxes.get(frame.channel)
+    def _put_on_loop(self, frame: Frame) -> None:
+        box = self._mailboxes.get(frame.channel)
         if box is not None:
-            box.arrived(frame)
+            box.put(frame)
 
-    def _refused(self, channel: Channel) -> None:
-        box = self._boxes.get(channel)
+    def _fail_on_loop(self, channel: Channel) -> None:
+        box = self._mailboxes.get(channel)
         if box is not None:
-            box.refused()
+            box.fail()

@@ -14,18 +14,18 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class RandomStream:
+class RandomSource:
     """The random numbers of one source, such as ("Run3", "Odometry")."""
 
     key: tuple[int, int]
 
     @classmethod
-    def of(cls, seed: int, *names: str) -> RandomStream:
+    def from_names(cls, seed: int, *names: str) -> RandomSource:
         """Return the stream of a source; other names or another seed give an independent one."""
         digest = hashlib.sha256("\0".join((str(seed), *names)).encode()).digest()
         return cls((int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")))
 
-    def at(self, index: int) -> np.random.Generator:
+    def generator(self, index: int) -> np.random.Generator:
         """Return a generator for one index (a tick, a frame): the same one each time."""
         key = np.array(self.key, dtype=np.uint64)
         return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, index]))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 log = logging.getLogger(__name__)
 
 
-class Worker:
+class WorkerThread:
     """A named thread. work: what it does; it calls its argument once it is ready.
 
     stop: makes the work end, from any thread. on_failure: called on the loop if the work raises.
@@ -19,13 +19,13 @@ class Worker:
     def __init__(
         self,
         name: str,
-        work: Callable[[Callable[[], None]], None],
+        run: Callable[[Callable[[], None]], None],
         *,
         stop: Callable[[], None],
         on_failure: Callable[[], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._work = work
+        self._run = run
         self._stop = stop
         self._on_failure = on_failure
         self._ready: asyncio.Future[None] = self._loop.create_future()
@@ -51,19 +51,19 @@ class Worker:
 
     def _main(self) -> None:
         try:
-            self._work(self._say_ready)
+            self._run(self._signal_ready)
         # The top of a thread: hand whatever it is to who waits for it, or end the server.
         except Exception as error:
-            self._loop.call_soon_threadsafe(self._failed, error)
+            self._loop.call_soon_threadsafe(self._handle_failure, error)
 
-    def _say_ready(self) -> None:
-        self._loop.call_soon_threadsafe(self._is_ready)
+    def _signal_ready(self) -> None:
+        self._loop.call_soon_threadsafe(self._set_ready)
 
-    def _is_ready(self) -> None:
+    def _set_ready(self) -> None:
         if not self._ready.done():
             self._ready.set_result(None)
 
-    def _failed(self, error: Exception) -> None:
+    def _handle_failure(self, error: Exception) -> None:
         if self._ready.done():
             log.critical("the %s ended: %s", self._thread.name, error)
             self._error = error

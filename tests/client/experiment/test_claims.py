@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import pytest
 
-from catoptra_client.experiment.claims import paper_claims
+from catoptra_client.experiment.claims import evaluate_claims
 
 
 def value(number: float | None):
@@ -34,9 +34,9 @@ def setups(**changed):
 
 
 def test_all_claims_hold_for_the_papers_numbers():
-    claims = paper_claims(setups())
+    claims = evaluate_claims(setups())
     assert len(claims) == 8
-    assert all(claim.holds for claim in claims)
+    assert all(claim.is_confirmed for claim in claims)
 
 
 @pytest.mark.parametrize(
@@ -53,5 +53,5 @@ def test_all_claims_hold_for_the_papers_numbers():
     ],
 )
 def test_a_claim_breaks_when_its_number_does(key, number, broken):
-    claims = paper_claims(setups(**{key: value(number)}))
-    assert sum(not claim.holds for claim in claims) == broken
+    claims = evaluate_claims(setups(**{key: value(number)}))
+    assert sum(not claim.is_confirmed for claim in claims) == broken

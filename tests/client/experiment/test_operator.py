@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.experiment.operator import Chassis, command_towards
+from catoptra_client.experiment.operator import Chassis, wheel_command_towards
 from catoptra_client.experiment.route import Waypoint
 from catoptra_client.localization import Control
-from catoptra_client.localization.motion import moved
+from catoptra_client.localization.motion import propagate_pose
 
 P2AT = Chassis(wheel_radius_m=0.13, wheel_separation_m=0.4712, max_speed_rad_s=5.385)
 HERE = Waypoint(1.0, -0.5, 0.7)
@@ -18,11 +18,11 @@ HERE = Waypoint(1.0, -0.5, 0.7)
 
 def driven(here: Waypoint, target: Waypoint) -> np.ndarray:
     """Return the (3,) pose after the operator's command, without slip."""
-    command = command_towards(target, here, P2AT)
+    command = wheel_command_towards(target, here, P2AT)
     left = command.left_rad_s * command.duration_s * P2AT.wheel_radius_m
     right = command.right_rad_s * command.duration_s * P2AT.wheel_radius_m
     control = Control(0.5 * (left + right), (left - right) / P2AT.wheel_separation_m)
-    return moved(np.array([here.x_m, here.y_m, here.yaw_rad]), control)
+    return propagate_pose(np.array([here.x_m, here.y_m, here.yaw_rad]), control)
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 5.0, -30.0, 80.0])
@@ -34,7 +34,7 @@ def test_arc_ends_at_the_waypoint(angle_deg):
 
 @pytest.mark.parametrize("turn_deg", [45.0, -45.0, 170.0, 0.0])
 def test_reached_waypoint_is_turned_towards(turn_deg):
-    target = HERE.turned(math.radians(turn_deg))
+    target = HERE.turn(math.radians(turn_deg))
     end = driven(HERE, target)
     assert end[:2] == pytest.approx([HERE.x_m, HERE.y_m], abs=1e-9)
     assert math.cos(end[2] - target.yaw_rad) == pytest.approx(1.0, abs=1e-12)
@@ -42,6 +42,6 @@ def test_reached_waypoint_is_turned_towards(turn_deg):
 
 @pytest.mark.parametrize("distance_m", [0.06, 0.2, 0.366, 3.0])
 def test_wheels_stay_below_their_top_speed(distance_m):
-    command = command_towards(HERE.ahead(distance_m), HERE, P2AT)
+    command = wheel_command_towards(HERE.advance(distance_m), HERE, P2AT)
     assert max(abs(command.left_rad_s), abs(command.right_rad_s)) <= P2AT.max_speed_rad_s
     assert command.duration_s >= 0.02

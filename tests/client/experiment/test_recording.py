@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.experiment.recording import Seen, hand_look
+from catoptra_client.experiment.recording import LandmarkMeasurement, manual_measurement
 from catoptra_client.experiment.route import Waypoint
-from catoptra_client.experiment.setups import LONGEST_RANGE_M, REAL
+from catoptra_client.experiment.setups import MAX_RANGE_M, REAL
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_protocol.optics.camera import camera_with_rim_inscribed
+from catoptra_protocol.optics.camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import wrap_angle
 
 FIELD = read_landmarks(Path(__file__).parents[3] / "configs" / "landmarks" / "four_legged_2006.csv")
-CAMERA = camera_with_rim_inscribed(
+CAMERA = camera_with_inscribed_rim(
     HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
 HEIGHT_M = 0.6
 HERE = Waypoint(0.4, -0.9, 0.6)
 
 
-def looks(setup, count, *, seed=3) -> list[tuple[Seen, ...]]:
+def looks(setup, count, *, seed=3) -> list[tuple[LandmarkMeasurement, ...]]:
     generator = np.random.Generator(np.random.Philox(key=seed))
-    look = hand_look(setup, CAMERA, HEIGHT_M, FIELD, generator)
+    look = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, generator)
     return [look(HERE) for _ in range(count)]
 
 
@@ -38,7 +38,7 @@ def true_polar(name: str) -> tuple[float, float]:
 
 
 def test_without_noise_the_measurement_is_the_truth():
-    exact = replace(REAL, hand_sigma_px=0.0, hand_sigma_rad=0.0)
+    exact = replace(REAL, manual_sigma_px=0.0, manual_sigma_rad=0.0)
     (seen,) = looks(exact, 1)
     assert seen
     for measured in seen:
@@ -47,7 +47,7 @@ def test_without_noise_the_measurement_is_the_truth():
 
 def test_only_landmarks_within_reach_are_measured():
     (seen,) = looks(REAL, 1)
-    near = {m.name for m in FIELD if true_polar(m.name)[0] <= LONGEST_RANGE_M}
+    near = {m.name for m in FIELD if true_polar(m.name)[0] <= MAX_RANGE_M}
     assert {measured.name for measured in seen} == near
 
 

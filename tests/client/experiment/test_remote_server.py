@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from catoptra_client.experiment.remote_server import answering, named_address
+from catoptra_client.experiment.remote_server import wait_for_server, parse_server_address
 from catoptra_client.experiment.server_process import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
-from client.scripted_server import ControlScript, serving, wait_for_close
+from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close
 
 
 @pytest.fixture
@@ -30,23 +30,23 @@ def nobody() -> Iterator[ServerAddress]:
     ],
 )
 def test_server_when_named_is_where_it_says(text: str, address: ServerAddress) -> None:
-    assert named_address(text) == ("sim", address)
+    assert parse_server_address(text) == ("sim", address)
 
 
 @pytest.mark.parametrize("text", ["there", "sim=", "sim=there:", "sim=there:x", "=there"])
 def test_server_when_named_otherwise_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(DomainError, match="sim=localhost"):
-        named_address(text)
+        parse_server_address(text)
 
 
 def test_server_when_it_greets_is_answering() -> None:
     def greet(connection: socket.socket) -> None:
-        ControlScript(connection)
+        ScriptedControlPeer(connection)
         wait_for_close(connection)
 
-    with serving(greet) as port:
+    with serve_script(greet) as port:
         address = ServerAddress("127.0.0.1", port, 5003)
-        assert answering(address, patience_s=0.0) == address
+        assert wait_for_server(address, timeout_s=0.0) == address
 
 
 def test_server_when_it_never_answers_is_given_up_after_so_long(nobody: ServerAddress) -> None:
@@ -57,5 +57,5 @@ def test_server_when_it_never_answers_is_given_up_after_so_long(nobody: ServerAd
         now[0] += time_s
 
     with pytest.raises(ConnectionLostError, match="no control server at 127"):
-        answering(nobody, patience_s=1.0, clock=lambda: now[0], rest=rest)
+        wait_for_server(nobody, timeout_s=1.0, clock=lambda: now[0], sleep=rest)
     assert 1.0 <= sum(rests) < 1.5

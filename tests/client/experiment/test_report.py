@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from catoptra_client.experiment.ensemble import summary
-from catoptra_client.experiment.report import Claim, Picture, write_report
+from catoptra_client.experiment.ensemble import summarise_runs
+from catoptra_client.experiment.report import Claim, ReportFigure, write_html_report
 from client.experiment.test_ensemble import trace
 
 NOTHING = {
@@ -26,17 +26,17 @@ def report(tmp_path):
     """Return the text of a small report, and the bytes of its picture."""
     png = tmp_path / "a.png"
     cv2.imwrite(str(png), np.zeros((4, 4, 3), dtype=np.uint8))
-    filters = {"paper": {"title": "P0 < 1", **summary([trace(0, largest_m=0.25)])}}
+    filters = {"paper": {"title": "P0 < 1", **summarise_runs([trace(0, largest_m=0.25)])}}
     setups = {"sim": {"title": "a & b", "measurements": NOTHING, "filters": filters}}
-    picture = Picture("a.png", "Title", "less < more", 'the "alt"')
-    path = write_report(
+    picture = ReportFigure("a.png", "Title", "less < more", 'the "alt"')
+    path = write_html_report(
         tmp_path,
         subtitle="now",
-        runs=1,
+        num_runs=1,
         claims=[Claim("it holds", "1 m", True), Claim("it does not", "2 m", False)],
-        camera=[picture],
-        landmarks=[],
-        drive=[],
+        camera_figures=[picture],
+        landmark_figures=[],
+        drive_figures=[],
         summary={"setups": setups},
         timing="0 s",
     )

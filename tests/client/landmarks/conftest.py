@@ -30,10 +30,10 @@ def classifier() -> ColourClassifier:
     """Return the classifier of the training poses. The tests' frames show other poses."""
     return train(
         (
-            synthetic.render(synthetic.FIELD, pose, seed=seed),
+            synthetic.render_frame(synthetic.FIELD_LANDMARKS, pose, seed=seed),
             label_frame(
-                synthetic.camera(),
-                synthetic.FIELD,
+                synthetic.make_camera(),
+                synthetic.FIELD_LANDMARKS,
                 world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose)),
             ),
         )

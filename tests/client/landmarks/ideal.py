@@ -10,7 +10,7 @@ from catoptra_client.landmarks.blobs import Blob
 from catoptra_client.unwarp import CylinderGeometry
 
 
-def box(
+def make_blob(
     cylinder: CylinderGeometry,
     colour: str,
     *,
@@ -18,10 +18,10 @@ def box(
     width_m: float,
     range_m: float,
     azimuth_rad: float = 0.0,
-    eye_m: float = 0.6,
+    viewpoint_height_m: float = 0.6,
 ) -> Blob:
     """Return the blob of an upright rectangle that faces the viewpoint."""
-    bottom, top = (cylinder.row_from_slope((eye_m - height) / range_m) for height in heights_m)
+    bottom, top = (cylinder.row_from_slope((viewpoint_height_m - height) / range_m) for height in heights_m)
     column = float(cylinder.column_from_azimuth(np.array(azimuth_rad)))
     half = math.atan(0.5 * width_m / range_m) / cylinder.azimuth_per_column_rad
     pixels = max(round(2 * half * (bottom - top)), 1)

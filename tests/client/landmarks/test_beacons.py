@@ -7,86 +7,86 @@ import math
 
 import pytest
 
-from catoptra_client.landmarks.beacons import beacon_candidates
+from catoptra_client.landmarks.beacons import find_beacon_candidates
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.sightings import Eye
+from catoptra_client.landmarks.sightings import CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks import synthetic
-from client.landmarks.ideal import box
+from client.landmarks.ideal import make_blob
 
 CYLINDER = DEFAULT_CYLINDER
-EYE = Eye(synthetic.camera(), CYLINDER, Viewpoint())
+VIEW = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint())
 BEACON = Landmark("b", "beacon", 0.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 
 
-def band(colour: str, heights_m: tuple[float, float], **place):
-    return box(CYLINDER, colour, **({"heights_m": heights_m, "width_m": 0.1} | place))
+def make_band(colour: str, heights_m: tuple[float, float], **place):
+    return make_blob(CYLINDER, colour, **({"heights_m": heights_m, "width_m": 0.1} | place))
 
 
-def pair(range_m: float, azimuth_rad: float = 0.0, eye_m: float = 0.6):
-    place = {"range_m": range_m, "azimuth_rad": azimuth_rad, "eye_m": eye_m}
-    return band("cyan", (0.2, 0.3), **place), band("magenta", (0.3, 0.4), **place)
+def make_band_pair(range_m: float, azimuth_rad: float = 0.0, viewpoint_height_m: float = 0.6):
+    place = {"range_m": range_m, "azimuth_rad": azimuth_rad, "eye_m": viewpoint_height_m}
+    return make_band("cyan", (0.2, 0.3), **place), make_band("magenta", (0.3, 0.4), **place)
 
 
 @pytest.mark.parametrize("range_m", [0.4, 1.0, 2.0, 3.0, 5.0])
 @pytest.mark.parametrize("azimuth_rad", [0.0, 1.0, -3.0, math.pi])
 def test_ideal_pair_gives_its_front_range_and_azimuth(range_m, azimuth_rad) -> None:
-    (found,) = beacon_candidates(EYE, BEACON, pair(range_m, azimuth_rad))
+    (found,) = find_beacon_candidates(VIEW, BEACON, make_band_pair(range_m, azimuth_rad))
     assert found.has_range
-    assert found.sighting.range_m == pytest.approx(range_m + 0.05 * math.pi / 4)
-    assert math.cos(found.sighting.azimuth_rad - azimuth_rad) == pytest.approx(1.0)
+    assert found.measurement.range_m == pytest.approx(range_m + 0.05 * math.pi / 4)
+    assert math.cos(found.measurement.azimuth_rad - azimuth_rad) == pytest.approx(1.0)
 
 
 def test_beacon_above_the_viewpoint_is_ranged_too() -> None:
-    low = Eye(synthetic.camera(), CYLINDER, Viewpoint(0.12))
-    (found,) = beacon_candidates(low, BEACON, pair(2.0, eye_m=0.12))
-    assert found.sighting.range_m == pytest.approx(2.0 + 0.05 * math.pi / 4)
+    low = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint(0.12))
+    (found,) = find_beacon_candidates(low, BEACON, make_band_pair(2.0, viewpoint_height_m=0.12))
+    assert found.measurement.range_m == pytest.approx(2.0 + 0.05 * math.pi / 4)
 
 
 def test_band_near_the_horizon_has_a_bearing_but_no_range() -> None:
-    level = Eye(synthetic.camera(), CYLINDER, Viewpoint(0.258))
-    (found,) = beacon_candidates(level, BEACON, pair(2.0, eye_m=0.258))
+    level = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint(0.258))
+    (found,) = find_beacon_candidates(level, BEACON, make_band_pair(2.0, viewpoint_height_m=0.258))
     assert not found.has_range
-    assert found.sighting.azimuth_rad == pytest.approx(0.0, abs=1e-9)
+    assert found.measurement.azimuth_rad == pytest.approx(0.0, abs=1e-9)
 
 
 def test_lower_band_cut_by_the_picture_has_no_range() -> None:
-    lower, upper = pair(0.4)
+    lower, upper = make_band_pair(0.4)
     cut = dataclasses.replace(lower, bottom=float(CYLINDER.rows))
-    (found,) = beacon_candidates(EYE, BEACON, (cut, upper))
+    (found,) = find_beacon_candidates(VIEW, BEACON, (cut, upper))
     assert not found.has_range
 
 
-def refused(*blobs) -> bool:
-    return beacon_candidates(EYE, BEACON, blobs) == []
+def has_no_candidates(*blobs) -> bool:
+    return find_beacon_candidates(VIEW, BEACON, blobs) == []
 
 
 def test_one_band_alone_is_refused() -> None:
-    lower, upper = pair(1.5)
-    assert refused(lower)
-    assert refused(upper)
+    lower, upper = make_band_pair(1.5)
+    assert has_no_candidates(lower)
+    assert has_no_candidates(upper)
 
 
 def test_colours_the_other_way_round_are_refused() -> None:
-    assert refused(band("magenta", (0.2, 0.3), range_m=1.5), band("cyan", (0.3, 0.4), range_m=1.5))
+    assert has_no_candidates(make_band("magenta", (0.2, 0.3), range_m=1.5), make_band("cyan", (0.3, 0.4), range_m=1.5))
 
 
 def test_bands_side_by_side_are_refused() -> None:
-    lower, _ = pair(1.5)
-    assert refused(lower, pair(1.5, 0.2)[1])
+    lower, _ = make_band_pair(1.5)
+    assert has_no_candidates(lower, make_band_pair(1.5, 0.2)[1])
 
 
 def test_bands_of_two_ranges_are_refused() -> None:
-    assert refused(pair(0.8)[0], pair(2.5)[1])
+    assert has_no_candidates(make_band_pair(0.8)[0], make_band_pair(2.5)[1])
 
 
 def test_band_much_too_wide_is_refused() -> None:
-    lower, upper = pair(1.5)
-    assert refused(box(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper)
-    assert refused(lower, box(CYLINDER, "magenta", heights_m=(0.3, 0.4), width_m=0.8, range_m=1.5))
+    lower, upper = make_band_pair(1.5)
+    assert has_no_candidates(make_blob(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper)
+    assert has_no_candidates(lower, make_blob(CYLINDER, "magenta", heights_m=(0.3, 0.4), width_m=0.8, range_m=1.5))
 
 
 def test_band_on_the_wrong_side_of_the_horizon_is_refused() -> None:
-    lower = band("cyan", (0.62, 0.66), range_m=1.5)
-    assert refused(lower, band("magenta", (0.66, 0.7), range_m=1.5))
+    lower = make_band("cyan", (0.62, 0.66), range_m=1.5)
+    assert has_no_candidates(lower, make_band("magenta", (0.66, 0.7), range_m=1.5))

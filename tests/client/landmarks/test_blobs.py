@@ -11,7 +11,7 @@ from catoptra_client.landmarks.classifier import COLOUR_CODES
 CYAN, MAGENTA = COLOUR_CODES["cyan"], COLOUR_CODES["magenta"]
 
 
-def picture(*boxes: tuple[int, int, int, int], code: int = CYAN) -> np.ndarray:
+def make_labels(*boxes: tuple[int, int, int, int], code: int = CYAN) -> np.ndarray:
     """Return labels (20, 40) with boxes of (left, right, top, bottom)."""
     labels = np.zeros((20, 40), dtype=np.uint8)
     for left, right, top, bottom in boxes:
@@ -19,68 +19,68 @@ def picture(*boxes: tuple[int, int, int, int], code: int = CYAN) -> np.ndarray:
     return labels
 
 
-def found(labels: np.ndarray, min_pixels: int = 1) -> tuple[Blob, ...]:
+def find_blobs(labels: np.ndarray, min_pixels: int = 1) -> tuple[Blob, ...]:
     return blobs_from_labels(labels, min_pixels=min_pixels)
 
 
 def test_blob_has_centred_coordinates() -> None:
-    assert found(picture((10, 14, 5, 8))) == (Blob("cyan", 12, 12.0, 6.5, 10, 14, 5, 8),)
+    assert find_blobs(make_labels((10, 14, 5, 8))) == (Blob("cyan", 12, 12.0, 6.5, 10, 14, 5, 8),)
 
 
 def test_colours_do_not_join() -> None:
-    labels = picture((10, 14, 5, 8)) + picture((10, 14, 8, 11), code=MAGENTA)
-    assert [blob.colour for blob in found(labels)] == ["cyan", "magenta"]
+    labels = make_labels((10, 14, 5, 8)) + make_labels((10, 14, 8, 11), code=MAGENTA)
+    assert [blob.colour for blob in find_blobs(labels)] == ["cyan", "magenta"]
 
 
 def test_small_blobs_are_left_out() -> None:
-    assert found(picture((3, 5, 3, 5), (10, 11, 3, 6)), min_pixels=4) == (
+    assert find_blobs(make_labels((3, 5, 3, 5), (10, 11, 3, 6)), min_pixels=4) == (
         Blob("cyan", 4, 4.0, 4.0, 3, 5, 3, 5),
     )
 
 
 def test_blob_across_the_seam_is_one_and_runs_on() -> None:
-    (blob,) = found(picture((38, 40, 5, 8), (0, 4, 5, 8)))
-    assert (blob.pixels, blob.left, blob.right) == (18, 38, 44)
+    (blob,) = find_blobs(make_labels((38, 40, 5, 8), (0, 4, 5, 8)))
+    assert (blob.num_pixels, blob.left, blob.right) == (18, 38, 44)
     assert blob.column == pytest.approx(41.0)
 
 
 def test_halves_that_are_small_alone_count_together() -> None:
-    (blob,) = found(picture((39, 40, 5, 8), (0, 1, 5, 8)), min_pixels=6)
-    assert blob.pixels == 6
+    (blob,) = find_blobs(make_labels((39, 40, 5, 8), (0, 1, 5, 8)), min_pixels=6)
+    assert blob.num_pixels == 6
 
 
 def test_diagonal_touch_across_the_seam_joins() -> None:
-    assert len(found(picture((38, 40, 5, 8), (0, 3, 8, 10)))) == 1
+    assert len(find_blobs(make_labels((38, 40, 5, 8), (0, 3, 8, 10)))) == 1
 
 
 def test_one_row_apart_across_the_seam_does_not_join() -> None:
-    assert len(found(picture((38, 40, 5, 8), (0, 3, 9, 11)))) == 2
+    assert len(find_blobs(make_labels((38, 40, 5, 8), (0, 3, 9, 11)))) == 2
 
 
 def test_touch_at_top_and_bottom_row_does_not_wrap() -> None:
-    assert len(found(picture((38, 40, 0, 2), (0, 3, 18, 20)))) == 2
+    assert len(find_blobs(make_labels((38, 40, 0, 2), (0, 3, 18, 20)))) == 2
 
 
 def test_fork_across_the_seam_joins_all_its_parts() -> None:
-    (blob,) = found(picture((36, 40, 3, 12), (0, 3, 3, 5), (0, 2, 9, 12)))
-    assert blob.pixels == 36 + 6 + 6
+    (blob,) = find_blobs(make_labels((36, 40, 3, 12), (0, 3, 3, 5), (0, 2, 9, 12)))
+    assert blob.num_pixels == 36 + 6 + 6
     assert (blob.left, blob.right) == (36, 43)
 
 
 def test_fork_the_other_way_joins_too() -> None:
-    (blob,) = found(picture((0, 4, 3, 12), (37, 40, 3, 5), (38, 40, 9, 12)))
-    assert blob.pixels == 36 + 6 + 6
+    (blob,) = find_blobs(make_labels((0, 4, 3, 12), (37, 40, 3, 5), (38, 40, 9, 12)))
+    assert blob.num_pixels == 36 + 6 + 6
     assert (blob.left, blob.right) == (37, 44)
 
 
 def test_ring_around_the_whole_turn_is_one_blob() -> None:
-    (blob,) = found(picture((0, 40, 3, 5)))
-    assert (blob.pixels, blob.width) == (80, 40)
+    (blob,) = find_blobs(make_labels((0, 40, 3, 5)))
+    assert (blob.num_pixels, blob.width) == (80, 40)
 
 
 def test_ring_with_a_step_terminates() -> None:
-    assert len(found(picture((0, 25, 3, 5), (20, 40, 4, 6)))) == 1
+    assert len(find_blobs(make_labels((0, 25, 3, 5), (20, 40, 4, 6)))) == 1
 
 
 def test_nothing_is_found_in_nothing() -> None:
-    assert found(picture()) == ()
+    assert find_blobs(make_labels()) == ()

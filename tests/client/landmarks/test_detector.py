@@ -12,19 +12,19 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks import Viewpoint, detect, look, make_detector
+from catoptra_client.landmarks import Viewpoint, detect, detect_with_stages, make_detector
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks import synthetic
 
-BEACONS = [row for row in synthetic.FIELD if row.kind == "beacon"]
+BEACONS = [row for row in synthetic.FIELD_LANDMARKS if row.kind == "beacon"]
 # Each beacon comes to each range, at azimuths a quarter of a turn apart; -176 degrees, with the
 # beacon 2.9 degrees wide at 2 m, lies close to the seam.
 RANGES_M = [(0.5, 0.9, 1.4, 2.0), (0.9, 1.4, 2.0, 2.5), (1.4, 2.0, 2.5, 0.5), (2.5, 0.5, 0.9, 1.4)]
 FIELD_POSES = [(1.4, 0.9, 0.4), (-1.2, -0.3, -2.0), (0.2, 1.1, 2.2), (-2.2, 1.3, 1.0)]
 
 
-def around(ranges_m, first_azimuth_deg: float) -> list[Landmark]:
+def place_beacons(ranges_m, first_azimuth_deg: float) -> list[Landmark]:
     """Return the four beacons around the robot."""
     placed = []
     for i, (row, range_m) in enumerate(zip(BEACONS, ranges_m, strict=True)):
@@ -34,34 +34,34 @@ def around(ranges_m, first_azimuth_deg: float) -> list[Landmark]:
     return placed
 
 
-def truth(row: Landmark, pose=(0.0, 0.0, 0.0)) -> tuple[float, float]:
-    dx, dy = row.x_m - pose[0], row.y_m - pose[1]
+def true_polar(landmark: Landmark, pose=(0.0, 0.0, 0.0)) -> tuple[float, float]:
+    dx, dy = landmark.x_m - pose[0], landmark.y_m - pose[1]
     return math.hypot(dx, dy), math.remainder(math.atan2(dy, dx) - pose[2], 2 * math.pi)
 
 
 @functools.cache
-def ring_frame(index: int):
-    landmarks = around(RANGES_M[index], -176.0 + 23.0 * index)
-    return landmarks, synthetic.render(landmarks, seed=40 + index)
+def render_ring_frame(index: int):
+    landmarks = place_beacons(RANGES_M[index], -176.0 + 23.0 * index)
+    return landmarks, synthetic.render_frame(landmarks, seed=40 + index)
 
 
 @functools.cache
-def field_frame(index: int):
-    return synthetic.render(synthetic.FIELD, FIELD_POSES[index], seed=60 + index)
+def render_field_frame(index: int):
+    return synthetic.render_frame(synthetic.FIELD_LANDMARKS, FIELD_POSES[index], seed=60 + index)
 
 
-def detected(classifier, landmarks, frame):
-    detector = make_detector(synthetic.camera(), classifier, landmarks=landmarks)
+def detect_by_name(classifier, landmarks, frame):
+    detector = make_detector(synthetic.make_camera(), classifier, landmarks=landmarks)
     return {seen.name: seen for seen in detect(detector, frame)}
 
 
 @pytest.mark.parametrize("index", range(len(RANGES_M)))
 def test_every_beacon_up_to_2_5_m_is_found_and_placed(classifier, index: int) -> None:
-    landmarks, frame = ring_frame(index)
-    seen = detected(classifier, landmarks, frame)
+    landmarks, frame = render_ring_frame(index)
+    seen = detect_by_name(classifier, landmarks, frame)
     assert set(seen) == {row.name for row in landmarks}
     for row in landmarks:
-        range_m, bearing = truth(row)
+        range_m, bearing = true_polar(row)
         found = seen[row.name]
         assert abs(found.range_m / range_m - 1.0) < 0.05
         assert abs(math.remainder(found.bearing_rad - bearing, 2 * math.pi)) < math.radians(1.0)
@@ -70,10 +70,10 @@ def test_every_beacon_up_to_2_5_m_is_found_and_placed(classifier, index: int) ->
 def test_errors_are_as_large_as_the_covariance_says(classifier) -> None:
     normalised = []
     for index in range(len(RANGES_M)):
-        landmarks, frame = ring_frame(index)
-        seen = detected(classifier, landmarks, frame)
+        landmarks, frame = render_ring_frame(index)
+        seen = detect_by_name(classifier, landmarks, frame)
         for row in landmarks:
-            range_m, bearing = truth(row)
+            range_m, bearing = true_polar(row)
             found = seen[row.name]
             turn = math.remainder(found.bearing_rad - bearing, 2 * math.pi)
             error = np.array([found.range_m - range_m, turn])
@@ -86,26 +86,26 @@ def test_errors_are_as_large_as_the_covariance_says(classifier) -> None:
 
 @pytest.mark.parametrize("azimuth_deg", [180.0, 179.3, -179.3])
 def test_beacon_across_the_seam_is_whole(classifier, azimuth_deg: float) -> None:
-    (row,) = around((1.0, 1.0, 1.0, 1.0), azimuth_deg)[:1]
-    seen = detected(classifier, [row], synthetic.render([row]))[row.name]
+    (row,) = place_beacons((1.0, 1.0, 1.0, 1.0), azimuth_deg)[:1]
+    seen = detect_by_name(classifier, [row], synthetic.render_frame([row]))[row.name]
     assert seen.range_m == pytest.approx(1.0, rel=0.02)
     off = math.remainder(seen.bearing_rad - math.radians(azimuth_deg), 2 * math.pi)
     assert abs(off) < math.radians(0.3)
 
 
 def test_beacon_on_the_robots_left_has_a_negative_bearing(classifier) -> None:
-    (row,) = around((1.5, 1.0, 1.0, 1.0), -90.0)[:1]
-    seen = detected(classifier, [row], synthetic.render([row]))[row.name]
+    (row,) = place_beacons((1.5, 1.0, 1.0, 1.0), -90.0)[:1]
+    seen = detect_by_name(classifier, [row], synthetic.render_frame([row]))[row.name]
     assert seen.bearing_rad == pytest.approx(-math.pi / 2, abs=math.radians(0.5))
 
 
 @pytest.mark.parametrize("index", range(len(FIELD_POSES)))
 def test_field_shows_both_goals_within_their_sigmas(classifier, index: int) -> None:
-    seen = detected(classifier, synthetic.FIELD, field_frame(index))
-    for row in synthetic.FIELD:
+    seen = detect_by_name(classifier, synthetic.FIELD_LANDMARKS, render_field_frame(index))
+    for row in synthetic.FIELD_LANDMARKS:
         if row.kind == "goal":
             found = seen[row.name]
-            _, bearing = truth(row, FIELD_POSES[index])
+            _, bearing = true_polar(row, FIELD_POSES[index])
             off = math.remainder(found.bearing_rad - bearing, 2 * math.pi)
             assert not found.has_range
             assert abs(off) < 2.5 * math.sqrt(found.covariance[1, 1])
@@ -113,57 +113,57 @@ def test_field_shows_both_goals_within_their_sigmas(classifier, index: int) -> N
 
 @pytest.mark.parametrize("index", range(len(FIELD_POSES)))
 def test_field_beacons_within_3_m_are_found_and_none_is_wrong(classifier, index: int) -> None:
-    seen = detected(classifier, synthetic.FIELD, field_frame(index))
+    seen = detect_by_name(classifier, synthetic.FIELD_LANDMARKS, render_field_frame(index))
     for row in BEACONS:
-        range_m, _ = truth(row, FIELD_POSES[index])
+        range_m, _ = true_polar(row, FIELD_POSES[index])
         assert row.name in seen or range_m > 2.9
         if row.name in seen:
             assert seen[row.name].range_m == pytest.approx(range_m, rel=0.05)
 
 
 def test_world_without_landmarks_shows_none(classifier) -> None:
-    assert detected(classifier, synthetic.FIELD, synthetic.render((), (0.5, -0.7, 1.0))) == {}
+    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, synthetic.render_frame((), (0.5, -0.7, 1.0))) == {}
 
 
 def test_posts_of_one_colour_are_no_landmarks(classifier) -> None:
     posts = [dataclasses.replace(row, upper_colour=row.lower_colour) for row in BEACONS]
-    frame = synthetic.render(posts, (0.5, -0.4, 0.3))
-    detector = make_detector(synthetic.camera(), classifier, landmarks=synthetic.FIELD)
-    view = look(detector, frame)
+    frame = synthetic.render_frame(posts, (0.5, -0.4, 0.3))
+    detector = make_detector(synthetic.make_camera(), classifier, landmarks=synthetic.FIELD_LANDMARKS)
+    view = detect_with_stages(detector, frame)
     assert view.detections == ()
-    assert len(view.unused) >= 2
+    assert len(view.unused_blobs) >= 2
 
 
 def test_black_and_noisy_frames_show_nothing(classifier) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (360, 360, 3), dtype=np.uint8)
-    assert detected(classifier, synthetic.FIELD, noise) == {}
-    assert detected(classifier, synthetic.FIELD, np.zeros_like(noise)) == {}
+    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, noise) == {}
+    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, np.zeros_like(noise)) == {}
 
 
 def test_offset_viewpoint_measures_from_the_robots_origin(classifier) -> None:
     # The camera sees the world from (0.3, 0): for the robot behind it everything is 0.3 m farther.
-    landmarks, frame = ring_frame(0)
+    landmarks, frame = render_ring_frame(0)
     viewpoint = Viewpoint(0.6, forward_m=0.3)
     detector = make_detector(
-        synthetic.camera(), classifier, landmarks=landmarks, viewpoint=viewpoint
+        synthetic.make_camera(), classifier, landmarks=landmarks, viewpoint=viewpoint
     )
     seen = {found.name: found for found in detect(detector, frame)}
     for row in landmarks:
         moved = dataclasses.replace(row, x_m=row.x_m + 0.3)
-        range_m, bearing = truth(moved)
+        range_m, bearing = true_polar(moved)
         assert seen[row.name].range_m == pytest.approx(range_m, rel=0.05)
         off = math.remainder(seen[row.name].bearing_rad - bearing, 2 * math.pi)
         assert abs(off) < math.radians(2.0)
 
 
 def test_view_accounts_for_every_blob(classifier) -> None:
-    detector = make_detector(synthetic.camera(), classifier, landmarks=synthetic.FIELD)
-    view = look(detector, field_frame(0))
-    pixels = sum(found.pixels for found in view.detections) + sum(b.pixels for b in view.unused)
-    assert pixels == sum(blob.pixels for blob in view.blobs)
+    detector = make_detector(synthetic.make_camera(), classifier, landmarks=synthetic.FIELD_LANDMARKS)
+    view = detect_with_stages(detector, render_field_frame(0))
+    pixels = sum(found.num_pixels for found in view.detections) + sum(b.num_pixels for b in view.unused_blobs)
+    assert pixels == sum(blob.num_pixels for blob in view.blobs)
 
 
 def test_lookalikes_are_refused_when_the_detector_is_made(classifier) -> None:
     twins = [BEACONS[0], dataclasses.replace(BEACONS[0], name="twin")]
     with pytest.raises(DomainError, match="apart"):
-        make_detector(synthetic.camera(), classifier, landmarks=twins)
+        make_detector(synthetic.make_camera(), classifier, landmarks=twins)

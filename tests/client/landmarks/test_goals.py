@@ -7,34 +7,34 @@ import math
 import pytest
 
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.goals import goal_candidates
-from catoptra_client.landmarks.sightings import Eye
+from catoptra_client.landmarks.goals import find_goal_candidates
+from catoptra_client.landmarks.sightings import CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.landmarks import Landmark
 from client.landmarks import synthetic
-from client.landmarks.ideal import box
+from client.landmarks.ideal import make_blob
 
-EYE = Eye(synthetic.camera(), DEFAULT_CYLINDER, Viewpoint())
+VIEW = CylinderView(synthetic.make_camera(), DEFAULT_CYLINDER, Viewpoint())
 GOAL = Landmark("g", "goal", 2.7, 0.0, 0.8, 0.3, 0.0, 0.3, "yellow", "yellow")
 
 
-def candidates(colour: str = "yellow", *, heights_m=(0.0, 0.3), width_m=0.8, range_m=2.0, **place):
-    blob = box(
+def find_candidates(colour: str = "yellow", *, heights_m=(0.0, 0.3), width_m=0.8, range_m=2.0, **place):
+    blob = make_blob(
         DEFAULT_CYLINDER, colour, heights_m=heights_m, width_m=width_m, range_m=range_m, **place
     )
-    return goal_candidates(EYE, GOAL, (blob,))
+    return find_goal_candidates(VIEW, GOAL, (blob,))
 
 
 @pytest.mark.parametrize("range_m", [0.8, 2.0, 5.0])
 @pytest.mark.parametrize("azimuth_rad", [0.0, -1.2, math.pi])
 def test_goal_gives_a_bearing_and_no_range(range_m, azimuth_rad) -> None:
-    (found,) = candidates(range_m=range_m, azimuth_rad=azimuth_rad)
+    (found,) = find_candidates(range_m=range_m, azimuth_rad=azimuth_rad)
     assert not found.has_range
-    assert math.cos(found.sighting.azimuth_rad - azimuth_rad) == pytest.approx(1.0)
+    assert math.cos(found.measurement.azimuth_rad - azimuth_rad) == pytest.approx(1.0)
 
 
 def test_bearing_is_less_sure_nearby() -> None:
-    near, far = candidates(range_m=0.8)[0].sighting, candidates(range_m=4.0)[0].sighting
+    near, far = find_candidates(range_m=0.8)[0].measurement, find_candidates(range_m=4.0)[0].measurement
     assert near.azimuth_sigma_rad > 4 * far.azimuth_sigma_rad
 
 
@@ -50,4 +50,4 @@ def test_bearing_is_less_sure_nearby() -> None:
     ],
 )
 def test_what_has_not_a_goals_size_is_refused(blob) -> None:
-    assert candidates(**blob) == []
+    assert find_candidates(**blob) == []

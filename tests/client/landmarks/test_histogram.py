@@ -10,18 +10,18 @@ from catoptra_client.landmarks.histogram import (
     bin_index,
     empty_histogram,
     histogram_from_pixels,
-    merged,
-    spread,
+    merge_histograms,
+    smooth_histogram,
 )
 from catoptra_protocol.errors import DomainError
 
 
-def pixels(*rgb: tuple[int, int, int]) -> np.ndarray:
+def make_pixels(*rgb: tuple[int, int, int]) -> np.ndarray:
     return np.array(rgb, dtype=np.uint8)
 
 
 def test_pixels_fall_into_their_bins() -> None:
-    counts = histogram_from_pixels(pixels((0, 8, 255), (7, 15, 248), (8, 8, 255)), 32).counts
+    counts = histogram_from_pixels(make_pixels((0, 8, 255), (7, 15, 248), (8, 8, 255)), 32).counts
     assert counts[0, 1, 31] == 2
     assert counts[1, 1, 31] == 1
     assert counts.sum() == 3
@@ -41,20 +41,20 @@ def test_no_pixels_count_nothing() -> None:
 
 
 def test_merging_adds_and_does_not_depend_on_order() -> None:
-    a, b = histogram_from_pixels(pixels((1, 2, 3))), histogram_from_pixels(pixels((200, 2, 3)))
-    np.testing.assert_array_equal(merged(a, b).counts, merged(b, a).counts)
-    assert merged(a, b).total == 2
+    a, b = histogram_from_pixels(make_pixels((1, 2, 3))), histogram_from_pixels(make_pixels((200, 2, 3)))
+    np.testing.assert_array_equal(merge_histograms(a, b).counts, merge_histograms(b, a).counts)
+    assert merge_histograms(a, b).total == 2
 
 
 def test_merging_other_bins_is_refused() -> None:
     with pytest.raises(DomainError, match="32 and 16"):
-        merged(empty_histogram(32), empty_histogram(16))
+        merge_histograms(empty_histogram(32), empty_histogram(16))
 
 
 @pytest.mark.parametrize("rgb", [(100, 100, 100), (0, 0, 0), (255, 0, 128)])
 def test_spread_keeps_64_for_a_pixel_and_its_place(rgb) -> None:
-    before = histogram_from_pixels(pixels(rgb))
-    after = spread(before)
+    before = histogram_from_pixels(make_pixels(rgb))
+    after = smooth_histogram(before)
     assert after.total == 64
     assert after.counts[np.nonzero(before.counts)][0] == after.counts.max()
 

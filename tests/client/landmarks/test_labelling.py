@@ -6,9 +6,9 @@ import numpy as np
 
 from catoptra_client.landmarks import (
     COLOUR_CODES,
-    IGNORED,
+    IGNORE_LABEL,
     NO_COLOUR,
-    Margins,
+    LabelMargins,
     Viewpoint,
     label_frame,
     world_from_mirror,
@@ -18,17 +18,17 @@ from client.landmarks import synthetic
 POSE = (0.9, 0.8, 0.4)
 
 
-def labels_at(pose=POSE, landmarks=synthetic.FIELD, **margins) -> np.ndarray:
+def label_synthetic_frame(pose=POSE, landmarks=synthetic.FIELD_LANDMARKS, **margins) -> np.ndarray:
     return label_frame(
-        synthetic.camera(),
+        synthetic.make_camera(),
         landmarks,
         world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose)),
-        margins=Margins(**margins),
+        margins=LabelMargins(**margins),
     )
 
 
 def test_labelled_pixels_have_the_hue_of_their_colour() -> None:
-    frame, labels = synthetic.render(synthetic.FIELD, POSE), labels_at()
+    frame, labels = synthetic.render_frame(synthetic.FIELD_LANDMARKS, POSE), label_synthetic_frame()
     weakest = {"cyan": 0, "magenta": 1, "yellow": 2}
     for colour, channel in weakest.items():
         pixels = frame[labels == COLOUR_CODES[colour]].astype(int)
@@ -38,25 +38,25 @@ def test_labelled_pixels_have_the_hue_of_their_colour() -> None:
 
 
 def test_neg_holds_no_landmark_hue() -> None:
-    frame, labels = synthetic.render(synthetic.FIELD, POSE).astype(int), labels_at()
+    frame, labels = synthetic.render_frame(synthetic.FIELD_LANDMARKS, POSE).astype(int), label_synthetic_frame()
     neg = frame[labels == NO_COLOUR]
     assert (neg[:, 0] - neg[:, 1]).max() < 30  # neither magenta nor yellow
     assert (neg[:, 2] - neg[:, 0]).max() < 30  # nor cyan
 
 
 def test_margins_only_ignore_more() -> None:
-    close, wide = labels_at(), labels_at(erosion_px=2, clearance_px=6)
+    close, wide = label_synthetic_frame(), label_synthetic_frame(erosion_px=2, clearance_px=6)
     differs = close != wide
     assert differs.any()
-    assert (wide[differs] == IGNORED).all()
+    assert (wide[differs] == IGNORE_LABEL).all()
 
 
 def test_outside_the_mirror_is_ignored() -> None:
-    labels = labels_at()
-    assert labels[0, 0] == IGNORED
+    labels = label_synthetic_frame()
+    assert labels[0, 0] == IGNORE_LABEL
     assert labels[180, 180] == NO_COLOUR
 
 
 def test_without_landmarks_all_of_the_mirror_is_neg() -> None:
-    labels = labels_at(landmarks=())
-    assert set(np.unique(labels)) == {NO_COLOUR, IGNORED}
+    labels = label_synthetic_frame(landmarks=())
+    assert set(np.unique(labels)) == {NO_COLOUR, IGNORE_LABEL}

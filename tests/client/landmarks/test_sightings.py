@@ -9,22 +9,22 @@ import pytest
 
 from catoptra_client.landmarks.blobs import Blob
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.sightings import Eye, refuse_lookalikes
+from catoptra_client.landmarks.sightings import CylinderView, require_distinct_colours
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.errors import DomainError
 from client.landmarks import synthetic
 
-EYE = Eye(synthetic.camera(), DEFAULT_CYLINDER, Viewpoint())
-BEACON = next(row for row in synthetic.FIELD if row.kind == "beacon")
+VIEW = CylinderView(synthetic.make_camera(), DEFAULT_CYLINDER, Viewpoint())
+BEACON = next(row for row in synthetic.FIELD_LANDMARKS if row.kind == "beacon")
 
 
 def test_columns_beyond_the_picture_go_on_around() -> None:
-    assert EYE.azimuth(0.0) == pytest.approx(math.pi)
-    assert EYE.azimuth(730.0) == pytest.approx(-math.pi + 10 * math.pi / 360)
+    assert VIEW.azimuth_from_column(0.0) == pytest.approx(math.pi)
+    assert VIEW.azimuth_from_column(730.0) == pytest.approx(-math.pi + 10 * math.pi / 360)
 
 
 def test_drop_is_counted_from_the_viewpoint_down_to_a_share_of_the_band() -> None:
-    assert [EYE.drop_m(BEACON, share) for share in (0.0, 0.5, 1.0)] == pytest.approx(
+    assert [VIEW.drop_m(BEACON, share) for share in (0.0, 0.5, 1.0)] == pytest.approx(
         [0.4, 0.3, 0.2]
     )
 
@@ -34,20 +34,20 @@ def test_drop_is_counted_from_the_viewpoint_down_to_a_share_of_the_band() -> Non
 )
 def test_blob_at_an_edge_is_cut(top: float, bottom: float, cut: bool) -> None:
     blob = Blob("cyan", 9, 5.0, 0.5 * (top + bottom), 2, 8, top, bottom)
-    assert EYE.is_cut(blob) == cut
+    assert VIEW.touches_edge(blob) == cut
 
 
 def test_landmarks_that_look_the_same_are_refused() -> None:
     twin = dataclasses.replace(BEACON, name="twin", x_m=0.0)
     with pytest.raises(DomainError, match=r"twin and .* cannot tell them apart"):
-        refuse_lookalikes([BEACON, twin])
+        require_distinct_colours([BEACON, twin])
 
 
 def test_beacon_of_one_colour_is_refused() -> None:
     plain = dataclasses.replace(BEACON, upper_colour=BEACON.lower_colour)
     with pytest.raises(DomainError, match="one colour"):
-        refuse_lookalikes([plain])
+        require_distinct_colours([plain])
 
 
 def test_the_field_has_no_lookalikes() -> None:
-    refuse_lookalikes(synthetic.FIELD)
+    require_distinct_colours(synthetic.FIELD_LANDMARKS)

@@ -14,14 +14,14 @@ from catoptra_protocol.errors import ConfigError
 
 
 @pytest.fixture
-def small():
+def small_classifier():
     rng = np.random.default_rng(1)
     histograms = [Histogram(rng.integers(0, 50, (8, 8, 8))) for _ in range(4)]
     positives = dict(zip(("cyan", "magenta", "yellow"), histograms[:3], strict=True))
     return classifier_from_histograms(positives, histograms[3], theta=1.3)
 
 
-def rewrite(path: Path, **changes) -> None:
+def rewrite_entries(path: Path, **changes) -> None:
     with np.load(path) as stored:
         entries = {**stored, **changes}
     with path.open("wb") as file:
@@ -32,7 +32,7 @@ def test_what_is_saved_is_loaded(small, tmp_path: Path) -> None:
     path = tmp_path / "colours.classifier"
     save_classifier(small, path)
     again = load_classifier(path)
-    np.testing.assert_array_equal(again.table, small.table)
+    np.testing.assert_array_equal(again.lookup_table, small.table)
     assert again.theta == small.theta
 
 
@@ -52,7 +52,7 @@ def test_what_is_saved_is_loaded(small, tmp_path: Path) -> None:
 def test_broken_entry_is_named(small, tmp_path: Path, changes, message) -> None:
     path = tmp_path / "colours.npz"
     save_classifier(small, path)
-    rewrite(path, **changes)
+    rewrite_entries(path, **changes)
     with pytest.raises(ConfigError, match=message) as caught:
         load_classifier(path)
     assert str(path) in str(caught.value)
@@ -74,7 +74,7 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 def test_pickled_entry_is_not_opened(small, tmp_path: Path) -> None:
     path = tmp_path / "colours.npz"
     save_classifier(small, path)
-    rewrite(path, cyan=np.array([{"a": 1}], dtype=object))
+    rewrite_entries(path, cyan=np.array([{"a": 1}], dtype=object))
     with pytest.raises(ConfigError, match="pickle"):
         load_classifier(path)
 

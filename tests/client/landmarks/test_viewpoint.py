@@ -18,7 +18,7 @@ from catoptra_protocol.errors import DomainError
 def test_viewpoint_stands_above_the_robot_turned_with_it() -> None:
     pose = world_from_mirror(Viewpoint(0.6, forward_m=0.2), np.array([1.0, 2.0, math.pi / 2]))
     np.testing.assert_allclose(pose.translation, [1.0, 2.2, -0.6], atol=1e-15)
-    np.testing.assert_allclose(pose.directions(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(pose.rotate_directions(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-15)
 
 
 def test_polar_without_an_offset_is_unchanged() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.localization.belief import Belief, is_positive_semidefinite, square_root
+from catoptra_client.localization.belief import Belief, is_positive_semidefinite, covariance_square_root
 from catoptra_protocol.errors import DomainError
 
 ZERO = np.zeros((3, 3))
@@ -58,5 +58,5 @@ def test_metres_do_not_hide_radians() -> None:
 def test_square_root_squares_to_the_covariance_at_any_rank(rank: int) -> None:
     factor = np.random.default_rng(rank).normal(size=(3, rank)) * np.array([[10], [1], [1e-4]])
     covariance = factor @ factor.T
-    root = square_root(covariance)
+    root = covariance_square_root(covariance)
     np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-12, atol=1e-18)

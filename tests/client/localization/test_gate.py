@@ -7,7 +7,7 @@ import math
 import mpmath
 import pytest
 
-from catoptra_client.localization.gate import OPEN_GATE, PAPER_GATE, Gate
+from catoptra_client.localization.gate import OPEN_GATE, PAPER_GATE, ValidationGate
 from catoptra_protocol.errors import DomainError
 
 
@@ -21,7 +21,7 @@ def test_paper_gate_for_one_number_is_6_63490() -> None:
 
 @pytest.mark.parametrize("share", [1e-300, 1e-15, 0.01, 0.5])
 def test_share_above_the_threshold_of_one_number_is_the_false_rejection(share: float) -> None:
-    above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(Gate(share).threshold(1)) / 2))
+    above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(ValidationGate(share).threshold(1)) / 2))
     assert float(above) == pytest.approx(share, rel=1e-9)
 
 
@@ -33,7 +33,7 @@ def test_open_gate_has_no_threshold(size: int) -> None:
 @pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
 def test_share_outside_its_interval_is_refused(share: float) -> None:
     with pytest.raises(DomainError, match="share"):
-        Gate(share)
+        ValidationGate(share)
 
 
 def test_other_sizes_are_refused() -> None:

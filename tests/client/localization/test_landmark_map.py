@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.localization import landmark_map, position_of
+from catoptra_client.localization import make_landmark_map, find_landmark_position
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import read_landmarks
 
@@ -14,18 +14,18 @@ FIELD = Path(__file__).parents[3] / "configs/landmarks/four_legged_2006.csv"
 
 
 def test_map_of_the_field_file_places_every_landmark() -> None:
-    known = landmark_map(read_landmarks(FIELD))
+    known = make_landmark_map(read_landmarks(FIELD))
     assert len(known) == 6
-    beacon = position_of(known, "magenta_over_yellow")
+    beacon = find_landmark_position(known, "magenta_over_yellow")
     assert (beacon.x_m, beacon.y_m) == (1.35, -1.9)
 
 
 def test_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(DomainError, match=r"no landmark 'moon'.*cyan_goal.*yellow_goal"):
-        position_of(landmark_map(read_landmarks(FIELD)), "moon")
+        find_landmark_position(make_landmark_map(read_landmarks(FIELD)), "moon")
 
 
 def test_map_cannot_be_changed() -> None:
-    known = landmark_map(())
+    known = make_landmark_map(())
     with pytest.raises(TypeError):
         known["a"] = None  # type: ignore[index]

@@ -14,29 +14,29 @@ from catoptra_client.localization.landmark_map import LandmarkPosition
 from catoptra_client.localization.measurement import (
     BearingOnly,
     RangeBearing,
-    expect,
+    predict_measurement,
     is_finite,
     measurement_from_detection,
-    residual,
+    compute_innovation,
 )
 from catoptra_protocol.errors import DomainError
 
 R = np.diag([0.01, 0.001])
 
 
-def at(x_m: float, y_m: float) -> LandmarkPosition:
+def make_landmark(x_m: float, y_m: float) -> LandmarkPosition:
     return LandmarkPosition("l", x_m, y_m)
 
 
 def test_landmark_on_the_right_has_a_positive_bearing() -> None:
-    expected, defined = expect(np.array([1.0, 1.0, 0.0]), at(1.0, 3.0))
+    expected, defined = predict_measurement(np.array([1.0, 1.0, 0.0]), make_landmark(1.0, 3.0))
     assert defined
     assert expected.range_m == 2.0
     assert expected.bearing_rad == pytest.approx(math.pi / 2)
 
 
 def test_bearing_is_counted_from_the_heading_and_wrapped() -> None:
-    expected, _ = expect(np.array([0.0, 0.0, -3.0]), at(-1.0, 0.1))
+    expected, _ = predict_measurement(np.array([0.0, 0.0, -3.0]), make_landmark(-1.0, 0.1))
     exact = math.atan2(0.1, -1.0) + 3.0 - 2 * math.pi
     assert expected.bearing_rad == pytest.approx(exact, abs=1e-15)
 
@@ -44,7 +44,7 @@ def test_bearing_is_counted_from_the_heading_and_wrapped() -> None:
 @pytest.mark.parametrize("place", [(2.0, 0.5), (0.3, -1.7 + 1e-6), (-1e5, 3.0), (0.3, 4.0)])
 def test_jacobian_equals_fifty_digit_differentiation(place: tuple[float, float]) -> None:
     pose = np.array([0.3, -1.7, 2.9])
-    expected, _ = expect(pose, at(*place))
+    expected, _ = predict_measurement(pose, make_landmark(*place))
     with mp.workdps(60):
         for column in range(3):
             for row, function in enumerate((_exact_range, _exact_bearing)):
@@ -52,46 +52,46 @@ def test_jacobian_equals_fifty_digit_differentiation(place: tuple[float, float])
                 assert expected.jacobian[row, column] == pytest.approx(float(exact), rel=4e-10)
 
 
-def _deltas(pose, column, value, place):
+def _position_difference(pose, column, value, place):
     values = [mpf(p) for p in pose]
     values[column] = value
     return mpf(place[0]) - values[0], mpf(place[1]) - values[1], values[2]
 
 
 def _exact_range(pose, column, value, place):
-    dx, dy, _ = _deltas(pose, column, value, place)
+    dx, dy, _ = _position_difference(pose, column, value, place)
     return mpmath.sqrt(dx * dx + dy * dy)
 
 
 def _exact_bearing(pose, column, value, place):
-    dx, dy, phi = _deltas(pose, column, value, place)
+    dx, dy, phi = _position_difference(pose, column, value, place)
     return mpmath.atan2(dy, dx) - phi
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-9, 1.0, 1e9, 1e150])
 def test_expectation_stays_finite_at_extreme_ranges(scale: float) -> None:
     with np.errstate(all="raise"):
-        expected, defined = expect(np.zeros(3), at(3 * scale, 4 * scale))
+        expected, defined = predict_measurement(np.zeros(3), make_landmark(3 * scale, 4 * scale))
     assert defined
     assert expected.range_m == pytest.approx(5 * scale, rel=1e-15)
     assert np.isfinite(expected.jacobian).all()
 
 
 def test_landmark_at_the_robot_is_undefined_not_nan() -> None:
-    expected, defined = expect(np.array([1.0, 2.0, 0.0]), at(1.0, 2.0))
+    expected, defined = predict_measurement(np.array([1.0, 2.0, 0.0]), make_landmark(1.0, 2.0))
     assert not defined
     assert np.isfinite(expected.jacobian).all()
 
 
 def test_residual_wraps_across_the_back() -> None:
-    expected, _ = expect(np.zeros(3), at(-1.0, -0.01))
-    innovation, _, _ = residual(RangeBearing(1.0, math.pi - 0.01, R), expected)
+    expected, _ = predict_measurement(np.zeros(3), make_landmark(-1.0, -0.01))
+    innovation, _, _ = compute_innovation(RangeBearing(1.0, math.pi - 0.01, R), expected)
     assert innovation[1] == pytest.approx(-0.02, abs=1e-6)
 
 
 def test_bearing_alone_keeps_one_row() -> None:
-    expected, _ = expect(np.zeros(3), at(1.0, 1.0))
-    innovation, jacobian, noise = residual(BearingOnly(1.0, 0.04), expected)
+    expected, _ = predict_measurement(np.zeros(3), make_landmark(1.0, 1.0))
+    innovation, jacobian, noise = compute_innovation(BearingOnly(1.0, 0.04), expected)
     assert (innovation.shape, jacobian.shape, noise.tolist()) == ((1,), (1, 3), [[0.04]])
     np.testing.assert_array_equal(jacobian[0], expected.jacobian[1])
 

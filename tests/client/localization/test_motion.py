@@ -13,11 +13,11 @@ from catoptra_client.localization.motion import (
     Control,
     MotionNoise,
     chord_over_arc,
-    chord_over_arc_slope,
+    chord_over_arc_derivative,
     control_covariance,
-    jacobian_by_control,
-    jacobian_by_pose,
-    moved,
+    jacobian_wrt_control,
+    jacobian_wrt_pose,
+    propagate_pose,
 )
 from catoptra_protocol.errors import DomainError
 
@@ -35,14 +35,14 @@ def _fifty_digits():
         yield
 
 
-def exact_slope(a: float) -> mpf:
+def exact_chord_over_arc_derivative(a: float) -> mpf:
     """Return S' with digits to spare for its cancellation of a^-2."""
     with mp.workdps(700):
         x = mpf(a)
         return (x * mpmath.cos(x) - mpmath.sin(x)) / x**2 if a else mpf(0)
 
 
-def exact_moved(x, y, phi, v, turn):
+def propagate_pose_exactly(x, y, phi, v, turn):
     """Return x', y', phi' by the circle through the start; the turn is not zero."""
     radius = v / turn
     return (
@@ -61,55 +61,55 @@ def test_chord_over_arc_holds_to_rounding(a: float) -> None:
 
 @pytest.mark.parametrize("a", HALF_TURNS)
 def test_slope_holds_relatively_to_1e_14(a: float) -> None:
-    exact = exact_slope(a)
+    exact = exact_chord_over_arc_derivative(a)
     # Near its zero at 4.493 rad, and where it is subnormal, only the absolute error is bounded.
     floor = mpf("5e-17") if a > 4 else mpf("5e-324")
-    assert abs(chord_over_arc_slope(a) - exact) <= max(abs(exact) * mpf("1e-14"), floor)
-    assert chord_over_arc_slope(-a) == -chord_over_arc_slope(a)
+    assert abs(chord_over_arc_derivative(a) - exact) <= max(abs(exact) * mpf("1e-14"), floor)
+    assert chord_over_arc_derivative(-a) == -chord_over_arc_derivative(a)
 
 
 @pytest.mark.parametrize("turn", [turn for turn in TURNS if turn])
 def test_moved_follows_the_exact_circle(turn: float) -> None:
     with mp.workdps(650):  # 1e-300 of a turn needs as many digits in the circle's form
-        exact = exact_moved(*map(mpf, POSE), mpf(0.2), mpf(turn))
-    new = moved(POSE, Control(0.2, turn))
+        exact = propagate_pose_exactly(*map(mpf, POSE), mpf(0.2), mpf(turn))
+    new = propagate_pose(POSE, Control(0.2, turn))
     assert abs(new[0] - exact[0]) < 1e-15
     assert abs(new[1] - exact[1]) < 1e-15
     assert abs(mpmath.sin((mpf(new[2]) - exact[2]) / 2)) < 1e-15
 
 
 def test_moved_straight_on_is_a_straight_line() -> None:
-    new = moved(np.array([1.0, 2.0, math.pi / 6]), Control(2.0, 0.0))
+    new = propagate_pose(np.array([1.0, 2.0, math.pi / 6]), Control(2.0, 0.0))
     np.testing.assert_allclose(new, [1 + math.sqrt(3), 3.0, math.pi / 6], rtol=0, atol=1e-15)
 
 
 def test_heading_wraps_at_half_a_turn() -> None:
-    new = moved(np.array([0.0, 0.0, 3.1]), Control(0.0, 0.1))
+    new = propagate_pose(np.array([0.0, 0.0, 3.1]), Control(0.0, 0.1))
     assert new[2] == pytest.approx(3.2 - 2 * math.pi, abs=1e-15)
 
 
-def exact_derivative(index: int, argument: int, turn: float) -> mpf:
+def exact_jacobian_entry(index: int, argument: int, turn: float) -> mpf:
     values = [*map(mpf, POSE), mpf(0.2), mpf(turn)]
 
-    def along(value):
+    def evaluate(value):
         moved_values = [*values[:argument], value, *values[argument + 1 :]]
-        return exact_moved(*moved_values)[index]
+        return propagate_pose_exactly(*moved_values)[index]
 
-    return mpmath.diff(along, values[argument])
+    return mpmath.diff(evaluate, values[argument])
 
 
 @pytest.mark.parametrize("turn", [1e-8, 1e-3, 0.1, 0.7, math.pi / 2, 2.0, 3.0, -2.5])
 def test_jacobians_equal_fifty_digit_differentiation(turn: float) -> None:
     control = Control(0.2, turn)
-    ours = np.hstack((jacobian_by_pose(POSE, control), jacobian_by_control(POSE, control)))
+    ours = np.hstack((jacobian_wrt_pose(POSE, control), jacobian_wrt_control(POSE, control)))
     with mp.workdps(80):
-        exact = [[float(exact_derivative(i, j, turn)) for j in range(5)] for i in range(3)]
+        exact = [[float(exact_jacobian_entry(i, j, turn)) for j in range(5)] for i in range(3)]
     np.testing.assert_allclose(ours, exact, rtol=0, atol=5e-16)
 
 
 def test_jacobian_by_control_at_zero_turn_is_its_limit() -> None:
     phi, v = 0.4, 0.7
-    ours = jacobian_by_control(np.array([0.0, 0.0, phi]), Control(v, 0.0))
+    ours = jacobian_wrt_control(np.array([0.0, 0.0, phi]), Control(v, 0.0))
     c, s = math.cos(phi), math.sin(phi)
     np.testing.assert_allclose(
         ours, [[c, -0.5 * v * s], [s, 0.5 * v * c], [0, 1]], rtol=0, atol=1e-16

@@ -27,19 +27,19 @@ from catoptra_client.landmarks import (  # noqa: E402
     detect,
     label_frame,
     label_image,
-    look,
+    detect_with_stages,
     make_detector,
     train,
     world_from_mirror,
 )
 from catoptra_client.landmarks.blobs import blobs_from_labels  # noqa: E402
-from catoptra_client.landmarks.detector import MIN_BLOB_PIXELS, identify  # noqa: E402
+from catoptra_client.landmarks.detector import MIN_BLOB_PIXELS, select_candidates  # noqa: E402
 from catoptra_client.localization import (  # noqa: E402
     OPEN_GATE,
     Belief,
     Control,
     MotionNoise,
-    landmark_map,
+    make_landmark_map,
     measurement_from_detection,
     predict,
     update,
@@ -52,12 +52,12 @@ TRAINING_POSES = [(-2.0, -1.2, 0.3), (1.9, 1.1, 2.6), (0.4, -1.3, -1.2), (-0.5, 
 POSE = (0.3, 0.5, 0.4)
 
 
-def trained_detector() -> Detector:
+def train_detector() -> Detector:
     """Return a detector for the field, trained on a few synthetic frames."""
-    camera, field = synthetic.camera(), synthetic.FIELD
+    camera, field = synthetic.make_camera(), synthetic.FIELD_LANDMARKS
     frames = [
         (
-            synthetic.render(field, pose),
+            synthetic.render_frame(field, pose),
             label_frame(
                 camera, field, world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose))
             ),
@@ -67,7 +67,7 @@ def trained_detector() -> Detector:
     return make_detector(camera, train(frames), landmarks=field)
 
 
-def report(name: str, stage: Callable[[], object]) -> None:
+def print_time(name: str, stage: Callable[[], object]) -> None:
     """Print the median and 95th percentile of a stage."""
     stage()
     times_ms = []
@@ -82,12 +82,12 @@ def report(name: str, stage: Callable[[], object]) -> None:
 def main() -> None:
     """Measure every stage on the same frame."""
     cv2.setNumThreads(1)
-    detector, frame = trained_detector(), synthetic.render(synthetic.FIELD, POSE)
-    view, known = look(detector, frame), landmark_map(synthetic.FIELD)
+    detector, frame = train_detector(), synthetic.render_frame(synthetic.FIELD_LANDMARKS, POSE)
+    view, known = detect_with_stages(detector, frame), make_landmark_map(synthetic.FIELD_LANDMARKS)
     belief = Belief(np.array(POSE), np.diag([0.01, 0.01, 0.01]))
     control, noise = Control(0.2, 0.05), MotionNoise(0.01, 0.0, 0.0005, 0.0064)
 
-    def corrected() -> Belief:
+    def correct() -> Belief:
         new = predict(belief, control, noise=noise)
         for seen in view.detections:
             measurement = measurement_from_detection(seen)
@@ -95,13 +95,13 @@ def main() -> None:
         return new
 
     size = "x".join(map(str, view.labels.shape[::-1]))
-    report(f"unwarp to {size}", lambda: unwarp(frame, detector.mapping))
-    report("classify", lambda: label_image(detector.classifier, view.cylinder))
-    report("blobs", lambda: blobs_from_labels(view.labels, min_pixels=MIN_BLOB_PIXELS))
-    report("identify", lambda: identify(detector, view.blobs))
-    report(f"all of detect, {len(view.detections)} landmarks", lambda: detect(detector, frame))
-    report(f"EKF: 1 prediction, {len(view.detections)} updates", corrected)
-    report("detect and EKF together", lambda: (detect(detector, frame), corrected()))
+    print_time(f"unwarp to {size}", lambda: unwarp(frame, detector.unwarp_map))
+    print_time("classify", lambda: label_image(detector.classifier, view.cylinder))
+    print_time("blobs", lambda: blobs_from_labels(view.labels, min_pixels=MIN_BLOB_PIXELS))
+    print_time("identify", lambda: select_candidates(detector, view.blobs))
+    print_time(f"all of detect, {len(view.detections)} landmarks", lambda: detect(detector, frame))
+    print_time(f"EKF: 1 prediction, {len(view.detections)} updates", correct)
+    print_time("detect and EKF together", lambda: (detect(detector, frame), correct()))
 
 
 if __name__ == "__main__":

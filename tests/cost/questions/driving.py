@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.motion import Twist
 
 TICK_S = 0.02
@@ -14,7 +14,7 @@ SPEED_M_S = 0.5
 STARTS = {"field": (-2.5, 0.3), "corridor": (-5.0, -0.2)}
 
 
-def drive(world: str, ticks: int) -> tuple[Exposure, ...]:
+def drive_path(world: str, ticks: int) -> tuple[CameraState, ...]:
     """Return the exposures of a drive; speeds vary by a hundredth, as where wheels slip."""
     x, y = STARTS.get(world, (-2.5, 0.3))
     exposures = []
@@ -24,6 +24,6 @@ def drive(world: str, ticks: int) -> tuple[Exposure, ...]:
         speed = SPEED_M_S * (1.0 + 0.01 * math.sin(1.7 * tick))
         velocity = (speed * math.cos(yaw), speed * math.sin(yaw), 0.0)
         pose = Pose.from_rpy((x, y, -0.6), (0.0, 0.0, yaw))
-        exposures.append(Exposure(pose, twist=Twist(velocity, (0.0, 0.0, turning))))
+        exposures.append(CameraState(pose, twist=Twist(velocity, (0.0, 0.0, turning))))
         x, y = x + TICK_S * velocity[0], y + TICK_S * velocity[1]
     return tuple(exposures)

@@ -16,33 +16,33 @@ import statistics
 import time
 from collections.abc import Sequence
 
-from driving import drive
-from effects import wishes
-from scenes import CORRIDOR, camera, worlds_and_a_million
+from driving import drive_path
+from effects import default_settings
+from scenes import CORRIDOR, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.decide import decide
-from catoptra_server.effects.effect import Mode
+from catoptra_server.effects.decide import plan_effects
+from catoptra_server.effects.effect import EffectMode
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.summaries import SceneSummaries
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.summaries import SceneSummarizer
 from catoptra_server.scene.meshes import build_scene
 
-ALL = wishes(Mode.AUTO)
-CAMERA = camera()
+ALL = default_settings(EffectMode.AUTO)
+CAMERA = make_camera()
 TICKS = 400
 
 
-def microseconds(
-    summaries: SceneSummaries, exposures: Sequence[Exposure]
+def measure_us(
+    summaries: SceneSummarizer, camera_states: Sequence[CameraState]
 ) -> tuple[list[float], list[float], set[SceneSummary]]:
     """Return the times of summaries and of decisions, frame by frame, and what they were of."""
     of_summary, of_decision, known = [], [], set()
-    for exposure in exposures:
+    for exposure in camera_states:
         begin = time.process_time()
-        summary = summaries.of(exposure, CAMERA)
+        summary = summaries.summarize(exposure, CAMERA)
         between = time.process_time()
-        decide(ALL, summary, CAMERA)
+        plan_effects(ALL, summary, CAMERA)
         of_summary.append(1e6 * (between - begin))
         of_decision.append(1e6 * (time.process_time() - between))
         known.add(summary)
@@ -50,14 +50,14 @@ def microseconds(
 
 
 def main() -> None:
-    names = {**worlds_and_a_million(), "corridor": read_world(CORRIDOR)[0]}
+    names = {**make_worlds_with_million_triangles(), "corridor": read_world(CORRIDOR)[0]}
     print("            standing: summary, decision; driving: mean and most of each; summaries")
     for name, world in names.items():
-        summaries = SceneSummaries(build_scene(world), world)
-        way = drive(name, TICKS)
-        microseconds(summaries, way[:1])  # what is found once for all
-        still = [statistics.median(times) for times in microseconds(summaries, way[:1] * 100)[:2]]
-        *moving, known = microseconds(summaries, way)
+        summaries = SceneSummarizer(build_scene(world), world)
+        way = drive_path(name, TICKS)
+        measure_us(summaries, way[:1])  # what is found once for all
+        still = [statistics.median(times) for times in measure_us(summaries, way[:1] * 100)[:2]]
+        *moving, known = measure_us(summaries, way)
         told = "".join(f"{statistics.mean(times):9.0f}{max(times):9.0f}" for times in moving)
         print(f"  {name:<9}{still[0]:9.0f}{still[1]:9.0f}{told}{len(known):6d}", flush=True)
 

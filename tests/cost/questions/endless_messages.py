@@ -31,16 +31,16 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from catoptra_server.transports import zmq_stream_socket  # after the path above
 from catoptra_server.transports.zmq_stream_socket import RouterSocket
-from helpers.zmtp import LONG, MORE, frame, handshaken
+from helpers.zmtp import LONG, MORE, zmtp_frame, connect_with_handshake
 
 HOST = "127.0.0.1"
 FRAME = [bytes(900), os.urandom(640 * 640 * 3)]
-PERIOD_S = 0.025
-BLOCKS = {"empty": frame(b"", MORE) * 100_000, "8 KiB": frame(bytes(8192), LONG | MORE) * 32}
+FRAME_PERIOD_S = 0.025
+BLOCKS = {"empty": zmtp_frame(b"", MORE) * 100_000, "8 KiB": zmtp_frame(bytes(8192), LONG | MORE) * 32}
 ATTACKERS = 4
 ATTACK_S = {"bare": 0.5, "watch 20": 5.0, "watch 50": 5.0, "turnstile": 5.0}
-MOST_OUTSTANDING_BYTES = 2**20
-BYTES_RECEIVED_AT = 128  # tcpi_bytes_received in linux/tcp.h
+MAX_OUTSTANDING_BYTES = 2**20
+BYTES_RECEIVED_OFFSET = 128  # tcpi_bytes_received in linux/tcp.h
 
 
 def main() -> None:
@@ -48,11 +48,11 @@ def main() -> None:
     print("cost of a frame: round trip, processor time of the server at 40/s")
     for _ in range(3):
         for kind in ("bare", "turnstile"):
-            with served(kind) as (server, port), client(port) as peer:
-                trip_ms = 1e3 * statistics.median(trips_s(peer, 300, 0.0))
-                before_s = cpu_s(server)
-                trips_s(peer, 120, PERIOD_S)
-                cpu_ms = 1e3 * (cpu_s(server) - before_s) / 120
+            with run_server(kind) as (server, port), connect_client(port) as peer:
+                trip_ms = 1e3 * statistics.median(measure_round_trips_s(peer, 300, 0.0))
+                before_s = read_cpu_s(server)
+                measure_round_trips_s(peer, 120, FRAME_PERIOD_S)
+                cpu_ms = 1e3 * (read_cpu_s(server) - before_s) / 120
                 print(f"  {kind:10s} {trip_ms:5.2f} ms   {cpu_ms:5.2f} ms")
     print(f"growth under {ATTACKERS} attackers; frames that a client got, worst round trip")
     for block in BLOCKS:
@@ -62,17 +62,17 @@ def main() -> None:
 
 def attack(kind: str, block: str) -> None:
     """Attack a server; print what it took."""
-    with served(kind) as (server, port), client(port) as peer:
-        trips_s(peer, 40, PERIOD_S)
-        before_mb = memory_mb(server)
-        wanted = round(ATTACK_S[kind] / PERIOD_S)
+    with run_server(kind) as (server, port), connect_client(port) as peer:
+        measure_round_trips_s(peer, 40, FRAME_PERIOD_S)
+        before_mb = read_memory_mb(server)
+        wanted = round(ATTACK_S[kind] / FRAME_PERIOD_S)
         arguments = ["attack", str(port), block, str(ATTACK_S[kind])]
         attackers = [subprocess.Popen([sys.executable, __file__, *arguments])
                      for _ in range(ATTACKERS)]  # fmt: skip
         got_s, peak_mb, end_s = [], 0.0, time.monotonic() + ATTACK_S[kind]
         while time.monotonic() < end_s:
-            got_s += trips_s(peer, 1, PERIOD_S)
-            peak_mb = max(peak_mb, memory_mb(server) - before_mb)
+            got_s += measure_round_trips_s(peer, 1, FRAME_PERIOD_S)
+            peak_mb = max(peak_mb, read_memory_mb(server) - before_mb)
         for attacker in attackers:
             attacker.kill()
             attacker.wait()
@@ -81,7 +81,7 @@ def attack(kind: str, block: str) -> None:
 
 
 @contextmanager
-def served(kind: str) -> Iterator[tuple[int, int]]:
+def run_server(kind: str) -> Iterator[tuple[int, int]]:
     """Run a server in a process of its own; yield process and port."""
     command = [sys.executable, __file__, "serve", kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -91,7 +91,7 @@ def served(kind: str) -> Iterator[tuple[int, int]]:
 
 
 @contextmanager
-def client(port: int) -> Iterator[zmq.Socket[bytes]]:
+def connect_client(port: int) -> Iterator[zmq.Socket[bytes]]:
     """Connect as any program would."""
     with zmq.Context() as context, context.socket(zmq.DEALER) as peer:
         peer.set(zmq.LINGER, 0)
@@ -99,7 +99,7 @@ def client(port: int) -> Iterator[zmq.Socket[bytes]]:
         yield peer
 
 
-def trips_s(peer: zmq.Socket[bytes], count: int, period_s: float) -> list[float]:
+def measure_round_trips_s(peer: zmq.Socket[bytes], count: int, period_s: float) -> list[float]:
     """Ask for frames, one a period; return how long each took."""
     took = []
     for _ in range(count):
@@ -111,51 +111,51 @@ def trips_s(peer: zmq.Socket[bytes], count: int, period_s: float) -> list[float]
     return took
 
 
-def cpu_s(process: int) -> float:
+def read_cpu_s(process: int) -> float:
     """Return the processor time that a process has used."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def memory_mb(process: int) -> float:
+def read_memory_mb(process: int) -> float:
     """Return the resident memory of a process."""
     pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def endless(port: int, block: bytes, end_s: float) -> None:
+def send_unterminated_message(port: int, block: bytes, end_s: float) -> None:
     """Never end a message; come again when cut off."""
     while time.monotonic() < end_s:
-        with suppress(OSError, AssertionError), handshaken(port) as peer:
+        with suppress(OSError, AssertionError), connect_with_handshake(port) as peer:
             peer.settimeout(1.0)
             while time.monotonic() < end_s:
                 peer.send(block)
 
 
-async def serve_through_turnstile() -> None:
+async def serve_behind_guard() -> None:
     """Answer everything with a frame, for ever; print the port."""
     router = RouterSocket(HOST, 0, lambda who, _: router.send(who, FRAME))
     print(router.port, flush=True)
     await asyncio.Event().wait()
 
 
-def serve(watch_every_s: float) -> None:
+def serve_bare(monitor_interval_s: float) -> None:
     """The same without a turnstile; 0: without a watch."""
-    bare = zmq_stream_socket._bound(zmq.Context(), f"tcp://{HOST}:*")
+    bare = zmq_stream_socket._bind_router(zmq.Context(), f"tcp://{HOST}:*")
     events = bare.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
     print(bare.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2], flush=True)
     watched: dict[int, socket.socket] = {}
     look_s = time.monotonic()
     while True:
-        bare.poll(1000 * (watch_every_s or 1.0))
-        answer_all(bare)
-        if watch_every_s and time.monotonic() >= look_s:
-            note(events, watched)
-            cut(watched)
-            look_s = time.monotonic() + watch_every_s
+        bare.poll(1000 * (monitor_interval_s or 1.0))
+        answer_requests(bare)
+        if monitor_interval_s and time.monotonic() >= look_s:
+            track_connections(events, watched)
+            disconnect_senders(watched)
+            look_s = time.monotonic() + monitor_interval_s
 
 
-def answer_all(bare: zmq.Socket[bytes]) -> None:
+def answer_requests(bare: zmq.Socket[bytes]) -> None:
     """Answer whoever asked."""
     with suppress(zmq.Again):
         while True:
@@ -163,26 +163,26 @@ def answer_all(bare: zmq.Socket[bytes]) -> None:
             bare.send_multipart([who, *FRAME], zmq.NOBLOCK)
 
 
-def note(events: zmq.Socket[bytes], watched: dict[int, socket.socket]) -> None:
+def track_connections(events: zmq.Socket[bytes], connections: dict[int, socket.socket]) -> None:
     """Keep a second descriptor of every connection."""
     with suppress(zmq.Again):
         while True:
             event = parse_monitor_message(events.recv_multipart(zmq.NOBLOCK))
-            gone = watched.pop(event["value"], None)
+            gone = connections.pop(event["value"], None)
             if gone is not None:
                 gone.close()
             with suppress(OSError):  # it is gone already
                 if event["event"] == zmq.EVENT_ACCEPTED:
-                    watched[event["value"]] = socket.socket(fileno=os.dup(event["value"]))
+                    connections[event["value"]] = socket.socket(fileno=os.dup(event["value"]))
 
 
-def cut(watched: dict[int, socket.socket]) -> None:
+def disconnect_senders(connections: dict[int, socket.socket]) -> None:
     """Shut whoever sent too much."""
-    for number, end in list(watched.items()):
+    for number, end in list(connections.items()):
         with suppress(OSError):
             info = end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
-            if struct.unpack_from("Q", info, BYTES_RECEIVED_AT)[0] > MOST_OUTSTANDING_BYTES:
-                del watched[number]
+            if struct.unpack_from("Q", info, BYTES_RECEIVED_OFFSET)[0] > MAX_OUTSTANDING_BYTES:
+                del connections[number]
                 with end:
                     end.shutdown(socket.SHUT_RDWR)
 
@@ -190,10 +190,10 @@ def cut(watched: dict[int, socket.socket]) -> None:
 if __name__ == "__main__":
     match sys.argv[1:]:
         case ["serve", "turnstile"]:
-            asyncio.run(serve_through_turnstile())
+            asyncio.run(serve_behind_guard())
         case ["serve", kind]:
-            serve(int(kind.partition(" ")[2] or 0) / 1e3)
+            serve_bare(int(kind.partition(" ")[2] or 0) / 1e3)
         case ["attack", port, block, duration_s]:
-            endless(int(port), BLOCKS[block], time.monotonic() + float(duration_s))
+            send_unterminated_message(int(port), BLOCKS[block], time.monotonic() + float(duration_s))
         case _:
             main()

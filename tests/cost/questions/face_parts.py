@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 from interleaved import median_ms
-from scenes import EXPOSURE, camera, worlds_and_a_million
+from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.plan.face_sizes import FacePart, parts_by_density, parts_of_size
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.plan.face_sizes import FaceRegion, regions_by_density, regions_of_size
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.renderer import RasterView
 from catoptra_server.render.trace import TraceRenderer
@@ -27,40 +27,40 @@ from catoptra_server.scene.meshes import build_scene
 ROUNDS = 25
 
 
-def layouts() -> dict[str, tuple[FacePart, ...]]:
+def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
     """Return the parts that are compared, by name; the first is what the others are measured by."""
-    shown = camera()
-    parts = {"one size, 672 px": parts_of_size(shown.rim_rad, 672)}
+    shown = make_camera()
+    parts = {"one size, 672 px": regions_of_size(shown.rim_rad, 672)}
     for texels in (1.0, 1.25, 1.5, 2.0):
-        of_density = parts_by_density(shown, shown.rim_rad, texels_per_px=texels)
+        of_density = regions_by_density(shown, shown.rim_rad, texels_per_px=texels)
         parts[f"by density, {texels:g} texels a pixel"] = of_density
     return parts
 
 
-def prepared(renderer: RasterRenderer, parts: tuple[FacePart, ...], samples: int) -> RasterView:
-    plan = plan_from_wish(
-        RenderWish(PerPixel(), samples), camera(), kind=RendererKind.RASTER, why="measured"
+def prepare_view(renderer: RasterRenderer, parts: tuple[FaceRegion, ...], samples: int) -> RasterView:
+    plan = plan_from_settings(
+        RenderSettings(PerPixel(), samples), make_camera(), kind=RendererKind.RASTER, reason="measured"
     )
-    return renderer.prepare(camera(), replace(plan, face_parts=parts))
+    return renderer.prepare(make_camera(), replace(plan, face_regions=parts))
 
 
-def reference(world: World) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    plan = plan_from_wish(
-        RenderWish(PerPixel(), 8), camera(), kind=RendererKind.TRACE, why="measured"
+def render_reference(world: World) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    plan = plan_from_settings(
+        RenderSettings(PerPixel(), 8), make_camera(), kind=RendererKind.TRACE, reason="measured"
     )
     renderer = TraceRenderer(build_scene(world), world)
-    image = renderer.prepare(camera(), plan).draw(EXPOSURE).rgb.astype(float)
+    image = renderer.prepare(make_camera(), plan).render(CAMERA_STATE).rgb.astype(float)
     renderer.close()
     return image
 
 
-def report(
+def print_errors(
     world: World, samples: int, exact: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 ) -> None:
     renderer = RasterRenderer(build_scene(world), world)
-    views = {name: prepared(renderer, parts, samples) for name, parts in layouts().items()}
-    images = {name: view.draw(EXPOSURE).rgb for name, view in views.items()}
-    draws = {name: lambda view=view: view.draw(EXPOSURE) for name, view in views.items()}
+    views = {name: prepare_view(renderer, parts, samples) for name, parts in part_layouts().items()}
+    images = {name: view.render(CAMERA_STATE).rgb for name, view in views.items()}
+    draws = {name: lambda view=view: view.render(CAMERA_STATE) for name, view in views.items()}
     times = median_ms(draws, rounds=ROUNDS)
     first = next(iter(times.values()))[1]
     for name, view in views.items():
@@ -69,18 +69,18 @@ def report(
         print(
             f"  {samples}^2 {name:<38}{wall:8.1f}{processors:8.1f}{processors / first:8.2f}"
             f"{rmse:8.2f}"
-            f"{counts.texels / 1e6:8.2f} M texels{counts.triangles:9} triangles"
+            f"{counts.num_texels / 1e6:8.2f} M texels{counts.num_triangles:9} triangles"
         )
         view.close()
     renderer.close()
 
 
 def main() -> None:
-    for title, world in worlds_and_a_million().items():
+    for title, world in make_worlds_with_million_triangles().items():
         print(f"{title}\n  {'':<42}{'wall':>8}{'CPU':>8}{'ratio':>8}{'rmse':>8}")
-        exact = reference(world)
+        exact = render_reference(world)
         for samples in (1, 2):
-            report(world, samples, exact)
+            print_errors(world, samples, exact)
 
 
 if __name__ == "__main__":

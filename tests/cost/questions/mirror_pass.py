@@ -15,22 +15,22 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 from interleaved import median_ms
-from scenes import EXPOSURE, camera, worlds
+from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, plan_from_settings
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.atlas import pack_atlas
-from catoptra_server.render.raster.atlas_lookup import use_atlas
-from catoptra_server.render.raster.mirror_pass import polygon_around_rim
-from catoptra_server.render.raster.mirror_places import mirror_places
-from catoptra_server.render.raster.programs import VERSION, set_uniform, source
+from catoptra_server.render.raster.atlas_lookup import set_atlas_uniforms
+from catoptra_server.render.raster.mirror_pass import rim_polygon
+from catoptra_server.render.raster.mirror_places import compute_lookup_map
+from catoptra_server.render.raster.programs import GLSL_VERSION, set_uniform, load_source
 from catoptra_server.scene.meshes import build_scene
 
 ROUNDS = 40
 
 # The law in t = tan(theta / 2) as optics/mirrors/hyperbolic.py has it, then the face and the place.
-LAW = """
+CAMERA_MODEL = """
 uniform sampler2D atlas;
 uniform vec2 centre_px;
 uniform float inverse_h, kappa_s, inverse_s2, rim_t;
@@ -45,7 +45,7 @@ vec3 light(ivec2 sample_at)
     return t <= rim_t ? seen : vec3(0.0);
 }
 """
-LOOKED_UP = """
+LOOKUP_MAP = """
 uniform sampler2D atlas, places;
 vec3 light(ivec2 sample_at)
 {
@@ -75,14 +75,14 @@ void main()
 
 
 def fragment(samples: int, light: str, encoded: str) -> str:
-    head = f"{VERSION}\n#define SAMPLES {samples}\n#define FACES 5\n"
-    includes = ["include/colour.glsl", *(["include/atlas.glsl"] if light is LAW else [])]
-    texts = [source(path).removeprefix(VERSION) for path in includes]
+    head = f"{GLSL_VERSION}\n#define SAMPLES {samples}\n#define FACES 5\n"
+    includes = ["include/colour.glsl", *(["include/atlas.glsl"] if light is CAMERA_MODEL else [])]
+    texts = [load_source(path).removeprefix(GLSL_VERSION) for path in includes]
     return "\n".join((head, *texts, light, encoded, MAIN))
 
 
-def set_law(program: moderngl.Program) -> None:
-    shown = camera()
+def set_camera_model(program: moderngl.Program) -> None:
+    shown = make_camera()
     mirror = shown.mirror
     assert isinstance(mirror, HyperbolicMirror)
     set_uniform(program, "centre_px", shown.centre_px)
@@ -92,33 +92,33 @@ def set_law(program: moderngl.Program) -> None:
     set_uniform(program, "rim_t", shown.rim_t)
 
 
-def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
+def make_renderer(samples: int, light: str, encoded: str) -> Callable[[], object]:
     """Return what draws the pass from faces of the field, in a device of its own."""
-    world = worlds()["field"]
+    world = make_worlds()["field"]
     device = open_device()
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    plan = plan_from_wish(
-        RenderWish(PerPixel(), samples), camera(), kind=RendererKind.RASTER, why="measured"
+    plan = plan_from_settings(
+        RenderSettings(PerPixel(), samples), make_camera(), kind=RendererKind.RASTER, reason="measured"
     )
-    view = renderer.prepare(camera(), plan)
-    view.draw(EXPOSURE)
+    view = renderer.prepare(make_camera(), plan)
+    view.render(CAMERA_STATE)
     context = device.context
-    atlas = pack_atlas(plan.face_parts, guard=2, max_texels=16384)
+    atlas = pack_atlas(plan.face_regions, guard_texels=2, max_texels=16384)
     faces = view._faces.texture
     with context:
         program = context.program(
-            vertex_shader=source("mirror.vert"),
+            vertex_shader=load_source("mirror.vert"),
             fragment_shader=fragment(samples, light, encoded),
         )
-        corners = context.buffer(polygon_around_rim(camera()).astype(np.float32).tobytes())
+        corners = context.buffer(rim_polygon(make_camera()).astype(np.float32).tobytes())
         vertices = context.vertex_array(program, [(corners, "2f", "position")])
         target = context.framebuffer([context.renderbuffer((640, 640), 3)])
-        if light is LAW:
-            set_law(program)
-            use_atlas(program, atlas)
+        if light is CAMERA_MODEL:
+            set_camera_model(program)
+            set_atlas_uniforms(program, atlas)
         else:
             size = (640 * samples, 640 * samples)
-            table = mirror_places(camera(), atlas, samples)
+            table = compute_lookup_map(make_camera(), atlas, samples)
             places = context.texture(size, 2, table, dtype="f4")
             places.filter = (moderngl.NEAREST, moderngl.NEAREST)
             program["places"] = 1
@@ -126,7 +126,7 @@ def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
     def draw() -> None:
         with context:
             faces.use(0)
-            if light is not LAW:
+            if light is not CAMERA_MODEL:
                 places.use(1)
             context.enable_only(moderngl.NOTHING)
             target.use()
@@ -140,10 +140,10 @@ def drawer(samples: int, light: str, encoded: str) -> Callable[[], object]:
 def main() -> None:
     for samples in (1, 2, 3):
         draws = {
-            "law in the shader, power": drawer(samples, LAW, POWER),
-            "law in the shader, roots": drawer(samples, LAW, ROOTS),
-            "looked up, power": drawer(samples, LOOKED_UP, POWER),
-            "looked up, roots": drawer(samples, LOOKED_UP, ROOTS),
+            "law in the shader, power": make_renderer(samples, CAMERA_MODEL, POWER),
+            "law in the shader, roots": make_renderer(samples, CAMERA_MODEL, ROOTS),
+            "looked up, power": make_renderer(samples, LOOKUP_MAP, POWER),
+            "looked up, roots": make_renderer(samples, LOOKUP_MAP, ROOTS),
         }
         times = median_ms(draws, rounds=ROUNDS)
         first = next(iter(times.values()))[1]

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import statistics
 
-from scenes import EXPOSURE, camera, worlds
+from scenes import CAMERA_STATE, make_camera, make_worlds
 
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 
 POLYGONS = (16, 64, 256, 1024, 4096)
 SAMPLES = 2
@@ -26,18 +26,18 @@ ROUNDS = 60
 
 
 def main() -> None:
-    world = worlds()["field"]
+    world = make_worlds()["field"]
     renderer = RasterRenderer(build_scene(world), world)
-    surfaces = {str(count): split_for(count) for count in POLYGONS} | {"exact law": PerPixel()}
+    surfaces = {str(count): tessellation_from_polygon_count(count) for count in POLYGONS} | {"exact law": PerPixel()}
     views = {}
     for name, surface in surfaces.items():
-        wish = RenderWish(surface, SAMPLES)
-        plan = plan_from_wish(wish, camera(360), kind=RendererKind.RASTER, why="measured")
-        views[name] = renderer.prepare(camera(360), plan)
+        wish = RenderSettings(surface, SAMPLES)
+        plan = plan_from_settings(wish, make_camera(360), kind=RendererKind.RASTER, reason="measured")
+        views[name] = renderer.prepare(make_camera(360), plan)
     drawn: dict[str, list[RenderedImage]] = {name: [] for name in views}
     for _ in range(ROUNDS):
         for name, view in views.items():
-            drawn[name].append(view.draw(EXPOSURE))
+            drawn[name].append(view.draw(CAMERA_STATE))
     print(f"{'polygons':>10}{'frame ms':>10}{'mirror ms':>10}")
     for name, images in drawn.items():
         frame = statistics.median(sum(image.stage_ms.values()) for image in images)

@@ -17,14 +17,14 @@ from unittest import mock
 
 import moderngl
 import numpy as np
-from scenes import EXPOSURE, camera, worlds
+from scenes import CAMERA_STATE, make_camera, make_worlds
 
-from catoptra_server.plan.face_sizes import parts_of_size
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
-from catoptra_server.render.chunks import TRIANGLES_A_CHUNK, make_chunks
+from catoptra_server.plan.face_sizes import regions_of_size
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, plan_from_settings
+from catoptra_server.render.chunks import TRIANGLES_PER_CLUSTER, make_clusters
 from catoptra_server.render.raster import RasterRenderer, open_device, scene_buffers
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.programs import ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.timing import StageClock
 from catoptra_server.scene.description import World
@@ -36,7 +36,7 @@ GL_SRGB8_ALPHA8 = 0x8C43
 FACE_PX = 672
 
 
-def milliseconds(draw: Callable[[], object], finish: Callable[[], None]) -> str:
+def measure_ms(draw: Callable[[], object], finish: Callable[[], None]) -> str:
     times = []
     for _ in range(FRAMES + 2):
         begin = time.perf_counter()
@@ -48,21 +48,21 @@ def milliseconds(draw: Callable[[], object], finish: Callable[[], None]) -> str:
 
 def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) -> None:
     """Draw the faces as FacePass does, into any target."""
-    pose = EXPOSURE.world_from_mirror
+    pose = CAMERA_STATE.world_from_mirror
     viewpoint = pose.translation - scene.origin
-    depth = scene.surroundings.depth_range(viewpoint, spread=1.75)
-    scene.place(viewpoint, depth.clip_z_from_w)
+    depth = scene.depth_range_finder.find_range(viewpoint, max_depth_ratio=1.75)
+    scene.set_frame(viewpoint, depth.clip_z_from_w)
     target.clear(*scene.background, 1.0, depth=1.0)
     target.use()
     for cell in atlas.cells:
         target.viewport = cell.viewport
         x, y, w = clip = cell.clip_from_mirror @ pose.rotation.T
-        visible = scene.chunks.in_front(np.stack((w + x, w - x, w + y, w - y, w)), viewpoint)
+        visible = scene.clusters.in_front_of_planes(np.stack((w + x, w - x, w + y, w - y, w)), viewpoint)
         scene.draw(clip, visible)
     target.viewport = (0, 0, atlas.width, atlas.height)
 
 
-def storage(context: moderngl.Context, scene: SceneBuffers) -> None:
+def measure_storage(context: moderngl.Context, scene: SceneBuffers) -> None:
     """Compare targets: format, multisampling, twice the width."""
     for name, kind, srgb, samples, scale in (
         ("RGBA16F", {"dtype": "f2"}, False, 0, 1),
@@ -85,51 +85,51 @@ def storage(context: moderngl.Context, scene: SceneBuffers) -> None:
             if samples:
                 context.copy_framebuffer(resolved, target)  # noqa: B023 - called at once
 
-        print(f"  {name:<36}{milliseconds(draw, context.finish)}")
+        print(f"  {name:<36}{measure_ms(draw, context.finish)}")
     context.disable_direct(GL_FRAMEBUFFER_SRGB)
 
 
 def chunk_sizes(world: World) -> None:
     """Compare sizes of chunks by whole frames."""
-    for size in (32, TRIANGLES_A_CHUNK, 256, 1024, 4096, 10**9):
-        with mock.patch.object(scene_buffers, "make_chunks", partial(make_chunks, size=size)):
-            print(f"  {f'chunks of {size}':<36}{whole_frame(world)}")
+    for size in (32, TRIANGLES_PER_CLUSTER, 256, 1024, 4096, 10**9):
+        with mock.patch.object(scene_buffers, "make_chunks", partial(make_clusters, size=size)):
+            print(f"  {f'chunks of {size}':<36}{measure_frame(world)}")
 
 
-def waiting(world: World) -> None:
+def measure_waiting(world: World) -> None:
     """Compare a frame whose stages are waited for with one that is only queued."""
-    print(f"  {'frame, waiting after each stage':<36}{whole_frame(world)}")
+    print(f"  {'frame, waiting after each stage':<36}{measure_frame(world)}")
     with mock.patch.object(StageClock, "mark", return_value=None):
-        print(f"  {'frame, never waiting':<36}{whole_frame(world)}")
+        print(f"  {'frame, never waiting':<36}{measure_frame(world)}")
 
 
-def whole_frame(world: World) -> str:
+def measure_frame(world: World) -> str:
     renderer = RasterRenderer(build_scene(world), world)
-    wish = RenderWish(PerPixel(), 1, FACE_PX, 1)
-    plan = plan_from_wish(wish, camera(), kind=RendererKind.RASTER, why="measured")
-    view = renderer.prepare(camera(), plan)
-    times = milliseconds(lambda: view.draw(EXPOSURE), lambda: None)
+    wish = RenderSettings(PerPixel(), 1, FACE_PX, 1)
+    plan = plan_from_settings(wish, make_camera(), kind=RendererKind.RASTER, reason="measured")
+    view = renderer.prepare(make_camera(), plan)
+    times = measure_ms(lambda: view.render(CAMERA_STATE), lambda: None)
     view.close()
     renderer.close()
     return times
 
 
 def make_atlas(size: int) -> Atlas:
-    parts = parts_of_size(camera().rim_rad, size)
-    return pack_atlas(parts, guard=GUARD_TEXELS, max_texels=16384)
+    parts = regions_of_size(make_camera().rim_rad, size)
+    return pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=16384)
 
 
 def main() -> None:
-    for title, world in worlds().items():
+    for title, world in make_worlds().items():
         scene = build_scene(world)
         print(f"{title}, {len(scene)} triangles\n  {'':<36}{'median':>8}{'min':>8}")
         device = open_device()
-        storage(
-            device.context, SceneBuffers(device.context, Programs(device.context), scene, world)
+        measure_storage(
+            device.context, SceneBuffers(device.context, ShaderPrograms(device.context), scene, world)
         )
         device.close()
         chunk_sizes(world)
-        waiting(world)
+        measure_waiting(world)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera, camera_with_rim_inscribed
+from catoptra_protocol.optics.camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.description import (
     Box,
     HemisphereLight,
@@ -24,20 +24,20 @@ from catoptra_server.scene.description import (
 
 FIELD = Path(__file__).parents[3] / "configs/worlds/four_legged_2006.ini"
 CORRIDOR = FIELD.parent / "corridor.ini"
-EXPOSURE = Exposure(Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)))
+CAMERA_STATE = CameraState(Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)))
 
 
-def worlds() -> dict[str, World]:
+def make_worlds() -> dict[str, World]:
     """Return the field, and 30 balls of 2000 triangles each on a floor."""
-    return {"field": read_world(FIELD)[0], "balls": balls()}
+    return {"field": read_world(FIELD)[0], "balls": make_balls()}
 
 
-def worlds_and_a_million() -> dict[str, World]:
+def make_worlds_with_million_triangles() -> dict[str, World]:
     """Return the same worlds, and 500 balls on a floor."""
-    return {**worlds(), "million": balls(500)}
+    return {**make_worlds(), "million": make_balls(500)}
 
 
-def balls(count: int = 30, *, sectors: int = 50, rings: int = 20) -> World:
+def make_balls(count: int = 30, *, sectors: int = 50, rings: int = 20) -> World:
     """Return balls on a floor, as they come 60 000 triangles, most of them a few pixels large."""
     rng = np.random.default_rng(1)
     items = [Item("floor", Rectangle((20, 20)), Pose.identity(), Material((0.02, 0.25, 0.05)))]
@@ -50,7 +50,7 @@ def balls(count: int = 30, *, sectors: int = 50, rings: int = 20) -> World:
     return World("balls", tuple(items), lights=(light,), background=(0.3, 0.3, 0.35))
 
 
-def fence() -> World:
+def make_thin_objects_world() -> World:
     """Return what is hard to find between sparse rays: bars of 5 mm, wires of 1 mm, confetti."""
     rng = np.random.default_rng(2)
     white, red = Material((0.9, 0.9, 0.9), unlit=True), Material((0.9, 0.1, 0.1), unlit=True)
@@ -69,9 +69,9 @@ def fence() -> World:
     return World("fence", tuple(items), background=(0.3, 0.3, 0.35))
 
 
-def camera(width_px: int = 640) -> OmniCamera:
+def make_camera(width_px: int = 640) -> OmniCamera:
     """Return the paper's camera."""
-    return camera_with_rim_inscribed(
+    return camera_with_inscribed_rim(
         HyperbolicMirror(11.546, 0.2321),
         width_px=width_px,
         height_px=width_px,

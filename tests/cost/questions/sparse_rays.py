@@ -15,12 +15,12 @@ import statistics
 import time
 
 import numpy as np
-from scenes import CORRIDOR, FIELD, balls, camera, fence
+from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_world
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.config.world_file import read_world
-from catoptra_server.plan.render_plan import RendererKind, RenderWish, plan_from_wish
-from catoptra_server.render.renderer import Exposure, View
+from catoptra_server.plan.render_plan import RendererKind, RenderSettings, plan_from_settings
+from catoptra_server.render.renderer import CameraState, View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
@@ -29,19 +29,19 @@ STRIDES = (1, 2, 4, 6, 8)
 WARM_UP_FRAMES = 5
 
 
-def worlds() -> dict[str, World]:
+def make_worlds() -> dict[str, World]:
     """Return what is measured, with few triangles and with many, in few and in many places."""
     return {
         "field": read_world(FIELD)[0],
         "corridor": read_world(CORRIDOR)[0],
-        "fence": fence(),
-        "balls": balls(),
-        "million in 30 balls": balls(sectors=200, rings=84),
-        "million in 500 balls": balls(500),
+        "fence": make_thin_objects_world(),
+        "balls": make_balls(),
+        "million in 30 balls": make_balls(sectors=200, rings=84),
+        "million in 500 balls": make_balls(500),
     }
 
 
-def poses(frames: int) -> list[Pose]:
+def make_poses(frames: int) -> list[Pose]:
     """Return viewpoints on a path through the middle of a world, 0.6 m above the floor."""
     t = np.linspace(0.0, 12.0, frames)
     return [
@@ -50,31 +50,31 @@ def poses(frames: int) -> list[Pose]:
     ]
 
 
-def drawn(view: View, pose: Pose) -> tuple[float, np.ndarray[tuple[int, int, int]]]:
+def render(view: View, pose: Pose) -> tuple[float, np.ndarray[tuple[int, int, int]]]:
     begin = time.perf_counter()
-    image = view.draw(Exposure(pose)).rgb
+    image = view.render(CameraState(pose)).rgb
     return 1e3 * (time.perf_counter() - begin), image.astype(np.int16)
 
 
-def report(world: World, samples: int, frames: int) -> None:
+def print_errors(world: World, samples: int, frames: int) -> None:
     scene = build_scene(world)
     begin = time.perf_counter()
     trace = TraceRenderer(scene, world)
     ready_s = time.perf_counter() - begin
     views = {}
     for stride in STRIDES:
-        wish = RenderWish(samples=samples, stride_px=stride)
-        plan = plan_from_wish(wish, camera(), kind=RendererKind.TRACE, why="measured")
-        views[stride] = trace.prepare(camera(), plan)
+        wish = RenderSettings(samples=samples, stride_px=stride)
+        plan = plan_from_settings(wish, make_camera(), kind=RendererKind.TRACE, reason="measured")
+        views[stride] = trace.prepare(make_camera(), plan)
     for view in views.values():
-        for pose in poses(WARM_UP_FRAMES):
-            view.draw(Exposure(pose))
+        for pose in make_poses(WARM_UP_FRAMES):
+            view.draw(CameraState(pose))
     times: dict[int, list[float]] = {stride: [] for stride in STRIDES}
     different, most = dict.fromkeys(STRIDES, 0), dict.fromkeys(STRIDES, 0)
-    for pose in poses(frames):
+    for pose in make_poses(frames):
         whole = None
         for stride, view in views.items():
-            took, image = drawn(view, pose)
+            took, image = render(view, pose)
             times[stride].append(took)
             whole = image if whole is None else whole
             apart = np.abs(image - whole).max(axis=-1)
@@ -99,11 +99,11 @@ def main() -> None:
     parser.add_argument("--samples", type=int, nargs="*", default=[1, 2])
     parser.add_argument("worlds", nargs="*", default=[])
     arguments = parser.parse_args()
-    for title, world in worlds().items():
+    for title, world in make_worlds().items():
         if title in arguments.worlds or not arguments.worlds:
             print(title)
             for samples in arguments.samples:
-                report(world, samples, arguments.frames)
+                print_errors(world, samples, arguments.frames)
 
 
 if __name__ == "__main__":

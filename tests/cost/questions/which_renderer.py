@@ -13,10 +13,10 @@ from functools import partial
 
 import numpy as np
 from interleaved import median_ms
-from scenes import CORRIDOR, EXPOSURE, camera, worlds
+from scenes import CORRIDOR, CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.config.world_file import read_world
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, plan_from_wish
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, plan_from_settings
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.trace import TraceRenderer
@@ -34,23 +34,23 @@ RASTER = [
 ]
 
 
-def prepared(
+def prepare_view(
     renderer: Renderer, kind: RendererKind, samples: int, face_size_px: int, face_samples: int
 ) -> View:
-    wish = RenderWish(PerPixel(), samples, face_size_px, face_samples)
-    return renderer.prepare(camera(), plan_from_wish(wish, camera(), kind=kind, why="measured"))
+    wish = RenderSettings(PerPixel(), samples, face_size_px, face_samples)
+    return renderer.prepare(make_camera(), plan_from_settings(wish, make_camera(), kind=kind, reason="measured"))
 
 
-def report(trace: Renderer, raster: Renderer) -> None:
-    view = prepared(trace, RendererKind.TRACE, REFERENCE_SAMPLES, 0, 1)
-    reference = view.draw(EXPOSURE).rgb.astype(float)
+def print_costs(trace: Renderer, raster: Renderer) -> None:
+    view = prepare_view(trace, RendererKind.TRACE, REFERENCE_SAMPLES, 0, 1)
+    reference = view.render(CAMERA_STATE).rgb.astype(float)
     view.close()
-    views = {name: prepared(trace, RendererKind.TRACE, *numbers) for name, *numbers in TRACE}
+    views = {name: prepare_view(trace, RendererKind.TRACE, *numbers) for name, *numbers in TRACE}
     for name, *numbers in RASTER:
-        views[name] = prepared(raster, RendererKind.RASTER, *numbers)
-    draws = {name: partial(view.draw, EXPOSURE) for name, view in views.items()}
+        views[name] = prepare_view(raster, RendererKind.RASTER, *numbers)
+    draws = {name: partial(view.render, CAMERA_STATE) for name, view in views.items()}
     for name, (wall, processors) in median_ms(draws, rounds=ROUNDS).items():
-        image = views[name].draw(EXPOSURE).rgb
+        image = views[name].render(CAMERA_STATE).rgb
         rmse = np.sqrt(np.square(image - reference).mean())
         print(f"  {name:<36}{wall:8.1f}{processors:8.1f}{rmse:8.2f}")
     for view in views.values():
@@ -58,12 +58,12 @@ def report(trace: Renderer, raster: Renderer) -> None:
 
 
 def main() -> None:
-    for title, world in {**worlds(), "corridor": read_world(CORRIDOR)[0]}.items():
+    for title, world in {**make_worlds(), "corridor": read_world(CORRIDOR)[0]}.items():
         scene = build_scene(world)
         trace, raster = TraceRenderer(scene, world), RasterRenderer(scene, world)
         print(f"{title}, {len(scene)} triangles\n  {trace.describe()}\n  {raster.describe()}")
         print(f"  {'':<36}{'wall':>8}{'proc.':>8}{'rmse':>8}")
-        report(trace, raster)
+        print_costs(trace, raster)
         raster.close()
         trace.close()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.configs import ROBOTS
-from helpers.server_process import RunningServer, running_server, small_robot
+from helpers.server_process import RunningServer, start_server, write_small_robot
 
 # Near faces: 4 m ahead, 5 m behind, 2 m on the left (y < 0), 3 m on the right.
 ROOM = """[Catoptra.World]
@@ -34,7 +34,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, room: Path) -> Iterator[Run
     """Serve a P2AT and a small OmniP2AT, for the clients of one module."""
     folder = tmp_path_factory.mktemp("old_clients")
     p2at = str(ROBOTS / "p2at.ini")
-    with running_server(folder, "--robot", p2at, robot=small_robot(folder), world=room) as running:
+    with start_server(folder, "--robot", p2at, robot=write_small_robot(folder), world=room) as running:
         yield running
-        assert running.end() == 0
+        assert running.terminate() == 0
         assert "Traceback" not in running.log.read_text()

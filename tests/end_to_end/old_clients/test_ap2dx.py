@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from helpers.old_sockets import connected, received
+from helpers.old_sockets import connect, receive
 from helpers.server_process import RunningServer
 
 _BUFFER_BYTES = 8192  # of a BufferedReader
@@ -29,7 +29,7 @@ class Ap2dx:
     status: list[tuple[int, int, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._connection = connected(self.port)
+        self._connection = connect(self.port)
         self._buffer = b""
 
     def close(self) -> None:
@@ -42,7 +42,7 @@ class Ap2dx:
 
     def turn(self) -> None:
         """Eat a byte, read a line, understand it."""
-        received(self._connection, 1)
+        receive(self._connection, 1)
         line = self._read_line()
         self.lines.append(line)
         pieces = line.split("} {")
@@ -56,7 +56,7 @@ class Ap2dx:
 
     def _read_line(self) -> str:
         while b"\n" not in self._buffer:
-            self._buffer += received(self._connection, _BUFFER_BYTES)
+            self._buffer += receive(self._connection, _BUFFER_BYTES)
         line, _, self._buffer = self._buffer.partition(b"\n")
         return line.rstrip(b"\r").decode()
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from helpers.old_sockets import connected, received
+from helpers.old_sockets import connect, receive
 from helpers.server_process import RunningServer
 
 
@@ -14,7 +14,7 @@ class MatlabRobot:
     """One robot. Each read gives lines; what a read begins or ends in the middle of is lost."""
 
     def __init__(self, port: int) -> None:
-        self._connection = connected(port)
+        self._connection = connect(port)
 
     def close(self) -> None:
         """End the connection."""
@@ -30,16 +30,16 @@ class MatlabRobot:
         """Set the wheel speeds."""
         self._connection.sendall(f"DRIVE {{Left {left}}} {{Right {right}}}\r\n".encode())
 
-    def lines(self) -> list[str]:
+    def read_lines(self) -> list[str]:
         """Return the whole lines of one read."""
-        text = received(self._connection, 4096).decode()
+        text = receive(self._connection, 4096).decode()
         return text.split("\r\n")[:-1]
 
-    def location(self) -> tuple[float, float, float]:
+    def read_location(self) -> tuple[float, float, float]:
         """Return the next true place that survives."""
         pattern = r"SEN \{Time [\d.]+\} \{Type GroundTruth\}.*\{Location (\S+),(\S+),(\S+)\}.*"
         while True:
-            for line in self.lines():
+            for line in self.read_lines():
                 if found := re.fullmatch(pattern, line):
                     x, y, z = map(float, found.groups())
                     return x, y, z
@@ -55,17 +55,17 @@ def robot(server: RunningServer):
 
 def test_location_when_its_numbers_lack_zeros_is_understood(robot: MatlabRobot) -> None:
     robot.init(".4", ".4", "1.8")
-    assert robot.location()[:2] == pytest.approx((0.4, 0.4), abs=0.011)
+    assert robot.read_location()[:2] == pytest.approx((0.4, 0.4), abs=0.011)
 
 
 def test_location_when_y_was_zero_is_the_one_that_was_sent(robot: MatlabRobot) -> None:
     robot.init("-1", "0", "1.8")
-    assert robot.location()[:2] == pytest.approx((-1.0, 0.1), abs=0.011)
+    assert robot.read_location()[:2] == pytest.approx((-1.0, 0.1), abs=0.011)
 
 
 def test_reads_when_they_lose_partial_lines_still_see_the_robot_move(robot: MatlabRobot) -> None:
     robot.init("0", "0", "1.8")
-    begin = robot.location()
+    begin = robot.read_location()
     robot.drive(2.0, 2.0)
-    while robot.location()[0] < begin[0] + 0.1:
+    while robot.read_location()[0] < begin[0] + 0.1:
         pass

@@ -29,16 +29,16 @@ class UsarsimInf:
         """Bring the robot into the world, and ask for it and for RFID."""
         self.wire.send("INIT {Classname USARBot.P2AT} {Name robot1} {Location 0.0,0.0,0.0}\r\n")
         self.wire.send("GETCONF {Type RFID}\r\nGETGEO {Type RFID}\r\n")
-        self._learn("Robot", "robot1")
+        self._register("Robot", "robot1")
 
     def listen(self) -> str:
         """Take in one line; return it."""
-        line = self.wire.line()
+        line = self.wire.read_line()
         word, blocks = line.partition(" ")[0], re.findall(r"\{(\S+) ?([^}]*)\}", line)
         if word == "SEN":
-            self._hear(blocks)
+            self._handle_blocks(blocks)
         elif word in self._waiting:
-            self._take_answer(word, line)
+            self._handle_answer(word, line)
         return line
 
     @property
@@ -49,34 +49,34 @@ class UsarsimInf:
     def drive(self, linear_m_s: float, angular_rad_s: float) -> str:
         """Send a twist, angular counter-clockwise, as wheel speeds by the robot's GEO."""
         geometry = self.answers["GEO", "Robot", "robot1"]
-        radius, track = (_number(geometry, key) for key in ("WheelRadius", "WheelSeparation"))
+        radius, track = (_parse_number(geometry, key) for key in ("WheelRadius", "WheelSeparation"))
         left = (linear_m_s - 0.5 * track * angular_rad_s) / radius
         right = (linear_m_s + 0.5 * track * angular_rad_s) / radius
         command = f"Drive {{Left {left:f}}} {{Right {right:f}}}"
         self.wire.send(command + "\r\n")
         return command
 
-    def _hear(self, blocks: list[tuple[str, str]]) -> None:
+    def _handle_blocks(self, blocks: list[tuple[str, str]]) -> None:
         type_ = next(value for key, value in blocks if key == "Type")
         for name in (value.split(" ")[0] for key, value in blocks if key == "Name"):
-            self._learn(type_, name)
+            self._register(type_, name)
 
-    def _learn(self, type_: str, name: str) -> None:
+    def _register(self, type_: str, name: str) -> None:
         if (type_, name) in self._known:
             return
         self._known.add((type_, name))
         for word, waiting in self._waiting.items():
             waiting.append((type_, name))
             if len(waiting) == 1:
-                self._ask(word)
+                self._request(word)
 
-    def _ask(self, word: str) -> None:
+    def _request(self, word: str) -> None:
         type_, name = self._waiting[word][0]
         command = f"GET{word} {{Type {type_}}} {{Name {name}}}\r\n"
         self.asked[command] += 1
         self.wire.send(command)
 
-    def _take_answer(self, word: str, line: str) -> None:
+    def _handle_answer(self, word: str, line: str) -> None:
         waiting = self._waiting[word]
         if "{Type RFID}" in line and (not waiting or waiting[0][0] != "RFID"):
             return  # of the question that is asked once
@@ -87,10 +87,10 @@ class UsarsimInf:
             self.answers[word, type_, name] = line
             waiting.popleft()
         if waiting:
-            self._ask(word)
+            self._request(word)
 
 
-def _number(line: str, key: str) -> float:
+def _parse_number(line: str, key: str) -> float:
     found = re.search(rf"\{{{key} (-?[\d.]+)\}}", line)
     assert found, f"{key} is not in {line}"
     return float(found[1])
@@ -128,12 +128,12 @@ def test_questions_when_all_are_answered_stay_answered(client: UsarsimInf) -> No
 
 def test_scanner_when_read_case_sensitively_tells_its_field_of_view(client: UsarsimInf) -> None:
     scanner = client.answers["CONF", "RangeScanner", "Scanner1"]
-    assert _number(scanner, "Fov") == pytest.approx(3.1415)
-    assert _number(scanner, "MaxRange") == 20.0
-    scan = client.wire.line_with("SEN {Time")
+    assert _parse_number(scanner, "Fov") == pytest.approx(3.1415)
+    assert _parse_number(scanner, "MaxRange") == 20.0
+    scan = client.wire.read_line_starting_with("SEN {Time")
     while "{Type RangeScanner}" not in scan:
-        scan = client.wire.line_with("SEN {Time")
-    assert _number(scan, "FOV") == pytest.approx(3.1415)
+        scan = client.wire.read_line_starting_with("SEN {Time")
+    assert _parse_number(scan, "FOV") == pytest.approx(3.1415)
 
 
 def test_drive_when_counter_clockwise_turns_the_robot_left(client: UsarsimInf) -> None:
@@ -142,14 +142,14 @@ def test_drive_when_counter_clockwise_turns_the_robot_left(client: UsarsimInf) -
     while x < 0.3:
         truth = client.listen()
         if "{Type GroundTruth}" in truth:
-            x, y, _ = _vector(truth, "Location")
-            yaw = _vector(truth, "Orientation")[2]
+            x, y, _ = _parse_vector(truth, "Location")
+            yaw = _parse_vector(truth, "Orientation")[2]
     # SAE: left is y < 0 and a yaw that falls from 2 pi. 0.1 rad/s for some 1.5 s.
     assert 6.0 < yaw < 6.25
     assert y < 0.0
 
 
-def _vector(line: str, key: str) -> tuple[float, float, float]:
+def _parse_vector(line: str, key: str) -> tuple[float, float, float]:
     found = re.search(rf"\{{{key} ([^}}]*)\}}", line)
     assert found, f"{key} is not in {line}"
     x, y, z = map(float, found[1].split(","))

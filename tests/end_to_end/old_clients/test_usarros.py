@@ -29,13 +29,13 @@ def wire(server: RunningServer) -> Iterator[LineSocket]:
 def test_commands_when_behind_init_find_the_robot_in_their_order(wire: LineSocket) -> None:
     expected = ["NFO {Gametype", "SEN", "NFO {StartPoses 2}", "GEO {Type GroundVehicle}"]
     for start in (*expected, "CONF {Type GroundVehicle}", "CONF {Type RangeScanner}"):
-        wire.line_with(start)
+        wire.read_line_starting_with(start)
 
 
 def test_robot_when_spawned_with_a_roll_of_pi_stands_upright_and_drives(wire: LineSocket) -> None:
     locations = []
     while len(locations) < 6:
-        if "{Type GroundTruth}" in (line := wire.line()):
+        if "{Type GroundTruth}" in (line := wire.read_line()):
             numbers = (
                 line.replace("}", ",").replace("{Location ", ",").replace("{Orientation ", ",")
             )

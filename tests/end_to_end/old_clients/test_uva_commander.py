@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.frame import rgb_from_file
-from helpers.old_sockets import LineSocket, connected, exactly
-from helpers.server_process import RunningServer, running_server
+from catoptra_client.frame import rgb_from_image_bytes
+from helpers.old_sockets import LineSocket, connect, receive_exactly
+from helpers.server_process import RunningServer, start_server
 
 Pose = tuple[float, ...]
 
@@ -20,14 +20,14 @@ class UsarCommander:
 
     def __init__(self, port: int) -> None:
         self.wire = LineSocket(port, size=4096)
-        assert self.wire.line().startswith("NFO {Gametype")
+        assert self.wire.read_line().startswith("NFO {Gametype")
         self.wire.send("GETSTARTPOSES\r\n")
-        self.starts = self._start_poses(self.wire.line())
+        self.starts = self._start_poses(self.wire.read_line())
 
     def spawn(self) -> str:
         """Spawn at the first start pose; return its name."""
         name = next(iter(self.starts))
-        location, rotation = (_text(self.starts[name][i : i + 3]) for i in (0, 3))
+        location, rotation = (_format_numbers(self.starts[name][i : i + 3]) for i in (0, 3))
         self.wire.send(
             f"INIT {{ClassName USARBot.OmniP2AT}} {{Name uva}} {{Location {location}}} "
             f"{{Rotation {rotation}}}\r\n"
@@ -46,7 +46,7 @@ class UsarCommander:
         return dict(zip(names, poses, strict=True))
 
 
-def _text(numbers: Pose) -> str:
+def _format_numbers(numbers: Pose) -> str:
     return ",".join(f"{number:.4f}" for number in numbers)
 
 
@@ -54,24 +54,24 @@ class LegacyViewer:
     """The image side: the first frame comes unasked, then OK is sent after each frame."""
 
     def __init__(self, port: int) -> None:
-        self.connection = connected(port)
+        self.connection = connect(port)
 
-    def frame(self) -> bytes:
+    def read_frame(self) -> bytes:
         """Return a frame's JPEG, and ask for the next as soon as it is there."""
-        header = exactly(self.connection, 5)
+        header = receive_exactly(self.connection, 5)
         assert 1 <= header[0] <= 5
-        payload = exactly(self.connection, int.from_bytes(header[1:], "big"))
+        payload = receive_exactly(self.connection, int.from_bytes(header[1:], "big"))
         self.connection.sendall(b"OK")
         return payload
 
 
 @pytest.fixture(scope="module")
-def legacy(tmp_path_factory: pytest.TempPathFactory, room: Path) -> Iterator[RunningServer]:
+def legacy_server(tmp_path_factory: pytest.TempPathFactory, room: Path) -> Iterator[RunningServer]:
     """Serve images as ImageSrv did."""
     folder = tmp_path_factory.mktemp("legacy")
-    with running_server(folder, "--legacy-images", world=room) as running:
+    with start_server(folder, "--legacy-images", world=room) as running:
         yield running
-        assert running.end() == 0
+        assert running.terminate() == 0
 
 
 def test_robot_when_start_poses_were_awaited_stands_on_the_first(legacy: RunningServer) -> None:
@@ -82,7 +82,7 @@ def test_robot_when_start_poses_were_awaited_stands_on_the_first(legacy: Running
             "Robot2": pytest.approx((1.0, 1.0, 0.0, 0.0, 0.0, 1.57)),
         }
         assert commander.spawn() == "Robot1"
-        truth = commander.wire.line_with("SEN {Time")
+        truth = commander.wire.read_line_starting_with("SEN {Time")
     x, y = map(float, re.findall(r"\{Location (\S+),(\S+),\S+\}", truth)[0])
     assert (x, y) == pytest.approx((0.0, 0.0), abs=0.011)
 
@@ -92,10 +92,10 @@ def test_viewer_when_it_waits_for_the_first_frame_gets_one_after_the_other(
 ) -> None:
     commander, viewer = UsarCommander(legacy.control_port), LegacyViewer(legacy.image_port)
     with commander.wire, viewer.connection:
-        first = rgb_from_file(viewer.frame())
+        first = rgb_from_image_bytes(viewer.read_frame())
         commander.spawn()
-        commander.wire.line_with("STA")
-        pictures = [rgb_from_file(viewer.frame()) for _ in range(10)]
+        commander.wire.read_line_starting_with("STA")
+        pictures = [rgb_from_image_bytes(viewer.read_frame()) for _ in range(10)]
     assert {picture.shape for picture in (first, *pictures)} == {(64, 64, 3)}
     assert not first.any()
     # The red wall and the blue one.

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.optics.cube import (
-    FACE_AXES,
-    FIVE_FACE_LIMIT_RAD,
+    MIRROR_FROM_FACE_ROTATIONS,
+    MAX_FIVE_FACE_RIM_RAD,
     Face,
     face_coordinates,
     face_from_direction,
-    faces_seen,
+    visible_faces,
     mirror_from_face,
 )
 
@@ -24,7 +24,7 @@ COMPONENT = st.floats(-1.0, 1.0)
 
 
 def test_axes_when_listed_are_rotations_of_exact_quarters() -> None:
-    for axes in FACE_AXES:
+    for axes in MIRROR_FROM_FACE_ROTATIONS:
         np.testing.assert_array_equal(axes @ axes.T, np.eye(3))
         assert np.linalg.det(axes) == pytest.approx(1.0)
         assert set(np.abs(axes).ravel()) == {0.0, 1.0}
@@ -60,7 +60,7 @@ def test_direction_when_any_has_one_face_that_sees_it_and_leads_back(
     face = face_from_direction(direction)
     s, t = face_coordinates(direction, face)
     assert max(abs(s), abs(t)) <= 1.0
-    back = FACE_AXES[face] @ (1.0, s, t) * np.abs(direction).max()
+    back = MIRROR_FROM_FACE_ROTATIONS[face] @ (1.0, s, t) * np.abs(direction).max()
     np.testing.assert_allclose(back, direction, atol=1e-15)
 
 
@@ -68,7 +68,7 @@ def test_direction_when_any_has_one_face_that_sees_it_and_leads_back(
 def test_direction_when_on_an_edge_or_corner_goes_to_the_first_face(
     direction: tuple[float, float, float],
 ) -> None:
-    forward = [FACE_AXES[face][:, 0] @ direction for face in Face]
+    forward = [MIRROR_FROM_FACE_ROTATIONS[face][:, 0] @ direction for face in Face]
     first = forward.index(max(forward))
     assert face_from_direction(np.array(direction)) == first
 
@@ -81,16 +81,16 @@ def test_direction_when_broadcast_keeps_its_shape() -> None:
 
 
 def test_limit_of_five_faces_is_125_264_degrees() -> None:
-    assert math.degrees(FIVE_FACE_LIMIT_RAD) == pytest.approx(125.264, abs=5e-4)
+    assert math.degrees(MAX_FIVE_FACE_RIM_RAD) == pytest.approx(125.264, abs=5e-4)
 
 
 @pytest.mark.parametrize(("beyond_rad", "above"), [(-1e-9, False), (1e-9, True)])
 def test_corner_of_a_side_face_is_the_limit(beyond_rad: float, above: bool) -> None:
-    theta = FIVE_FACE_LIMIT_RAD + beyond_rad
+    theta = MAX_FIVE_FACE_RIM_RAD + beyond_rad
     side = math.sin(theta) / math.sqrt(2.0)
     face = face_from_direction(np.array([side, side, math.cos(theta)]))
     assert bool(face == Face.U) is above
-    assert (Face.U in faces_seen(theta)) is above
+    assert (Face.U in visible_faces(theta)) is above
 
 
 def test_middle_of_a_side_face_reaches_135_degrees() -> None:

@@ -67,8 +67,8 @@ def test_pose_when_composed_applies_the_inner_one_first() -> None:
     composed = world_from_robot @ robot_from_mirror
     np.testing.assert_allclose(composed.translation, (1.0, 2.5, -0.4), atol=EXACT)
     point = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    one_by_one = world_from_robot.points(robot_from_mirror.points(point))
-    np.testing.assert_allclose(composed.points(point), one_by_one, atol=EXACT)
+    one_by_one = world_from_robot.transform_points(robot_from_mirror.transform_points(point))
+    np.testing.assert_allclose(composed.transform_points(point), one_by_one, atol=EXACT)
 
 
 def test_pose_when_inverted_undoes_itself() -> None:
@@ -80,7 +80,7 @@ def test_pose_when_inverted_undoes_itself() -> None:
 
 def test_direction_when_moved_to_the_parent_is_not_translated() -> None:
     pose = Pose.from_rpy((9.0, 9.0, 9.0), (0.0, 0.0, QUARTER))
-    np.testing.assert_allclose(pose.directions(np.array([1.0, 0, 0])), (0, 1, 0), atol=EXACT)
+    np.testing.assert_allclose(pose.rotate_directions(np.array([1.0, 0, 0])), (0, 1, 0), atol=EXACT)
 
 
 def test_pose_when_made_cannot_be_changed() -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
-from catoptra_protocol.optics.image_scale import image_scale, shows_whole_rim, visible_radii_px
+from catoptra_protocol.optics.image_scale import compute_image_scale, shows_whole_rim, visible_radii_px
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
-from helpers.worlds import PAPER_MIRROR, omni_camera
+from helpers.worlds import PAPER_MIRROR, make_omni_camera
 
-CAMERA = omni_camera(width_px=360)
+CAMERA = make_omni_camera(width_px=360)
 CROPPED = OmniCamera(PAPER_MIRROR, 200, 100, (-30.0, 40.0), 103.0, math.radians(120.0))
 
 
@@ -33,30 +33,30 @@ def numeric_scales(camera: OmniCamera, theta: float) -> tuple[float, float]:
     "mirror", [PAPER_MIRROR, HyperbolicMirror(2.5, 0.1), ParabolicMirror(0.03)], ids=str
 )
 def test_scales_are_the_derivatives_of_the_law(mirror: CentralMirror) -> None:
-    camera = omni_camera(mirror=mirror, width_px=360, rim_deg=105.0)
-    scale = image_scale(camera)
+    camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=105.0)
+    scale = compute_image_scale(camera)
     for ring in (20, 64, 110):
         theta = 2.0 * math.atan(scale.t[ring])
         along, across = numeric_scales(camera, theta)
-        assert scale.along[ring] == pytest.approx(along, rel=1e-6)
-        assert scale.across[ring] == pytest.approx(across, rel=1e-6)
+        assert scale.radial[ring] == pytest.approx(along, rel=1e-6)
+        assert scale.tangential[ring] == pytest.approx(across, rel=1e-6)
 
 
 def test_scales_reach_from_the_axis_over_the_horizon_to_the_rim() -> None:
-    scale = image_scale(CAMERA)
+    scale = compute_image_scale(CAMERA)
     assert scale.t[0] == 0.0
     assert 1.0 in scale.t
     assert scale.t[-1] == pytest.approx(CAMERA.rim_t)
-    assert scale.along[0] == scale.across[0]
-    assert scale.weight.sum() == pytest.approx(1.0)
+    assert scale.radial[0] == scale.tangential[0]
+    assert scale.area_weight.sum() == pytest.approx(1.0)
 
 
 def test_extremes_are_those_of_the_reference() -> None:
-    scale = image_scale(CAMERA)
+    scale = compute_image_scale(CAMERA)
     # Derived: 0.272 degrees a pixel at the rim, 1.110 in the middle.
     assert math.degrees(1.0 / scale.max_px_per_rad) == pytest.approx(0.272, abs=5e-4)
-    assert math.degrees(1.0 / scale.along[0]) == pytest.approx(1.110, abs=5e-3)
-    assert scale.along[0] < scale.rms_px_per_rad < scale.max_px_per_rad
+    assert math.degrees(1.0 / scale.radial[0]) == pytest.approx(1.110, abs=5e-3)
+    assert scale.radial[0] < scale.rms_px_per_rad < scale.max_px_per_rad
 
 
 def test_radii_of_a_cropped_image_are_those_it_shows() -> None:

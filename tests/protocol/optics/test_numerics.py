@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import (
     TWO_PI,
-    angle_between,
+    interpolate_angle,
     angle_difference,
     wrap_angle,
 )
@@ -49,7 +49,7 @@ def test_angle_when_wrapped_is_congruent_and_inside(angle: float) -> None:
 
 @pytest.mark.parametrize("angle", [math.inf, -math.inf, math.nan])
 def test_angle_when_not_finite_is_refused(angle: float) -> None:
-    for wrong in (wrap_angle, partial(angle_difference, 0.0), partial(angle_between, 0.0, share=1)):
+    for wrong in (wrap_angle, partial(angle_difference, 0.0), partial(interpolate_angle, 0.0, fraction=1)):
         with pytest.raises(DomainError, match="finite"):
             wrong(angle)
 
@@ -67,4 +67,4 @@ def test_difference_of_opposite_angles_is_half_a_turn_to_the_right() -> None:
 @pytest.mark.parametrize(("share", "angle"), [(0.0, 3.0), (0.5, math.pi), (1.0, TWO_PI - math.pi)])
 def test_angle_between_goes_the_shorter_way(share: float, angle: float) -> None:
     end = 2.0 * math.pi - 3.0 if share < 1.0 else math.pi
-    assert angle_between(3.0, end, share=share) == pytest.approx(angle, abs=1e-15)
+    assert interpolate_angle(3.0, end, fraction=share) == pytest.approx(angle, abs=1e-15)

@@ -15,32 +15,32 @@ from catoptra_protocol.wire.commands_drive import (
     LinkCommand,
     MisPkg,
     MultiDrive,
-    Order,
+    ControlOrder,
 )
 from catoptra_protocol.wire.grammar import parse_message
 from catoptra_protocol.wire.limits import MAX_NAME_CHARS
 
-Motion = DriveJoints | MultiDrive | MisPkg
+DriveCommand = DriveJoints | MultiDrive | MisPkg
 
 
 def read(line: str) -> object:
     return command_from_message(parse_message(line))
 
 
-WRITTEN: list[tuple[Motion, str]] = [
+WRITTEN: list[tuple[DriveCommand, str]] = [
     (DriveJoints((JointCommand("FRFlipper", 1.5),)), "DRIVE {Name FRFlipper} {Value 1.5}"),
     (
-        DriveJoints((JointCommand("Arm", -0.5, Order.RELATIVE_ANGLE, 0.25),)),
+        DriveJoints((JointCommand("Arm", -0.5, ControlOrder.RELATIVE_ANGLE, 0.25),)),
         "DRIVE {Name Arm} {Steer 0.25} {Order 10} {Value -0.5}",
     ),
     (
-        DriveJoints((JointCommand("A", 1.0), JointCommand("B", -2.0, Order.SPEED))),
+        DriveJoints((JointCommand("A", 1.0), JointCommand("B", -2.0, ControlOrder.SPEED))),
         "DRIVE {Name A} {Value 1.0} {Name B} {Order 1} {Value -2.0}",
     ),
     (MultiDrive((("A", 1.0), ("B", -2.0))), "MULTIDRIVE {A 1.0} {B -2.0}"),
     (MultiDrive(()), "MULTIDRIVE"),
     (
-        MisPkg("P", (LinkCommand(1, 0.5), LinkCommand(2, -1.0, Order.SPEED))),
+        MisPkg("P", (LinkCommand(1, 0.5), LinkCommand(2, -1.0, ControlOrder.SPEED))),
         "MISPKG {Name P} {Link 1} {Value 0.5} {Link 2} {Value -1.0} {Order 1}",
     ),
     (MisPkg("P", gripper=1.0), "MISPKG {Name P} {Gripper 1.0}"),
@@ -49,7 +49,7 @@ WRITTEN: list[tuple[Motion, str]] = [
 
 
 @pytest.mark.parametrize(("command", "line"), WRITTEN, ids=[line for _, line in WRITTEN])
-def test_motion_when_written_and_read_is_the_same(command: Motion, line: str) -> None:
+def test_motion_when_written_and_read_is_the_same(command: DriveCommand, line: str) -> None:
     assert line_from_command(command) == line.encode() + b"\r\n"
     assert read(line) == command
 
@@ -88,7 +88,7 @@ LINKS = st.builds(LinkCommand, st.integers(-9, 99), st.none() | NUMBERS, st.inte
 JOINTS = st.builds(
     JointCommand, NAMES, st.none() | NUMBERS, st.integers(-3, 12), st.none() | NUMBERS
 )
-MOTIONS = (
+DRIVE_COMMANDS = (
     st.builds(DriveJoints, st.lists(JOINTS, min_size=1).map(tuple))
     | st.builds(MultiDrive, st.lists(st.tuples(NAMES, NUMBERS)).map(tuple))
     | st.builds(MisPkg, NAMES, st.lists(LINKS).map(tuple), st.none() | NUMBERS, st.none() | NUMBERS)
@@ -96,6 +96,6 @@ MOTIONS = (
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
-@given(MOTIONS)
-def test_motion_when_any_is_written_and_read_is_the_same(command: Motion) -> None:
+@given(DRIVE_COMMANDS)
+def test_motion_when_any_is_written_and_read_is_the_same(command: DriveCommand) -> None:
     assert read(line_from_command(command).decode("latin-1").rstrip()) == command

@@ -10,14 +10,14 @@ from catoptra_protocol.wire.commands import command_from_message, line_from_comm
 from catoptra_protocol.wire.commands_set import Set, SetViewports, Trace
 from catoptra_protocol.wire.grammar import parse_message
 
-Setting = Set | SetViewports | Trace
+SetCommand = Set | SetViewports | Trace
 
 
 def read(line: str) -> object:
     return command_from_message(parse_message(line))
 
 
-WRITTEN: list[tuple[Setting, str]] = [
+WRITTEN: list[tuple[SetCommand, str]] = [
     (Set("Odometry", "Odometry", "RESET"), "SET {Type Odometry} {Name Odometry} {Opcode RESET}"),
     (Set("Camera", "Camera", fov_rad=0.7853), "SET {Type Camera} {Name Camera} {FOV 0.7853}"),
     (
@@ -34,7 +34,7 @@ WRITTEN: list[tuple[Setting, str]] = [
 
 
 @pytest.mark.parametrize(("command", "line"), WRITTEN, ids=[line for _, line in WRITTEN])
-def test_setting_when_written_and_read_is_the_same(command: Setting, line: str) -> None:
+def test_setting_when_written_and_read_is_the_same(command: SetCommand, line: str) -> None:
     assert line_from_command(command) == line.encode() + b"\r\n"
     assert read(line) == command
 
@@ -51,7 +51,7 @@ PARAMETERS = [
 def test_parameters_when_read_as_numbers_are_separated_as_vectors_are(
     params: str | None, numbers: tuple[float, ...]
 ) -> None:
-    assert Set("INS", params=params).numbers() == numbers
+    assert Set("INS", params=params).numeric_params() == numbers
 
 
 FIELDS_OF_VIEW = [
@@ -68,12 +68,12 @@ FIELDS_OF_VIEW = [
 def test_field_of_view_when_asked_for_in_either_form_is_found(
     command: Set, fov_rad: float | None
 ) -> None:
-    assert command.wanted_fov_rad() == fov_rad
+    assert command.parse_fov_rad() == fov_rad
 
 
 WORDS = st.none() | st.text("abcXYZ_,.09", min_size=1, max_size=9)
 NUMBERS = st.none() | st.floats(allow_nan=False, allow_infinity=False)
-SETTINGS = (
+SET_COMMANDS = (
     st.builds(Set, st.sampled_from(["INS", "Camera", "K"]), WORDS, WORDS, WORDS, NUMBERS)
     | st.builds(SetViewports, WORDS, st.tuples(WORDS, WORDS, WORDS, WORDS))
     | st.builds(Trace, st.booleans(), NUMBERS, WORDS)
@@ -81,6 +81,6 @@ SETTINGS = (
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
-@given(SETTINGS)
-def test_setting_when_any_is_written_and_read_is_the_same(command: Setting) -> None:
+@given(SET_COMMANDS)
+def test_setting_when_any_is_written_and_read_is_the_same(command: SetCommand) -> None:
     assert read(line_from_command(command).decode("latin-1").rstrip()) == command

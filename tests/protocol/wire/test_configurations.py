@@ -8,11 +8,11 @@ from catoptra_protocol.wire.configurations import (
     CameraConfiguration,
     Configuration,
     EncoderConfiguration,
-    IntervalConfiguration,
+    ScanIntervalConfiguration,
     OdometryConfiguration,
     RangeScannerConfiguration,
     SonarConfiguration,
-    Tile,
+    TextureRegion,
     TouchConfiguration,
     VehicleConfiguration,
 )
@@ -20,14 +20,14 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import parse_message
 from catoptra_protocol.wire.reports import AnyConfiguration, line_from_report, report_from_message
 
-CAMERA = CameraConfiguration("C", 80.0, 20.0, 120.0, 80.0, Tile(0, 0, 32, 24), (("Lens", "x"),))
+CAMERA = CameraConfiguration("C", 80.0, 20.0, 120.0, 80.0, TextureRegion(0, 0, 32, 24), (("Lens", "x"),))
 ALL: list[tuple[AnyConfiguration, str]] = [
     (VehicleConfiguration("P2AT", 14.0, 5.385, 60.0), "GroundVehicle"),
     (RangeScannerConfiguration("S", 20.0, 0.1, 0.0174, 3.1415), "RangeScanner"),
     (SonarConfiguration("F1", 5.0, 0.1, 0.3491), "Sonar"),
     (EncoderConfiguration("E", 0.0174), "Encoder"),
     (OdometryConfiguration("O", 0.2, 0.0099), "Odometry"),
-    (IntervalConfiguration("GPS", "G", 1.0), "GPS"),
+    (ScanIntervalConfiguration("GPS", "G", 1.0), "GPS"),
     (TouchConfiguration("T", 0.01), "Touch"),
     (CAMERA, "Camera"),
 ]

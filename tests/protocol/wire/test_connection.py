@@ -13,7 +13,7 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import (
     Greeting,
     OdometryReading,
-    Result,
+    CommandResult,
     SonarReadings,
     VehicleStatus,
 )
@@ -22,7 +22,7 @@ from catoptra_protocol.wire.states import ControlState
 GREETING = Greeting("BotDeathMatch", "field")
 
 
-def greeted() -> ControlServer:
+def greet_client() -> ControlServer:
     server = ControlServer()
     server.send(GREETING)
     return server
@@ -35,8 +35,8 @@ def test_conversation_when_held_in_memory_delivers_both_ways() -> None:
     assert server.receive(client.send(Init("P2AT"))) == [Init("P2AT")]
     assert server.receive(client.send(Step(0.2))) == [Step(0.2)]
     reports = [VehicleStatus(0.2, 1199), OdometryReading("O", 0.0, 0.0, 0.0)]
-    data = b"".join(server.send(report) for report in (*reports, Result(0.2, "Step", "Clock")))
-    assert client.receive(data) == [*reports, Result(0.2, "Step", "Clock")]
+    data = b"".join(server.send(report) for report in (*reports, CommandResult(0.2, "Step", "Clock")))
+    assert client.receive(data) == [*reports, CommandResult(0.2, "Step", "Clock")]
 
 
 def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -> None:
@@ -50,7 +50,7 @@ def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -
 
 def test_server_when_it_has_greeted_refuses_to_greet_again() -> None:
     with pytest.raises(LocalProtocolError, match="once"):
-        greeted().send(GREETING)
+        greet_client().send(GREETING)
 
 
 def test_greeting_when_it_cannot_be_sent_is_not_counted_as_sent() -> None:
@@ -62,7 +62,7 @@ def test_greeting_when_it_cannot_be_sent_is_not_counted_as_sent() -> None:
 
 def test_server_when_there_is_no_robot_drops_what_needs_one() -> None:
     data = b"DRIVE {Left 1}\nGETCONF {Type Robot}\nGETGEO {Type Robot}\nSTEP {Time 1}\n"
-    assert greeted().receive(data) == [Step(1.0)]
+    assert greet_client().receive(data) == [Step(1.0)]
 
 
 def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
@@ -70,29 +70,29 @@ def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
         b"INIT {ClassName A}\r\nGETGEO {Type Robot}\r\nGETCONF {Type Robot}\r\nDRIVE {Left 1}\r\n"
     )
     expected = [Init("A"), GetGeo("Robot"), GetConf("Robot"), Drive(left=1.0)]
-    assert greeted().receive(data) == expected
+    assert greet_client().receive(data) == expected
 
 
 def test_server_when_a_second_init_comes_drops_it() -> None:
-    server = greeted()
+    server = greet_client()
     assert server.receive(b"INIT {ClassName A}\nINIT {ClassName B}\n") == [Init("A")]
     assert server.receive(b"INIT {ClassName C}\n") == []
 
 
 def test_server_when_init_was_refused_takes_another() -> None:
-    server = greeted()
+    server = greet_client()
     server.receive(b"INIT {ClassName Unknown}\n")
-    server.refuse_init()
+    server.reject_init()
     assert server.receive(b"DRIVE {Left 1}\nINIT {ClassName A}\n") == [Init("A")]
 
 
 def test_refuse_init_when_there_was_none_is_our_fault() -> None:
     with pytest.raises(LocalProtocolError, match="no INIT"):
-        greeted().refuse_init()
+        greet_client().reject_init()
 
 
 def test_server_when_sent_stray_text_ignores_it() -> None:
-    assert greeted().receive(b"\r\n\0\0 hello {x}\nPING\n{}\n\xff\xfe\nGETSTARTPOSES\n") == [
+    assert greet_client().receive(b"\r\n\0\0 hello {x}\nPING\n{}\n\xff\xfe\nGETSTARTPOSES\n") == [
         GetStartPoses()
     ]
 
@@ -127,9 +127,9 @@ PIECES = st.sampled_from(
 @given(st.lists(PIECES | st.binary(max_size=8)), st.integers(1, 9))
 def test_server_when_bytes_are_cut_anywhere_hears_the_same(pieces: list[bytes], size: int) -> None:
     data = b"".join(pieces)
-    server = greeted()
+    server = greet_client()
     cut = [c for i in range(0, len(data), size) for c in server.receive(data[i : i + size])]
-    assert cut == greeted().receive(data)
+    assert cut == greet_client().receive(data)
 
 
 def test_conversation_when_in_udk_is_read_by_the_same_client() -> None:
@@ -140,5 +140,5 @@ def test_conversation_when_in_udk_is_read_by_the_same_client() -> None:
         SonarReadings(1.0, (("F1", 4.0),)),
         SonarReadings(1.0, (("F2", 2.0),)),
     ]
-    assert server.send(Result(1.0, "Odometry", "O")) == b""
+    assert server.send(CommandResult(1.0, "Odometry", "O")) == b""
     assert client.receive(server.send(VehicleStatus(1.0, 9))) == [VehicleStatus(1.0, 9)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.dialect import UDK_GLUED, Dialect
+from catoptra_protocol.wire.dialect import UDK_BLOCKS_WITHOUT_SPACE, Dialect
 from catoptra_protocol.wire.grammar import format_line
 
 
@@ -12,6 +12,6 @@ def test_dialect_when_named_on_a_command_line_is_found() -> None:
 
 def test_blocks_when_udk_glues_them_have_no_space_before() -> None:
     pairs = (("Orientation", "0,0,0"), ("Mount", "P3AT"), ("Name", "F2"))
-    assert format_line("GEO", pairs, UDK_GLUED) == (
+    assert format_line("GEO", pairs, UDK_BLOCKS_WITHOUT_SPACE) == (
         b"GEO {Orientation 0,0,0}{Mount P3AT} {Name F2}\r\n"
     )

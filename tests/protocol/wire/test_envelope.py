@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.wire.envelope import packed, read, read_text, unpacked
+from catoptra_protocol.wire.envelope import pack, dataclass_from_fields, read_str_field, unpack
 
 LIMIT = 1000
 
@@ -26,14 +26,14 @@ class Colour(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Inner:
+class NestedFields:
     """A part."""
 
     size: int
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class AllFieldTypes:
     """One field of each sort that is read."""
 
     whole: int
@@ -42,33 +42,33 @@ class Form:
     flag: bool
     maybe: float | None
     three: tuple[float, float, float]
-    some: tuple[Inner, ...]
+    some: tuple[NestedFields, ...]
     table: dict[str, float]
     colour: Colour
-    inner: Inner
+    inner: NestedFields
 
 
-FORM = Form(
-    *(1, 2.5, "a", True, None, (1.0, 2.0, 3.0), (Inner(4), Inner(5)), {"x": 6.0}),
-    *(Colour.BLUE, Inner(7)),
+ALL_FIELD_TYPES = AllFieldTypes(
+    *(1, 2.5, "a", True, None, (1.0, 2.0, 3.0), (NestedFields(4), NestedFields(5)), {"x": 6.0}),
+    *(Colour.BLUE, NestedFields(7)),
 )
-FIELDS = unpacked(packed("form", FORM), LIMIT)
+FIELDS = unpack(pack("form", ALL_FIELD_TYPES), LIMIT)
 
 
 def test_dataclass_when_packed_and_read_is_itself() -> None:
-    assert read(Form, FIELDS) == FORM
-    assert read_text(FIELDS, "kind") == "form"
+    assert dataclass_from_fields(AllFieldTypes, FIELDS) == ALL_FIELD_TYPES
+    assert read_str_field(FIELDS, "kind") == "form"
 
 
 def test_fields_when_unknown_are_ignored() -> None:
-    assert read(Form, {**FIELDS, "new": [1, 2]}) == FORM
+    assert dataclass_from_fields(AllFieldTypes, {**FIELDS, "new": [1, 2]}) == ALL_FIELD_TYPES
 
 
 @pytest.mark.parametrize("name", [name for name in FIELDS if name != "kind"])
 def test_field_when_missing_is_refused_with_its_name(name: str) -> None:
     fields = {key: value for key, value in FIELDS.items() if key != name}
     with pytest.raises(RemoteProtocolError, match=f"Form without the field '{name}'"):
-        read(Form, fields)
+        dataclass_from_fields(AllFieldTypes, fields)
 
 
 WRONG = [
@@ -96,7 +96,7 @@ def test_field_when_wrong_is_refused_with_name_value_and_expectation(
     name: str, value: object, said: str
 ) -> None:
     with pytest.raises(RemoteProtocolError, match=said):
-        read(Form, {**FIELDS, name: value})
+        dataclass_from_fields(AllFieldTypes, {**FIELDS, name: value})
 
 
 BAD = {
@@ -120,20 +120,20 @@ BAD = {
 @pytest.mark.parametrize("data", BAD.values(), ids=BAD.keys())
 def test_bytes_when_not_a_map_within_limits_are_refused(data: bytes) -> None:
     with pytest.raises(RemoteProtocolError):
-        unpacked(data, LIMIT)
+        unpack(data, LIMIT)
 
 
 def test_bytes_when_too_many_are_refused_unread() -> None:
     with pytest.raises(RemoteProtocolError, match="1001 bytes: at most 1000"):
-        unpacked(bytes(LIMIT + 1), LIMIT)
+        unpack(bytes(LIMIT + 1), LIMIT)
 
 
 def test_number_when_not_finite_is_not_sent() -> None:
     with pytest.raises(LocalProtocolError, match=r"Bad\.number"):
-        packed("bad", _bad())
+        pack("bad", _non_finite_message())
 
 
-def _bad() -> object:
+def _non_finite_message() -> object:
     @dataclass(frozen=True)
     class Bad:
         number: float
@@ -143,12 +143,12 @@ def _bad() -> object:
 
 def test_text_when_missing_is_named() -> None:
     with pytest.raises(RemoteProtocolError, match="'kind'"):
-        read_text({}, "kind")
+        read_str_field({}, "kind")
 
 
 @given(st.binary(max_size=60))
 def test_any_bytes_are_read_or_refused(data: bytes) -> None:
-    refused_or_read(data)
+    check_read_or_rejection(data)
 
 
 VALUES = st.recursive(
@@ -160,10 +160,10 @@ VALUES = st.recursive(
 
 @given(st.dictionaries(st.sampled_from(sorted(FIELDS)), VALUES))
 def test_any_map_is_read_or_refused(changes: dict[str, object]) -> None:
-    refused_or_read(msgpack.packb({**FIELDS, **changes}))
+    check_read_or_rejection(msgpack.packb({**FIELDS, **changes}))
 
 
-def refused_or_read(data: bytes) -> None:
+def check_read_or_rejection(data: bytes) -> None:
     """Read a form; fail for any error but the one that is meant."""
     with contextlib.suppress(RemoteProtocolError):
-        assert isinstance(read(Form, unpacked(data, LIMIT)), Form)
+        assert isinstance(dataclass_from_fields(AllFieldTypes, unpack(data, LIMIT)), AllFieldTypes)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.wire.grammar import LineReader, Message, format_line, groups, parse_message
+from catoptra_protocol.wire.grammar import LineReader, Message, format_line, split_groups, parse_message
 from catoptra_protocol.wire.limits import MAX_LINE_BYTES
 
 DETERMINISTIC = settings(derandomize=True, max_examples=200, deadline=None)
@@ -142,9 +142,9 @@ def test_str_when_text_cannot_be_printed_escapes_it() -> None:
 
 def test_groups_when_a_key_repeats_are_the_runs_it_begins() -> None:
     message = parse_message("X {Value 0} {Link 1} {Value 5} {link 2} {Link 3} {A b}")
-    assert [group.pairs for group in groups(message, "Link")] == [
+    assert [group.pairs for group in split_groups(message, "Link")] == [
         (("Link", "1"), ("Value", "5")),
         (("link", "2"),),
         (("Link", "3"), ("A", "b")),
     ]
-    assert groups(message, "Name") == []
+    assert split_groups(message, "Name") == []

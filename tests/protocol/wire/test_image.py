@@ -15,24 +15,24 @@ from catoptra_protocol.wire.image import (
     ImageRequest,
     ImageRequestReader,
     ImageType,
-    SubFrame,
-    WholeFrame,
-    WireFrame,
-    frame_header,
-    image_request,
-    raw_header,
-    raw_pitch,
-    raw_size,
+    RegionRequest,
+    FullFrameRequest,
+    EncodedFrame,
+    encode_frame_header,
+    encode_full_frame_request,
+    encode_raw_header,
+    raw_row_pitch,
+    parse_raw_size,
 )
 from catoptra_protocol.wire.limits import MAX_IMAGE_PAYLOAD_BYTES
 
 DETERMINISTIC = settings(derandomize=True, max_examples=200, deadline=None)
 
-WHOLE = WholeFrame()
+WHOLE = FullFrameRequest()
 RECTANGLE = struct.pack(">4I", 320, 0, 640, 480)
-SUB = SubFrame(320, 0, 640, 480)
+REGION = RegionRequest(320, 0, 640, 480)
 # A rectangle whose 16 bytes spell requests.
-SPELLED = b"OKOKUOKOKOKOKOKO"
+REGION_SPELLING_REQUESTS = b"OKOKUOKOKOKOKOKO"
 
 TAGS = [
     ("RAW", ImageType.RAW),
@@ -79,12 +79,12 @@ REQUESTS: list[tuple[bytes, list[ImageRequest]]] = [
     (b"OOK", []),  # O and the next byte are both swallowed
     (b"OOOK", [WHOLE]),
     (b"OU" + RECTANGLE, []),
-    (b"U" + RECTANGLE, [SUB]),
-    (b"\0\0\0U" + RECTANGLE, [SUB]),  # the Qt client's form
-    (b"U" + RECTANGLE + b"OK", [SUB, WHOLE]),
-    (b"U" + SPELLED, [SubFrame(*struct.unpack(">4I", SPELLED))]),
-    (b"U" + SPELLED[:15], []),
-    (b"U" + b"\xff" * 16, [SubFrame(*[0xFFFFFFFF] * 4)]),
+    (b"U" + RECTANGLE, [REGION]),
+    (b"\0\0\0U" + RECTANGLE, [REGION]),  # the Qt client's form
+    (b"U" + RECTANGLE + b"OK", [REGION, WHOLE]),
+    (b"U" + REGION_SPELLING_REQUESTS, [RegionRequest(*struct.unpack(">4I", REGION_SPELLING_REQUESTS))]),
+    (b"U" + REGION_SPELLING_REQUESTS[:15], []),
+    (b"U" + b"\xff" * 16, [RegionRequest(*[0xFFFFFFFF] * 4)]),
 ]
 
 
@@ -109,44 +109,44 @@ def test_request_reader_when_fed_any_bytes_does_not_depend_on_their_cuts(
 
 
 def test_request_reader_when_written_to_by_our_client_finds_a_whole_frame() -> None:
-    assert ImageRequestReader().receive(image_request()) == [WHOLE]
+    assert ImageRequestReader().receive(encode_full_frame_request()) == [WHOLE]
 
 
 def test_frame_header_when_packed_is_type_and_big_endian_length() -> None:
-    assert frame_header(ImageType.GOOD, 0x01020304) == b"\x02\x01\x02\x03\x04"
+    assert encode_frame_header(ImageType.GOOD, 0x01020304) == b"\x02\x01\x02\x03\x04"
 
 
 @pytest.mark.parametrize("length", [-1, 2**32])
 def test_frame_header_when_the_length_does_not_fit_refuses(length: int) -> None:
     with pytest.raises(LocalProtocolError, match="does not fit"):
-        frame_header(ImageType.RAW, length)
+        encode_frame_header(ImageType.RAW, length)
 
 
-def wire(frame: WireFrame) -> bytes:
-    return frame_header(frame.image_type, len(frame.payload)) + frame.payload
+def encode_frame(frame: EncodedFrame) -> bytes:
+    return encode_frame_header(frame.image_type, len(frame.payload)) + frame.payload
 
 
-FRAMES = st.builds(WireFrame, st.sampled_from(ImageType), st.binary(max_size=300))
+FRAMES = st.builds(EncodedFrame, st.sampled_from(ImageType), st.binary(max_size=300))
 
 
 @DETERMINISTIC
 @given(st.lists(FRAMES, max_size=5), st.integers(1, 50), st.binary(max_size=4))
 def test_frame_reader_when_bytes_are_cut_in_any_way_gives_the_frames(
-    frames: list[WireFrame], size: int, tail: bytes
+    frames: list[EncodedFrame], size: int, tail: bytes
 ) -> None:
-    data = b"".join(map(wire, frames)) + tail
+    data = b"".join(map(encode_frame, frames)) + tail
     reader = ImageFrameReader()
     found = [f for i in range(0, len(data), size) for f in reader.receive(data[i : i + size])]
     assert found == frames
 
 
 def test_frame_reader_when_a_payload_is_at_the_limit_takes_it() -> None:
-    frame = WireFrame(ImageType.RAW, b"x" * 100)
-    assert ImageFrameReader(max_payload_bytes=100).receive(wire(frame)) == [frame]
+    frame = EncodedFrame(ImageType.RAW, b"x" * 100)
+    assert ImageFrameReader(max_payload_bytes=100).receive(encode_frame(frame)) == [frame]
 
 
 def test_frame_reader_when_a_payload_is_too_large_refuses_at_its_header() -> None:
-    header = frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
+    header = encode_frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
     reader = ImageFrameReader()
     assert reader.receive(header[:4]) == []
     with pytest.raises(RemoteProtocolError, match="more than"):
@@ -159,29 +159,29 @@ def test_frame_reader_when_the_type_is_unknown_asks_for_the_port() -> None:
 
 
 def test_wire_frame_when_logged_tells_type_and_size_only() -> None:
-    assert str(WireFrame(ImageType.GOOD, b"x" * 5000)) == "GOOD frame of 5000 bytes"
+    assert str(EncodedFrame(ImageType.GOOD, b"x" * 5000)) == "GOOD frame of 5000 bytes"
 
 
 @pytest.mark.parametrize(("width", "pitch"), [(0, 0), (1, 4), (2, 8), (4, 12), (640, 1920)])
 def test_raw_pitch_when_rounded_is_a_multiple_of_4(width: int, pitch: int) -> None:
-    assert raw_pitch(width) == pitch
+    assert raw_row_pitch(width) == pitch
 
 
 def test_raw_header_when_packed_is_big_endian() -> None:
-    assert raw_header(640, 0x0102) == b"\x02\x80\x01\x02"
+    assert encode_raw_header(640, 0x0102) == b"\x02\x80\x01\x02"
 
 
 @pytest.mark.parametrize(("width", "height"), [(65536, 1), (1, 65536), (-1, 1)])
 def test_raw_header_when_a_side_does_not_fit_refuses(width: int, height: int) -> None:
     with pytest.raises(LocalProtocolError, match="does not fit"):
-        raw_header(width, height)
+        encode_raw_header(width, height)
 
 
 RAW = [
-    (raw_header(5, 2) + bytes(32), (5, 2, 16)),
-    (raw_header(5, 2) + bytes(30), (5, 2, 15)),
-    (raw_header(4, 2) + bytes(24), (4, 2, 12)),
-    (raw_header(0, 0), (0, 0, 0)),
+    (encode_raw_header(5, 2) + bytes(32), (5, 2, 16)),
+    (encode_raw_header(5, 2) + bytes(30), (5, 2, 15)),
+    (encode_raw_header(4, 2) + bytes(24), (4, 2, 12)),
+    (encode_raw_header(0, 0), (0, 0, 0)),
 ]
 
 
@@ -189,10 +189,10 @@ RAW = [
 def test_raw_size_when_rows_are_padded_or_not_finds_the_pitch(
     payload: bytes, size: tuple[int, int, int]
 ) -> None:
-    assert raw_size(payload) == size
+    assert parse_raw_size(payload) == size
 
 
-@pytest.mark.parametrize("payload", [b"", b"\0\1\0", raw_header(5, 2) + bytes(31), b"\xff" * 4])
+@pytest.mark.parametrize("payload", [b"", b"\0\1\0", encode_raw_header(5, 2) + bytes(31), b"\xff" * 4])
 def test_raw_size_when_header_and_length_disagree_refuses(payload: bytes) -> None:
     with pytest.raises(RemoteProtocolError, match="RAW frame"):
-        raw_size(payload)
+        parse_raw_size(payload)

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.numbers import (
-    boolean,
+    format_boolean,
     boolean_from_text,
-    exact,
-    fixed,
+    format_exact,
+    format_fixed_point,
     is_number,
     number_from_text,
     numbers_from_text,
-    unreal_angle,
-    vector,
+    truncate_to_unreal_units,
+    format_vector,
     vector_from_text,
 )
 
@@ -49,13 +49,13 @@ FIXED = [
 def test_fixed_when_printed_truncates_the_shortest_decimal(
     value: float, decimals: int, text: str
 ) -> None:
-    assert fixed(value, decimals) == text
+    assert format_fixed_point(value, decimals) == text
 
 
 @DETERMINISTIC
 @given(st.floats(allow_nan=False, allow_infinity=False), st.integers(0, 8))
 def test_fixed_when_printed_is_never_further_from_zero(value: float, decimals: int) -> None:
-    printed = fixed(value, decimals)
+    printed = format_fixed_point(value, decimals)
     assert "e" not in printed
     assert abs(float(printed)) <= abs(value)
     # Truncation loses less than one unit of the last place; the rest is the double's own rounding.
@@ -65,23 +65,23 @@ def test_fixed_when_printed_is_never_further_from_zero(value: float, decimals: i
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_fixed_when_not_finite_refuses(value: float) -> None:
     with pytest.raises(LocalProtocolError, match="finite"):
-        fixed(value)
+        format_fixed_point(value)
 
 
 @DETERMINISTIC
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_exact_when_read_again_gives_the_same_double(value: float) -> None:
-    assert "e" not in exact(value)
-    assert number_from_text(exact(value)) == value
+    assert "e" not in format_exact(value)
+    assert number_from_text(format_exact(value)) == value
 
 
 def test_vector_when_printed_has_no_spaces() -> None:
-    assert vector((0.0395, 0.98541, 2.5156)) == "0.0395,0.9854,2.5156"
-    assert vector((4.5, 1.9, 1.85), 2) == "4.50,1.90,1.85"
+    assert format_vector((0.0395, 0.98541, 2.5156)) == "0.0395,0.9854,2.5156"
+    assert format_vector((4.5, 1.9, 1.85), 2) == "4.50,1.90,1.85"
 
 
 def test_boolean_when_printed_is_capitalised() -> None:
-    assert (boolean(True), boolean(False)) == ("True", "False")
+    assert (format_boolean(True), format_boolean(False)) == ("True", "False")
 
 
 NUMBERS = [
@@ -157,13 +157,13 @@ UNREAL = [(math.pi, "3.1415"), (3.14159, "3.1414"), (0.01745, "0.0174"), (-0.017
 
 @pytest.mark.parametrize(("angle_rad", "text"), UNREAL)
 def test_unreal_angle_when_printed_equals_the_captures(angle_rad: float, text: str) -> None:
-    assert fixed(unreal_angle(angle_rad)) == text
+    assert format_fixed_point(truncate_to_unreal_units(angle_rad)) == text
 
 
 @pytest.mark.parametrize("angle_rad", [1e308, math.inf, math.nan])
 def test_unreal_angle_when_out_of_reach_is_refused(angle_rad: float) -> None:
     with pytest.raises(LocalProtocolError, match="Unreal"):
-        unreal_angle(angle_rad)
+        truncate_to_unreal_units(angle_rad)
 
 
 LISTS = [("", ()), ("  ", ()), ("1", (1.0,)), ("1,2, 3 4", (1.0, 2.0, 3.0, 4.0)), ("x", (0.0,))]

@@ -13,25 +13,25 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import parse_message
 from catoptra_protocol.wire.limits import MAX_SERVER_LINE_BYTES
 from catoptra_protocol.wire.readings import reading_from_message
-from catoptra_protocol.wire.readings_range import RangeScan, SonarReadings
+from catoptra_protocol.wire.readings_range import RangeScanReading, SonarReadings
 from catoptra_protocol.wire.reports import line_from_report
 
 RANGES = st.lists(st.floats(0.0, 80.0), min_size=1, max_size=181).map(tuple)
 
 
-def scan(ranges_m: tuple[float, ...]) -> RangeScan:
-    return RangeScan(395.3833, "Scanner1", 0.01745, math.pi, ranges_m)
+def make_scan(ranges_m: tuple[float, ...]) -> RangeScanReading:
+    return RangeScanReading(395.3833, "Scanner1", 0.01745, math.pi, ranges_m)
 
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_scan_when_it_has_181_beams_fits_into_a_clients_buffer(dialect: Dialect) -> None:
-    line = line_from_report(scan((79.98765,) * 181), dialect)
+    line = line_from_report(make_scan((79.98765,) * 181), dialect)
     assert len(line) < MAX_SERVER_LINE_BYTES // 2
 
 
 def test_scan_when_it_has_too_many_beams_is_refused() -> None:
     with pytest.raises(LocalProtocolError, match="fewer items"):
-        line_from_report(scan((1.0,) * 1000))
+        line_from_report(make_scan((1.0,) * 1000))
 
 
 def test_sonar_when_there_are_sixteen_shares_one_line() -> None:
@@ -46,9 +46,9 @@ def test_sonar_when_there_are_sixteen_shares_one_line() -> None:
 def test_scan_when_written_and_read_loses_less_than_its_last_place(
     ranges_m: tuple[float, ...], dialect: Dialect
 ) -> None:
-    line = line_from_report(scan(ranges_m), dialect).decode()
+    line = line_from_report(make_scan(ranges_m), dialect).decode()
     reading = reading_from_message(parse_message(line.rstrip()))
-    assert isinstance(reading, RangeScan)
+    assert isinstance(reading, RangeScanReading)
     last_place_m = 1e-4 if dialect is Dialect.UT2004 else 1e-2
     assert reading.ranges_m == pytest.approx(ranges_m, rel=0, abs=1.0001 * last_place_m)
 

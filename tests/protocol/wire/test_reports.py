@@ -15,7 +15,7 @@ from catoptra_protocol.wire.reports import (
     Configuration,
     Geometry,
     Report,
-    Result,
+    CommandResult,
     VehicleStatus,
     Viewport,
     ViewportsResult,
@@ -52,10 +52,10 @@ SAMPLES = [
     ),
     ("CONF {Type RFID}", Configuration("RFID")),
     ("CONF {Type Sonar} {Name F9}", Configuration("Sonar", (("Name", "F9"),))),
-    ("RES {Time 1.2000} {Type Step} {Name Clock} {Status OK}", Result(1.2, "Step", "Clock")),
+    ("RES {Time 1.2000} {Type Step} {Name Clock} {Status OK}", CommandResult(1.2, "Step", "Clock")),
     (
         "RES {Time 0.0000} {Type Step} {Name Clock} {Status Failed}",
-        Result(0.0, "Step", "Clock", "Failed"),
+        CommandResult(0.0, "Step", "Clock", "Failed"),
     ),
 ]
 

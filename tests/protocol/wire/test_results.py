@@ -9,22 +9,22 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import parse_message
 from catoptra_protocol.wire.reports import Report, line_from_report
 from catoptra_protocol.wire.results import (
-    DISABLED,
-    FAILED,
-    MISSING,
+    CAMERA_DISABLED,
+    STATUS_FAILED,
+    CAMERA_MISSING,
     CameraFov,
     CameraResult,
-    Result,
+    CommandResult,
     Viewport,
     ViewportsResult,
     result_from_message,
 )
 
 RESULTS: list[Report] = [
-    Result(1.25, "Odometry", "Odometry"),
-    Result(1.25, "Kettle", "", FAILED),
-    CameraResult(1.25, (CameraFov("A", 0.5), CameraFov("B", 1.5, FAILED))),
-    ViewportsResult(1.25, "QuadView", (Viewport("A"), Viewport(MISSING, FAILED)) * 2, FAILED),
+    CommandResult(1.25, "Odometry", "Odometry"),
+    CommandResult(1.25, "Kettle", "", STATUS_FAILED),
+    CameraResult(1.25, (CameraFov("A", 0.5), CameraFov("B", 1.5, STATUS_FAILED))),
+    ViewportsResult(1.25, "QuadView", (Viewport("A"), Viewport(CAMERA_MISSING, STATUS_FAILED)) * 2, STATUS_FAILED),
 ]
 
 
@@ -36,12 +36,12 @@ def test_result_when_written_and_read_is_the_same_and_silence_in_udk(result: Rep
 
 
 def test_step_when_answered_is_answered_in_udk_too_with_four_decimals() -> None:
-    line = line_from_report(Result(0.02, "Step", "Clock"), Dialect.UDK)
+    line = line_from_report(CommandResult(0.02, "Step", "Clock"), Dialect.UDK)
     assert line == b"RES {Time 0.0200} {Type Step} {Name Clock} {Status OK}\r\n"
 
 
 def test_viewports_when_nothing_is_chosen_are_disabled() -> None:
-    assert [viewport.camera for viewport in ViewportsResult(0.0, "A").viewports] == [DISABLED] * 4
+    assert [viewport.camera for viewport in ViewportsResult(0.0, "A").viewports] == [CAMERA_DISABLED] * 4
 
 
 BAD = [

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 from catoptra_protocol.wire.stream_answers import (
-    ANSWERS,
+    REPLIES,
     LandmarkRecord,
-    Placement,
-    StartRecord,
+    Transform,
+    StartPoseRecord,
 )
 from catoptra_protocol.wire.stream_requests import REQUESTS
 from helpers.configs import REPOSITORY
@@ -18,7 +18,7 @@ SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 
 
 def test_answers_are_kept_under_their_kinds() -> None:
-    assert all(kind == form.KIND for kind, form in ANSWERS.items())
+    assert all(kind == form.KIND for kind, form in REPLIES.items())
 
 
 def test_header_when_logged_says_what_matters() -> None:
@@ -27,7 +27,7 @@ def test_header_when_logged_says_what_matters() -> None:
 
 def test_specification_names_every_kind_and_field() -> None:
     chapter = SPECIFICATION.read_text(encoding="utf-8").partition("## 9. The modern stream")[2]
-    for form in (*REQUESTS.values(), *ANSWERS.values(), Placement, LandmarkRecord, StartRecord):
+    for form in (*REQUESTS.values(), *REPLIES.values(), Transform, LandmarkRecord, StartPoseRecord):
         names = [field.name for field in dataclasses.fields(form)]
         for name in [*names, getattr(form, "KIND", "id")]:
             assert f"`{name}`" in chapter, f"{form.__name__}: {name}"

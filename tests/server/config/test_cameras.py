@@ -7,15 +7,15 @@ from helpers.configs import ROBOTS
 
 
 def test_camera_when_of_the_real_udk_line_has_its_class_s_numbers() -> None:
-    (camera,) = read_robot(ROBOTS / "p3at_udk.ini")[0].cameras
+    (camera,) = read_robot(ROBOTS / "p3at_udk.ini")[0].perspective_cameras
     assert (camera.name, camera.mount.position_m) == ("Camera", (0.1005, 0.0, -0.42))
     assert (camera.fov_rad, camera.min_fov_rad, camera.max_fov_rad) == (1.3963, 0.3491, 2.0944)
 
 
 def test_camera_when_of_the_p2at_sits_on_its_pan_tilt() -> None:
-    (camera,) = read_robot(ROBOTS / "p2at.ini")[0].cameras
+    (camera,) = read_robot(ROBOTS / "p2at.ini")[0].perspective_cameras
     assert camera.mount.parent == "CameraTilt"
 
 
 def test_camera_when_it_is_the_omni_camera_s_is_no_ordinary_one() -> None:
-    assert read_robot(ROBOTS / "omni_p2dx.ini")[0].cameras == ()
+    assert read_robot(ROBOTS / "omni_p2dx.ini")[0].perspective_cameras == ()

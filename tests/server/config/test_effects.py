@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.effects import read_effects
+from catoptra_server.config.effects import read_effect_settings
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import NO_WISHES, EffectWishes, Kind, Mode, Wish
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings, EffectType, EffectMode, EffectSetting
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from helpers.configs import OMNI_ROBOT
@@ -18,44 +18,44 @@ from helpers.configs import OMNI_ROBOT
 REAL = OMNI_ROBOT.with_name("p2at_omni_real.ini")
 
 
-def wishes_of(path: Path) -> EffectWishes:
+def read_settings(path: Path) -> EffectSettings:
     camera = read_robot(path)[0].omni_camera
     assert camera is not None
     return camera.effects
 
 
-def section_of(tmp_path: Path, *lines: str) -> EffectWishes:
+def make_section(tmp_path: Path, *lines: str) -> EffectSettings:
     path = tmp_path / "robot.ini"
     path.write_text("\n".join(("[Camera]", *lines)), encoding="utf-8")
-    return read_effects(IniFile(path).section("Camera"))
+    return read_effect_settings(IniFile(path).get_section("Camera"))
 
 
 def test_robot_when_its_file_names_no_effect_has_none() -> None:
-    assert wishes_of(OMNI_ROBOT) == NO_WISHES
+    assert read_settings(OMNI_ROBOT) == NO_EFFECT_SETTINGS
 
 
 def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
-    found = wishes_of(REAL).wishes
-    assert [wish.effect.name for wish in found] == [kind.name for kind in EFFECTS]
+    found = read_settings(REAL).settings
+    assert [wish.effect.name for wish in found] == [kind.name for kind in EFFECT_TYPES]
     modes = {wish.effect.name: wish.mode for wish in found}
-    assert modes.pop("AutoExposure") is Mode.NEVER
-    assert set(modes.values()) == {Mode.AUTO}
+    assert modes.pop("AutoExposure") is EffectMode.NEVER
+    assert set(modes.values()) == {EffectMode.AUTO}
 
 
 def test_real_robot_when_read_leaves_no_key_unknown() -> None:
-    assert read_robot(REAL)[1].unknown() == []
+    assert read_robot(REAL)[1].unknown_entries() == []
 
 
 def test_number_when_several_effects_share_it_reaches_all(tmp_path: Path) -> None:
     lines = ("ReadNoise=ALWAYS", "ReadNoiseElectrons=4", "FullWell=9000", "Quantisation=never")
-    assert section_of(tmp_path, *lines).wishes == (
-        Wish(ReadNoise(4.0, 9000.0), Mode.ALWAYS),
-        Wish(Quantisation(12.0), Mode.NEVER),
+    assert make_section(tmp_path, *lines).settings == (
+        EffectSetting(ReadNoise(4.0, 9000.0), EffectMode.ALWAYS),
+        EffectSetting(Quantisation(12.0), EffectMode.NEVER),
     )
 
 
 def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
-    found = section_of(tmp_path, "EffectThreshold=2", "EffectThresholdPx=0.25")
+    found = make_section(tmp_path, "EffectThreshold=2", "EffectThresholdPx=0.25")
     assert (found.threshold_grey_levels, found.threshold_px) == (2.0, 0.25)
 
 
@@ -73,12 +73,12 @@ def test_value_when_impossible_is_refused_by_its_key(
     tmp_path: Path, line: str, expected: str
 ) -> None:
     with pytest.raises(ConfigError, match=expected) as error:
-        section_of(tmp_path, line)
+        make_section(tmp_path, line)
     assert line.partition("=")[0] in str(error.value)
 
 
-@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
-def test_page_of_configurations_names_every_effect_and_its_keys(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType) -> None:
     page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{kind.name}` |"))
     # `MisalignmentX`, `Y`: what a row repeats of a key may be left out.
@@ -90,4 +90,4 @@ def test_page_of_configurations_names_every_effect_and_its_keys(kind: Kind) -> N
 def test_page_of_effects_names_every_one_in_order() -> None:
     page = (OMNI_ROBOT.parents[2] / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
     table = page[page.index("## The effects") : page.index("## Add one")]
-    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECTS]
+    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECT_TYPES]

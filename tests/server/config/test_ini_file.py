@@ -10,57 +10,57 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.ini_file import IniFile
 
 
-def written(folder: Path, name: str, *lines: str) -> Path:
+def write_file(folder: Path, name: str, *lines: str) -> Path:
     path = folder / name
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
 def test_section_when_repeated_is_one_with_all_lines(tmp_path: Path) -> None:
-    file = IniFile(written(tmp_path, "x.ini", "[A]", "K=1", "L=(N=1)", "[a]", "K=2", "L=(N=2)"))
-    assert file.names() == ["A"]
-    assert file.section("A").number("K") == 2.0
-    assert [struct.integer("N") for struct in file.section("A").structs("L")] == [1, 2]
+    file = IniFile(write_file(tmp_path, "x.ini", "[A]", "K=1", "L=(N=1)", "[a]", "K=2", "L=(N=2)"))
+    assert file.section_names() == ["A"]
+    assert file.get_section("A").get_float("K") == 2.0
+    assert [struct.get_int("N") for struct in file.get_section("A").get_structs("L")] == [1, 2]
 
 
 def test_section_when_absent_is_empty_and_complains_of_the_file(tmp_path: Path) -> None:
-    path = written(tmp_path, "x.ini", "[A]")
+    path = write_file(tmp_path, "x.ini", "[A]")
     file = IniFile(path)
-    assert not file.has("B")
+    assert not file.has_section("B")
     with pytest.raises(ConfigError, match=r"x\.ini: B\.K=''.*it is missing"):
-        file.section("B").number("K")
+        file.get_section("B").get_float("K")
 
 
 def test_file_when_based_on_another_overrides_it(tmp_path: Path) -> None:
-    written(tmp_path, "base.ini", "[A]", "K=1", "M=5", "[B]", "K=7")
-    path = written(tmp_path, "x.ini", "[Configuration]", "BasedOn=base.ini", "[A]", "K=2")
+    write_file(tmp_path, "base.ini", "[A]", "K=1", "M=5", "[B]", "K=7")
+    path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=base.ini", "[A]", "K=2")
     file = IniFile(path)
-    assert [file.section("A").number(key) for key in "KM"] == [2.0, 5.0]
-    assert file.section("B").number("K") == 7.0
+    assert [file.get_section("A").get_float(key) for key in "KM"] == [2.0, 5.0]
+    assert file.get_section("B").get_float("K") == 7.0
 
 
 def test_file_when_an_inherited_value_is_wrong_names_the_base(tmp_path: Path) -> None:
-    written(tmp_path, "base.ini", "[A]", "K=x")
-    path = written(tmp_path, "x.ini", "[Configuration]", "BasedOn=base.ini")
+    write_file(tmp_path, "base.ini", "[A]", "K=x")
+    path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=base.ini")
     with pytest.raises(ConfigError, match=r"base\.ini:2"):
-        IniFile(path).section("A").number("K")
+        IniFile(path).get_section("A").get_float("K")
 
 
 @pytest.mark.parametrize("second", ["x.ini", "y.ini"])
 def test_file_when_based_on_itself_in_a_loop_is_refused(tmp_path: Path, second: str) -> None:
-    written(tmp_path, "y.ini", "[Configuration]", "BasedOn=x.ini")
-    path = written(tmp_path, "x.ini", "[Configuration]", f"BasedOn={second}")
+    write_file(tmp_path, "y.ini", "[Configuration]", "BasedOn=x.ini")
+    path = write_file(tmp_path, "x.ini", "[Configuration]", f"BasedOn={second}")
     with pytest.raises(ConfigError, match=r":2: Configuration\.BasedOn=.*not based on this"):
         IniFile(path)
 
 
 def test_file_when_its_base_is_missing_names_the_line(tmp_path: Path) -> None:
-    path = written(tmp_path, "x.ini", "[Configuration]", "BasedOn=gone.ini")
+    path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=gone.ini")
     with pytest.raises(ConfigError, match=r"x\.ini:2: .*a file that exists"):
         IniFile(path)
 
 
 def test_unknown_when_a_section_was_never_used_is_silent(tmp_path: Path) -> None:
-    file = IniFile(written(tmp_path, "x.ini", "[A]", "K=1", "Typo=2", "[Other]", "K=1"))
-    file.section("A").number("K")
-    assert [entry.key for entry in file.unknown()] == ["Typo"]
+    file = IniFile(write_file(tmp_path, "x.ini", "[A]", "K=1", "Typo=2", "[Other]", "K=1"))
+    file.get_section("A").get_float("K")
+    assert [entry.key for entry in file.unknown_entries()] == ["Typo"]

@@ -24,16 +24,16 @@ WHEEL = (
 )
 
 
-def robot_of(folder: Path, text: str) -> RobotDescription:
+def read_robot_section(folder: Path, text: str) -> RobotDescription:
     path = folder / "robot.ini"
     path.write_text("[USARBot.P2AT]\n" + text, encoding="utf-8")
     robot, file = read_robot(path)
-    assert file.unknown() == []
+    assert file.unknown_entries() == []
     return robot
 
 
 def read(folder: Path, text: str) -> MissionPackageDescription:
-    parts = robot_of(folder, text).joint_parts
+    parts = read_robot_section(folder, text).chassis_joints
     assert parts is not None
     return parts
 
@@ -43,7 +43,7 @@ def test_joints_when_listed_are_the_hinges_with_the_robots_motor(tmp_path: Path)
     (link,) = parts.links
     assert (link.name, link.parent, link.position_m) == ("FR", -1, (0.2, 0.1, 0.0))
     assert (link.max_speed_rad_s, link.max_torque) == (0.5, 7.0)
-    assert link.limited(99.0) == 99.0
+    assert link.clamp(99.0) == 99.0
 
 
 def test_joint_when_turned_goes_about_its_axis(tmp_path: Path) -> None:
@@ -61,14 +61,14 @@ def test_joint_when_its_parent_is_a_joint_moves_with_it(tmp_path: Path) -> None:
 
 
 def test_camera_when_mounted_on_a_joint_is_carried_by_it(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, HINGE.format("FR", ""))
+    robot = read_robot_section(tmp_path, HINGE.format("FR", ""))
     carried = robot.robot_from_part("fr", {"fr": 0.5})
     assert tuple(carried.translation) == pytest.approx((0.2, 0.1, 0.0))
     assert carried.rotation[0, 0] == pytest.approx(math.cos(0.5))
 
 
 def test_joints_when_there_are_wheels_alone_are_none(tmp_path: Path) -> None:
-    assert robot_of(tmp_path, WHEEL).joint_parts is None
+    assert read_robot_section(tmp_path, WHEEL).chassis_joints is None
 
 
 def test_places_when_in_unreal_units_become_metres(tmp_path: Path) -> None:
@@ -90,8 +90,8 @@ def test_joint_when_it_makes_no_sense_is_refused(tmp_path: Path, text: str, expe
 
 def test_kenaf_when_read_has_four_flippers_and_nothing_unknown() -> None:
     robot, file = read_robot(ROBOTS / "kenaf.ini")
-    assert file.unknown() == []
-    assert robot.joint_parts is not None
-    assert [link.name for link in robot.joint_parts.links] == [
+    assert file.unknown_entries() == []
+    assert robot.chassis_joints is not None
+    assert [link.name for link in robot.chassis_joints.links] == [
         "FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper",
     ]  # fmt: skip

@@ -6,27 +6,27 @@ import math
 
 import pytest
 
-from catoptra_server.config.mounting import mount_of
-from catoptra_server.config.settings import Settings
+from catoptra_server.config.mounting import read_mount
+from catoptra_server.config.settings import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
 
 ITEM = "Item=(Position=(X=25,Y=0,z=-50),Direction=(Y=0,Z=16384,X=0){})"
 
 
-def robot_of(*lines: str) -> Settings:
+def make_robot_section(*lines: str) -> SectionReader:
     (section,) = parse_sections("\n".join(("[R]", *lines)), file="x.ini")
-    return Settings(section.name, section.where, section.entries)
+    return SectionReader(section.name, section.where, section.entries)
 
 
 def test_mount_when_plain_is_in_metres_on_the_chassis() -> None:
-    robot = robot_of(ITEM.format(""))
-    mount = mount_of(robot, robot.struct("Item"))
+    robot = make_robot_section(ITEM.format(""))
+    mount = read_mount(robot, robot.get_struct("Item"))
     assert (mount.position_m, mount.parent) == ((25.0, 0.0, -50.0), "HARD")
 
 
 def test_mount_when_by_uu_is_turned_into_metres_and_radians() -> None:
-    robot = robot_of(ITEM.format(',Parent="CameraTilt"'), "bMountByUU=True")
-    mount = mount_of(robot, robot.struct("Item"))
+    robot = make_robot_section(ITEM.format(',Parent="CameraTilt"'), "bMountByUU=True")
+    mount = read_mount(robot, robot.get_struct("Item"))
     assert mount.position_m == pytest.approx((0.1, 0.0, -0.2))
     assert mount.rotation_rad == pytest.approx((0.0, 0.0, math.pi / 2))
     assert mount.parent == "CameraTilt"

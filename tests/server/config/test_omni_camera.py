@@ -13,9 +13,9 @@ from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.robot.description import OmniCameraDescription
-from catoptra_server.robot.render_wish import Dial, PerPixel
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
-from helpers.configs import OMNI_ROBOT, Edit, edited_copy, line_of
+from catoptra_server.robot.render_wish import AccuracyTarget, PerPixel
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy, find_line_number
 
 CAPTURE = 'Parent="OmniCam",Position=(X=0,Y=0,Z=0.2321),Direction=(X=0,Y=1.5708,Z=3.1416)'
 CLIENT_W = '[USARBot.USARCameraTextureClientW]\nDestTexture="OmniCamW"\nFOV=90'
@@ -25,14 +25,14 @@ PARABOLIC = (
 )
 
 
-def camera_of(path: Path) -> OmniCameraDescription:
+def read_camera(path: Path) -> OmniCameraDescription:
     camera = read_robot(path)[0].omni_camera
     assert camera is not None
     return camera
 
 
 def test_camera_when_read_is_the_paper_s() -> None:
-    camera = camera_of(OMNI_ROBOT)
+    camera = read_camera(OMNI_ROBOT)
     assert camera.name == "OmniCamPillar_Link4"
     assert camera.camera.mirror == HyperbolicMirror(11.546, 0.1 * 2.321)
     assert (camera.camera.width_px, camera.camera.height_px) == (360, 360)
@@ -40,11 +40,11 @@ def test_camera_when_read_is_the_paper_s() -> None:
     assert camera.camera.rim_radius_px == pytest.approx(180.0)
     # The reference set-up: the paper's mirror in 360 px.
     assert camera.camera.horizon_radius_px == pytest.approx(103.45267, abs=5e-6)
-    assert camera.wish.surface == PerPixel()
+    assert camera.render_settings.surface == PerPixel()
 
 
 def test_camera_when_read_has_five_texture_clients_at_the_viewpoint() -> None:
-    camera = camera_of(OMNI_ROBOT)
+    camera = read_camera(OMNI_ROBOT)
     assert [client.face for client in camera.texture_clients] == list(Face)[:5]
     assert {client.fov_rad for client in camera.texture_clients} == {0.5 * math.pi}
     np.testing.assert_allclose(camera.robot_from_mirror.translation, (0.0, 0.0, -0.4543))
@@ -52,18 +52,18 @@ def test_camera_when_read_has_five_texture_clients_at_the_viewpoint() -> None:
 
 def test_capture_camera_when_read_sees_the_rim_under_its_field_of_view() -> None:
     # f = 1086.096 px and a rim of 180 px: the reference set-up.
-    assert camera_of(OMNI_ROBOT).capture_fov_rad == pytest.approx(
+    assert read_camera(OMNI_ROBOT).capture_fov_rad == pytest.approx(
         2.0 * math.atan(180.0 / 1086.096), abs=1e-6
     )
 
 
 def test_camera_when_its_name_is_empty_is_not_there(tmp_path: Path) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
     assert read_robot(path)[0].omni_camera is None
 
 
 def test_mirror_when_parabolic_has_an_orthographic_camera(tmp_path: Path) -> None:
-    camera = camera_of(edited_copy(OMNI_ROBOT, tmp_path, *PARABOLIC))
+    camera = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, *PARABOLIC))
     assert camera.camera.mirror == ParabolicMirror(0.05)
     assert camera.capture_fov_rad == 0.0
 
@@ -76,27 +76,27 @@ def test_capture_camera_when_turned_by_quarters_is_up_exactly(
     tmp_path: Path, yaw: str, up_azimuth_rad: float
 ) -> None:
     edit = Edit(CAPTURE, CAPTURE.replace("3.1416", yaw))
-    camera = camera_of(edited_copy(OMNI_ROBOT, tmp_path, edit))
-    assert camera.camera.up_azimuth_rad == up_azimuth_rad
+    camera = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))
+    assert camera.camera.image_up_azimuth_rad == up_azimuth_rad
 
 
 def test_capture_camera_when_turned_by_an_odd_angle_keeps_it(tmp_path: Path) -> None:
     edit = Edit(CAPTURE, CAPTURE.replace("3.1416", "2.6416"))
-    camera = camera_of(edited_copy(OMNI_ROBOT, tmp_path, edit))
-    assert camera.camera.up_azimuth_rad == pytest.approx(2.6416 - math.pi, abs=1e-5)
+    camera = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))
+    assert camera.camera.image_up_azimuth_rad == pytest.approx(2.6416 - math.pi, abs=1e-5)
 
 
 @pytest.mark.parametrize(
     ("edit", "surface"),
     [
-        (Edit("Polygons=0 ", "Polygons=1024 "), PolygonSplit(32, 32)),
-        (Edit("Polygons=0 ", "Sectors=64\nRings=16\n"), PolygonSplit(64, 16)),
+        (Edit("Polygons=0 ", "Polygons=1024 "), Tessellation(32, 32)),
+        (Edit("Polygons=0 ", "Sectors=64\nRings=16\n"), Tessellation(64, 16)),
     ],
 )
 def test_mirror_when_cut_into_polygons_has_the_split(
-    tmp_path: Path, edit: Edit, surface: PolygonSplit
+    tmp_path: Path, edit: Edit, surface: Tessellation
 ) -> None:
-    assert camera_of(edited_copy(OMNI_ROBOT, tmp_path, edit)).wish.surface == surface
+    assert read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit)).render_settings.surface == surface
 
 
 def test_mirror_when_interpolated_by_position_says_so(tmp_path: Path) -> None:
@@ -104,27 +104,27 @@ def test_mirror_when_interpolated_by_position_says_so(tmp_path: Path) -> None:
         Edit("Polygons=0 ", "Polygons=16 "),
         Edit("Interpolation=uv", "Interpolation=Position"),
     )
-    surface = camera_of(edited_copy(OMNI_ROBOT, tmp_path, *edits)).wish.surface
-    assert surface == PolygonSplit(4, 4, Interpolation.POSITION)
+    surface = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, *edits)).render_settings.surface
+    assert surface == Tessellation(4, 4, Interpolation.POSITION)
 
 
 def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None:
     upward = Edit(CLIENT_W, f"{CLIENT_W}\n[USARBot.USARCameraTextureClientU]\nTextureSize=512")
-    camera = camera_of(edited_copy(OMNI_ROBOT, tmp_path, upward))
+    camera = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, upward))
     assert [client.face for client in camera.texture_clients] == list(Face)
-    assert camera.wish.face_size_px == 512
+    assert camera.render_settings.face_size_px == 512
 
 
 def test_trace_when_its_rays_are_told_apart_has_them_so(tmp_path: Path) -> None:
-    assert camera_of(OMNI_ROBOT).wish.stride_px == 0
-    every = edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
-    assert camera_of(every).wish.stride_px == 1
+    assert read_camera(OMNI_ROBOT).render_settings.stride_px == 0
+    every = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
+    assert read_camera(every).render_settings.stride_px == 1
 
 
 def test_dial_when_it_is_written_is_read(tmp_path: Path) -> None:
-    assert camera_of(OMNI_ROBOT).wish.dial == Dial()
+    assert read_camera(OMNI_ROBOT).render_settings.accuracy_target == AccuracyTarget()
     edit = Edit("Samples=2", "Samples=2\nMaxErrorPx=0.5\nBudgetMs=20")
-    assert camera_of(edited_copy(OMNI_ROBOT, tmp_path, edit)).wish.dial == Dial(0.5, 20.0)
+    assert read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit)).render_settings.accuracy_target == AccuracyTarget(0.5, 20.0)
 
 
 BROKEN = [
@@ -163,21 +163,21 @@ BROKEN = [
 def test_camera_when_broken_names_file_line_key_and_expectation(
     tmp_path: Path, edit: Edit, key: str, expected: str
 ) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, edit)
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, edit)
     with pytest.raises(ConfigError) as caught:
         read_robot(path)
     error = caught.value
     changed = edit.new.splitlines()[-1]
-    assert (error.where.file, error.where.line) == (str(path), line_of(path, changed))
+    assert (error.location.file, error.location.line) == (str(path), find_line_number(path, changed))
     assert error.key == key
     assert expected in error.expected
 
 
 def test_virtual_camera_when_not_of_90_degrees_is_refused(tmp_path: Path) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, Edit(CLIENT_W, CLIENT_W.replace("=90", "=100")))
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit(CLIENT_W, CLIENT_W.replace("=90", "=100")))
     with pytest.raises(ConfigError, match=r"TextureClientW\.FOV='100': expected 90") as caught:
         read_robot(path)
-    assert caught.value.where.line == line_of(path, "FOV=100")
+    assert caught.value.location.line == find_line_number(path, "FOV=100")
 
 
 @pytest.mark.parametrize(
@@ -190,10 +190,10 @@ def test_virtual_camera_when_not_of_90_degrees_is_refused(tmp_path: Path) -> Non
 def test_mirror_when_a_constant_is_missing_names_its_section(
     tmp_path: Path, edit: Edit, key: str
 ) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, edit)
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, edit)
     with pytest.raises(ConfigError, match=rf"{key}=''.*it is missing") as caught:
         read_robot(path)
-    assert caught.value.where.line == line_of(path, "[Catoptra.HyperbolicMirror]")
+    assert caught.value.location.line == find_line_number(path, "[Catoptra.HyperbolicMirror]")
 
 
 def test_capture_camera_when_missing_names_what_it_hangs_on(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ HEAD = (
 def read(folder: Path, text: str) -> tuple[MissionPackageDescription, ...]:
     path = folder / "robot.ini"
     path.write_text("[USARBot.P2AT]\n" + text, encoding="utf-8")
-    return read_robot(path)[0].packages
+    return read_robot(path)[0].mission_packages
 
 
 def test_package_when_known_has_the_joints_of_ut2004_at_its_location(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_package_when_its_section_lists_links_has_those(tmp_path: Path) -> None:
     links = '[USARMisPkg.Arm]\nLinks=(Name="Elbow",Parent=-1,MaxSpeed=2,MinRange=-1,MaxRange=1)\n'
     (package,) = read(tmp_path, HEAD.format("Arm") + links)
     (link,) = package.links
-    assert (link.name, link.max_speed_rad_s, link.limited(9.0)) == ("Elbow", 2.0, 1.0)
+    assert (link.name, link.max_speed_rad_s, link.clamp(9.0)) == ("Elbow", 2.0, 1.0)
 
 
 def test_package_when_without_joints_is_left_out(tmp_path: Path) -> None:

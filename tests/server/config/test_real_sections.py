@@ -23,11 +23,11 @@ def read(name: str) -> tuple[RobotDescription, IniFile]:
     return read_robot(REAL / name)
 
 
-def unknown(file: IniFile) -> list[str]:
-    return [entry.key for entry in file.unknown()]
+def unknown_keys(file: IniFile) -> list[str]:
+    return [entry.key for entry in file.unknown_entries()]
 
 
-def no_effect(caplog: pytest.LogCaptureFixture) -> list[str]:
+def ignored_classes(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [r.message.partition(": ")[2] for r in caplog.records if r.levelname == "WARNING"]
 
 
@@ -36,8 +36,8 @@ def test_udk_when_loaded_reports_only_what_means_nothing(
 ) -> None:
     _, file = read("udk.ini")
     # Physics of the part, numbers that UDK's source does not configure, and the near plane.
-    assert unknown(file) == ["Weight", "Sigma", "Mean", "Mass", "CameraNearPlane"]
-    assert no_effect(caplog) == [
+    assert unknown_keys(file) == ["Weight", "Sigma", "Mean", "Mass", "CameraNearPlane"]
+    assert ignored_classes(caplog) == [
         "class USARSensor.Battery is not known here: battery has no effect"
     ]
 
@@ -51,15 +51,15 @@ def test_udk_when_loaded_has_all_parts_with_their_sections_numbers() -> None:
     ]
     ins, sonar, scanner = parts["InsTest"], parts["LeftSonar"], parts["Scanner"]
     assert isinstance(ins, InsDescription)
-    assert (ins.precision, ins.noise, ins.is_timed) == (1000.0, 0.01, False)
+    assert (ins.precision, ins.noise, ins.has_timestamp) == (1000.0, 0.01, False)
     assert isinstance(sonar, SonarDescription)
-    assert (sonar.cones, sonar.rays, sonar.max_incidence_rad) == (10, 16, 0.1745329252)
+    assert (sonar.num_cones, sonar.rays_per_cone, sonar.max_incidence_rad) == (10, 16, 0.1745329252)
     assert isinstance(scanner, RangeScannerDescription)
     assert (scanner.max_range_m, scanner.resolution_rad) == (4.0, 0.157)
     encoder = parts["EncTestW2"]
     assert isinstance(encoder, EncoderDescription)
     assert (encoder.shaft, encoder.noise_rad) == ("right", 0.005)
-    assert [(camera.name, camera.fov_rad) for camera in robot.cameras] == [("Camera", 1.3963)]
+    assert [(camera.name, camera.fov_rad) for camera in robot.perspective_cameras] == [("Camera", 1.3963)]
 
 
 def test_ut2004_when_loaded_reports_only_what_means_nothing(
@@ -67,16 +67,16 @@ def test_ut2004_when_loaded_reports_only_what_means_nothing(
 ) -> None:
     robot, file = read("ut2004.ini")
     # Karma's physics and its log; the motor's are of hinges, and there is none.
-    assert unknown(file) == [
+    assert unknown_keys(file) == [
         *("bDebug", "Weight", "Payload", "ChassisMass", "MotorTorque", "MotorSpeed"),
     ]
-    assert no_effect(caplog) == [
+    assert ignored_classes(caplog) == [
         "class USARBot.RangeScanner3D is not known here: TarantulaRangeScanner3D has no effect"
     ]
     assert [sensor.name for sensor in robot.sensors] == ["Scanner1", "F1"]
-    assert (robot.omni_camera, robot.joint_parts) == (None, None)
-    assert [package.name for package in robot.packages] == ["CameraPanTilt"]
-    assert robot.cameras[0].mount.parent == "CameraTilt"
+    assert (robot.omni_camera, robot.chassis_joints) == (None, None)
+    assert [package.name for package in robot.mission_packages] == ["CameraPanTilt"]
+    assert robot.perspective_cameras[0].mount.parent == "CameraTilt"
 
 
 @pytest.mark.parametrize("name", ["udk.ini", "ut2004.ini"])

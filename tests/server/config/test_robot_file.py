@@ -9,7 +9,7 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot, read_robots
 from catoptra_server.robot.description import GroundTruthDescription, OdometryDescription
-from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, edited_copy, line_of
+from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy, find_line_number
 
 BARE = """\
 [USARBot.P2AT]
@@ -24,7 +24,7 @@ MaxSpeed=5.385
 """
 
 
-def written(folder: Path, text: str) -> Path:
+def write_file(folder: Path, text: str) -> Path:
     path = folder / "robot.ini"
     path.write_text(text, encoding="utf-8")
     return path
@@ -34,7 +34,7 @@ def written(folder: Path, text: str) -> Path:
 def test_shipped_robot_when_read_is_known_to_the_last_key(path: Path) -> None:
     robot, file = read_robot(path)
     assert (robot.omni_camera is not None) == ("omni" in path.name)
-    assert file.unknown() == []
+    assert file.unknown_entries() == []
 
 
 def test_p2at_when_read_has_the_reference_base() -> None:
@@ -58,23 +58,23 @@ def test_p2at_when_read_has_its_sensors_in_order() -> None:
 
 
 def test_robot_when_it_has_no_omni_camera_stands_on_its_own(tmp_path: Path) -> None:
-    robot, _ = read_robot(written(tmp_path, BARE))
+    robot, _ = read_robot(write_file(tmp_path, BARE))
     assert (robot.omni_camera, robot.sensors, robot.viewpoint_height_m) == (None, (), 0.0)
 
 
 def test_robot_when_several_sections_are_there_is_the_first_that_steers(tmp_path: Path) -> None:
     text = "[USARBot.USARBot]\nmsgTimer=1\n" + BARE + BARE.replace("P2AT", "P2DX")
-    assert read_robot(written(tmp_path, text))[0].class_name == "USARBot.P2AT"
+    assert read_robot(write_file(tmp_path, text))[0].class_name == "USARBot.P2AT"
 
 
 def test_robot_when_written_over_two_sections_is_one(tmp_path: Path) -> None:
     text = BARE.replace("Mass=14\n", "[Other]\n[usarbot.p2at]\nMass=14\n")
-    assert read_robot(written(tmp_path, text))[0].drive.mass_kg == 14.0
+    assert read_robot(write_file(tmp_path, text))[0].drive.mass_kg == 14.0
 
 
 def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_path: Path) -> None:
     text = BARE.replace("Z=0.3)", "Z=0.3)'was y=-1.2")
-    assert read_robot(written(tmp_path, text))[0].drive.dimensions_m == (0.5, 0.4, 0.3)
+    assert read_robot(write_file(tmp_path, text))[0].drive.dimensions_m == (0.5, 0.4, 0.3)
 
 
 @pytest.mark.parametrize(
@@ -99,11 +99,11 @@ def test_struct_when_followed_by_the_pseudo_comment_of_a_real_file_is_read(tmp_p
 def test_robot_when_broken_names_file_line_key_and_expectation(
     tmp_path: Path, edit: Edit, key: str, expected: str
 ) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, edit)
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, edit)
     with pytest.raises(ConfigError) as caught:
         read_robot(path)
     error = caught.value
-    assert (error.where.file, error.where.line) == (str(path), line_of(path, edit.new))
+    assert (error.location.file, error.location.line) == (str(path), find_line_number(path, edit.new))
     assert error.key == key
     assert expected in error.expected
 
@@ -112,16 +112,16 @@ def test_robot_when_broken_names_file_line_key_and_expectation(
 def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str) -> None:
     lines = [line for line in BARE.splitlines() if not line.startswith(key)]
     with pytest.raises(ConfigError, match=rf"robot\.ini:1: USARBot\.P2AT\.{key}=''.*missing"):
-        read_robot(written(tmp_path, "\n".join(lines)))
+        read_robot(write_file(tmp_path, "\n".join(lines)))
 
 
 def test_file_when_it_has_no_robot_says_what_one_looks_like(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"robot\.ini: USARBot\.X\.SteeringType=.*SkidSteered"):
-        read_robot(written(tmp_path, "[A.B]\nK=1\n"))
+        read_robot(write_file(tmp_path, "[A.B]\nK=1\n"))
 
 
 def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Path) -> None:
-    robots, _ = read_robots(written(tmp_path, BARE + "[USARBot.P2DX]\n[Other.P3AT]\nmsgTimer=1\n"))
+    robots, _ = read_robots(write_file(tmp_path, BARE + "[USARBot.P2DX]\n[Other.P3AT]\nmsgTimer=1\n"))
     assert [robot.class_name for robot in robots] == ["USARBot.P2AT", "USARBot.P2DX"]
     robots, _ = read_robots(ROBOTS / "omni_p2dx.ini")
     assert [robot.class_name for robot in robots] == ["USARBot.OmniP2DX", "USARBot.P2DX"]
@@ -144,9 +144,9 @@ def test_base_when_the_section_is_silent_is_that_of_the_class(
     speed_rad_s: float,
     body_m: tuple[float, float, float],
 ) -> None:
-    drive = read_robot(written(tmp_path, text))[0].drive
+    drive = read_robot(write_file(tmp_path, text))[0].drive
     assert (drive.wheel_radius_m, drive.wheel_separation_m) == (wheel_m, separation_m)
-    assert (drive.mass_kg, drive.max_speed_rad_s, drive.body_m) == (mass_kg, speed_rad_s, body_m)
+    assert (drive.mass_kg, drive.max_speed_rad_s, drive.collision_size_m) == (mass_kg, speed_rad_s, body_m)
 
 
 def test_p3at_when_asked_reports_the_dimensions_of_udk(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_classes_when_unknown_are_reported_and_the_rest_is_read(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     item = "Sensors=(ItemClass=class'USARBot.Sniffer',ItemName=\"CO2\")\n"
-    robot, _ = read_robot(written(tmp_path, BARE + item))
+    robot, _ = read_robot(write_file(tmp_path, BARE + item))
     assert robot.sensors == ()
     assert [record.message.partition(": ")[2] for record in caplog.records] == [
         "class USARBot.Sniffer is not known here: CO2 has no effect"

@@ -6,27 +6,27 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.sensor_item import SensorItem
-from catoptra_server.config.settings import Settings
+from catoptra_server.config.settings import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
 from catoptra_server.robot.mount import Mount
 
 
-def item(*lines: str) -> SensorItem:
+def make_item(*lines: str) -> SensorItem:
     (parsed,) = parse_sections("\n".join(("[USARSensor.Any]", *lines)), file="x.ini")
-    section = Settings(parsed.name, parsed.where, parsed.entries)
+    section = SectionReader(parsed.name, parsed.where, parsed.entries)
     return SensorItem(section, "S", Mount(), section)
 
 
 def test_interval_when_configured_is_the_class_s_and_else_a_fifth_of_a_second() -> None:
-    assert (item("ScanInterval=.1").interval_s, item().interval_s) == (0.1, 0.2)
+    assert (make_item("ScanInterval=.1").interval_s, make_item().interval_s) == (0.1, 0.2)
 
 
 def test_number_when_negative_is_refused() -> None:
     with pytest.raises(ConfigError, match="MaxRange"):
-        item("MaxRange=-1").number("MaxRange", 4.0)
+        make_item("MaxRange=-1").get_float("MaxRange", 4.0)
 
 
 @pytest.mark.parametrize("default", [True, False])
 def test_time_stamp_when_left_open_is_the_sensor_s_default(default: bool) -> None:
-    assert item().is_timed(default) is default
-    assert item("bWithTimeStamp=true").is_timed(default) is True
+    assert make_item().has_timestamp(default) is default
+    assert make_item("bWithTimeStamp=true").has_timestamp(default) is True

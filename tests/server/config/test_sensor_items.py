@@ -36,7 +36,7 @@ def test_sonar_when_of_the_real_file_is_read(tmp_path: Path) -> None:
         "[SonarSensor]\n[USARBot.SonarSensor]\nbeamAngle=0.349;\ntracesPerCone=16;\nMaxRange=5.0\n",
     )
     assert isinstance(sonar, SonarDescription)
-    assert (sonar.name, sonar.beam_rad, sonar.rays, sonar.max_range_m) == ("F1", 0.349, 16, 5.0)
+    assert (sonar.name, sonar.beam_rad, sonar.rays_per_cone, sonar.max_range_m) == ("F1", 0.349, 16, 5.0)
     assert sonar.mount.rotation_rad == (0.0, 0.0, -1.5707964)
 
 
@@ -98,23 +98,23 @@ def test_p2at_when_read_has_the_sixteen_sonars_of_the_reference() -> None:
 
 def test_tachometer_when_of_the_real_line_tells_four_wheels(tmp_path: Path) -> None:
     item = "AddParts=(ItemClass=class'USARSensor.Tachometer',ItemName=\"TachTest\",Position=(X=0))"
-    assert read(tmp_path, item) == TachometerDescription("TachTest", 0.2, Mount(), wheels=4)
+    assert read(tmp_path, item) == TachometerDescription("TachTest", 0.2, Mount(), num_wheels=4)
     two = read(tmp_path, item, "[USARSensor.Tachometer]\nScanInterval=0.5\nWheels=2\n")
-    assert two == TachometerDescription("TachTest", 0.5, Mount(), wheels=2)
+    assert two == TachometerDescription("TachTest", 0.5, Mount(), num_wheels=2)
 
 
 def test_ins_when_of_the_real_section_has_its_precision(tmp_path: Path) -> None:
     section = "[USARSensor.INS]\nPrecision=1000\nbWithTimeStamp=false\n"
     ins = read(tmp_path, "AddParts=(ItemClass=class'USARSensor.INS',ItemName=\"I\")", section)
     assert isinstance(ins, InsDescription)
-    assert (ins.precision, ins.is_timed) == (1000.0, False)
+    assert (ins.precision, ins.has_timestamp) == (1000.0, False)
 
 
 def test_scanner_when_of_the_real_section_turns_as_it_says(tmp_path: Path) -> None:
     item = "AddParts=(ItemClass=class'USARSensor.RangeScanner',ItemName=\"S\")"
     scanner = read(tmp_path, item, "[USARSensor.RangeScanner]\nbPitch=true\nbYaw=false\n")
     assert isinstance(scanner, RangeScannerDescription)
-    assert (scanner.turns_in_yaw, scanner.turns_in_pitch) == (False, True)
+    assert (scanner.is_panning, scanner.is_tilting) == (False, True)
 
 
 def test_sonar_when_of_the_real_section_has_its_cones_and_angles(tmp_path: Path) -> None:
@@ -125,14 +125,14 @@ def test_sonar_when_of_the_real_section_has_its_cones_and_angles(tmp_path: Path)
     item = "AddParts=(ItemClass=class'USARSensor.SonarSensor',ItemName=\"F1\")"
     sonar = read(tmp_path, item, section)
     assert isinstance(sonar, SonarDescription)
-    assert (sonar.beam_rad, sonar.cones, sonar.rays) == (0.349, 10, 16)
+    assert (sonar.beam_rad, sonar.num_cones, sonar.rays_per_cone) == (0.349, 10, 16)
     assert sonar.max_incidence_rad == 0.1745329252
 
 
 def test_ground_truth_when_not_fixed_to_the_platform_is_of_the_sensor(tmp_path: Path) -> None:
     item = "AddParts=(ItemClass=class'USARSensor.GroundTruth',ItemName=\"G\")"
     truth = read(tmp_path, item, "[USARSensor.GroundTruth]\nFixedToPlatform=false\n")
-    assert truth == GroundTruthDescription("G", 0.2, 2, Mount(), is_of_robot=False)
+    assert truth == GroundTruthDescription("G", 0.2, 2, Mount(), is_chassis_pose=False)
 
 
 @pytest.mark.parametrize("class_", ["Odometry", "Encoder", "Touch", "INS", "GPS"])
@@ -142,4 +142,4 @@ def test_time_stamp_when_configured_is_of_its_class(
 ) -> None:
     item = f"AddParts=(ItemClass=class'USARSensor.{class_}',ItemName=\"S\")"
     sensor = read(tmp_path, item, f"[USARSensor.{class_}]\nbWithTimeStamp={is_timed}\n")
-    assert sensor.is_timed is is_timed  # type: ignore[union-attr] # these classes have it
+    assert sensor.has_timestamp is is_timed  # type: ignore[union-attr] # these classes have it

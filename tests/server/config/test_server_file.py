@@ -10,8 +10,8 @@ import pytest
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.server_file import Said, ServerSettings, read_server, settings_of
-from catoptra_server.imaging.multi_view import multi_view
+from catoptra_server.config.server_file import ServerOptions, ServerSettings, read_server_options, resolve_settings
+from catoptra_server.imaging.multi_view import multi_view_layout
 
 # As they stand in UDK's DefaultUSAR.ini.
 UDK = """[USARBotAPI.BotServer]
@@ -33,29 +33,29 @@ CameraHeight=240
 """
 
 
-def file_of(folder: Path, text: str) -> IniFile:
+def write_file(folder: Path, text: str) -> IniFile:
     path = folder / "server.ini"
     path.write_text(text, encoding="utf-8")
     return IniFile(path)
 
 
 def test_server_when_udk_s_own_sections_are_read_says_all_of_it(tmp_path: Path) -> None:
-    file = file_of(tmp_path, UDK)
-    assert read_server(file) == Said(
+    file = write_file(tmp_path, UDK)
+    assert read_server_options(file) == ServerOptions(
         control_port=3000,
-        most_controllers=64,
+        max_connections=64,
         has_images=True,
         image_port=5003,
         frame_skip=1,
         image_type=ImageType.RAW,
         legacy_images=False,
-        multi_view=multi_view(2, 2, width_px=320, height_px=240),
+        multi_view=multi_view_layout(2, 2, width_px=320, height_px=240),
     )
-    assert not file.unknown()
+    assert not file.unknown_entries()
 
 
 def test_server_when_a_file_does_not_speak_of_it_says_nothing(tmp_path: Path) -> None:
-    assert read_server(file_of(tmp_path, "[USARBot.P2AT]\n")) == Said()
+    assert read_server_options(write_file(tmp_path, "[USARBot.P2AT]\n")) == ServerOptions()
 
 
 @pytest.mark.parametrize(
@@ -66,8 +66,8 @@ def test_server_when_a_file_does_not_speak_of_it_says_nothing(tmp_path: Path) ->
 def test_image_type_when_a_tag_a_number_or_empty_is_understood(
     tmp_path: Path, text: str, expected: ImageType
 ) -> None:
-    file = file_of(tmp_path, f"[USARBotAPI.UPISImageServer]\nImageType={text}\n")
-    assert read_server(file) == Said(image_type=expected)
+    file = write_file(tmp_path, f"[USARBotAPI.UPISImageServer]\nImageType={text}\n")
+    assert read_server_options(file) == ServerOptions(image_type=expected)
 
 
 @pytest.mark.parametrize(
@@ -87,9 +87,9 @@ def test_image_type_when_a_tag_a_number_or_empty_is_understood(
 def test_value_when_it_makes_no_sense_is_refused_with_file_line_and_key(
     tmp_path: Path, section: str, line: str, expected: str
 ) -> None:
-    file = file_of(tmp_path, f"[USARBotAPI.{section}]\n{line}\n")
+    file = write_file(tmp_path, f"[USARBotAPI.{section}]\n{line}\n")
     with pytest.raises(ConfigError, match=re.escape(expected)) as error:
-        read_server(file)
+        read_server_options(file)
     assert str(error.value).startswith(f"{tmp_path / 'server.ini'}:2: ")
     assert line.partition("=")[0] in str(error.value)
 
@@ -98,20 +98,20 @@ def test_value_when_it_makes_no_sense_is_refused_with_file_line_and_key(
 def test_key_when_it_means_nothing_is_reported_also_where_it_is_the_only_one(
     tmp_path: Path, section: str
 ) -> None:
-    file = file_of(tmp_path, f"[USARBotAPI.{section}]\nListenPorts=1\n")
-    read_server(file)
-    assert [entry.key for entry in file.unknown()] == ["ListenPorts"]
+    file = write_file(tmp_path, f"[USARBotAPI.{section}]\nListenPorts=1\n")
+    read_server_options(file)
+    assert [entry.key for entry in file.unknown_entries()] == ["ListenPorts"]
 
 
 def test_tiles_when_partly_told_are_udk_s_for_the_rest(tmp_path: Path) -> None:
-    file = file_of(tmp_path, "[USARBotAPI.MultiView]\nCameraTileX=4\nCameraTileY=1\n")
-    assert read_server(file) == Said(multi_view=multi_view(4, 1, width_px=320, height_px=240))
+    file = write_file(tmp_path, "[USARBotAPI.MultiView]\nCameraTileX=4\nCameraTileY=1\n")
+    assert read_server_options(file) == ServerOptions(multi_view=multi_view_layout(4, 1, width_px=320, height_px=240))
 
 
 def test_settings_when_nobody_speaks_are_the_usual_ones() -> None:
-    assert settings_of(Said(), Said()) == ServerSettings()
+    assert resolve_settings(ServerOptions(), ServerOptions()) == ServerSettings()
 
 
 def test_settings_when_several_speak_are_the_last_one_s() -> None:
-    first, last = Said(image_port=1, frame_skip=2), Said(image_port=3)
-    assert settings_of(first, last) == ServerSettings(image_port=3, frame_skip=2)
+    first, last = ServerOptions(image_port=1, frame_skip=2), ServerOptions(image_port=3)
+    assert resolve_settings(first, last) == ServerSettings(image_port=3, frame_skip=2)

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.shipped import Kind, configuration_file, shipped_files
+from catoptra_server.config.shipped import FileKind, find_configuration, bundled_files
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, WORLDS
 
 
 @pytest.mark.parametrize(("kind", "folder"), [("robots", ROBOTS), ("worlds", WORLDS)])
-def test_shipped_files_when_listed_are_those_of_the_repository(kind: Kind, folder: Path) -> None:
-    names = [path.name for path in shipped_files(kind)]
+def test_shipped_files_when_listed_are_those_of_the_repository(kind: FileKind, folder: Path) -> None:
+    names = [path.name for path in bundled_files(kind)]
     assert names == sorted(path.name for path in folder.glob("*.ini"))
     assert len(names) > 2
 
@@ -21,13 +21,13 @@ def test_shipped_files_when_listed_are_those_of_the_repository(kind: Kind, folde
 @pytest.mark.parametrize(
     ("kind", "name", "file"), [("robots", "p2at_omni", OMNI_ROBOT), ("worlds", FIELD.stem, FIELD)]
 )
-def test_name_when_shipped_is_the_file(kind: Kind, name: str, file: Path) -> None:
-    assert configuration_file(kind, name).resolve() == file
+def test_name_when_shipped_is_the_file(kind: FileKind, name: str, file: Path) -> None:
+    assert find_configuration(kind, name).resolve() == file
 
 
 @pytest.mark.parametrize("text", ["mine.ini", "folder/mine", "folder/mine.ini"])
 def test_path_when_given_is_taken_as_it_is(text: str) -> None:
-    assert configuration_file("robots", text) == Path(text)
+    assert find_configuration("robots", text) == Path(text)
 
 
 def test_name_when_a_file_of_that_name_is_here_is_that_file(
@@ -35,9 +35,9 @@ def test_name_when_a_file_of_that_name_is_here_is_that_file(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("p2at_omni").touch()
-    assert configuration_file("robots", "p2at_omni") == Path("p2at_omni")
+    assert find_configuration("robots", "p2at_omni") == Path("p2at_omni")
 
 
 def test_name_when_unknown_is_answered_with_those_that_are_there() -> None:
     with pytest.raises(ConfigError, match=r"robots that come with the server: .*p2at_omni,"):
-        configuration_file("robots", "p2atomni")
+        find_configuration("robots", "p2atomni")

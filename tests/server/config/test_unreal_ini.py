@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.unreal_ini import (
     parse_sections,
-    plain_text,
+    unquote,
     read_sections,
-    struct_members,
-    without_comment,
+    parse_struct,
+    strip_comment,
 )
 
 
-def entries(*lines: str) -> list[tuple[str, str, str]]:
+def parse_entries(*lines: str) -> list[tuple[str, str, str]]:
     """Return (operator, key, value) of the lines of one section."""
     (section,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
     return [(entry.operator, entry.key, entry.value) for entry in section.entries]
@@ -44,15 +44,15 @@ def entries(*lines: str) -> list[tuple[str, str, str]]:
 def test_entry_when_written_as_in_real_files_is_read(
     line: str, expected: tuple[str, str, str]
 ) -> None:
-    assert entries(line) == [expected]
+    assert parse_entries(line) == [expected]
 
 
 def test_comments_and_blank_lines_are_nothing() -> None:
-    assert entries("", "; a comment", "   ", ";Key=value") == []
+    assert parse_entries("", "; a comment", "   ", ";Key=value") == []
 
 
 def test_comment_inside_quotes_is_text() -> None:
-    assert without_comment('A="x;y";z') == 'A="x;y"'
+    assert strip_comment('A="x;y";z') == 'A="x;y"'
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
@@ -63,7 +63,7 @@ def test_lines_when_ended_in_any_way_are_counted_alike(end: str) -> None:
 
 @pytest.mark.parametrize("odd", ["\f", "\v", "\x1c", "\x85", "\u2028"])
 def test_line_when_it_holds_an_odd_separator_goes_on(odd: str) -> None:
-    assert entries(f"A=1 ; a{odd}b") == [("", "A", "1")]
+    assert parse_entries(f"A=1 ; a{odd}b") == [("", "A", "1")]
 
 
 def test_section_when_repeated_is_kept_apart() -> None:
@@ -86,7 +86,7 @@ def test_section_when_repeated_is_kept_apart() -> None:
 def test_text_when_broken_names_file_and_line(text: str, line: int, expected: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_sections(text, file="x.ini")
-    assert (caught.value.where.file, caught.value.where.line) == ("x.ini", line)
+    assert (caught.value.location.file, caught.value.location.line) == ("x.ini", line)
     assert expected in str(caught.value)
 
 
@@ -106,12 +106,12 @@ def test_text_when_broken_names_file_and_line(text: str, line: int, expected: st
 def test_struct_when_well_formed_gives_its_members(
     value: str, members: list[tuple[str, str]]
 ) -> None:
-    assert struct_members(value) == members
+    assert parse_struct(value) == members
 
 
 @pytest.mark.parametrize("value", ["", "1", "(X=1", "((X=1)", '(X="1)', "(1,2)", "(=1)"])
 def test_struct_when_unbalanced_or_unnamed_is_none(value: str) -> None:
-    assert struct_members(value) is None
+    assert parse_struct(value) is None
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_struct_when_unbalanced_or_unnamed_is_none(value: str) -> None:
     ],
 )
 def test_plain_text_when_quoted_or_referenced_is_what_is_inside(value: str, text: str) -> None:
-    assert plain_text(value) == text
+    assert unquote(value) == text
 
 
 def test_file_when_it_starts_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_file_when_it_cannot_be_read_is_named(tmp_path: Path, name: str) -> None
         read_sections(tmp_path / name)
 
 
-def keys_or_refusal(text: str) -> tuple[list[str], ConfigError | None]:
+def keys_or_error(text: str) -> tuple[list[str], ConfigError | None]:
     try:
         sections = parse_sections(text, file="x.ini")
     except ConfigError as error:
@@ -166,12 +166,12 @@ def keys_or_refusal(text: str) -> tuple[list[str], ConfigError | None]:
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.text(alphabet=st.sampled_from("[]()=,;\"'+-.! \n\raK1\u00e9"), max_size=60))
 def test_text_when_arbitrary_is_read_or_refused_with_a_line(text: str) -> None:
-    keys, refused = keys_or_refusal(text)
+    keys, refused = keys_or_error(text)
     assert all(keys)
-    assert refused is None or refused.where.line >= 1
+    assert refused is None or refused.location.line >= 1
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.text(alphabet=st.sampled_from("()=,\"'aX1 "), max_size=40))
 def test_struct_when_arbitrary_has_named_members_or_is_none(value: str) -> None:
-    assert all(name for name, _ in struct_members(value) or [])
+    assert all(name for name, _ in parse_struct(value) or [])

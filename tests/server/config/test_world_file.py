@@ -31,17 +31,17 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene
-from helpers.configs import FIELD, WORLDS, Edit, edited_copy, line_of, small_world
+from helpers.configs import FIELD, WORLDS, Edit, write_edited_copy, find_line_number, write_small_world
 
 
-def world_of(folder: Path, *lines: str) -> World:
-    return read_world(small_world(folder, *lines))[0]
+def read_world_text(folder: Path, *lines: str) -> World:
+    return read_world(write_small_world(folder, *lines))[0]
 
 
 @pytest.mark.parametrize("path", sorted(WORLDS.glob("*.ini")), ids=lambda path: path.name)
 def test_shipped_world_when_read_is_known_to_the_last_key(path: Path) -> None:
     world, file = read_world(path)
-    assert file.unknown() == []
+    assert file.unknown_entries() == []
     scene = build_scene(world)
     assert len(scene) > 0
     assert np.isfinite(scene.corners).all()
@@ -71,7 +71,7 @@ def test_field_when_read_is_the_four_legged_one_of_2006() -> None:
     ],
 )
 def test_item_when_written_is_its_shape(tmp_path: Path, line: str, shape: object) -> None:
-    assert shape in [item.shape for item in world_of(tmp_path, line).items]
+    assert shape in [item.shape for item in read_world_text(tmp_path, line).items]
 
 
 def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
@@ -79,23 +79,23 @@ def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
         'Cylinders=(Name="Post",Radius=1,Height=1,Position=(X=1,Y=2,Z=-3),'
         "Direction=(Z=1.5),Colour=(R=255,B=0),Unlit=true,CastShadow=false)"
     )
-    item = world_of(tmp_path, line).items[-1]
+    item = read_world_text(tmp_path, line).items[-1]
     assert item.name == "Post"
     assert item.world_from_item.translation.tolist() == [1.0, 2.0, -3.0]
-    assert item.world_from_item.rpy() == pytest.approx((0.0, 0.0, 1.5))
+    assert item.world_from_item.to_rpy() == pytest.approx((0.0, 0.0, 1.5))
     assert item.material == Material((1.0, 0.0, 0.0), unlit=True)
     assert not item.casts_shadows
 
 
 def test_mesh_when_it_says_nothing_of_its_look_keeps_its_own(tmp_path: Path) -> None:
     (tmp_path / "m.stl").touch()
-    item = world_of(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
+    item = read_world_text(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
     assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
     assert item.material is None
 
 
 def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -> None:
-    world = world_of(
+    world = read_world_text(
         tmp_path,
         "Lights=(Type=Hemisphere,Up=(R=255,G=255,B=255),Down=(R=0,G=0,B=0),Brightness=0.5)",
         "Lights=(Type=Directional,Direction=(X=0,Y=0,Z=2))",
@@ -110,11 +110,11 @@ def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -
 
 def test_start_when_written_is_a_place(tmp_path: Path) -> None:
     line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
-    assert world_of(tmp_path, line).starts == (StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),)
+    assert read_world_text(tmp_path, line).starts == (StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),)
 
 
 def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
-    assert world_of(tmp_path).name == "world"
+    assert read_world_text(tmp_path).name == "world"
 
 
 @pytest.mark.parametrize(
@@ -154,17 +154,17 @@ def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
 def test_world_when_broken_names_file_line_key_and_expectation(
     tmp_path: Path, line: str, key: str, expected: str
 ) -> None:
-    path = small_world(tmp_path, "; the next line is wrong", line)
+    path = write_small_world(tmp_path, "; the next line is wrong", line)
     with pytest.raises(ConfigError) as caught:
         read_world(path)
     error = caught.value
-    assert (error.where.file, error.where.line) == (str(path), 4)
+    assert (error.location.file, error.location.line) == (str(path), 4)
     assert error.key == key
     assert expected in error.expected
 
 
 def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
-    world = world_of(
+    world = read_world_text(
         tmp_path, *(f"PlayerStarts=(Tag=P{i:02},Location=(X=-9.5))" for i in range(60))
     )
     poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in world.starts]
@@ -174,7 +174,7 @@ def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
 def test_starts_when_too_many_for_a_line_are_refused(tmp_path: Path) -> None:
     lines = [f"PlayerStarts=(Tag=Start{i},Location=(X=0))" for i in range(90)]
     with pytest.raises(ConfigError, match=r"PlayerStarts=.*at most 4095"):
-        world_of(tmp_path, *lines)
+        read_world_text(tmp_path, *lines)
 
 
 @pytest.mark.parametrize("text", ["", "[Other]\nK=1\n"])
@@ -194,17 +194,17 @@ def test_world_when_there_is_nothing_to_see_is_refused(tmp_path: Path) -> None:
 
 def test_landmark_when_its_row_is_broken_names_the_csv_and_its_line(tmp_path: Path) -> None:
     csv = Path(FIELD.parent.parent / "landmarks/four_legged_2006.csv")
-    broken = edited_copy(csv, tmp_path, Edit("yellow_goal,goal,2.7", "yellow_goal,goal,far"))
+    broken = write_edited_copy(csv, tmp_path, Edit("yellow_goal,goal,2.7", "yellow_goal,goal,far"))
     with pytest.raises(ConfigError, match=r"x_m='far': expected a number of metres") as caught:
-        world_of(tmp_path, f"Landmarks={broken}")
-    where = caught.value.where
-    assert (where.file, where.line) == (str(broken), line_of(broken, "far"))
+        read_world_text(tmp_path, f"Landmarks={broken}")
+    where = caught.value.location
+    assert (where.file, where.line) == (str(broken), find_line_number(broken, "far"))
 
 
 def test_member_when_misspelt_is_reported_as_unknown(tmp_path: Path) -> None:
-    path = small_world(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1,W=1),Color=(R=255))", "Nmae=x")
+    path = write_small_world(tmp_path, "Boxes=(Size=(X=1,Y=1,Z=1,W=1),Color=(R=255))", "Nmae=x")
     _, file = read_world(path)
-    assert sorted(entry.key for entry in file.unknown()) == ["Color", "Nmae", "W"]
+    assert sorted(entry.key for entry in file.unknown_entries()) == ["Color", "Nmae", "W"]
 
 
 _VALUES = st.one_of(
@@ -217,7 +217,7 @@ _KEYS = st.sampled_from(
 )
 
 
-def world_or_refusal(path: Path) -> tuple[World | None, ConfigError | None]:
+def world_or_error(path: Path) -> tuple[World | None, ConfigError | None]:
     try:
         return read_world(path)[0], None
     except ConfigError as error:
@@ -229,19 +229,19 @@ def world_or_refusal(path: Path) -> tuple[World | None, ConfigError | None]:
 def test_world_when_arbitrary_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, lines: list[tuple[str, str]]
 ) -> None:
-    path = small_world(tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines))
-    world, refused = world_or_refusal(path)
+    path = write_small_world(tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines))
+    world, refused = world_or_error(path)
     assert world is None or np.isfinite(build_scene(world).corners).all()
     assert refused is None or str(path) in str(refused)
 
 
 def test_targets_of_sensors_when_listed_are_read(tmp_path: Path) -> None:
-    world = world_of(
+    world = read_world_text(
         tmp_path,
         "RfidTags=(ID=1001,Position=(X=1,Y=2,Z=-0.1))",
         'Victims=(Name="Head",Position=(X=3,Y=0,Z=-0.5))',
         "GpsOrigin=(Latitude=39.1339,Longitude=-77.2166)",
     )
-    assert world.tags == (RfidTag(1001, (1.0, 2.0, -0.1)),)
+    assert world.rfid_tags == (RfidTag(1001, (1.0, 2.0, -0.1)),)
     assert world.victims == (Victim("Head", (3.0, 0.0, -0.5)),)
     assert world.gps_origin == GpsOrigin(39.1339, -77.2166)

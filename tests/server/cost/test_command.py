@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from catoptra_server.cost.command import EXIT_CANNOT_MEASURE, main
-from catoptra_server.cost.document import Document, read_document, write_document
+from catoptra_server.cost.command import EXIT_FAILURE, main
+from catoptra_server.cost.document import CostResults, read_cost_results, write_cost_results
 from helpers.configs import FIELD, OMNI_ROBOT, REPOSITORY
 
 FILES = ("--robot", str(OMNI_ROBOT), "--world", str(FIELD))
@@ -23,12 +23,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_study_has_the_key_steps_and_a_front(folder: Path) -> None:
-    study = read_document(folder / "cost.json")
+    study = read_cost_results(folder / "cost.json")
     assert study.conditions.size_px == 64
-    assert any(step.is_key and step.renderer == "trace" for step in study.steps)
-    assert any(step.is_on_front for step in study.steps)
-    assert len(study.polygons) == 20
-    assert study.landmarks is None
+    assert any(step.is_key and step.renderer == "trace" for step in study.levels)
+    assert any(step.is_on_pareto_front for step in study.levels)
+    assert len(study.polygon_rows) == 20
+    assert study.localization is None
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -41,9 +41,9 @@ def test_report_stands_beside_the_numbers(folder: Path) -> None:
 
 
 def test_telling_when_nothing_is_measured_writes_report_table_and_landmarks(
-    document: Document, tmp_path: Path
+    document: CostResults, tmp_path: Path
 ) -> None:
-    write_document(document, tmp_path / "cost.json")
+    write_cost_results(document, tmp_path / "cost.json")
     readme = tmp_path / "README.md"
     readme.write_text("<!-- cost: begin -->\n<!-- cost: end -->\n")
     report = tmp_path / "elsewhere.md"
@@ -58,7 +58,7 @@ def test_file_when_missing_ends_with_a_message_and_no_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["--robot", str(tmp_path / "no.ini"), "--world", str(FIELD)]
-    assert main([*arguments, "--output", str(tmp_path)]) == EXIT_CANNOT_MEASURE
+    assert main([*arguments, "--output", str(tmp_path)]) == EXIT_FAILURE
     assert "no.ini" in capsys.readouterr().err
 
 

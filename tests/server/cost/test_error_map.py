@@ -3,23 +3,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.cost.error_map import error_colours, scale_bar
+from catoptra_server.cost.error_map import map_error_colours, colour_bar
 
 WHITE = (255, 255, 255)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.05, 0.1])
 def test_colour_when_the_error_is_below_the_scale_is_white(error: float) -> None:
-    assert tuple(error_colours(np.array(error), 0.1, 100.0)) == WHITE
+    assert tuple(map_error_colours(np.array(error), 0.1, 100.0)) == WHITE
 
 
 def test_colour_when_the_error_is_above_the_scale_is_that_of_its_end() -> None:
-    ends = error_colours(np.array([100.0, 1e6]), 0.1, 100.0)
+    ends = map_error_colours(np.array([100.0, 1e6]), 0.1, 100.0)
     assert tuple(ends[0]) == tuple(ends[1])
 
 
 def test_scale_bar_grows_darker_all_the_way() -> None:
-    bar = scale_bar(60, 5, 1.0, 128.0)
+    bar = colour_bar(60, 5, 1.0, 128.0)
     assert bar.shape == (5, 60, 3)
     brightness = bar[0].astype(float) @ (0.299, 0.587, 0.114)
     assert (np.diff(brightness) < 0.0).all()

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_server.cost.document import Document
-from catoptra_server.cost.frame_rate_report import frame_rate_section
+from catoptra_server.cost.document import CostResults
+from catoptra_server.cost.frame_rate_report import format_frame_rates
 
 
-def with_times(document: Document, **processor_ms: float) -> Document:
+def with_times(document: CostResults, **processor_ms: float) -> CostResults:
     rows = tuple(
-        replace(row, processor_ms=processor_ms.get(f"n{row.carries}", row.processor_ms))
+        replace(row, cpu_ms=processor_ms.get(f"n{row.payload}", row.cpu_ms))
         for row in document.frame_rates
     )
     return replace(document, frame_rates=rows)
@@ -25,21 +25,21 @@ def with_times(document: Document, **processor_ms: float) -> Document:
     ],
 )
 def test_verdict_follows_from_the_processor_times(
-    document: Document, times: dict[str, float], expected: str
+    document: CostResults, times: dict[str, float], expected: str
 ) -> None:
-    told = " ".join(frame_rate_section(with_times(document, **times)).split())
+    told = " ".join(format_frame_rates(with_times(document, **times)).split())
     assert expected in told
 
 
-def test_section_tells_the_camera_and_the_scanner_apart(document: Document) -> None:
-    told = " ".join(frame_rate_section(document).split())
+def test_section_tells_the_camera_and_the_scanner_apart(document: CostResults) -> None:
+    told = " ".join(format_frame_rates(document).split())
     assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in told
 
 
-def test_section_says_what_the_exact_law_takes_beside_the_finest_mesh(document: Document) -> None:
-    told = " ".join(frame_rate_section(document).split())
+def test_section_says_what_the_exact_law_takes_beside_the_finest_mesh(document: CostResults) -> None:
+    told = " ".join(format_frame_rates(document).split())
     assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in told
 
 
-def test_section_when_nothing_was_measured_is_empty(document: Document) -> None:
-    assert frame_rate_section(replace(document, frame_rates=())) == ""
+def test_section_when_nothing_was_measured_is_empty(document: CostResults) -> None:
+    assert format_frame_rates(replace(document, frame_rates=())) == ""

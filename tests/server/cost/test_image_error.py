@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.cost.image_error import image_error, psnr_db, ssim_map
+from catoptra_server.cost.image_error import compute_image_error, psnr_db, ssim_map
 from catoptra_server.render.renderer import Image
 
 EVERYWHERE = np.ones((32, 32), dtype=np.bool_)
@@ -40,7 +40,7 @@ def test_ssim_when_pictures_are_the_same_is_one() -> None:
 def test_rmse_when_one_channel_is_off_counts_all_three() -> None:
     off = grey(100).copy()
     off[..., 0] += 30
-    error = image_error([(off, grey(100))], EVERYWHERE)
+    error = compute_image_error([(off, grey(100))], EVERYWHERE)
     assert error.rmse == pytest.approx(30 / math.sqrt(3))
 
 
@@ -49,12 +49,12 @@ def test_error_when_pixels_are_not_counted_is_of_the_others() -> None:
     off[:16] = 255
     lower = np.zeros((32, 32), dtype=np.bool_)
     lower[16:] = True
-    assert image_error([(off, grey(100))], lower).rmse == 0.0
+    assert compute_image_error([(off, grey(100))], lower).rmse == 0.0
 
 
 def test_rmse_of_several_pairs_is_that_of_all_their_pixels() -> None:
     pairs = [(grey(100), grey(100)), (grey(110), grey(100))]
-    assert image_error(pairs, EVERYWHERE).rmse == pytest.approx(10 / math.sqrt(2))
+    assert compute_image_error(pairs, EVERYWHERE).rmse == pytest.approx(10 / math.sqrt(2))
 
 
 def test_psnr_is_20_db_a_decade_and_endless_for_equal_pictures() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.cost.marked_block import write_block
+from catoptra_server.cost.marked_block import replace_block
 
 TEXT = "before\n<!-- cost: begin, written by make cost -->\nold\n<!-- cost: end -->\nafter\n"
 
@@ -13,16 +13,16 @@ TEXT = "before\n<!-- cost: begin, written by make cost -->\nold\n<!-- cost: end 
 def test_block_is_replaced_and_all_else_stays(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
     path.write_text(TEXT)
-    write_block(path, "cost", "new\ntable")
+    replace_block(path, "cost", "new\ntable")
     assert path.read_text() == TEXT.replace("old", "new\ntable")
 
 
 def test_block_when_written_twice_is_the_same(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
     path.write_text(TEXT)
-    write_block(path, "cost", "new")
+    replace_block(path, "cost", "new")
     once = path.read_text()
-    write_block(path, "cost", "new")
+    replace_block(path, "cost", "new")
     assert path.read_text() == once
 
 
@@ -34,5 +34,5 @@ def test_file_when_a_mark_is_missing_is_refused_and_left_alone(
     path.write_text(TEXT.replace(missing, ""))
     before = path.read_text()
     with pytest.raises(CatoptraError, match="no place for the table"):
-        write_block(path, "cost", "new")
+        replace_block(path, "cost", "new")
     assert path.read_text() == before

@@ -14,7 +14,7 @@ def test_front_goes_from_fast_to_exact_without_what_is_beaten() -> None:
 
 
 def test_front_when_a_least_gain_is_asked_for_leaves_out_what_gains_less() -> None:
-    assert pareto_front(POINTS, least_gain=0.05) == (0, 3, 2)
+    assert pareto_front(POINTS, min_gain=0.05) == (0, 3, 2)
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4))))

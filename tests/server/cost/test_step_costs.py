@@ -2,40 +2,40 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_server.cost.ladder import Step
-from catoptra_server.cost.step_costs import Drawn, measure_steps
-from catoptra_server.cost.subject import open_subject
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_server.cost.ladder import AccuracyLevel
+from catoptra_server.cost.step_costs import MeasuredLevel, measure_levels
+from catoptra_server.cost.subject import open_study_subject
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from helpers.configs import FIELD, OMNI_ROBOT
 
 STEPS = (
-    Step("polygons", RendererKind.TRACE, RenderWish(split_for(16), 1)),
-    Step("one", RendererKind.TRACE, RenderWish(PerPixel(), 1)),
-    Step("exact", RendererKind.TRACE, RenderWish(PerPixel(), 4, stride_px=1), is_key=True),
+    AccuracyLevel("polygons", RendererKind.TRACE, RenderSettings(tessellation_from_polygon_count(16), 1)),
+    AccuracyLevel("one", RendererKind.TRACE, RenderSettings(PerPixel(), 1)),
+    AccuracyLevel("exact", RendererKind.TRACE, RenderSettings(PerPixel(), 4, stride_px=1), is_key=True),
 )
 
 
 @pytest.fixture(scope="module")
-def drawn() -> dict[str, Drawn]:
-    with open_subject(OMNI_ROBOT, FIELD, size_px=60, places=2) as subject:
-        found = measure_steps(subject, STEPS, subject.reference(4), rounds=2, on_round=lambda: None)
+def drawn() -> dict[str, MeasuredLevel]:
+    with open_study_subject(OMNI_ROBOT, FIELD, size_px=60, num_poses=2) as subject:
+        found = measure_levels(subject, STEPS, subject.render_reference(4), num_rounds=2, on_round=lambda: None)
     return {one.cost.name: one for one in found}
 
 
-def test_error_when_a_step_is_the_reference_is_nothing(drawn: dict[str, Drawn]) -> None:
+def test_error_when_a_step_is_the_reference_is_nothing(drawn: dict[str, MeasuredLevel]) -> None:
     exact = drawn["exact"].cost
     assert (exact.rmse, exact.ssim) == (0.0, pytest.approx(1.0))
     assert exact.is_key
 
 
-def test_error_grows_from_samples_to_polygons(drawn: dict[str, Drawn]) -> None:
+def test_error_grows_from_samples_to_polygons(drawn: dict[str, MeasuredLevel]) -> None:
     assert 0.0 < drawn["one"].cost.rmse < drawn["polygons"].cost.rmse
     assert drawn["one"].cost.bound_max_px < 1e-3 < drawn["polygons"].cost.bound_max_px
-    assert drawn["polygons"].cost.polygons == 16
+    assert drawn["polygons"].cost.num_polygons == 16
 
 
-def test_the_exact_step_is_on_the_front_and_stages_are_timed(drawn: dict[str, Drawn]) -> None:
-    assert drawn["exact"].cost.is_on_front
+def test_the_exact_step_is_on_the_front_and_stages_are_timed(drawn: dict[str, MeasuredLevel]) -> None:
+    assert drawn["exact"].cost.is_on_pareto_front
     assert all(one.cost.stage_ms["trace"] > 0.0 for one in drawn.values())
     assert drawn["one"].frame.shape == (60, 60, 3)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.cost.subject import open_subject
+from catoptra_server.cost.subject import open_study_subject
 from catoptra_server.plan.render_plan import RendererKind
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
 
 
 def test_subject_has_a_camera_of_the_size_and_places_apart() -> None:
-    with open_subject(OMNI_ROBOT, FIELD, size_px=50, places=4) as subject:
+    with open_study_subject(OMNI_ROBOT, FIELD, size_px=50, num_poses=4) as subject:
         assert (subject.camera.width_px, subject.camera.height_px) == (50, 50)
-        places = np.array([e.world_from_mirror.translation for e in subject.exposures])
+        places = np.array([e.world_from_mirror.translation for e in subject.camera_states])
         assert RendererKind.TRACE in subject.renderers
     assert len(places) == 4
     # The robot's viewpoint is 0.6 m above the floor, and the field's first start is its middle.
@@ -26,8 +26,8 @@ def test_subject_has_a_camera_of_the_size_and_places_apart() -> None:
 
 
 def test_reference_has_a_frame_for_each_place() -> None:
-    with open_subject(OMNI_ROBOT, FIELD, size_px=40, places=2) as subject:
-        first, second = subject.reference(2)
+    with open_study_subject(OMNI_ROBOT, FIELD, size_px=40, num_poses=2) as subject:
+        first, second = subject.render_reference(2)
     assert first.shape == (40, 40, 3)
     assert not np.array_equal(first, second)
 
@@ -35,7 +35,7 @@ def test_reference_has_a_frame_for_each_place() -> None:
 def test_robot_when_it_has_no_camera_is_refused_with_a_remedy() -> None:
     with (
         pytest.raises(CatoptraError, match="no omnidirectional camera to measure"),
-        open_subject(ROBOTS / "p2at.ini", FIELD, size_px=40, places=1),
+        open_study_subject(ROBOTS / "p2at.ini", FIELD, size_px=40, num_poses=1),
     ):
         pass
 
@@ -43,6 +43,6 @@ def test_robot_when_it_has_no_camera_is_refused_with_a_remedy() -> None:
 def test_world_when_missing_is_refused(tmp_path: Path) -> None:
     with (
         pytest.raises(CatoptraError, match=r"no\.ini"),
-        open_subject(OMNI_ROBOT, tmp_path / "no.ini", size_px=40, places=1),
+        open_study_subject(OMNI_ROBOT, tmp_path / "no.ini", size_px=40, num_poses=1),
     ):
         pass

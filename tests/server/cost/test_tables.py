@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from catoptra_server.cost.tables import bullet, markdown_table, number, paragraph
+from catoptra_server.cost.tables import wrap_bullet, markdown_table, format_number, wrap_paragraph
 
 
 def test_table_is_aligned_with_words_left_and_numbers_right() -> None:
@@ -30,12 +30,12 @@ def test_table_is_aligned_with_words_left_and_numbers_right() -> None:
     ],
 )
 def test_number_has_its_significant_digits(value: float, digits: int, expected: str) -> None:
-    assert number(value, digits) == expected
+    assert format_number(value, digits) == expected
 
 
 def test_paragraph_is_wrapped_and_a_bullet_hangs() -> None:
     text = "word " * 40
-    assert max(map(len, paragraph(text).split("\n"))) <= 100
-    first, second, *_ = bullet(text).split("\n")
+    assert max(map(len, wrap_paragraph(text).split("\n"))) <= 100
+    first, second, *_ = wrap_bullet(text).split("\n")
     assert first.startswith("* word")
     assert second.startswith("  word")

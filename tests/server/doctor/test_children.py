@@ -6,16 +6,16 @@ import sys
 
 import pytest
 
-from catoptra_server.doctor.children import Answer, answer_of
+from catoptra_server.doctor.children import CheckResult, run_command
 
 
-def ran(code: str, *, patience_s: float = 30.0) -> Answer:
+def run_code(code: str, *, timeout_s: float = 30.0) -> CheckResult:
     """Return the answer of a piece of Python."""
-    return answer_of([sys.executable, "-c", code], patience_s=patience_s)
+    return run_command([sys.executable, "-c", code], timeout_s=timeout_s)
 
 
 def test_answer_when_a_driver_chatters_before_is_the_last_line() -> None:
-    assert ran("print('libEGL warning: x'); print('{\"a\": 1}')") == Answer({"a": 1})
+    assert run_code("print('libEGL warning: x'); print('{\"a\": 1}')") == CheckResult({"a": 1})
 
 
 @pytest.mark.parametrize(
@@ -31,9 +31,9 @@ def test_answer_when_a_driver_chatters_before_is_the_last_line() -> None:
     ],
 )
 def test_trouble_when_a_process_fails_is_told(code: str, trouble: str) -> None:
-    assert ran(code) == Answer(trouble=trouble)
+    assert run_code(code) == CheckResult(error=trouble)
 
 
 def test_process_when_it_hangs_is_ended() -> None:
-    hanging = ran("import threading; threading.Event().wait()", patience_s=0.5)
-    assert hanging.trouble == "it did not end within 0.5 s"
+    hanging = run_code("import threading; threading.Event().wait()", timeout_s=0.5)
+    assert hanging.error == "it did not end within 0.5 s"

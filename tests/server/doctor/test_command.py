@@ -10,15 +10,15 @@ from typing import Any
 import pytest
 
 from catoptra_server.doctor.command import main
-from helpers.configs import OMNI_ROBOT, Edit, edited_copy
+from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 
-FREE = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
+FREE_PORTS = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
 # What takes long is asked for once.
-QUICK = (*FREE, "--renderer", "trace", "--robot", "p2at_omni")
+FAST_CHECKS = (*FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omni")
 
 
-def examined(
+def run_doctor(
     capsys: pytest.CaptureFixture[str], *arguments: str
 ) -> tuple[int, list[dict[str, Any]]]:
     """Return the status, and the findings that are problems."""
@@ -32,11 +32,11 @@ def examined(
 
 def test_machine_when_raster_and_trace_run_is_well(capsys: pytest.CaptureFixture[str]) -> None:
     device_or_skip().close()
-    assert examined(capsys, *FREE, "--world", "corridor")[1] == []
+    assert run_doctor(capsys, *FREE_PORTS, "--world", "corridor")[1] == []
 
 
 def test_lines_when_printed_end_with_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(QUICK) in (0, 1)
+    assert main(FAST_CHECKS) in (0, 1)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("ok       python: 3.")
     assert lines[-1].startswith("catoptra-server can serve (faults: 0")
@@ -47,21 +47,21 @@ def test_opengl_when_its_library_is_broken_is_found(
 ) -> None:
     (tmp_path / "libEGL.so.1").touch()
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
-    status, (found,) = examined(capsys, *FREE, "--renderer", "raster", "--robot", "p2at")
+    status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "raster", "--robot", "p2at")
     assert status == 2
     assert "libEGL.so.1 cannot be loaded" in found["what"]
     assert "libegl1" in found["remedy"]
 
 
 def test_file_when_broken_is_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
-    status, (found,) = examined(capsys, *FREE, "--renderer", "trace", "--robot", str(path))
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "trace", "--robot", str(path))
     assert status == 2
     assert "C='two'" in found["what"]
 
 
 def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -> None:
-    status, (found,) = examined(capsys, *FREE, "--renderer", "trace", "--robot", "p2at_omin")
+    status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omin")
     assert status == 2
     assert "p2at_omni" in found["what"]
 
@@ -69,7 +69,7 @@ def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -
 def test_port_when_taken_is_found(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        status, (found,) = examined(capsys, *QUICK, "--control-port", port)
+        status, (found,) = run_doctor(capsys, *FAST_CHECKS, "--control-port", port)
     assert status == 2
     assert found["topic"] == "ports"
 
@@ -81,7 +81,7 @@ def test_package_when_too_old_is_found(
     metadata = "Metadata-Version: 2.1\nName: numpy\nVersion: 1.26.4\n"
     (tmp_path / "numpy-1.26.4.dist-info/METADATA").write_text(metadata)
     monkeypatch.syspath_prepend(str(tmp_path))
-    status, (found,) = examined(capsys, *QUICK)
+    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
     assert status == 2
     assert "numpy is 1.26.4, numpy>=2.0 is needed" in found["what"]
 
@@ -92,7 +92,7 @@ def test_library_when_it_cannot_be_imported_is_found(
     (tmp_path / "embreex").mkdir()
     (tmp_path / "embreex/__init__.py").write_text("raise ImportError('embreex is broken')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    status, (found,) = examined(capsys, *QUICK)
+    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
     assert status == 2
     assert "embreex is broken" in found["what"]
 
@@ -102,7 +102,7 @@ def test_server_when_none_answers_is_a_fault(capsys: pytest.CaptureFixture[str])
         held.bind(("127.0.0.1", 0))
         port = str(held.getsockname()[1])
         asked = ("--answers", "127.0.0.1", "--control-port", port, "--image-port", port)
-        status, found = examined(capsys, *asked)
+        status, found = run_doctor(capsys, *asked)
     assert (status, [f["topic"] for f in found]) == (2, ["control", "image"])
 
 

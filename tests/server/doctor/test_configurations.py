@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from catoptra_server.config.shipped import shipped_files
-from catoptra_server.doctor.configurations import examine
+from catoptra_server.config.shipped import bundled_files
+from catoptra_server.doctor.configurations import check_configurations
 from catoptra_server.doctor.finding import Level
-from helpers.configs import OMNI_ROBOT, Edit, edited_copy, line_of, small_world
+from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy, find_line_number, write_small_world
 
 
 def test_shipped_files_when_examined_are_well() -> None:
-    found = list(examine(shipped_files("robots"), shipped_files("worlds")))
+    found = list(check_configurations(bundled_files("robots"), bundled_files("worlds")))
     assert [f for f in found if f.level is not Level.OK] == []
-    assert len(found) == len(shipped_files("robots")) + len(shipped_files("worlds"))
+    assert len(found) == len(bundled_files("robots")) + len(bundled_files("worlds"))
 
 
 def test_robot_when_broken_is_a_fault_with_its_line(tmp_path: Path) -> None:
-    path = edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
-    (found,) = examine([path], [])
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    (found,) = check_configurations([path], [])
     assert found.level is Level.FAULT
-    assert f"{path}:{line_of(path, 'C=two')}: C='two'" in found.what
+    assert f"{path}:{find_line_number(path, 'C=two')}: C='two'" in found.message
 
 
 def test_world_when_its_mesh_is_missing_is_a_fault(tmp_path: Path) -> None:
-    (found,) = examine([], [small_world(tmp_path, "Meshes=(File=none.glb)")])
+    (found,) = check_configurations([], [write_small_world(tmp_path, "Meshes=(File=none.glb)")])
     assert found.level is Level.FAULT
-    assert "none.glb" in found.what
+    assert "none.glb" in found.message
 
 
 def test_key_when_misspelt_is_a_warning(tmp_path: Path) -> None:
-    found = list(examine([], [small_world(tmp_path, "Bxoes=()")]))
+    found = list(check_configurations([], [write_small_world(tmp_path, "Bxoes=()")]))
     assert [f.level for f in found] == [Level.OK, Level.WARNING]
-    assert "Bxoes" in found[1].what
+    assert "Bxoes" in found[1].message

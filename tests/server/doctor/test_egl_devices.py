@@ -8,32 +8,32 @@ import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.doctor import egl_devices as module
-from catoptra_server.doctor.children import ask
+from catoptra_server.doctor.children import run_in_subprocess
 from helpers.opengl import device_or_skip
 
 
 def test_devices_when_there_is_opengl_are_listed() -> None:
     device_or_skip().close()
-    answer = ask("egl-devices")
-    assert answer.trouble == ""
-    assert answer.facts["devices"]
+    answer = run_in_subprocess("egl-devices")
+    assert answer.error == ""
+    assert answer.values["devices"]
 
 
 def test_library_when_it_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LIBRARY", "libNoEGL.so.1")
     with pytest.raises(RendererUnavailableError, match=r"libNoEGL\.so\.1 cannot be loaded"):
-        module.egl_devices()
+        module.list_egl_devices()
 
 
 def test_library_when_broken_is_found_by_the_process_that_asks(tmp_path: Path) -> None:
     (tmp_path / "libEGL.so.1").touch()
-    answer = ask("egl-devices", environment={"LD_LIBRARY_PATH": str(tmp_path)})
-    assert "libEGL.so.1 cannot be loaded" in answer.trouble
+    answer = run_in_subprocess("egl-devices", environment={"LD_LIBRARY_PATH": str(tmp_path)})
+    assert "libEGL.so.1 cannot be loaded" in answer.error
 
 
 def test_drivers_when_there_are_none_are_missed(tmp_path: Path) -> None:
     device_or_skip().close()
-    answer = ask("egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)})
-    if not answer.trouble and answer.facts["devices"]:
+    answer = run_in_subprocess("egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)})
+    if not answer.error and answer.values["devices"]:
         pytest.skip("needs libglvnd: this libEGL is a driver itself")
-    assert not answer.facts.get("devices")
+    assert not answer.values.get("devices")

@@ -9,14 +9,14 @@ import pytest
 from catoptra_server.doctor.finding import Finding, Level, exit_status
 from catoptra_server.doctor.installation import (
     Requirement,
-    package_findings,
-    python_findings,
-    release,
-    required,
+    check_packages,
+    check_python,
+    parse_release,
+    read_requirements,
 )
 
 
-def installed(folder: Path, name: str, version: str, *requires: str) -> None:
+def install_package(folder: Path, name: str, version: str, *requires: str) -> None:
     """Write the metadata of a distribution."""
     info = folder / f"{name}-{version}.dist-info"
     info.mkdir()
@@ -33,48 +33,48 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def problems(distribution: str) -> list[Finding]:
     """Return what is wrong with a distribution's requirements."""
-    return [f for f in package_findings(distribution) if f.level is not Level.OK]
+    return [f for f in check_packages(distribution) if f.level is not Level.OK]
 
 
 def test_package_when_too_old_is_named_with_what_is_needed(site: Path) -> None:
-    installed(site, "whole", "1.0", "part>=2.1")
-    installed(site, "part", "2.0.9")
+    install_package(site, "whole", "1.0", "part>=2.1")
+    install_package(site, "part", "2.0.9")
     (problem,) = problems("whole")
-    assert problem.what == "part is 2.0.9, part>=2.1 is needed"
+    assert problem.message == "part is 2.0.9, part>=2.1 is needed"
     assert problem.remedy == "pip install 'part>=2.1'"
 
 
 def test_package_when_missing_is_named(site: Path) -> None:
-    installed(site, "whole", "1.0", "never-there>=2.1")
+    install_package(site, "whole", "1.0", "never-there>=2.1")
     (problem,) = problems("whole")
-    assert problem.what == "never-there is not installed"
+    assert problem.message == "never-there is not installed"
 
 
 def test_packages_when_all_will_do_are_listed(site: Path) -> None:
-    installed(site, "whole", "1.0", "part>=2.1", "exact==3.0", 'never; extra == "more"')
-    installed(site, "part", "10.0")
-    installed(site, "exact", "3.0")
-    assert [f.what for f in package_findings("whole")] == ["whole 1.0 with part 10.0, exact 3.0"]
+    install_package(site, "whole", "1.0", "part>=2.1", "exact==3.0", 'never; extra == "more"')
+    install_package(site, "part", "10.0")
+    install_package(site, "exact", "3.0")
+    assert [f.message for f in check_packages("whole")] == ["whole 1.0 with part 10.0, exact 3.0"]
 
 
 def test_distribution_when_not_installed_is_a_fault() -> None:
-    assert exit_status(package_findings("never-there")) == 2
+    assert exit_status(check_packages("never-there")) == 2
 
 
 def test_this_installation_when_examined_is_well() -> None:
-    assert exit_status(package_findings()) == 0
-    assert Requirement("numpy", ">=", "2.0") in required("catoptra-server")
+    assert exit_status(check_packages()) == 0
+    assert Requirement("numpy", ">=", "2.0") in read_requirements("catoptra-server")
 
 
 @pytest.mark.parametrize(
     ("version", "numbers"), [("5.0", (5,)), ("4.4.0.post1", (4, 4)), ("13", (13,)), ("x", ())]
 )
 def test_release_when_read_is_its_numbers(version: str, numbers: tuple[int, ...]) -> None:
-    assert release(version) == numbers
+    assert parse_release(version) == numbers
 
 
 @pytest.mark.parametrize(
     ("version", "status"), [((3, 10, 9), 2), ((3, 11, 0), 0), ((3, 13, 1), 0), ((4, 0, 0), 0)]
 )
 def test_python_when_too_old_is_a_fault(version: tuple[int, ...], status: int) -> None:
-    assert exit_status(python_findings(version)) == status
+    assert exit_status(check_python(version)) == status

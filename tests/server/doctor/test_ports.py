@@ -8,45 +8,45 @@ from collections.abc import Iterator
 import pytest
 
 from catoptra_server.doctor.finding import Level, exit_status
-from catoptra_server.doctor.ports import answer_findings, port_findings
-from client.scripted_server import serving
+from catoptra_server.doctor.ports import check_running_server, check_ports
+from client.scripted_server import serve_script
 
 HOST = "127.0.0.1"
 
 
 @pytest.fixture
-def taken() -> Iterator[int]:
+def occupied_port() -> Iterator[int]:
     """Return a port on which somebody listens who says nothing."""
     with socket.create_server((HOST, 0)) as listener:
         yield listener.getsockname()[1]
 
 
 def test_ports_when_any_free_ones_are_asked_for_are_well() -> None:
-    (found,) = port_findings(HOST, {"control": 0, "image": 0})
+    (found,) = check_ports(HOST, {"control": 0, "image": 0})
     assert found.level is Level.OK
 
 
 def test_port_when_taken_is_a_fault_that_names_the_option(taken: int) -> None:
-    (found,) = port_findings(HOST, {"control": 0, "image": taken})
+    (found,) = check_ports(HOST, {"control": 0, "image": taken})
     assert found.level is Level.FAULT
-    assert f"image port {taken}" in found.what
+    assert f"image port {taken}" in found.message
     assert "--image-port" in found.remedy
 
 
 def test_address_when_not_of_this_machine_is_a_fault_that_names_the_option() -> None:
-    (found,) = port_findings("192.0.2.1", {"control": 0})  # RFC 5737: nobody's
+    (found,) = check_ports("192.0.2.1", {"control": 0})  # RFC 5737: nobody's
     assert "--host" in found.remedy
 
 
 def test_server_when_it_greets_answers() -> None:
-    with serving(lambda connection: connection.sendall(b"NFO {Gametype x}\r\n")) as port:
-        (found,) = answer_findings(HOST, {"control": port})
+    with serve_script(lambda connection: connection.sendall(b"NFO {Gametype x}\r\n")) as port:
+        (found,) = check_running_server(HOST, {"control": port})
     assert found.level is Level.OK
 
 
 def test_server_when_another_protocol_speaks_does_not_answer() -> None:
-    with serving(lambda connection: connection.sendall(b"SSH-2.0\r\n")) as port:
-        (found,) = answer_findings(HOST, {"control": port})
+    with serve_script(lambda connection: connection.sendall(b"SSH-2.0\r\n")) as port:
+        (found,) = check_running_server(HOST, {"control": port})
     assert found.level is Level.FAULT
 
 
@@ -54,4 +54,4 @@ def test_server_when_nobody_listens_does_not_answer() -> None:
     with socket.socket() as held:
         held.bind((HOST, 0))
         port = held.getsockname()[1]
-        assert exit_status(answer_findings(HOST, {"control": port, "image": port})) == 2
+        assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 2

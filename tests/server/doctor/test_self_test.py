@@ -6,43 +6,43 @@ import numpy as np
 import pytest
 
 from catoptra_server.doctor import self_test as module
-from catoptra_server.doctor.self_test import largest_error_px, self_test
+from catoptra_server.doctor.self_test import max_error_px, run_self_test
 from helpers.opengl import device_or_skip
 
 
 def test_self_test_when_trace_draws_is_within_its_bound() -> None:
-    facts = self_test("trace")
+    facts = run_self_test("trace")
     assert 0.0 < facts["error_px"] <= facts["bound_px"] < 0.5
     assert "Embree" in facts["renderer"]
 
 
 def test_self_test_when_raster_draws_is_within_its_bound() -> None:
     device_or_skip().close()
-    facts = self_test("raster")
+    facts = run_self_test("raster")
     assert 0.0 < facts["error_px"] <= facts["bound_px"] < 0.5
 
 
 def test_error_when_the_picture_is_shifted_is_the_shift() -> None:
-    directions = module._directions()
-    rgb = picture()
+    directions = module._disc_directions()
+    rgb = render_discs()
     shifted = np.roll(rgb, 2, axis=1)
-    assert largest_error_px(shifted, module._CAMERA, directions) == pytest.approx(2.0, abs=0.3)
+    assert max_error_px(shifted, module._CAMERA, directions) == pytest.approx(2.0, abs=0.3)
 
 
 def test_error_when_the_picture_is_black_is_infinite() -> None:
     black = np.zeros((360, 360, 3), np.uint8)
-    assert largest_error_px(black, module._CAMERA, module._directions()) == np.inf
+    assert max_error_px(black, module._CAMERA, module._disc_directions()) == np.inf
 
 
-def picture() -> np.ndarray:
+def render_discs() -> np.ndarray:
     """Return the picture that the self-test draws by trace."""
     from catoptra_protocol.optics.frames import Pose
-    from catoptra_server.plan.render_plan import plan_from_wish
+    from catoptra_server.plan.render_plan import plan_from_settings
     from catoptra_server.render.choice import choose_renderer
-    from catoptra_server.render.renderer import Exposure
+    from catoptra_server.render.renderer import CameraState
     from catoptra_server.scene.meshes import build_scene
 
-    world = module._world(module._directions())
+    world = module._disc_world(module._disc_directions())
     choice = choose_renderer("trace", build_scene(world), world, threads=1)
-    plan = plan_from_wish(module._WISH, module._CAMERA, kind=choice.kind, why="test")
-    return choice.renderer.prepare(module._CAMERA, plan).draw(Exposure(Pose.identity())).rgb
+    plan = plan_from_settings(module._RENDER_SETTINGS, module._CAMERA, kind=choice.kind, reason="test")
+    return choice.renderer.prepare(module._CAMERA, plan).render(CameraState(Pose.identity())).rgb

@@ -8,23 +8,23 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.diffraction import (
     Diffraction,
-    kernels,
-    lost_share,
-    pattern,
-    reach_px,
+    kernel_weights,
+    truncated_fraction,
+    airy_pattern,
+    kernel_half_width_px,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.symmetric_kernels import pair_sizes
-from helpers.blur import point
-from helpers.effects import CAMERA, CAPTURE, THRESHOLD, assert_summary_holds
+from catoptra_server.effects.shared.symmetric_kernels import pair_multiplicities
+from helpers.blur import make_point_source
+from helpers.effects import CAMERA, CAPTURE_CONTEXT, THRESHOLD, assert_summary_bounds_effect
 
 PITCH_M = 7.4e-6
-DAY = SceneSummary(1.0)
+DAYLIGHT = SceneSummary(1.0)
 # What the first dark ring encloses: 1 - J0(3.8317)^2.
 IN_DISC = 0.83779
 
 
-def lens(f_number: float) -> Diffraction:
+def make_diffraction(f_number: float) -> Diffraction:
     return Diffraction(f_number, PITCH_M)
 
 
@@ -32,23 +32,23 @@ def lens(f_number: float) -> Diffraction:
 def test_airy_disc_of_550_nm_has_the_textbooks_diameter(
     f_number: float, diameter_px: float
 ) -> None:
-    assert lens(f_number).airy_diameter_px(550e-9) == pytest.approx(diameter_px, abs=1e-3)
+    assert make_diffraction(f_number).airy_diameter_px(550e-9) == pytest.approx(diameter_px, abs=1e-3)
 
 
 @pytest.mark.parametrize("f_number", [1.0, 4.0, 8.0, 22.0])
 def test_kernel_of_each_colour_keeps_all_light_and_loses_little_before(f_number: float) -> None:
-    effect = lens(f_number)
-    assert pair_sizes(reach_px(effect)) @ kernels(effect) == pytest.approx(1.0, abs=1e-13)
-    assert kernels(effect).min() >= 0.0
-    assert 0.0 < lost_share(effect).max() < 0.031
+    effect = make_diffraction(f_number)
+    assert pair_multiplicities(kernel_half_width_px(effect)) @ kernel_weights(effect) == pytest.approx(1.0, abs=1e-13)
+    assert kernel_weights(effect).min() >= 0.0
+    assert 0.0 < truncated_fraction(effect).max() < 0.031
 
 
 def test_pattern_when_added_up_encloses_what_rayleighs_formula_says() -> None:
     """At so large an aperture number that pixels resolve the rings."""
-    effect = lens(64.0)
-    reach = reach_px(effect)
-    shares = pattern(effect)[:, 1]
-    sizes = pair_sizes(reach)
+    effect = make_diffraction(64.0)
+    reach = kernel_half_width_px(effect)
+    shares = airy_pattern(effect)[:, 1]
+    sizes = pair_multiplicities(reach)
     unit_px = 540e-9 * 64.0 / PITCH_M
     half_px = reach + 0.5
     # Beyond a circle 2 / (pi v); beyond a square the mean of that over all angles.
@@ -59,59 +59,59 @@ def test_pattern_when_added_up_encloses_what_rayleighs_formula_says() -> None:
     assert shares[0] == pytest.approx(0.25 * math.pi / unit_px**2, rel=0.02)
 
 
-def spread(effect: Diffraction) -> Floats:
-    return effect.apply(point(CAMERA, 48, 48), CAMERA, CAPTURE)
+def spread_point(effect: Diffraction) -> Floats:
+    return effect.apply(make_point_source(CAMERA, 48, 48), CAMERA, CAPTURE_CONTEXT)
 
 
-def own_share(effect: Diffraction) -> float:
+def central_pixel_fraction(effect: Diffraction) -> float:
     """Return how much of a red point's light stays in its pixel."""
-    return float(spread(effect)[48, 48, 0])
+    return float(spread_point(effect)[48, 48, 0])
 
 
 @pytest.mark.parametrize("f_number", [1.0, 2.8, 4.0, 4.9])
 def test_lens_when_left_out_would_leave_the_disc_of_every_point_in_its_pixel(
     f_number: float,
 ) -> None:
-    effect = lens(f_number)
-    assert effect.bound(DAY, CAMERA).value <= THRESHOLD
-    assert own_share(effect) >= IN_DISC
+    effect = make_diffraction(f_number)
+    assert effect.bound(DAYLIGHT, CAMERA).value <= THRESHOLD
+    assert central_pixel_fraction(effect) >= IN_DISC
 
 
 @pytest.mark.parametrize("f_number", [5.0, 5.6, 8.0, 16.0, 32.0])
 def test_lens_when_called_for_spreads_light_farther_than_half_the_threshold(
     f_number: float,
 ) -> None:
-    effect = lens(f_number)
-    bound = effect.bound(DAY, CAMERA)
+    effect = make_diffraction(f_number)
+    bound = effect.bound(DAYLIGHT, CAMERA)
     assert bound.value > THRESHOLD
     assert "Airy disc" in bound.reason
     # Even were all that stays in the pixel spread over it evenly, a square of a quarter of a pixel
     # around the middle would not hold the disc's light.
-    within_quarter_px = own_share(effect) * (2.0 * 0.25) ** 2
+    within_quarter_px = central_pixel_fraction(effect) * (2.0 * 0.25) ** 2
     assert within_quarter_px < IN_DISC
 
 
 @pytest.mark.parametrize("f_number", [8.0, 16.0, 32.0])
 def test_bound_when_wider_than_a_pixel_encloses_the_discs_light(f_number: float) -> None:
-    effect = lens(f_number)
+    effect = make_diffraction(f_number)
     v, u = np.mgrid[:96, :96]
     distance = np.hypot(u - 48, v - 48)
-    radius = effect.bound(DAY, CAMERA).value
-    enclosed = [float(spread(effect)[distance <= radius + by, 0].sum()) for by in (-0.71, 0.71)]
+    radius = effect.bound(DAYLIGHT, CAMERA).value
+    enclosed = [float(spread_point(effect)[distance <= radius + by, 0].sum()) for by in (-0.71, 0.71)]
     # Pixels that lie wholly within the ring, and all that it touches.
-    assert enclosed[0] < IN_DISC / (1.0 - lost_share(effect)[0]) < enclosed[1] + 1e-3
+    assert enclosed[0] < IN_DISC / (1.0 - truncated_fraction(effect)[0]) < enclosed[1] + 1e-3
 
 
 def test_light_of_a_point_is_kept_in_each_colour_and_red_is_widest() -> None:
-    seen = spread(lens(8.0))
+    seen = spread_point(make_diffraction(8.0))
     np.testing.assert_allclose(seen.sum(axis=(0, 1)), 1.0, rtol=1e-12)
     assert seen[48, 48, 0] < seen[48, 48, 1] < seen[48, 48, 2]
 
 
 def test_summary_behind_the_lens_holds() -> None:
-    assert_summary_holds(lens(11.0), 2.0)
+    assert_summary_bounds_effect(make_diffraction(11.0), 2.0)
 
 
 def test_kernel_when_asked_twice_is_the_same_array() -> None:
-    one, other = (lens(8.0).uniforms(CAMERA, CAPTURE, lambda: 0.0) for _ in range(2))
+    one, other = (make_diffraction(8.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
     assert one["weights"] is other["weights"]

@@ -7,33 +7,33 @@ from typing import ClassVar
 import pytest
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import PIXELS, Bound, Kind
-from catoptra_server.effects.kept_bounds import KeptBounds
-from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType
+from catoptra_server.effects.kept_bounds import BoundCache
+from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.scene.motion import Twist
 from helpers.effects import CAMERA
 
-DAY = SceneSummary(1.0)
-MOVING = replace(DAY, motion=Twist((1.0, 0.5, 0.0), (0.0, 0.3, 2.0)))
-NEAR = replace(MOVING, nearest_m=(0.2,) * RINGS, farthest_m=3.0)
+DAYLIGHT = SceneSummary(1.0)
+MOVING = replace(DAYLIGHT, scene_twist=Twist((1.0, 0.5, 0.0), (0.0, 0.3, 2.0)))
+NEAR = replace(MOVING, min_distances_m=(0.2,) * NUM_RINGS, max_distance_m=3.0)
 
 
 @dataclass(frozen=True)
-class Nearest:
+class DistanceEffect:
     """Asks how near the scene is, but only of a camera that moves; takes note of when."""
 
-    asked: list[SceneSummary] = field(default_factory=list, hash=False)
+    summaries: list[SceneSummary] = field(default_factory=list, hash=False)
 
     name: ClassVar[str] = "Nearest"
     unit: ClassVar[str] = PIXELS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
-        self.asked.append(summary)
-        speed = summary.motion.speed_m_s
-        return Bound(speed / min(summary.nearest_m) if speed else 0.0, "counted")
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+        self.summaries.append(summary)
+        speed = summary.scene_twist.speed_m_s
+        return EffectBound(speed / min(summary.min_distances_m) if speed else 0.0, "counted")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         return summary
 
 
@@ -41,37 +41,37 @@ class Nearest:
     ("first", "then", "times"),
     [
         (NEAR, NEAR, 1),
-        (NEAR, replace(NEAR, largest_radiance=2.0), 1),
-        (NEAR, replace(NEAR, farthest_m=math.inf), 1),
+        (NEAR, replace(NEAR, max_radiance=2.0), 1),
+        (NEAR, replace(NEAR, max_distance_m=math.inf), 1),
         (NEAR, MOVING, 2),
-        (DAY, replace(DAY, nearest_m=NEAR.nearest_m), 1),
-        (DAY, NEAR, 2),
+        (DAYLIGHT, replace(DAYLIGHT, min_distances_m=NEAR.min_distances_m), 1),
+        (DAYLIGHT, NEAR, 2),
     ],
 )
 def test_bound_is_found_again_only_when_something_changed_that_it_asked_for(
     first: SceneSummary, then: SceneSummary, times: int
 ) -> None:
-    effect = Nearest()
-    kept = KeptBounds(effect, CAMERA)
-    assert [kept.of(first), kept.of(then)] == [
-        Nearest().bound(first, CAMERA),
-        Nearest().bound(then, CAMERA),
+    effect = DistanceEffect()
+    kept = BoundCache(effect, CAMERA)
+    assert [kept.get(first), kept.get(then)] == [
+        DistanceEffect().bound(first, CAMERA),
+        DistanceEffect().bound(then, CAMERA),
     ]
-    assert len(effect.asked) == times
+    assert len(effect.summaries) == times
 
 
 def test_bound_when_thousands_were_found_since_is_forgotten_and_found_again() -> None:
-    effect = Nearest()
-    kept = KeptBounds(effect, CAMERA)
+    effect = DistanceEffect()
+    kept = BoundCache(effect, CAMERA)
     for step in range(600):
-        kept.of(replace(NEAR, nearest_m=(1.0 + step,) * RINGS))
-    assert kept.of(replace(NEAR, nearest_m=(1.0,) * RINGS)).value == MOVING.motion.speed_m_s
-    assert len(effect.asked) == 601
+        kept.get(replace(NEAR, min_distances_m=(1.0 + step,) * NUM_RINGS))
+    assert kept.get(replace(NEAR, min_distances_m=(1.0,) * NUM_RINGS)).value == MOVING.scene_twist.speed_m_s
+    assert len(effect.summaries) == 601
 
 
-@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
-def test_bound_that_is_kept_is_that_of_the_effect(kind: Kind) -> None:
-    effect = kind.make(**{p.field: p.default for p in kind.parameters})
-    kept = KeptBounds(effect, CAMERA)
-    for summary in (DAY, MOVING, NEAR, DAY, NEAR):
-        assert kept.of(summary) == effect.bound(summary, CAMERA)
+@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+def test_bound_that_is_kept_is_that_of_the_effect(kind: EffectType) -> None:
+    effect = kind.factory(**{p.field: p.default for p in kind.parameters})
+    kept = BoundCache(effect, CAMERA)
+    for summary in (DAYLIGHT, MOVING, NEAR, DAYLIGHT, NEAR):
+        assert kept.get(summary) == effect.bound(summary, CAMERA)

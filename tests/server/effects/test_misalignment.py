@@ -4,32 +4,32 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.effects.misalignment import Misalignment, read_map
+from catoptra_server.effects.misalignment import Misalignment, lookup_offset_map
 from catoptra_server.effects.scene_summary import SceneSummary
 from helpers.displacement import (
-    assert_displacement_called_for,
-    assert_displacement_left_out,
-    framed,
+    assert_displacement_not_negligible,
+    assert_displacement_negligible,
+    add_margin,
 )
-from helpers.effects import CAMERA, CAPTURE, assert_summary_holds, card
-from helpers.worlds import omni_camera
+from helpers.effects import CAMERA, CAPTURE_CONTEXT, assert_summary_bounds_effect, make_test_pattern
+from helpers.worlds import make_omni_camera
 
-FRAMED = framed()
-ORTHOGRAPHIC = omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
-OFF = Misalignment(6e-4, -4e-4, 1e-3, 2e-3, 0.0)
+FRAMED_CAMERA = add_margin()
+ORTHOGRAPHIC = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
+MISALIGNMENT = Misalignment(6e-4, -4e-4, 1e-3, 2e-3, 0.0)
 
 
 def test_picture_when_the_camera_stands_where_it_belongs_keeps_every_bit() -> None:
-    light = card(2.0)
-    np.testing.assert_array_equal(Misalignment().apply(light, CAMERA, CAPTURE), light)
+    light = make_test_pattern(2.0)
+    np.testing.assert_array_equal(Misalignment().apply(light, CAMERA, CAPTURE_CONTEXT), light)
     assert Misalignment().bound(SceneSummary(1.0), CAMERA).value == 0.0
 
 
 def test_picture_when_an_orthographic_camera_is_a_pixel_aside_moves_whole() -> None:
     pixel_m = 0.03 / ORTHOGRAPHIC.horizon_radius_px
-    light = card(2.0, ORTHOGRAPHIC)
-    moved = Misalignment(y_m=-2.0 * pixel_m).apply(light, ORTHOGRAPHIC, CAPTURE)
-    seen = read_map(Misalignment(y_m=-2.0 * pixel_m), ORTHOGRAPHIC)[..., 2] > 0.0
+    light = make_test_pattern(2.0, ORTHOGRAPHIC)
+    moved = Misalignment(y_m=-2.0 * pixel_m).apply(light, ORTHOGRAPHIC, CAPTURE_CONTEXT)
+    seen = lookup_offset_map(Misalignment(y_m=-2.0 * pixel_m), ORTHOGRAPHIC)[..., 2] > 0.0
     # A rounding of float32 of what is read aside is at most 1e-7 px, of light up to 2.
     np.testing.assert_allclose(moved[:, :-2][seen[:, :-2]], light[:, 2:][seen[:, :-2]], atol=1e-6)
     assert (moved[~seen] == 0.0).all()
@@ -37,9 +37,9 @@ def test_picture_when_an_orthographic_camera_is_a_pixel_aside_moves_whole() -> N
 
 def test_light_when_the_picture_is_even_stays_or_is_lost_at_the_rim() -> None:
     even = np.ones((96, 96, 3))
-    seen = OFF.apply(even, CAMERA, CAPTURE)
+    seen = MISALIGNMENT.apply(even, CAMERA, CAPTURE_CONTEXT)
     assert set(np.unique(seen)) == {0.0, 1.0}
-    lost = read_map(OFF, CAMERA)[..., 2] == 0.0
+    lost = lookup_offset_map(MISALIGNMENT, CAMERA)[..., 2] == 0.0
     np.testing.assert_array_equal(seen[..., 0] == 0.0, lost)
 
 
@@ -54,7 +54,7 @@ def test_light_when_the_picture_is_even_stays_or_is_lost_at_the_rim() -> None:
     ],
 )
 def test_camera_when_hardly_off_is_left_out(effect: Misalignment) -> None:
-    assert_displacement_left_out(effect, FRAMED)
+    assert_displacement_negligible(effect, FRAMED_CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -65,30 +65,30 @@ def test_camera_when_hardly_off_is_left_out(effect: Misalignment) -> None:
         Misalignment(0.0, 0.0, 3.5e-3),
         Misalignment(0.0, 0.0, -4e-3),
         Misalignment(roll_rad=2e-3),
-        OFF,
+        MISALIGNMENT,
     ],
 )
 def test_camera_when_off_is_called_for(effect: Misalignment) -> None:
-    assert_displacement_called_for(effect, FRAMED)
+    assert_displacement_not_negligible(effect, FRAMED_CAMERA)
 
 
 def test_orthographic_camera_when_farther_away_is_left_out() -> None:
-    assert_displacement_left_out(Misalignment(axial_m=0.05), ORTHOGRAPHIC)
+    assert_displacement_negligible(Misalignment(axial_m=0.05), ORTHOGRAPHIC)
 
 
 def test_camera_when_it_no_longer_sees_the_mirror_is_called_for_by_the_whole_picture() -> None:
-    camera = omni_camera(mirror=HyperbolicMirror(11.546, 0.01), width_px=48)
+    camera = make_omni_camera(mirror=HyperbolicMirror(11.546, 0.01), width_px=48)
     lost = Misalignment(0.02, 0.02, -0.05)
-    assert not read_map(lost, camera)[..., 2].any()
+    assert not lookup_offset_map(lost, camera)[..., 2].any()
     assert lost.bound(SceneSummary(1.0), camera).value == pytest.approx(48.0 * 2.0**0.5)
-    assert not lost.apply(np.ones((48, 48, 3)), camera, CAPTURE).any()
+    assert not lost.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
 
 
 def test_map_when_asked_again_is_the_same_array_so_that_it_is_sent_once() -> None:
-    told = OFF.uniforms(CAMERA, CAPTURE, float)["read_instead"]
-    assert told is OFF.uniforms(CAMERA, CAPTURE, float)["read_instead"]
+    told = MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["read_instead"]
+    assert told is MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["read_instead"]
     assert told.shape == (96, 96, 3)
 
 
 def test_summary_behind_it_holds() -> None:
-    assert_summary_holds(OFF, 2.0)
+    assert_summary_bounds_effect(MISALIGNMENT, 2.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from catoptra_server.effects import EFFECTS
+from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.figures.effects import main
 
 
@@ -16,7 +16,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-@pytest.mark.parametrize("name", [kind.name for kind in EFFECTS])
+@pytest.mark.parametrize("name", [kind.name for kind in EFFECT_TYPES])
 def test_page_shows_a_picture_without_and_another_with_the_effect(folder: Path, name: str) -> None:
     page = cv2.imread(str(folder / f"{name}.png"))
     assert page.shape == (660, 1520, 3)
@@ -29,7 +29,7 @@ def test_explanations_tell_of_a_scene_that_calls_for_each_effect_and_one_that_do
     folder: Path,
 ) -> None:
     told = (folder / "explanations.txt").read_text(encoding="utf-8").split("\n\n")
-    assert len(told) == len(EFFECTS)
+    assert len(told) == len(EFFECT_TYPES)
     for called, left_out in (one.strip().splitlines() for one in told):
         assert ": on, " in called
         assert ": off, " in left_out

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.figures.eq2 import eq2_departure_px
-from catoptra_server.figures.subject import PAPER_SIZE_PX, Subject
+from catoptra_server.figures.eq2 import eq2_deviation_px
+from catoptra_server.figures.subject import PAPER_SIZE_PX, FigureSubject
 
 # degrees, px with the same h, px with the same rim
 TABLE = [
@@ -22,9 +22,9 @@ TABLE = [
 
 @pytest.mark.parametrize(("theta_deg", "same_h", "same_rim"), TABLE)
 def test_eq2_departs_as_derived(
-    subject: Subject, theta_deg: float, same_h: float, same_rim: float
+    subject: FigureSubject, theta_deg: float, same_h: float, same_rim: float
 ) -> None:
-    camera = subject.camera_of_size(PAPER_SIZE_PX)
-    departures = eq2_departure_px(camera, np.radians(np.array(float(theta_deg))))
+    camera = subject.resize_camera(PAPER_SIZE_PX)
+    departures = eq2_deviation_px(camera, np.radians(np.array(float(theta_deg))))
 
     assert departures == pytest.approx((same_h, same_rim), abs=6e-5)  # half the last digit

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from catoptra_server.figures.__main__ import EXIT_CANNOT_DRAW, FIGURES, main, write_figures
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.__main__ import EXIT_FAILURE, FIGURES, main, write_figures
+from catoptra_server.figures.subject import FigureSubject
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -19,7 +19,7 @@ LARGEST_BYTES = 300_000
 
 
 @pytest.fixture(scope="module")
-def folder(subject: Subject, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(subject: FigureSubject, tmp_path_factory: pytest.TempPathFactory) -> Path:
     written = tmp_path_factory.mktemp("figures") / "made"
     write_figures(subject, written, Progress(console=Console(quiet=True)))
     return written
@@ -60,7 +60,7 @@ def test_every_decimal_number_of_a_caption_is_told_apart_too(told: dict[str, Any
 def test_bad_file_ends_with_a_message_and_no_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(tmp_path, robot=tmp_path / "absent.ini") == EXIT_CANNOT_DRAW
+    assert run(tmp_path, robot=tmp_path / "absent.ini") == EXIT_FAILURE
     assert "absent.ini" in capsys.readouterr().err
 
 
@@ -71,7 +71,7 @@ def test_robot_without_a_camera_is_refused_with_a_remedy(
     blind = tmp_path / "blind.ini"
     blind.write_text(re.sub(r"(?m)^(?:StaticMeshes|CamTexActors|Cameras)=.*\n", "", text))
 
-    assert run(tmp_path, robot=blind) == EXIT_CANNOT_DRAW
+    assert run(tmp_path, robot=blind) == EXIT_FAILURE
     assert "no omnidirectional camera" in capsys.readouterr().err
 
 

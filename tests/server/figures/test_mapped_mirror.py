@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube import Face
-from catoptra_server.figures.mapped_mirror import looked_up, mirror_points
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.mapped_mirror import sample_cube, mirror_points
+from catoptra_server.figures.subject import FigureSubject
 
 PLAIN = {face: np.full((4, 4, 3), 10 * face, dtype=np.uint8) for face in Face}
 
 
-def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: Subject) -> None:
+def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: FigureSubject) -> None:
     direction = np.array([0.6, -0.3, 0.2])
     x, y, z = point = mirror_points(subject.camera, direction)
 
@@ -27,4 +27,4 @@ def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: Subject) -> None
 def test_direction_is_looked_up_on_its_face(
     direction: tuple[float, float, float], face: Face
 ) -> None:
-    assert looked_up(PLAIN, np.array([direction], dtype=float))[0, 0] == 10 * face
+    assert sample_cube(PLAIN, np.array([direction], dtype=float))[0, 0] == 10 * face

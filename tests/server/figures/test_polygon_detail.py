@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_server.figures.polygon_detail import worst_place
+from catoptra_server.figures.polygon_detail import find_max_difference_window
 
 
 def test_window_surrounds_what_differs_within_the_radius() -> None:
@@ -11,7 +11,7 @@ def test_window_surrounds_what_differs_within_the_radius() -> None:
     image[40:44, 60:64] = 200
     image[2:20, 2:20] = 255  # differs more, but beyond the radius
 
-    row, column = worst_place(image, reference, 16, within_px=40.0)
+    row, column = find_max_difference_window(image, reference, 16, max_radius_px=40.0)
 
     assert row <= 40
     assert row + 16 >= 44

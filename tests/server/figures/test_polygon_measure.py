@@ -11,12 +11,12 @@ import math
 
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera, camera_with_rim_inscribed
+from catoptra_protocol.optics.camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_server.figures.polygon_measure import exact_law_error_px, polygon_error
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
+from catoptra_server.figures.polygon_measure import exact_model_error_px, measure_polygon_error
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 
-CAMERA: OmniCamera = camera_with_rim_inscribed(
+CAMERA: OmniCamera = camera_with_inscribed_rim(
     HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
 # sectors, rings, covered, position max and rms, uv max and rms
@@ -38,18 +38,18 @@ TABLE = [
 def test_position_interpolation_errs_as_the_reference(
     sectors: int, rings: int, covered: float, max_px: float, rms_px: float
 ) -> None:
-    error = polygon_error(CAMERA, PolygonSplit(sectors, rings, Interpolation.POSITION))
+    error = measure_polygon_error(CAMERA, Tessellation(sectors, rings, Interpolation.POSITION))
 
     assert error.rms_px == pytest.approx(rms_px, rel=0.03)
     assert error.max_px == pytest.approx(max_px, rel=0.05)
-    assert error.covered == pytest.approx(covered, abs=0.001)
+    assert error.coverage == pytest.approx(covered, abs=0.001)
 
 
 @pytest.mark.parametrize(("sectors", "rings", "max_px", "rms_px"), [r[:2] + r[5:] for r in TABLE])
 def test_uv_interpolation_errs_as_the_reference(
     sectors: int, rings: int, max_px: float, rms_px: float
 ) -> None:
-    error = polygon_error(CAMERA, PolygonSplit(sectors, rings, Interpolation.UV))
+    error = measure_polygon_error(CAMERA, Tessellation(sectors, rings, Interpolation.UV))
 
     assert error.rms_px == pytest.approx(rms_px, rel=0.15)
     assert error.max_px == pytest.approx(max_px, rel=0.15)
@@ -58,7 +58,7 @@ def test_uv_interpolation_errs_as_the_reference(
 @pytest.mark.parametrize("interpolation", Interpolation)
 def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpolation) -> None:
     coarse, fine = (
-        polygon_error(CAMERA, PolygonSplit(n, n, interpolation)).rms_px for n in (16, 64)
+        measure_polygon_error(CAMERA, Tessellation(n, n, interpolation)).rms_px for n in (16, 64)
     )
     order = math.log(coarse / fine) / math.log(16.0)
 
@@ -68,4 +68,4 @@ def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpola
 
 def test_the_exact_law_is_exact_to_the_rounding_of_its_rays() -> None:
     # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
-    assert exact_law_error_px(CAMERA) < 2e-5
+    assert exact_model_error_px(CAMERA) < 2e-5

@@ -10,34 +10,34 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.effects.decide import Decision
-from catoptra_server.imaging.drawing import Drawing, developed, worst
+from catoptra_server.effects.decide import EffectDecision
+from catoptra_server.imaging.drawing import RenderThread, render_frame, max_bounds
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.multi_view import TileLayout, multi_view
-from catoptra_server.imaging.shot import SCREEN, OmniEye, Scenery, Shot, Take
+from catoptra_server.imaging.multi_view import TileLayout, multi_view_layout
+from catoptra_server.imaging.shot import IMAGE_PORT, OmniCameraSpec, FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.imaging.views import ViewState
-from catoptra_server.render.renderer import Exposure, RenderedImage
-from catoptra_server.robot.render_wish import RenderWish
-from helpers.robots import CAMERA, FakeView, FakeViews
+from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.robot.render_wish import RenderSettings
+from helpers.robots import CAMERA, FakeView, FakeViewProvider
 
-TAKE = Take(PerspectiveCamera(4, 3, 1.0), Exposure(Pose.identity()))
-BLOOM = Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim")
+VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
+BLOOMING = EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim")
 SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
 
 
-def shot_of(*takes: Take | None, layout: TileLayout = SINGLE, sequence: int = 1) -> Shot:
-    return Shot(SCREEN, sequence, 0.5, 2.0, Scenery(layout, takes))
+def make_request(*views: ViewRequest | None, layout: TileLayout = SINGLE, sequence: int = 1) -> FrameRequest:
+    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, takes))
 
 
-class _Broken(FakeView):
-    def draw(self, exposure: Exposure) -> RenderedImage:
+class _BrokenView(FakeView):
+    def draw(self, exposure: CameraState) -> RenderedImage:
         raise ValueError("the lamp is broken")
 
 
-def drawing_thread(drawing: Drawing, views: FakeViews) -> threading.Thread:
+def start_render_thread(render_thread: RenderThread, views: FakeViewProvider) -> threading.Thread:
     def main() -> None:
         try:
-            drawing.run(lambda: views, lambda: None)
+            render_thread.run(lambda: views, lambda: None)
         except ValueError:
             pass  # the server's worker hands it on
 
@@ -47,80 +47,80 @@ def drawing_thread(drawing: Drawing, views: FakeViews) -> threading.Thread:
 
 
 def test_frame_when_of_one_tile_is_the_picture_itself() -> None:
-    frame = developed(shot_of(TAKE), FakeViews(), monotonic=lambda: 3.0)
+    frame = render_frame(make_request(VIEW), FakeViewProvider(), monotonic=lambda: 3.0)
     assert frame.rgb.shape == (3, 4, 3)
-    assert (frame.time_s, frame.exposed_s, frame.finished_s) == (0.5, 2.0, 3.0)
+    assert (frame.time_s, frame.exposed_at_s, frame.finished_at_s) == (0.5, 2.0, 3.0)
     assert (frame.plan, frame.stage_ms) == ("fake plan", {"fake": 1.0})
 
 
-class _Deciding(FakeViews):
-    def draw(self, take: Take) -> RenderedImage:
-        return dataclasses.replace(super().draw(take), effects=(BLOOM,))
+class _DecidingViews(FakeViewProvider):
+    def render(self, take: ViewRequest) -> RenderedImage:
+        return dataclasses.replace(super().render(take), effects=(BLOOMING,))
 
 
 def test_frame_when_of_one_camera_tells_its_effects_and_of_several_none() -> None:
-    alone = developed(shot_of(TAKE), _Deciding(), monotonic=lambda: 0.0)
-    layout = multi_view(2, 1, width_px=4, height_px=3)
-    both = developed(shot_of(TAKE, TAKE, layout=layout), _Deciding(), monotonic=lambda: 0.0)
-    assert (alone.effects, both.effects) == ((BLOOM,), ())
+    alone = render_frame(make_request(VIEW), _DecidingViews(), monotonic=lambda: 0.0)
+    layout = multi_view_layout(2, 1, width_px=4, height_px=3)
+    both = render_frame(make_request(VIEW, VIEW, layout=layout), _DecidingViews(), monotonic=lambda: 0.0)
+    assert (alone.effect_decisions, both.effect_decisions) == ((BLOOMING,), ())
 
 
 def test_frame_when_of_several_tiles_is_composed_and_its_times_are_sums() -> None:
-    layout = multi_view(2, 1, width_px=4, height_px=3)
-    frame = developed(shot_of(TAKE, TAKE, layout=layout), FakeViews(), monotonic=lambda: 0.0)
+    layout = multi_view_layout(2, 1, width_px=4, height_px=3)
+    frame = render_frame(make_request(VIEW, VIEW, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0)
     assert frame.rgb[0, :, 0].tolist() == [1, 1, 1, 1, 2, 2, 2, 2]
     assert frame.stage_ms == {"fake": 2.0}
 
 
 def test_frame_when_a_tile_is_nobody_s_is_black_there_and_draws_nothing() -> None:
-    views, layout = FakeViews(), multi_view(2, 1, width_px=4, height_px=3)
-    frame = developed(shot_of(None, TAKE, layout=layout), views, monotonic=lambda: 0.0)
+    views, layout = FakeViewProvider(), multi_view_layout(2, 1, width_px=4, height_px=3)
+    frame = render_frame(make_request(None, VIEW, layout=layout), views, monotonic=lambda: 0.0)
     assert frame.rgb[0, :, 0].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
-    assert len(views.takes) == 1
+    assert len(views.view_requests) == 1
 
 
 def test_frame_when_there_are_no_views_is_black() -> None:
-    frame = developed(shot_of(TAKE), None, monotonic=lambda: 0.0)
+    frame = render_frame(make_request(VIEW), None, monotonic=lambda: 0.0)
     assert (frame.rgb.shape, frame.rgb.any(), frame.plan) == ((3, 4, 3), False, None)
 
 
 def test_drawing_when_told_to_stop_first_draws_what_was_handed_over() -> None:
     frames = list[Frame]()
-    drawing, views = Drawing(frames.append), FakeViews()
+    drawing, views = RenderThread(frames.append), FakeViewProvider()
     for sequence in (1, 2, 3):
-        drawing.draw(shot_of(TAKE, sequence=sequence))
+        drawing.submit(make_request(VIEW, sequence=sequence))
     drawing.stop()
-    drawing_thread(drawing, views).join()
+    start_render_thread(drawing, views).join()
     assert [frame.sequence for frame in frames] == [1, 2, 3]
-    assert views.view.closed
+    assert views.view.is_closed
 
 
 def test_shot_when_waited_for_is_put_before_the_wait_ends() -> None:
     frames = list[Frame]()
-    drawing = Drawing(frames.append)
-    thread = drawing_thread(drawing, FakeViews())
-    drawing.draw_and_wait(shot_of(TAKE))
+    drawing = RenderThread(frames.append)
+    thread = start_render_thread(drawing, FakeViewProvider())
+    drawing.submit_and_wait(make_request(VIEW))
     assert len(frames) == 1
     drawing.stop()
     thread.join()
 
 
 def test_shot_when_drawing_fails_raises_that_and_later_ones_are_cancelled() -> None:
-    drawing, views = Drawing(lambda frame: None), FakeViews(_Broken())
-    thread = drawing_thread(drawing, views)
+    drawing, views = RenderThread(lambda frame: None), FakeViewProvider(_BrokenView())
+    thread = start_render_thread(drawing, views)
     with pytest.raises(ValueError, match="the lamp is broken"):
-        drawing.draw_and_wait(shot_of(TAKE))
+        drawing.submit_and_wait(make_request(VIEW))
     thread.join()
     with pytest.raises(CancelledError):
-        drawing.draw_and_wait(shot_of(TAKE))
-    assert views.view.closed
+        drawing.submit_and_wait(make_request(VIEW))
+    assert views.view.is_closed
 
 
 def test_shots_when_drawing_never_began_are_cancelled() -> None:
-    drawing = Drawing(lambda frame: None)
-    waiting = drawing.draw(shot_of(TAKE))
+    drawing = RenderThread(lambda frame: None)
+    waiting = drawing.submit(make_request(VIEW))
 
-    def refuse() -> FakeViews:
+    def refuse() -> FakeViewProvider:
         raise ValueError("no renderer today")
 
     with pytest.raises(ValueError, match="no renderer"):
@@ -129,49 +129,49 @@ def test_shots_when_drawing_never_began_are_cancelled() -> None:
 
 
 def test_frame_when_no_view_is_prepared_yet_is_drawn_all_the_same() -> None:
-    class Unprepared(FakeViews):
+    class Unprepared(FakeViewProvider):
         def __len__(self) -> int:
             return 0
 
-    assert developed(shot_of(TAKE), Unprepared(), monotonic=lambda: 0.0).rgb.any()
+    assert render_frame(make_request(VIEW), Unprepared(), monotonic=lambda: 0.0).rgb.any()
 
 
 def test_frame_when_of_an_omnidirectional_camera_carries_the_bound_of_its_plan() -> None:
-    take = Take(OmniEye(CAMERA.camera, CAMERA.wish), Exposure(Pose.identity()))
+    take = ViewRequest(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity()))
     layout = TileLayout(1, 1, 8, 6, 8, 6)
-    frame = developed(shot_of(take, layout=layout), FakeViews(), monotonic=lambda: 0.0)
-    assert frame.bound is not None
-    assert frame.error_bound_px == frame.bound["outline_px"] > 0.0
-    assert "rounding_px" in frame.bound
+    frame = render_frame(make_request(take, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0)
+    assert frame.error_bounds is not None
+    assert frame.error_bound_px == frame.error_bounds["outline_px"] > 0.0
+    assert "rounding_px" in frame.error_bounds
 
 
 def test_frame_when_one_of_its_pictures_has_no_bound_has_none() -> None:
-    layout = multi_view(2, 1, width_px=8, height_px=6)
-    omni = Take(OmniEye(CAMERA.camera, CAMERA.wish), Exposure(Pose.identity()))
-    flat = Take(PerspectiveCamera(8, 6, 1.0), Exposure(Pose.identity()))
-    frame = developed(shot_of(omni, flat, layout=layout), FakeViews(), monotonic=lambda: 0.0)
-    assert (frame.bound, frame.error_bound_px) == (None, None)
+    layout = multi_view_layout(2, 1, width_px=8, height_px=6)
+    omni = ViewRequest(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity()))
+    flat = ViewRequest(PerspectiveCamera(8, 6, 1.0), CameraState(Pose.identity()))
+    frame = render_frame(make_request(omni, flat, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0)
+    assert (frame.error_bounds, frame.error_bound_px) == (None, None)
 
 
 def test_bound_of_several_pictures_is_the_worst_of_each() -> None:
-    plans = (RenderWish(samples=1), RenderWish(samples=4))
-    views = FakeViews()
-    one, four = (views.bound(OmniEye(CAMERA.camera, wish)) for wish in plans)
+    plans = (RenderSettings(samples=1), RenderSettings(samples=4))
+    views = FakeViewProvider()
+    one, four = (views.error_bound(OmniCameraSpec(CAMERA.camera, wish)) for wish in plans)
     assert one is not None
-    assert worst([four, one]) == one.as_dict()
+    assert max_bounds([four, one]) == one.as_dict()
 
 
 def test_question_when_asked_is_answered_by_the_drawing_thread() -> None:
-    drawing, told = Drawing(lambda frame: None), list[ViewState | None]()
-    drawing.ask(OmniEye(CAMERA.camera, CAMERA.wish), told.append)
+    drawing, told = RenderThread(lambda frame: None), list[ViewState | None]()
+    drawing.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), told.append)
     drawing.stop()
-    drawing_thread(drawing, FakeViews()).join()
+    start_render_thread(drawing, FakeViewProvider()).join()
     assert [state and state.median_ms for state in told] == [12.5]
 
 
 def test_question_when_nothing_is_drawn_here_is_answered_by_nothing() -> None:
-    drawing, told = Drawing(lambda frame: None), list[ViewState | None]()
-    drawing.ask(OmniEye(CAMERA.camera, CAMERA.wish), told.append)
+    drawing, told = RenderThread(lambda frame: None), list[ViewState | None]()
+    drawing.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), told.append)
     drawing.stop()
     drawing.run(lambda: None, lambda: None)
     assert told == [None]

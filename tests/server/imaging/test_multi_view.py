@@ -5,23 +5,23 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel
-from catoptra_server.imaging.encode import cropped
+from catoptra_server.imaging.encode import crop
 from catoptra_server.imaging.multi_view import (
     Tile,
     TileLayout,
     ViewportConfig,
-    compose,
-    multi_view,
-    omni_camera_for,
-    viewports,
+    compose_tiles,
+    multi_view_layout,
+    fit_omni_camera,
+    viewport_layout,
 )
 from catoptra_server.render.renderer import Image
 from helpers.worlds import PAPER_MIRROR
 
-UDK = multi_view(2, 2, width_px=320, height_px=240)
+UDK_LAYOUT = multi_view_layout(2, 2, width_px=320, height_px=240)
 
 
-def grey(width: int, height: int, level: int) -> Image:
+def grey_image(width: int, height: int, level: int) -> Image:
     return np.full((height, width, 3), level, dtype=np.uint8)
 
 
@@ -29,68 +29,68 @@ def grey(width: int, height: int, level: int) -> Image:
     ("index", "corner"), [(0, (0, 0)), (1, (320, 0)), (2, (0, 240)), (3, (320, 240))]
 )
 def test_udk_s_own_layout_places_cameras_as_it_does(index: int, corner: tuple[int, int]) -> None:
-    assert UDK.tile(index) == Tile(*corner, 320, 240)
+    assert UDK_LAYOUT.tile_at(index) == Tile(*corner, 320, 240)
 
 
 @pytest.mark.parametrize("index", [-1, 4, 100])
 def test_camera_beyond_the_layout_has_no_tile(index: int) -> None:
-    assert UDK.tile(index) is None
+    assert UDK_LAYOUT.tile_at(index) is None
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(4, 1), (4, 2), (1, 3), (3, 2)])
 def test_layout_that_is_not_square_is_filled_without_gap_or_overlap(
     columns: int, rows: int
 ) -> None:
-    layout = multi_view(columns, rows, width_px=4, height_px=3)
-    whole = compose(layout, [grey(4, 3, 1 + index) for index in range(len(layout))])
+    layout = multi_view_layout(columns, rows, width_px=4, height_px=3)
+    whole = compose_tiles(layout, [grey_image(4, 3, 1 + index) for index in range(len(layout))])
     assert whole.shape == (3 * rows, 4 * columns, 3)
     assert (np.bincount(whole[..., 0].ravel())[1:] == 12).all()
 
 
 def test_qt_client_with_four_tiles_a_row_finds_each_camera() -> None:
-    layout = multi_view(4, 2, width_px=320, height_px=240)
+    layout = multi_view_layout(4, 2, width_px=320, height_px=240)
     for n in range(8):
-        tile = layout.tile(n)
+        tile = layout.tile_at(n)
         assert tile is not None
         assert (tile.x_px, tile.y_px) == ((n * 320) % 1280, (n // 4) * 240)
 
 
 def test_single_view_is_the_whole_picture() -> None:
-    layout = viewports(ViewportConfig("SingleView"), width_px=640, height_px=480)
+    layout = viewport_layout(ViewportConfig("SingleView"), width_px=640, height_px=480)
     assert len(layout) == 1
-    assert layout.tile(0) == Tile(0, 0, 640, 480)
+    assert layout.tile_at(0) == Tile(0, 0, 640, 480)
 
 
 def test_disabled_viewports_are_black() -> None:
-    layout = viewports(ViewportConfig("QuadView"), width_px=64, height_px=48)
-    whole = compose(layout, [None, grey(32, 24, 9), None, None])
+    layout = viewport_layout(ViewportConfig("QuadView"), width_px=64, height_px=48)
+    whole = compose_tiles(layout, [None, grey_image(32, 24, 9), None, None])
     assert (whole[:24, 32:] == 9).all()
     assert whole.sum() == 3 * 9 * 32 * 24
 
 
 def test_odd_picture_keeps_its_size_and_a_black_border() -> None:
-    layout = viewports(ViewportConfig.QUAD_VIEW, width_px=5, height_px=3)
-    whole = compose(layout, [grey(2, 1, 7)] * 4)
+    layout = viewport_layout(ViewportConfig.QUAD_VIEW, width_px=5, height_px=3)
+    whole = compose_tiles(layout, [grey_image(2, 1, 7)] * 4)
     assert whole.shape == (3, 5, 3)
     assert (whole[:2, :4] == 7).all()
     assert whole[2:].max() == whole[:, 4:].max() == 0
 
 
 def test_smaller_picture_lies_in_the_corner_and_is_not_resized() -> None:
-    whole = compose(UDK, [None, grey(100, 50, 200)])
+    whole = compose_tiles(UDK_LAYOUT, [None, grey_image(100, 50, 200)])
     assert (whole[:50, 320:420] == 200).all()
     assert whole.sum() == 3 * 200 * 100 * 50
 
 
 def test_larger_picture_and_one_too_many_are_refused() -> None:
     with pytest.raises(DomainError, match="321 x 10 px does not fit"):
-        compose(UDK, [grey(321, 10, 1)])
+        compose_tiles(UDK_LAYOUT, [grey_image(321, 10, 1)])
     with pytest.raises(DomainError, match="picture 4 has no tile"):
-        compose(UDK, [None] * 4 + [grey(10, 10, 1)])
+        compose_tiles(UDK_LAYOUT, [None] * 4 + [grey_image(10, 10, 1)])
 
 
 def test_picture_cannot_be_written_to() -> None:
-    assert not compose(UDK, []).flags.writeable
+    assert not compose_tiles(UDK_LAYOUT, []).flags.writeable
 
 
 @pytest.mark.parametrize("layout", [(0, 1, 1, 1), (1, 0, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)])
@@ -113,15 +113,15 @@ def test_layout_without_pixels_is_refused(layout: tuple[int, int, int, int]) -> 
 def test_request_needs_only_the_tiles_that_it_shows(
     rectangle: tuple[int, int, int, int], tiles: tuple[int, ...]
 ) -> None:
-    assert UDK.tiles_within(*rectangle) == tiles
-    pictures = [grey(320, 240, 50 + index) for index in range(4)]
-    shown = np.unique(cropped(compose(UDK, pictures), *rectangle))
+    assert UDK_LAYOUT.tiles_overlapping(*rectangle) == tiles
+    pictures = [grey_image(320, 240, 50 + index) for index in range(4)]
+    shown = np.unique(crop(compose_tiles(UDK_LAYOUT, pictures), *rectangle))
     assert tuple(shown - 50) == tiles
 
 
 def test_omni_camera_in_a_tile_is_scaled_and_in_its_middle() -> None:
     camera = OmniCamera(PAPER_MIRROR, 640, 480, (330.0, 235.0), 118.8, 2.0)
-    small = omni_camera_for(Tile(320, 0, 200, 240), camera)
+    small = fit_omni_camera(Tile(320, 0, 200, 240), camera)
     assert (small.width_px, small.height_px) == (200, 240)
     # 200 / 640 of the size; the height that is left over is shared by top and bottom.
     places = np.array([[330.0, 235.0], [200.0, 100.0], [400.0, 300.0]])

@@ -12,24 +12,24 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.effects.bloom import Bloom
-from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.bloom import Blooming
+from catoptra_server.effects.effect import ImageEffect, EffectSettings, EffectMode, EffectSetting
 from catoptra_server.effects.fog import Fog
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.vignetting import Vignetting
-from catoptra_server.imaging.planning import Planning
-from catoptra_server.imaging.shot import OmniEye, Take
-from catoptra_server.imaging.views import Published, Views
-from catoptra_server.plan.cost_model import Measured
+from catoptra_server.imaging.planning import RenderPlanner
+from catoptra_server.imaging.shot import OmniCameraSpec, ViewRequest
+from catoptra_server.imaging.views import ErrorBoundTable, ViewCache
+from catoptra_server.plan.cost_model import PlanTiming
 from catoptra_server.plan.render_plan import RendererKind, RenderPlan
-from catoptra_server.render.calibration import plans_to_measure
-from catoptra_server.render.choice import Choice
-from catoptra_server.render.renderer import Exposure, RenderedImage
-from catoptra_server.robot.render_wish import Dial, Surface
+from catoptra_server.render.calibration import calibration_plans
+from catoptra_server.render.choice import RendererChoice
+from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.robot.render_wish import AccuracyTarget, MirrorSurface
 from helpers.robots import CAMERA
 
-HERE = Exposure(Pose.identity())
+CAMERA_STATE = CameraState(Pose.identity())
 
 
 class CountingRenderer:
@@ -54,7 +54,7 @@ class CountingView:
     def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
         self._log, self._camera = log, camera
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def draw(self, exposure: CameraState) -> RenderedImage:
         shape = (self._camera.height_px, self._camera.width_px, 3)
         return RenderedImage(np.zeros(shape, dtype=np.uint8), {})
 
@@ -62,39 +62,39 @@ class CountingView:
         self._log.append(f"close {self._camera.width_px}")
 
 
-def views_of(renderer: Any, *, capacity: int = 16) -> Views:
-    return Views(Planning(Choice(renderer, RendererKind.TRACE, "test")), capacity=capacity)
+def make_cache(renderer: Any, *, capacity: int = 16) -> ViewCache:
+    return ViewCache(RenderPlanner(RendererChoice(renderer, RendererKind.TRACE, "test")), max_views=capacity)
 
 
-def draw(views: Views, *widths: int) -> None:
+def render(views: ViewCache, *widths: int) -> None:
     for width in widths:
-        views.draw(Take(PerspectiveCamera(width, 10, 1.0), HERE))
+        views.render(ViewRequest(PerspectiveCamera(width, 10, 1.0), CAMERA_STATE))
 
 
 def test_nothing_is_prepared_before_it_is_drawn() -> None:
     renderer = CountingRenderer()
-    assert len(views_of(renderer)) == 0
+    assert len(make_cache(renderer)) == 0
     assert renderer.log == []
 
 
 def test_equal_cameras_share_a_view() -> None:
     renderer = CountingRenderer()
-    draw(views_of(renderer), 20, 20, 30, 20)
+    render(make_cache(renderer), 20, 20, 30, 20)
     assert renderer.log == ["prepare 20", "prepare 30"]
 
 
 def test_view_drawn_longest_ago_makes_room() -> None:
     renderer = CountingRenderer()
-    views = views_of(renderer, capacity=2)
-    draw(views, 20, 30, 20, 40)
+    views = make_cache(renderer, capacity=2)
+    render(views, 20, 30, 20, 40)
     assert renderer.log[-2:] == ["close 30", "prepare 40"]
     assert len(views) == 2
 
 
 def test_close_frees_all() -> None:
     renderer = CountingRenderer()
-    views = views_of(renderer)
-    draw(views, 20, 30)
+    views = make_cache(renderer)
+    render(views, 20, 30)
     views.close()
     assert renderer.log[-3:] == ["close 20", "close 30", "close renderer"]
     assert len(views) == 0
@@ -102,9 +102,9 @@ def test_close_frees_all() -> None:
 
 def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
     renderer = CountingRenderer()
-    views, eye = views_of(renderer), OmniEye(CAMERA.camera, CAMERA.wish)
+    views, eye = make_cache(renderer), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
     assert "test" in str(views.plan(eye))
-    views.draw(Take(eye, HERE))
+    views.render(ViewRequest(eye, CAMERA_STATE))
     assert renderer.log == ["prepare omni 8"]
 
 
@@ -114,11 +114,11 @@ class EffectRenderer(CountingRenderer):
     The background is as bright as the viewpoint is far from the world's middle.
     """
 
-    def light_summary(self, exposure: Exposure) -> SceneSummary:
+    def light_summary(self, exposure: CameraState) -> SceneSummary:
         self.log.append("light")
         return SceneSummary(max(0.1, float(exposure.world_from_mirror.translation[0])))
 
-    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+    def summary(self, exposure: CameraState, camera: OmniCamera) -> SceneSummary:
         self.log.append("summary")
         return self.light_summary(exposure)
 
@@ -128,38 +128,38 @@ class EffectRenderer(CountingRenderer):
 
 
 class EffectView(CountingView):
-    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+    def draw(self, exposure: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
         self._log.append(" ".join(("draw", *(effect.name for effect in effects))))
         return super().draw(exposure)
 
 
-def eye_with(*effects: Effect) -> OmniEye:
-    wishes = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in effects))
-    return OmniEye(CAMERA.camera, CAMERA.wish, wishes)
+def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
+    wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
+    return OmniCameraSpec(CAMERA.camera, CAMERA.render_settings, wishes)
 
 
 def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
     renderer = EffectRenderer()
-    picture = views_of(renderer).draw(Take(eye_with(), HERE))
+    picture = make_cache(renderer).render(ViewRequest(camera_spec_with(), CAMERA_STATE))
     assert (renderer.log, picture.effects) == (["prepare omni 8", "draw"], ())
 
 
 def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
     renderer = EffectRenderer()
-    picture = views_of(renderer).draw(Take(eye_with(Quantisation(12)), HERE))
+    picture = make_cache(renderer).render(ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE))
     assert renderer.log == ["prepare omni 8", "light", "draw"]
-    assert [(one.effect, one.is_on) for one in picture.effects] == [("Quantisation", False)]
+    assert [(one.effect, one.enabled) for one in picture.effects] == [("Quantisation", False)]
 
 
 def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
     renderer = EffectRenderer()
-    views, eye = views_of(renderer), eye_with(Bloom(0.1, 8.0), Quantisation(8))
-    glare = Exposure(Pose.from_rpy((3.0, 0.0, 0.0)))
-    pictures = [views.draw(Take(eye, exposure)) for exposure in (HERE, glare, HERE)]
+    views, eye = make_cache(renderer), camera_spec_with(Blooming(0.1, 8.0), Quantisation(8))
+    glare = CameraState(Pose.from_rpy((3.0, 0.0, 0.0)))
+    pictures = [views.render(ViewRequest(eye, exposure)) for exposure in (CAMERA_STATE, glare, CAMERA_STATE)]
     told = [entry for entry in renderer.log if entry != "light"]
     expected = ["draw Quantisation", "draw Bloom Quantisation", "draw Quantisation"]
     assert told == ["prepare omni 8", *expected]
-    assert [[one.is_on for one in picture.effects] for picture in pictures] == [
+    assert [[one.enabled for one in picture.effects] for picture in pictures] == [
         [False, True],
         [True, True],
         [False, True],
@@ -168,17 +168,17 @@ def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepa
 
 def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
     renderer = EffectRenderer()
-    views_of(renderer).draw(Take(eye_with(Fog(1e-6, 0.5, 0.5, 0.5)), HERE))
+    make_cache(renderer).render(ViewRequest(camera_spec_with(Fog(1e-6, 0.5, 0.5, 0.5)), CAMERA_STATE))
     assert renderer.log[:2] == ["prepare omni 8", "summary"]
 
 
 def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    views, eye = views_of(EffectRenderer()), eye_with(Vignetting(), Quantisation(8))
+    views, eye = make_cache(EffectRenderer()), camera_spec_with(Vignetting(), Quantisation(8))
     with caplog.at_level(logging.INFO):
-        places = [Exposure(Pose.from_rpy((x, 0.0, 0.0))) for x in (0.4, 0.6, 0.8)]
-        pictures = [views.draw(Take(eye, place)) for place in places]
+        places = [CameraState(Pose.from_rpy((x, 0.0, 0.0))) for x in (0.4, 0.6, 0.8)]
+        pictures = [views.render(ViewRequest(eye, place)) for place in places]
     assert len({picture.effects for picture in pictures}) == 3
     assert sum("effects:" in record.message for record in caplog.records) == 1
 
@@ -186,8 +186,8 @@ def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
 class SlowRenderer:
     """Views take `ms_a_sample` by a clock of their own, for each sample of a pixel."""
 
-    def __init__(self, ms_a_sample: float) -> None:
-        self.ms_a_sample = ms_a_sample
+    def __init__(self, ms_per_sample: float) -> None:
+        self.ms_a_sample = ms_per_sample
         self.now_s = 0.0
         self.plans: list[RenderPlan] = []
 
@@ -206,7 +206,7 @@ class SlowView:
     def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
         self._renderer, self._plan = renderer, plan
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def draw(self, exposure: CameraState) -> RenderedImage:
         ms = self._renderer.ms_a_sample * self._plan.samples**2
         self._renderer.now_s += 1e-3 * ms
         return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})
@@ -215,32 +215,32 @@ class SlowView:
         pass
 
 
-def budgeted(
-    renderer: SlowRenderer, budget_ms: float, published: Published | None = None
-) -> tuple[Views, Take]:
+def make_budgeted_cache(
+    renderer: SlowRenderer, budget_ms: float, published: ErrorBoundTable | None = None
+) -> tuple[ViewCache, ViewRequest]:
     """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
-    wish = replace(CAMERA.wish, dial=Dial(budget_ms=budget_ms))
+    wish = replace(CAMERA.render_settings, dial=AccuracyTarget(budget_ms=budget_ms))
 
     def measure(
-        renderer: object, kind: RendererKind, camera: OmniCamera, surface: Surface, *_: object
-    ) -> list[Measured]:
-        plans = plans_to_measure(kind, camera, surface)
-        return [Measured(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
+        renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
+    ) -> list[PlanTiming]:
+        plans = calibration_plans(kind, camera, surface)
+        return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
 
-    choice = Choice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
-    planning = Planning(choice, measure=measure)
-    views = Views(planning, clock=lambda: renderer.now_s, published=published)
-    return views, Take(OmniEye(CAMERA.camera, wish), HERE)
+    choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
+    planning = RenderPlanner(choice, measure=measure)
+    views = ViewCache(planning, clock=lambda: renderer.now_s, error_bounds=published)
+    return views, ViewRequest(OmniCameraSpec(CAMERA.camera, wish), CAMERA_STATE)
 
 
-def draw_often(views: Views, take: Take, frames: int) -> None:
+def render_repeatedly(views: ViewCache, request: ViewRequest, frames: int) -> None:
     for _ in range(frames):
-        views.draw(take)
+        views.render(request)
 
 
 def test_budget_when_kept_leaves_the_plan_alone() -> None:
     renderer = SlowRenderer(1.0)
-    draw_often(*budgeted(renderer, 10.0), 1000)
+    render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3]
 
 
@@ -249,7 +249,7 @@ def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
 ) -> None:
     renderer = SlowRenderer(2.0)
     with caplog.at_level("INFO"):
-        draw_often(*budgeted(renderer, 10.0), 1000)
+        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 2]
     assert "18.0 ms a frame (median), 10 ms asked: too slow" in caplog.text
 
@@ -257,46 +257,46 @@ def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
 def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCaptureFixture) -> None:
     renderer = SlowRenderer(50.0)
     with caplog.at_level("INFO"):
-        draw_often(*budgeted(renderer, 10.0), 1000)
+        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 1]
     assert caplog.text.count("there is nothing better to do") == 1
 
 
 def test_budget_when_frames_become_fast_again_is_used_again() -> None:
     renderer = SlowRenderer(2.0)
-    views, take = budgeted(renderer, 10.0)
-    draw_often(views, take, 100)
+    views, take = make_budgeted_cache(renderer, 10.0)
+    render_repeatedly(views, take, 100)
     renderer.ms_a_sample = 0.9
-    draw_often(views, take, 1000)
+    render_repeatedly(views, take, 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 2, 3]
 
 
 def test_frame_s_plan_when_it_is_chosen_again_is_the_one_that_drew_it() -> None:
     renderer = SlowRenderer(2.0)
-    views, take = budgeted(renderer, 10.0)
+    views, take = make_budgeted_cache(renderer, 10.0)
     for _ in range(100):
-        drawn = views.draw(take).stage_ms["trace"]
-        plan = views.plan(take.eye)
+        drawn = views.render(take).stage_ms["trace"]
+        plan = views.plan(take.camera)
         assert drawn == 2.0 * plan.samples**2
 
 
 def test_eye_when_asked_for_is_answered_without_being_prepared() -> None:
     renderer = SlowRenderer(1.0)
-    views, take = budgeted(renderer, 10.0)
-    assert isinstance(take.eye, OmniEye)
-    asked = views.choice(take.eye)
+    views, take = make_budgeted_cache(renderer, 10.0)
+    assert isinstance(take.camera, OmniCameraSpec)
+    asked = views.view_state(take.camera)
     assert (asked.choice.plan.samples, asked.median_ms, renderer.plans) == (3, None, [])
-    draw_often(views, take, 30)
-    assert views.choice(take.eye).median_ms == pytest.approx(9.0)
+    render_repeatedly(views, take, 30)
+    assert views.view_state(take.camera).median_ms == pytest.approx(9.0)
 
 
 def test_bound_when_a_view_is_prepared_is_published_until_it_makes_room() -> None:
-    published = Published()
-    views, take = budgeted(SlowRenderer(1.0), 10.0, published)
-    assert published.bound(take.eye) is None
-    views.draw(take)
-    assert published.bound(take.eye) is views.bound(take.eye) is not None
+    published = ErrorBoundTable()
+    views, take = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)
+    assert published.get(take.camera) is None
+    views.render(take)
+    assert published.get(take.camera) is views.error_bound(take.camera) is not None
 
 
 def test_ordinary_camera_has_no_bound() -> None:
-    assert views_of(CountingRenderer()).bound(PerspectiveCamera(20, 10, 1.0)) is None
+    assert make_cache(CountingRenderer()).error_bound(PerspectiveCamera(20, 10, 1.0)) is None

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_lookup_error import EDGE_TEXELS, edge_texels, face_lookup_error
-from catoptra_server.plan.face_sizes import parts_of_size
-from helpers.worlds import omni_camera
+from catoptra_server.plan.face_lookup_error import MAX_EDGE_DISPLACEMENT_TEXELS, max_edge_displacement_texels, face_lookup_error
+from catoptra_server.plan.face_sizes import regions_of_size
+from helpers.worlds import make_omni_camera
 
 # Sixteenths of a texel: the standard patterns that Direct3D 11.1 prescribes and drivers share.
 PATTERNS = {
@@ -19,10 +19,10 @@ PATTERNS = {
     4: [(6, 2), (14, 6), (2, 10), (10, 14)],
     8: [(9, 5), (7, 11), (13, 9), (5, 3), (3, 13), (1, 7), (11, 15), (15, 1)],
 }
-PLACES = np.linspace(0.0, 1.0, 17)
+EDGE_OFFSETS = np.linspace(0.0, 1.0, 17)
 
 
-def displaced_texels(samples: int, middle: Floats, radius: float) -> float:
+def displacement_texels(samples: int, middle: Floats, radius: float) -> float:
     """Return how far the farthest place on the wrong side of a disc's edge is from it."""
     texel = np.arange(-math.ceil(radius + 2), math.ceil(radius + 3))
     places = (
@@ -36,7 +36,7 @@ def displaced_texels(samples: int, middle: Floats, radius: float) -> float:
     corners = [covered[:-1, :-1], covered[1:, :-1], covered[:-1, 1:], covered[1:, 1:]]
     column, row = np.nonzero(np.ptp(corners, axis=0) > 0.0)
     c00, c10, c01, c11 = (corner[column, row][:, None, None] for corner in corners)
-    u, v = PLACES[:, None], PLACES[None, :]
+    u, v = EDGE_OFFSETS[:, None], EDGE_OFFSETS[None, :]
     light = (1 - v) * ((1 - u) * c00 + u * c10) + v * ((1 - u) * c01 + u * c11)
     at_x = texel[column][:, None, None] + u - middle[0]
     at_y = texel[row][:, None, None] + v - middle[1]
@@ -49,22 +49,22 @@ def displaced_texels(samples: int, middle: Floats, radius: float) -> float:
 def test_edges_are_displaced_as_said_and_nearly_as_far(samples: int) -> None:
     rng = np.random.default_rng(samples)
     displaced = [
-        displaced_texels(samples, rng.uniform(-0.5, 0.5, 2), radius)
+        displacement_texels(samples, rng.uniform(-0.5, 0.5, 2), radius)
         for radius in np.concatenate((rng.uniform(2.0, 2.3, 500), rng.uniform(2.3, 20.0, 100)))
     ]
-    assert max(displaced) <= EDGE_TEXELS[samples] < 1.3 * max(displaced)
+    assert max(displaced) <= MAX_EDGE_DISPLACEMENT_TEXELS[samples] < 1.3 * max(displaced)
 
 
 def test_samples_between_known_numbers_count_as_the_fewer() -> None:
-    assert edge_texels(3) == edge_texels(2)
-    assert edge_texels(32) == edge_texels(16)
-    assert edge_texels(1) > edge_texels(2) > edge_texels(4) > edge_texels(8)
+    assert max_edge_displacement_texels(3) == max_edge_displacement_texels(2)
+    assert max_edge_displacement_texels(32) == max_edge_displacement_texels(16)
+    assert max_edge_displacement_texels(1) > max_edge_displacement_texels(2) > max_edge_displacement_texels(4) > max_edge_displacement_texels(8)
 
 
 def test_error_is_half_a_texel_of_the_image_and_a_little() -> None:
-    camera = omni_camera(width_px=360)
-    error = face_lookup_error(camera, parts_of_size(camera.rim_rad, 365), face_samples=1)
+    camera = make_omni_camera(width_px=360)
+    error = face_lookup_error(camera, regions_of_size(camera.rim_rad, 365), face_samples=1)
     # One texel a pixel where there are fewest.
     assert 0.5 < error.max_px < 0.6
-    assert error.max_deg == pytest.approx(math.degrees(edge_texels(1) * 2.0 / 365))
+    assert error.max_deg == pytest.approx(math.degrees(max_edge_displacement_texels(1) * 2.0 / 365))
     assert 0.2 * error.max_px < error.rms_px < error.max_px / math.sqrt(3.0)

@@ -10,20 +10,20 @@ from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.cube import Face, face_coordinates, face_from_direction
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import FacePart, parts_by_density, parts_of_size
-from catoptra_server.plan.face_texels import face_texels
-from helpers.worlds import omni_camera
+from catoptra_server.plan.face_sizes import FaceRegion, regions_by_density, regions_of_size
+from catoptra_server.plan.face_texels import texel_footprint
+from helpers.worlds import make_omni_camera
 
-CAMERA = omni_camera(width_px=360)
-LENSES = [
+CAMERA = make_omni_camera(width_px=360)
+MIRROR_CAMERAS = [
     CAMERA,
-    omni_camera(mirror=HyperbolicMirror(2.3, 0.1), width_px=200, rim_deg=100.0),
-    omni_camera(mirror=ParabolicMirror(0.03), width_px=300, rim_deg=140.0),
+    make_omni_camera(mirror=HyperbolicMirror(2.3, 0.1), width_px=200, rim_deg=100.0),
+    make_omni_camera(mirror=ParabolicMirror(0.03), width_px=300, rim_deg=140.0),
 ]
 
 
-def even(camera: OmniCamera, size_px: int) -> tuple[FacePart, ...]:
-    return parts_of_size(camera.rim_rad, size_px)
+def equal_size_regions(camera: OmniCamera, size_px: int) -> tuple[FaceRegion, ...]:
+    return regions_of_size(camera.rim_rad, size_px)
 
 
 def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Floats]:
@@ -42,13 +42,13 @@ def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Flo
     return values[:, 1], values[:, 0]
 
 
-@pytest.mark.parametrize("camera", LENSES, ids=["the paper's", "strong", "parabolic"])
+@pytest.mark.parametrize("camera", MIRROR_CAMERAS, ids=["the paper's", "strong", "parabolic"])
 def test_densities_are_those_of_the_law_by_differences(camera: OmniCamera) -> None:
     fewest, most = numeric_texels_per_px(camera, 300)
-    texels = face_texels(camera, even(camera, 300))
-    assert texels.min_per_px == pytest.approx(fewest.min(), rel=0.01)
-    assert texels.max_per_px == pytest.approx(most.max(), rel=0.02)
-    assert texels.median_per_px == pytest.approx(np.median(np.sqrt(fewest * most)), rel=0.02)
+    texels = texel_footprint(camera, equal_size_regions(camera, 300))
+    assert texels.min_texels_per_px == pytest.approx(fewest.min(), rel=0.01)
+    assert texels.max_texels_per_px == pytest.approx(most.max(), rel=0.02)
+    assert texels.median_texels_per_px == pytest.approx(np.median(np.sqrt(fewest * most)), rel=0.02)
     assert texels.max_px >= 0.999 * (1.0 / fewest).max()
     assert texels.rms_px == pytest.approx(math.sqrt(np.square(1.0 / fewest).mean()), rel=0.02)
 
@@ -56,27 +56,27 @@ def test_densities_are_those_of_the_law_by_differences(camera: OmniCamera) -> No
 def test_texels_of_the_papers_mirror_are_those_of_the_reference() -> None:
     # Derived: about 365 for a 360 px image have one texel a pixel, and the middle of the
     # image has n / h; in the middle of a face a texel is 2 / n radians.
-    texels = face_texels(CAMERA, even(CAMERA, 365))
-    assert texels.min_per_px == pytest.approx(1.0, rel=0.02)
-    assert texels.max_per_px > 365 / CAMERA.horizon_radius_px
+    texels = texel_footprint(CAMERA, equal_size_regions(CAMERA, 365))
+    assert texels.min_texels_per_px == pytest.approx(1.0, rel=0.02)
+    assert texels.max_texels_per_px > 365 / CAMERA.horizon_radius_px
     assert texels.max_rad == pytest.approx(2.0 / 365)
 
 
 def test_twice_the_face_has_texels_of_half_the_size() -> None:
-    one, two = (face_texels(CAMERA, even(CAMERA, size)) for size in (200, 400))
+    one, two = (texel_footprint(CAMERA, equal_size_regions(CAMERA, size)) for size in (200, 400))
     assert two.max_px == pytest.approx(0.5 * one.max_px)
-    assert two.median_per_px == pytest.approx(2.0 * one.median_per_px)
+    assert two.median_texels_per_px == pytest.approx(2.0 * one.median_texels_per_px)
 
 
 def test_parts_by_density_have_about_a_texel_a_pixel_at_least() -> None:
-    texels = face_texels(CAMERA, parts_by_density(CAMERA, CAMERA.rim_rad, texels_per_px=1.0))
+    texels = texel_footprint(CAMERA, regions_by_density(CAMERA, CAMERA.rim_rad, texels_per_px=1.0))
     # Along the columns and along the rows; aslant a little less.
-    assert 0.7 < texels.min_per_px <= 1.02
+    assert 0.7 < texels.min_texels_per_px <= 1.02
 
 
 def test_coarse_parts_count_where_they_are_looked_at_only() -> None:
     # The upper half of each side face has a quarter of the rows.
-    parts = even(CAMERA, 400)
+    parts = equal_size_regions(CAMERA, 400)
     cut = tuple(
         piece
         for part in parts
@@ -89,6 +89,6 @@ def test_coarse_parts_count_where_they_are_looked_at_only() -> None:
             )
         )
     )
-    below = omni_camera(width_px=360, rim_deg=80.0)
-    assert face_texels(below, cut) == face_texels(below, parts)
-    assert face_texels(CAMERA, cut).max_px > 2.0 * face_texels(CAMERA, parts).max_px
+    below = make_omni_camera(width_px=360, rim_deg=80.0)
+    assert texel_footprint(below, cut) == texel_footprint(below, parts)
+    assert texel_footprint(CAMERA, cut).max_px > 2.0 * texel_footprint(CAMERA, parts).max_px

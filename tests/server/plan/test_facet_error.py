@@ -16,10 +16,10 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.plan import facet_error as module
 from catoptra_server.plan.facet_error import facet_error, rim_gap
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
-from helpers.worlds import omni_camera
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from helpers.worlds import make_omni_camera
 
-CAMERA = omni_camera(width_px=360)
+CAMERA = make_omni_camera(width_px=360)
 # sectors, rings, position: max and rms in degrees, max and rms in px; uv: max and rms in px
 TABLE = [
     (4, 4, 28.05, 15.82, 91.8, 39.6, 91.3, 37.5),
@@ -34,14 +34,14 @@ TABLE = [
 ]
 
 
-def position(sectors: int, rings: int) -> PolygonSplit:
-    return PolygonSplit(sectors, rings, Interpolation.POSITION)
+def position_tessellation(sectors: int, rings: int) -> Tessellation:
+    return Tessellation(sectors, rings, Interpolation.POSITION)
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row[0]}x{row[1]}")
 def test_position_interpolation_errs_as_the_reference(row: tuple[float, ...]) -> None:
     sectors, rings, max_deg, rms_deg, max_px, rms_px, _, _ = row
-    error = facet_error(CAMERA, position(int(sectors), int(rings)))
+    error = facet_error(CAMERA, position_tessellation(int(sectors), int(rings)))
     assert error.rms_px == pytest.approx(rms_px, rel=0.03)
     assert error.max_px == pytest.approx(max_px, rel=0.05)
     assert error.rms_deg == pytest.approx(rms_deg, rel=0.03)
@@ -51,26 +51,26 @@ def test_position_interpolation_errs_as_the_reference(row: tuple[float, ...]) ->
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row[0]}x{row[1]}")
 def test_uv_interpolation_errs_as_the_reference(row: tuple[float, ...]) -> None:
     sectors, rings, *_, max_px, rms_px = row
-    error = facet_error(CAMERA, PolygonSplit(int(sectors), int(rings)))
+    error = facet_error(CAMERA, Tessellation(int(sectors), int(rings)))
     assert error.rms_px == pytest.approx(rms_px, rel=0.15)
     assert error.max_px == pytest.approx(max_px, rel=0.15)
 
 
 @pytest.mark.parametrize("interpolation", Interpolation)
 def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpolation) -> None:
-    coarse, fine = (facet_error(CAMERA, PolygonSplit(n, n, interpolation)) for n in (16, 64))
+    coarse, fine = (facet_error(CAMERA, Tessellation(n, n, interpolation)) for n in (16, 64))
     assert math.log(coarse.rms_px / fine.rms_px, 16.0) == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("sectors", "rings"), [(64, 64), (128, 32), (300, 50)])
 @pytest.mark.parametrize("k", [11.546, 1e4])
 def test_largest_error_is_that_of_the_formula(k: float, sectors: int, rings: int) -> None:
-    camera = omni_camera(mirror=HyperbolicMirror(k, 0.2), width_px=360)
+    camera = make_omni_camera(mirror=HyperbolicMirror(k, 0.2), width_px=360)
     # Derived, within 2 % from 64 polygons on; here with the reserve of the bound.
     t = np.linspace(0.0, camera.rim_t, 400)
     below = (camera.rim_t / rings) ** 2 / 4.0 + np.square(t * math.pi / sectors)
     largest_px = camera.horizon_radius_px * (t * below / (1.0 + t * t)).max()
-    error = facet_error(camera, position(sectors, rings))
+    error = facet_error(camera, position_tessellation(sectors, rings))
     assert error.max_px == pytest.approx(largest_px, rel=0.03)
 
 
@@ -84,10 +84,10 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
     rings: int,
     rim_deg: float,
 ) -> None:
-    camera = omni_camera(width_px=360, rim_deg=rim_deg)
-    split = PolygonSplit(sectors, rings, interpolation)
+    camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
+    split = Tessellation(sectors, rings, interpolation)
     bound = facet_error(camera, split)
-    steps = module._steps_for(len(module._distinct_triangles(camera, split)[0]))
+    steps = module._grid_steps(len(module._distinct_triangles(camera, split)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_steps_for", lambda triangles: 3 * steps)
     monkeypatch.setattr(module, "_distinct_sectors", lambda camera, split: split.sectors)
@@ -100,14 +100,14 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
 
 def test_error_does_not_depend_on_how_the_image_is_turned() -> None:
     turned = replace(CAMERA, up_azimuth_rad=0.7)
-    split = PolygonSplit(10, 6)
+    split = Tessellation(10, 6)
     assert facet_error(turned, split).max_px == pytest.approx(facet_error(CAMERA, split).max_px)
 
 
 @pytest.mark.parametrize("interpolation", Interpolation)
 def test_image_of_everything_and_its_borders_agree(interpolation: Interpolation) -> None:
     # A hair beyond the border, and every sector is looked at, each with a part of the margin.
-    split = PolygonSplit(12, 8, interpolation)
+    split = Tessellation(12, 8, interpolation)
     cropped = replace(CAMERA, centre_px=(180.0, 179.99))
     assert facet_error(cropped, split).max_px == pytest.approx(
         facet_error(CAMERA, split).max_px, rel=0.02
@@ -115,12 +115,12 @@ def test_image_of_everything_and_its_borders_agree(interpolation: Interpolation)
 
 
 def test_gap_is_the_sagitta_of_the_outer_borders() -> None:
-    gap = rim_gap(CAMERA, PolygonSplit(16, 4))
+    gap = rim_gap(CAMERA, Tessellation(16, 4))
     assert gap.max_px == pytest.approx(180.0 * (1.0 - math.cos(math.pi / 16)))
     assert gap.max_deg == pytest.approx(gap.max_px * 0.272, rel=0.02)
-    assert rim_gap(CAMERA, PolygonSplit(10**6, 1)).max_px == pytest.approx(8.88e-10, rel=1e-3)
+    assert rim_gap(CAMERA, Tessellation(10**6, 1)).max_px == pytest.approx(8.88e-10, rel=1e-3)
 
 
 def test_polygons_of_an_orthographic_camera_are_refused() -> None:
     with pytest.raises(DomainError, match="pinhole"):
-        facet_error(omni_camera(mirror=ParabolicMirror(0.03)), PolygonSplit(8, 8))
+        facet_error(make_omni_camera(mirror=ParabolicMirror(0.03)), Tessellation(8, 8))

@@ -14,7 +14,7 @@ from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from helpers.opengl import device_or_skip
-from helpers.renderers import Make
+from helpers.renderers import RendererFactory
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def device() -> Iterator[GlDevice]:
 
 
 @pytest.fixture(params=["trace", "raster"])
-def make(request: pytest.FixtureRequest) -> Iterator[Make]:
+def make(request: pytest.FixtureRequest) -> Iterator[RendererFactory]:
     """Return what makes a renderer of either kind; trace's threads end with the test."""
     with ExitStack() as stack:
 

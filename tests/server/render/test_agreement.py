@@ -18,17 +18,17 @@ from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.render_plan import PerPixel, RenderPlan, Surface
+from catoptra_server.plan.render_plan import PerPixel, RenderPlan, MirrorSurface
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit, split_for
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, tessellation_from_polygon_count
 from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.pictures import away_from_edges, level_differences
-from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room, smooth_texture
+from helpers.pictures import mask_away_from_edges, level_differences
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world, write_smooth_texture
 
 
 def both_pictures(
@@ -37,7 +37,7 @@ def both_pictures(
     """Return the picture of an omnidirectional camera by raster and by trace."""
     with _renderers(device, world) as renderers:
         views = [renderer.prepare(camera, plan) for renderer in renderers]
-        raster, trace = (view.draw(VIEW).rgb for view in views)
+        raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
         views[0].close()
     return raster, trace
 
@@ -54,7 +54,7 @@ def _renderers(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer,
 def assert_same(raster: Image, trace: Image, *, levels: int = 2, edges: float = 0.05) -> None:
     """Assert that pictures differ by at most `levels` away from edges, which are few."""
     difference = level_differences(raster, trace)
-    smooth = away_from_edges(trace)
+    smooth = mask_away_from_edges(trace)
     assert smooth.mean() > 0.5
     assert (difference[smooth] > levels).mean() < 1e-3
     assert (difference > levels).mean() < edges
@@ -72,35 +72,35 @@ MIRRORS: dict[str, tuple[CentralMirror, float]] = {
 @pytest.mark.parametrize("name", MIRRORS)
 def test_exact_law_shows_what_trace_shows(device: GlDevice, name: str) -> None:
     mirror, rim_deg = MIRRORS[name]
-    camera = omni_camera(mirror=mirror, rim_deg=rim_deg)
-    assert_same(*both_pictures(device, room(), camera, raster_plan(camera)))
+    camera = make_omni_camera(mirror=mirror, rim_deg=rim_deg)
+    assert_same(*both_pictures(device, make_test_world(), camera, make_plan(camera)))
 
 
 @pytest.mark.parametrize("samples", [2, 3])
 def test_samples_are_averaged_as_trace_does(device: GlDevice, samples: int) -> None:
-    camera = omni_camera()
-    plan = raster_plan(camera, samples=samples, face_size_px=samples * 224)
-    assert_same(*both_pictures(device, room(), camera, plan), edges=0.1)
+    camera = make_omni_camera()
+    plan = make_plan(camera, samples=samples, face_size_px=samples * 224)
+    assert_same(*both_pictures(device, make_test_world(), camera, plan), edges=0.1)
 
 
 def test_rim_is_the_same_pixel_for_pixel(device: GlDevice) -> None:
-    camera = omni_camera()
+    camera = make_omni_camera()
     world = World("white", (), background=(1.0, 1.0, 1.0))
-    raster, trace = both_pictures(device, world, camera, raster_plan(camera, samples=2))
+    raster, trace = both_pictures(device, world, camera, make_plan(camera, samples=2))
     assert level_differences(raster, trace).max() <= 1
 
 
 def test_turned_image_off_centre_shows_what_trace_shows(device: GlDevice) -> None:
     camera = OmniCamera(HyperbolicMirror(11.546, 0.2), 210, 160, (98.4, 87.1), 55.0, 2.0, 0.7)
-    for surface in (PerPixel(), PolygonSplit(12, 7)):
-        plan = raster_plan(camera, surface)
-        assert_same(*both_pictures(device, room(), camera, plan))
+    for surface in (PerPixel(), Tessellation(12, 7)):
+        plan = make_plan(camera, surface)
+        assert_same(*both_pictures(device, make_test_world(), camera, plan))
 
 
 def test_textures_and_point_lights_show_what_trace_shows(device: GlDevice, tmp_path: Path) -> None:
-    camera = omni_camera()
-    world = room(lights=(SKY, SUN, LAMP), texture=smooth_texture(tmp_path / "waves.png"))
-    plan = raster_plan(camera, face_size_px=448)
+    camera = make_omni_camera()
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png"))
+    plan = make_plan(camera, face_size_px=448)
     # One more level: the atlas is interpolated between texels of light that varies.
     assert_same(*both_pictures(device, world, camera, plan), levels=3)
 
@@ -110,24 +110,24 @@ def test_textures_and_point_lights_show_what_trace_shows(device: GlDevice, tmp_p
 def test_polygon_mirror_shows_what_trace_shows(
     device: GlDevice, polygons: int, interpolation: Interpolation
 ) -> None:
-    camera = omni_camera()
-    plan = raster_plan(camera, split_for(polygons, interpolation))
-    assert_same(*both_pictures(device, room(), camera, plan))
+    camera = make_omni_camera()
+    plan = make_plan(camera, tessellation_from_polygon_count(polygons, interpolation))
+    assert_same(*both_pictures(device, make_test_world(), camera, plan))
 
 
 def test_polygon_samples_are_averaged_as_trace_does(device: GlDevice) -> None:
-    camera = omni_camera()
-    plan = raster_plan(camera, split_for(256), samples=2, face_size_px=448)
-    assert_same(*both_pictures(device, room(), camera, plan), edges=0.1)
+    camera = make_omni_camera()
+    plan = make_plan(camera, tessellation_from_polygon_count(256), samples=2, face_size_px=448)
+    assert_same(*both_pictures(device, make_test_world(), camera, plan), edges=0.1)
 
 
 @pytest.mark.parametrize("face", list(Face))
 @pytest.mark.parametrize("samples", [1, 2])
 def test_single_face_shows_what_trace_shows(device: GlDevice, face: Face, samples: int) -> None:
     camera = FaceCamera(face, 96)
-    with _renderers(device, room()) as renderers:
+    with _renderers(device, make_test_world()) as renderers:
         views = [renderer.prepare_face(camera, samples) for renderer in renderers]
-        raster, trace = (view.draw(VIEW).rgb for view in views)
+        raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
         views[0].close()
     # Samples stand in the same places: only what lies within a 256th of one may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
@@ -142,16 +142,16 @@ BETWEEN_CORNERS_DEG = (9.0, 58.0, 103.0, 147.0, -160.0, -115.0, -70.0, -22.0)
 
 
 def marker_errors(
-    device: GlDevice, surface: Surface, bearings_deg: tuple[float, ...] = BORDER_BEARINGS_DEG
+    device: GlDevice, surface: MirrorSurface, bearings_deg: tuple[float, ...] = BORDER_BEARINGS_DEG
 ) -> Floats:
     """Return the (n,) distances in px of raster's markers from where the law puts them."""
-    camera = omni_camera(width_px=360)
+    camera = make_omni_camera(width_px=360)
     directions = marker_directions(INCIDENCE_DEG, bearings_deg)
-    pose = VIEW.world_from_mirror
+    pose = CAMERA_STATE.world_from_mirror
     world = marker_world(directions, world_from_mirror=pose)
-    plan = raster_plan(camera, surface, samples=4, face_size_px=768, face_samples=4)
+    plan = make_plan(camera, surface, samples=4, face_size_px=768, face_samples=4)
     view = RasterRenderer(build_scene(world), world, device=device).prepare(camera, plan)
-    image = view.draw(VIEW).rgb
+    image = view.render(CAMERA_STATE).rgb
     view.close()
     places, seen = pixel_from_direction(camera, directions)
     assert seen.all()
@@ -169,5 +169,5 @@ def test_markers_on_polygons_are_off_as_the_reference_says(
     device: GlDevice, polygons: int, largest_px: float
 ) -> None:
     # The derived table's column "uv"; 64 places come near the largest error of all.
-    errors = marker_errors(device, split_for(polygons), BETWEEN_CORNERS_DEG)
+    errors = marker_errors(device, tessellation_from_polygon_count(polygons), BETWEEN_CORNERS_DEG)
     assert 0.4 * largest_px < errors.max() < 1.15 * largest_px

@@ -13,22 +13,22 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.cube import face_from_direction
-from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.shutter import Shutter
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.meshes import build_scene
-from helpers.effects import EXPOSURE, effect_of
-from helpers.pictures import away_from_edges, level_differences
-from helpers.worlds import omni_camera, raster_plan, room
+from helpers.effects import CAMERA_STATE, make_effect
+from helpers.pictures import mask_away_from_edges, level_differences
+from helpers.worlds import make_omni_camera, make_plan, make_test_world
 
-CAMERA = omni_camera(width_px=240)
-PLAN = raster_plan(CAMERA, samples=3)
+CAMERA = make_omni_camera(width_px=240)
+PLAN = make_plan(CAMERA, samples=3)
 # These change what there is to be seen, and have no pass.
 SCENE_EFFECTS = ("OwnBody", "Shadows", "RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
@@ -42,20 +42,20 @@ STRONG: dict[str, dict[str, float]] = {
     "WhiteBalance": {"red": 1.3, "blue": 0.8},
 }
 # The fixed part of the blur is in that by depth: never both.
-NAMES = [k.name for k in EFFECTS if k.name not in (*SCENE_EFFECTS, "Defocus")]
-CHAIN = tuple(effect_of(name, STRONG.get(name, {})) for name in NAMES)
+NAMES = [k.name for k in EFFECT_TYPES if k.name not in (*SCENE_EFFECTS, "Defocus")]
+CHAIN = tuple(make_effect(name, STRONG.get(name, {})) for name in NAMES)
 # What measures the whole picture before it runs.
 METERED = ("AutoExposure", "MirrorDust")
-SHOT = replace(EXPOSURE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
+SHOT = replace(CAMERA_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
 
 
-def pictures(device: GlDevice, chain: tuple[Effect, ...]) -> tuple[Image, Image]:
+def pictures(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
     """Return the traced and the rastered picture behind a chain."""
-    world = room()
+    world = make_test_world()
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     view = RasterRenderer(scene, world, device=device).prepare(CAMERA, PLAN)
-    both = trace.prepare(CAMERA, PLAN).draw(SHOT, chain).rgb, view.draw(SHOT, chain).rgb
+    both = trace.prepare(CAMERA, PLAN).render(SHOT, chain).rgb, view.render(SHOT, chain).rgb
     view.close()
     trace.close()
     return both
@@ -63,7 +63,7 @@ def pictures(device: GlDevice, chain: tuple[Effect, ...]) -> tuple[Image, Image]
 
 def seams() -> npt.NDArray[np.bool_]:
     """Return (h, w) the pixels next to another face, within two of the border."""
-    directions, on_mirror = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[..., 0, :])
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     face = face_from_direction(directions)
     near = np.zeros(face.shape, dtype=bool)
     for axis in (0, 1):
@@ -74,7 +74,7 @@ def seams() -> npt.NDArray[np.bool_]:
 
 def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
     difference = level_differences(*pictures(device, CHAIN))
-    calm = away_from_edges(pictures(device, ())[0])
+    calm = mask_away_from_edges(pictures(device, ())[0])
     seam = seams() & calm
     assert seam.sum() > 1000
     # A code of the converter more or less, rounded: one grey level.
@@ -95,17 +95,17 @@ def test_frame_when_drawn_again_has_the_same_bytes(device: GlDevice) -> None:
 def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     device: GlDevice, name: str
 ) -> None:
-    world = room()
+    world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(CAMERA, PLAN)
-    view.draw(EXPOSURE)
-    view.draw_linear(EXPOSURE)
-    before = set(renderer.programs_built)
-    effect = effect_of(name, STRONG.get(name, {}))
-    view.draw(EXPOSURE, (effect,))
-    ranges = ("ranges",) if effect.uses_range else ()
-    assert view.passes == ("faces", "mirror", *ranges, name, "encode")
-    added = {built.split()[0] for built in set(renderer.programs_built) - before}
+    view.render(CAMERA_STATE)
+    view.render_linear(CAMERA_STATE)
+    before = set(renderer.program_names)
+    effect = make_effect(name, STRONG.get(name, {}))
+    view.render(CAMERA_STATE, (effect,))
+    ranges = ("ranges",) if effect.needs_range else ()
+    assert view.pass_names == ("faces", "mirror", *ranges, name, "encode")
+    added = {built.split()[0] for built in set(renderer.program_names) - before}
     others = {"range", "pixel_range"} if ranges else set()
     others |= {"meter"} if name in METERED else set()
     assert len(added) == 1 + len(others)

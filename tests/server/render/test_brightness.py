@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.brightness import largest_radiance
+from catoptra_server.render.brightness import max_radiance
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import (
     DirectionalLight,
@@ -19,22 +19,22 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
 
 def largest_of(world: World) -> float:
-    return largest_radiance(build_scene(world), world)
+    return max_radiance(build_scene(world), world)
 
 
-@pytest.mark.parametrize("lights", [(SKY,), (SKY, SUN), (SKY, SUN, LAMP)])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT,), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)])
 def test_picture_when_drawn_is_never_brighter_than_the_summary_says(
     lights: tuple[Light, ...],
 ) -> None:
-    world = room(lights=lights)
-    scene, camera = build_scene(world), omni_camera()
+    world = make_test_world(lights=lights)
+    scene, camera = build_scene(world), make_omni_camera()
     renderer = TraceRenderer(scene, world, threads=1)
-    view = renderer.prepare(camera, raster_plan(camera))
-    assert view.draw_linear(VIEW).max() <= largest_of(world) * (1.0 + 1e-6)
+    view = renderer.prepare(camera, make_plan(camera))
+    assert view.render_linear(CAMERA_STATE).max() <= largest_of(world) * (1.0 + 1e-6)
     renderer.close()
 
 

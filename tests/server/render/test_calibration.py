@@ -9,16 +9,16 @@ import pytest
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.plan.cost_model import fitted, way_of
+from catoptra_server.plan.cost_model import fit_cost_model, cost_group
 from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
-from catoptra_server.render.calibration import REST, measured, plans_to_measure
-from catoptra_server.render.renderer import Exposure, RenderedImage
-from catoptra_server.scene.mirror_mesh import PolygonSplit
-from helpers.worlds import omni_camera
+from catoptra_server.render.calibration import OTHER_STAGES, measure_costs, calibration_plans
+from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.worlds import make_omni_camera
 
-CAMERA = omni_camera(width_px=64)
+CAMERA = make_omni_camera(width_px=64)
 TRACE = RendererKind.TRACE
-HERE = (Exposure(Pose.identity()), Exposure(Pose.from_rpy((1.0, 0.0, 0.0))))
+HERE = (CameraState(Pose.identity()), CameraState(Pose.from_rpy((1.0, 0.0, 0.0))))
 
 
 class _Lab:
@@ -27,13 +27,13 @@ class _Lab:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.closed = 0
-        self.exposures: list[Exposure] = []
+        self.exposures: list[CameraState] = []
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
         lab = self
 
         class View:
-            def draw(self, exposure: Exposure) -> RenderedImage:
+            def draw(self, exposure: CameraState) -> RenderedImage:
                 lab.exposures.append(exposure)
                 lab.now_s += 1e-3 * (plan.samples + 0.5)
                 stages = {"trace": float(plan.samples)}
@@ -50,28 +50,28 @@ class _Lab:
 
 def test_calibration_when_done_has_medians_of_all_stages_and_of_what_is_between() -> None:
     lab = _Lab()
-    found = measured(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    found = measure_costs(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
     assert [one.plan.samples for one in found] == [1, 2, 1]
     assert [one.stage_ms["trace"] for one in found] == [1.0, 2.0, 1.0]
-    assert all(one.stage_ms[REST] == pytest.approx(0.5) for one in found)
+    assert all(one.stage_ms[OTHER_STAGES] == pytest.approx(0.5) for one in found)
     assert lab.closed == 3
     assert set(lab.exposures) == set(HERE)
 
 
 @pytest.mark.parametrize("kind", RendererKind)
 def test_calibration_when_all_is_open_covers_every_way_that_it_can_go(kind: RendererKind) -> None:
-    plans = list(plans_to_measure(kind, CAMERA, PerPixel()))
-    assert len({way_of(plan) for plan in plans}) == (2 if kind is TRACE else 1)
+    plans = list(calibration_plans(kind, CAMERA, PerPixel()))
+    assert len({cost_group(plan) for plan in plans}) == (2 if kind is TRACE else 1)
     assert len({plan.samples for plan in plans}) > 1
 
 
 def test_calibration_of_polygons_never_leaves_rays_out() -> None:
-    plans = plans_to_measure(TRACE, CAMERA, PolygonSplit(8, 8))
+    plans = calibration_plans(TRACE, CAMERA, Tessellation(8, 8))
     assert {plan.stride_px for plan in plans} == {1}
 
 
 def test_calibration_when_fitted_gives_its_own_times_back() -> None:
     lab = _Lab()
-    found = measured(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
-    model = fitted(CAMERA, found)
-    assert model.ms(found[1].plan) == pytest.approx(2.5)
+    found = measure_costs(lab, TRACE, CAMERA, PerPixel(), HERE, clock=lab.clock)  # type: ignore[arg-type]
+    model = fit_cost_model(CAMERA, found)
+    assert model.predict_frame_ms(found[1].plan) == pytest.approx(2.5)

@@ -9,17 +9,17 @@ import pytest
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.plan.render_plan import RendererKind
 from catoptra_server.render import raster
-from catoptra_server.render.choice import Choice, choose_renderer
+from catoptra_server.render.choice import RendererChoice, choose_renderer
 from catoptra_server.render.raster import OpenGLMissingError
 from catoptra_server.scene.meshes import SceneMesh, build_scene
 from helpers.opengl import device_or_skip
-from helpers.worlds import room
+from helpers.worlds import make_test_world
 
-WORLD = room()
+WORLD = make_test_world()
 SCENE = build_scene(WORLD)
 
 
-def choose(requested: str, *, samples: int = 1) -> Choice:
+def choose(requested: str, *, samples: int = 1) -> RendererChoice:
     choice = choose_renderer(requested, SCENE, WORLD, threads=1, samples=samples)
     choice.renderer.close()
     return choice
@@ -92,12 +92,12 @@ def test_auto_can_make_the_other_renderer_later(
     monkeypatch.setattr(raster, "open_device", lambda: device)
     choice = choose("auto", samples=samples)
     device_or_skip().close()
-    (other,) = choice.others
+    (other,) = choice.alternatives
     assert {choice.kind, other} == set(RendererKind)
 
 
 def test_renderer_that_is_asked_for_by_name_has_no_other() -> None:
-    assert not choose("trace").others
+    assert not choose("trace").alternatives
 
 
 def test_unknown_renderer_is_refused_with_the_names_that_exist() -> None:

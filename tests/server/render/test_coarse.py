@@ -13,29 +13,29 @@ STEP = 2.0**0.125 * (1.0 + 1e-12)
 
 
 def test_distances_are_rounded_down_by_less_than_a_step() -> None:
-    for value, rounded in zip(VALUES, coarse.down(VALUES), strict=True):
+    for value, rounded in zip(VALUES, coarse.round_down(VALUES), strict=True):
         assert rounded <= value * (1.0 + 1e-15)
         assert value < rounded * STEP
 
 
 def test_rates_are_rounded_up_by_less_than_a_step_whatever_their_sign() -> None:
-    for value, rounded in zip(VALUES, coarse.up(VALUES), strict=True):
+    for value, rounded in zip(VALUES, coarse.round_away_from_zero(VALUES), strict=True):
         assert value * (1.0 - 1e-15) <= rounded < value * STEP
-    assert coarse.up([-v for v in VALUES]) == tuple(-v for v in coarse.up(VALUES))
+    assert coarse.round_away_from_zero([-v for v in VALUES]) == tuple(-v for v in coarse.round_away_from_zero(VALUES))
 
 
 def test_distance_of_nothing_is_the_least_there_is() -> None:
-    assert coarse.down([0.0, math.inf]) == (coarse.NEAREST_M, math.inf)
+    assert coarse.round_down([0.0, math.inf]) == (coarse.MIN_DISTANCE_M, math.inf)
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1e-17, -1e-17])
 def test_rates_that_are_rounding_are_none(value: float) -> None:
-    assert coarse.up([value]) == (0.0,)
+    assert coarse.round_away_from_zero([value]) == (0.0,)
 
 
 def test_motions_that_differ_little_are_one() -> None:
-    one = coarse.twist(Twist((0.501, 0.0, -1e-12), (0.0, 0.0, -0.31)))
-    assert one == coarse.twist(Twist((0.502, 0.0, 0.0), (0.0, 0.0, -0.311)))
+    one = coarse.round_twist(Twist((0.501, 0.0, -1e-12), (0.0, 0.0, -0.31)))
+    assert one == coarse.round_twist(Twist((0.502, 0.0, 0.0), (0.0, 0.0, -0.311)))
     assert one.linear_m_s[0] >= 0.502
     assert one.angular_rad_s[2] <= -0.311
-    assert coarse.twist(AT_REST) == AT_REST
+    assert coarse.round_twist(AT_REST) == AT_REST

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_server.render.cost_cache import CostCache, scene_digest, user_cache
+from catoptra_server.render.cost_cache import CostCache, hash_scene, default_cache_folder
 from catoptra_server.robot.render_wish import PerPixel
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import PolygonSplit
-from helpers.worlds import omni_camera, room
+from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.worlds import make_omni_camera, make_test_world
 
-SCENE = build_scene(room())
-CAMERA = omni_camera(width_px=64)
+SCENE = build_scene(make_test_world())
+CAMERA = make_omni_camera(width_px=64)
 RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
 
 
 def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
-    key = CostCache(tmp_path / "deep/costs", SCENE).key("llvmpipe", CAMERA, PerPixel())
+    key = CostCache(tmp_path / "deep/costs", SCENE).make_key("llvmpipe", CAMERA, PerPixel())
     CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES)
     assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES
     assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
@@ -27,14 +27,14 @@ def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
 
 def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None:
     cache = CostCache(tmp_path, SCENE)
-    exact, split = PerPixel(), PolygonSplit(8, 8)
+    exact, split = PerPixel(), Tessellation(8, 8)
     other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
     keys = {
-        cache.key("a", CAMERA, exact),
-        cache.key("b", CAMERA, exact),
-        cache.key("a", omni_camera(width_px=65), exact),
-        cache.key("a", CAMERA, split),
-        other.key("a", CAMERA, exact),
+        cache.make_key("a", CAMERA, exact),
+        cache.make_key("b", CAMERA, exact),
+        cache.make_key("a", make_omni_camera(width_px=65), exact),
+        cache.make_key("a", CAMERA, split),
+        other.make_key("a", CAMERA, exact),
     }
     assert len(keys) == 5
 
@@ -59,11 +59,11 @@ def test_cache_when_there_is_none_keeps_nothing() -> None:
 
 
 def test_digest_of_a_scene_is_of_its_content() -> None:
-    assert scene_digest(SCENE) == scene_digest(build_scene(room()))
+    assert hash_scene(SCENE) == hash_scene(build_scene(make_test_world()))
 
 
 def test_users_cache_is_where_their_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert user_cache() == Path("/somewhere/catoptra/costs")
+    assert default_cache_folder() == Path("/somewhere/catoptra/costs")
     monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")
-    assert user_cache() == Path.home() / ".cache/catoptra/costs"
+    assert default_cache_folder() == Path.home() / ".cache/catoptra/costs"

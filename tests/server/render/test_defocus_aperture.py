@@ -20,27 +20,27 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.config.shipped import configuration_file
+from catoptra_server.config.shipped import find_configuration
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.defocus import Defocus
 from catoptra_server.effects.defocus_by_depth import DefocusByDepth
-from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.shared.lens_blur import Aperture, focused_at
-from catoptra_server.effects.vignetting import inverse_focal
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.shared.lens_blur import Aperture, lens_focus_coordinate
+from catoptra_server.effects.vignetting import inverse_focal_length
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
-from helpers.aperture import LensRays, pinhole_lens, seen_through, telecentric_lens
+from helpers.aperture import LensRays, pinhole_lens, render_through_lens, telecentric_lens
 from helpers.blur import inner_pixels
-from helpers.worlds import omni_camera, raster_plan
+from helpers.worlds import make_omni_camera, make_plan
 
 WIDTH_PX = 640
 PITCH_M = 7.4e-6 * 360.0 / WIDTH_PX
-CAMERA = omni_camera(width_px=WIDTH_PX)
+CAMERA = make_omni_camera(width_px=WIDTH_PX)
 LENS = Aperture(2.0, PITCH_M, 0.0)
 # Every eighth pixel both ways: 5000 on the mirror.
 EVERY_PX = 8
@@ -57,15 +57,15 @@ class Place:
     """A world with a camera in it."""
 
     world: World
-    exposure: Exposure
+    exposure: CameraState
 
 
 @cache
 def place(name: str, *, things_near: bool) -> Place:
-    world, _ = read_world(configuration_file("worlds", name))
+    world, _ = read_world(find_configuration("worlds", name))
     near = tuple(_box(POSES[name], number) for number in range(len(BOXES)))
     items = world.items + near if things_near else world.items
-    return Place(replace(world, items=items), Exposure(POSES[name]))
+    return Place(replace(world, items=items), CameraState(POSES[name]))
 
 
 def _box(pose: Pose, number: int) -> Item:
@@ -78,7 +78,7 @@ def _box(pose: Pose, number: int) -> Item:
 
 def lens_of(camera: OmniCamera, aperture: Aperture) -> LensRays:
     """Return the thin lens of which the picture's scale is the image distance."""
-    focal_px, sharp = 1.0 / inverse_focal(camera), focused_at(aperture, camera)
+    focal_px, sharp = 1.0 / inverse_focal_length(camera), lens_focus_coordinate(aperture, camera)
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
     return pinhole_lens(
         camera, focal_px, aperture_m=focal_m / aperture.f_number, focus_m=1.0 / sharp
@@ -90,7 +90,7 @@ def through_the_lens(name: str, *, things_near: bool) -> Floats:
     seen = place(name, things_near=things_near)
     lens = lens_of(CAMERA, LENS)
     pose = seen.exposure.world_from_mirror
-    return seen_through(lens, CAMERA, seen.world, pose, every_px=EVERY_PX)
+    return render_through_lens(lens, CAMERA, seen.world, pose, stride_px=EVERY_PX)
 
 
 def rmse_levels(
@@ -103,10 +103,10 @@ def rmse_levels(
     return float(np.sqrt(np.square(one - other)[inner].mean()))
 
 
-def traced(seen: Place, *effects: Effect) -> Floats:
+def traced(seen: Place, *effects: ImageEffect) -> Floats:
     renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA, samples=5))
-    light = view.draw_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX]
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=5))
+    light = view.render_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX]
     renderer.close()
     return light.astype(np.float64)
 
@@ -134,31 +134,31 @@ def test_raster_picture_when_blurred_equals_that_of_a_traced_aperture(
 ) -> None:
     seen = place(name, things_near=True)
     renderer = RasterRenderer(build_scene(seen.world), seen.world, device=device)
-    plan = raster_plan(CAMERA, samples=4, face_size_px=2 * WIDTH_PX, face_samples=2)
+    plan = make_plan(CAMERA, samples=4, face_size_px=2 * WIDTH_PX, face_samples=2)
     view = renderer.prepare(CAMERA, plan)
-    blurred = view.draw_linear(seen.exposure, (DefocusByDepth(LENS),))[::EVERY_PX, ::EVERY_PX]
+    blurred = view.render_linear(seen.exposure, (DefocusByDepth(LENS),))[::EVERY_PX, ::EVERY_PX]
     view.close()
     expected = through_the_lens(name, things_near=True)
     assert rmse_levels(blurred.astype(np.float64), expected) < 1.0
 
 
 def test_telecentric_picture_when_blurred_equals_that_of_traced_cones() -> None:
-    camera = omni_camera(mirror=ParabolicMirror(0.03), width_px=WIDTH_PX, rim_deg=110.0)
-    rim_m = float(camera.mirror.surface(np.array(camera.rim_t))[0])
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=WIDTH_PX, rim_deg=110.0)
+    rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
     px_per_m = camera.rim_radius_px / rim_m
     lens = Aperture(1.0, 3e-6, 0.0)
     rays = telecentric_lens(
         px_per_m,
         slope=0.5 * px_per_m * lens.pixel_pitch_m / lens.f_number,
-        focus_height_m=focused_at(lens, camera),
+        focus_height_m=lens_focus_coordinate(lens, camera),
     )
     seen = place("corridor", things_near=False)
     pose = seen.exposure.world_from_mirror
-    expected = seen_through(rays, camera, seen.world, pose, every_px=EVERY_PX)
+    expected = render_through_lens(rays, camera, seen.world, pose, stride_px=EVERY_PX)
     renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)
-    view = renderer.prepare(camera, raster_plan(camera, samples=4))
+    view = renderer.prepare(camera, make_plan(camera, samples=4))
     sharp, blurred = (
-        view.draw_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX].astype(np.float64)
+        view.render_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX].astype(np.float64)
         for effects in ((), (Defocus(lens),))
     )
     renderer.close()

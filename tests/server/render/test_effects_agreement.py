@@ -15,8 +15,8 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.frame_key import NoiseSeed
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import OmniView
@@ -25,12 +25,12 @@ from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
-from helpers.effects import CAMERA, effect_of
-from helpers.pictures import away_from_edges, level_differences
-from helpers.worlds import SKY, SUN, VIEW, omni_camera, raster_plan, room
+from helpers.effects import CAMERA, make_effect
+from helpers.pictures import mask_away_from_edges, level_differences
+from helpers.worlds import HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
 SENSOR = tuple(
-    effect_of(name, changes)
+    make_effect(name, changes)
     for name, changes in (
         ("Vignetting", {}),
         ("AutoExposure", {}),
@@ -44,20 +44,20 @@ SENSOR = tuple(
 FULL_WELL, BITS = 18000.0, 12
 STEPS = 2**BITS - 1
 GAIN = STEPS / FULL_WELL  # EMVA's K, codes an electron
-FLAT = omni_camera(width_px=160)
+FLAT = make_omni_camera(width_px=160)
 MIDDLE = (slice(40, 120), slice(40, 120))
 
 
 def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) -> None:
-    world, plan = room(), raster_plan(CAMERA, samples=2)
+    world, plan = make_test_world(), make_plan(CAMERA, samples=2)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     raster = RasterRenderer(scene, world, device=device)
-    calm = trace.prepare(CAMERA, plan).draw(VIEW).rgb
+    calm = trace.prepare(CAMERA, plan).render(CAMERA_STATE).rgb
     view = raster.prepare(CAMERA, plan)
-    traced = trace.prepare(CAMERA, plan).draw(VIEW, SENSOR).rgb
-    difference = level_differences(view.draw(VIEW, SENSOR).rgb, traced)
-    smooth = away_from_edges(calm)
+    traced = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
+    difference = level_differences(view.render(CAMERA_STATE, SENSOR).rgb, traced)
+    smooth = mask_away_from_edges(calm)
     assert smooth.mean() > 0.5
     # One grey level: of the converter's codes either neighbour, rounded.
     assert (difference[smooth] > 1).mean() < 2e-3
@@ -69,16 +69,16 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
 @pytest.mark.parametrize("density_per_m", [0.05, 0.6])
 def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per_m: float) -> None:
     # By range, not by face: over the faces' borders too, with robots, and none of it by samples.
-    world, camera = room(), omni_camera(width_px=300)
-    exposure, plan = replace(VIEW, bodies=TWO_ROBOTS), raster_plan(camera, face_size_px=640)
-    fog = (effect_of("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
+    world, camera = make_test_world(), make_omni_camera(width_px=300)
+    exposure, plan = replace(CAMERA_STATE, bodies=TWO_ROBOTS), make_plan(camera, face_size_px=640)
+    fog = (make_effect("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     view = RasterRenderer(scene, world, device=device).prepare(camera, plan)
-    calm = trace.prepare(camera, plan).draw(exposure).rgb
-    foggy = trace.prepare(camera, plan).draw(exposure, fog).rgb
-    difference = level_differences(view.draw(exposure, fog).rgb, foggy)
-    smooth = away_from_edges(calm)
+    calm = trace.prepare(camera, plan).render(exposure).rgb
+    foggy = trace.prepare(camera, plan).render(exposure, fog).rgb
+    difference = level_differences(view.render(exposure, fog).rgb, foggy)
+    smooth = mask_away_from_edges(calm)
     assert (level_differences(calm, foggy) > 8).mean() > 0.5
     assert (difference[smooth] > 2).mean() < 1e-3
     assert (difference > 2).mean() < 0.05
@@ -93,13 +93,13 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
 ) -> None:
     black = Material((0.0, 0.0, 0.0), unlit=True)
     far = Item("far", Box((0.2, 3.0, 1.0)), Pose.from_rpy((-8.0, 0.5, -0.5)), black)
-    world = World("room", (*room().items, far), lights=(SKY, SUN), background=(background,) * 3)
+    world = World("room", (*make_test_world().items, far), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), background=(background,) * 3)
     trace = TraceRenderer(build_scene(world), world, threads=2)
-    view = trace.prepare(CAMERA, raster_plan(CAMERA))
-    fog = effect_of("Fog", {"density_per_m": 10.0**step})
-    exposure = replace(VIEW, bodies=TWO_ROBOTS)
-    bound = fog.bound(trace.summary(exposure, CAMERA), CAMERA).value
-    clear, foggy = (view.draw_linear(exposure, effects) for effects in ((), (fog,)))
+    view = trace.prepare(CAMERA, make_plan(CAMERA))
+    fog = make_effect("Fog", {"density_per_m": 10.0**step})
+    exposure = replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+    bound = fog.bound(trace.summarize_scene(exposure, CAMERA), CAMERA).value
+    clear, foggy = (view.render_linear(exposure, effects) for effects in ((), (fog,)))
     trace.close()
     change = 255.0 * np.abs(srgb_from_linear(foggy) - srgb_from_linear(clear)).max()
     assert change <= bound + 1e-3
@@ -108,21 +108,21 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
 
 def traced(world: World, device: GlDevice) -> OmniView:
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    return renderer.prepare(FLAT, raster_plan(FLAT))
+    return renderer.prepare(FLAT, make_plan(FLAT))
 
 
 def rastered(world: World, device: GlDevice) -> OmniView:
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    return renderer.prepare(FLAT, raster_plan(FLAT))
+    return renderer.prepare(FLAT, make_plan(FLAT))
 
 
 Prepare = Callable[[World, GlDevice], OmniView]
 
 
-def codes(view: OmniView, chain: tuple[Effect, ...], index: int) -> Floats:
+def codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
     """Return the codes of the middle of a flat field: one exposure."""
-    exposure = replace(VIEW, key=FrameKey((1, 2), index))
-    return STEPS * view.draw_linear(exposure, chain)[MIDDLE].astype(np.float64)
+    exposure = replace(CAMERA_STATE, key=NoiseSeed((1, 2), index))
+    return STEPS * view.render_linear(exposure, chain)[MIDDLE].astype(np.float64)
 
 
 def flat_field(level: float) -> World:
@@ -134,10 +134,10 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
     device: GlDevice, prepare: Prepare
 ) -> None:
     chain = (
-        effect_of("FixedPattern", {"prnu": 0.01, "dsnu_e": 6.0}),
-        effect_of("ShotNoise"),
-        effect_of("ReadNoise"),
-        effect_of("Quantisation", {"adc_bits": BITS}),
+        make_effect("FixedPattern", {"prnu": 0.01, "dsnu_e": 6.0}),
+        make_effect("ShotNoise"),
+        make_effect("ReadNoise"),
+        make_effect("Quantisation", {"adc_bits": BITS}),
     )
     means, variances = [], []
     for level in (0.0, 0.1, 0.3, 0.5, 0.7):
@@ -157,8 +157,8 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
 def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     device: GlDevice, prepare: Prepare
 ) -> None:
-    pattern = effect_of("FixedPattern", {"prnu": 0.02, "dsnu_e": 30.0})
-    noise = effect_of("ShotNoise", {"full_well_e": FULL_WELL})
+    pattern = make_effect("FixedPattern", {"prnu": 0.02, "dsnu_e": 30.0})
+    noise = make_effect("ShotNoise", {"full_well_e": FULL_WELL})
     spreads = []
     for level in (0.0, 0.5):
         view = prepare(flat_field(level), device)

@@ -16,7 +16,7 @@ import pytest
 from catoptra_protocol.optics.camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
     pixel_from_direction,
 )
 from catoptra_protocol.optics.frames import Pose
@@ -24,50 +24,50 @@ from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, Pa
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.figures.polygon_measure import displacement_px
 from catoptra_server.plan.error_bound import error_bound
-from catoptra_server.plan.face_texels import face_texels
+from catoptra_server.plan.face_texels import texel_footprint
 from catoptra_server.plan.render_plan import (
     PerPixel,
     RendererKind,
     RenderPlan,
-    RenderWish,
-    Surface,
-    plan_from_wish,
+    RenderSettings,
+    MirrorSurface,
+    plan_from_settings,
 )
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Image, Renderer
+from catoptra_server.render.renderer import CameraState, Image, Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.samples import RaySamples, omni_samples
+from catoptra_server.render.trace.samples import RaySamples, omni_rays
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from helpers.markers import marker_centroid, marker_directions, marker_world
 from helpers.outlines import (
-    Targets,
-    largest_displacement_px,
-    scattered_discs,
-    scattered_squares,
+    DisplacementTargets,
+    max_displacement_px,
+    scatter_discs,
+    scatter_squares,
 )
-from helpers.worlds import PAPER_MIRROR, VIEW, omni_camera
+from helpers.worlds import PAPER_MIRROR, CAMERA_STATE, make_omni_camera
 
 STRONG = HyperbolicMirror(3.0, 0.1)
 NEARLY_PLANE = HyperbolicMirror(2.1, 0.2)
 NEARLY_PARABOLIC = HyperbolicMirror(1e4, 0.3)
 PARABOLIC = ParabolicMirror(0.03)
-LEVEL = Exposure(Pose.identity())
+LEVEL = CameraState(Pose.identity())
 
 Lens = tuple[CentralMirror, float, int]  # mirror, rim in degrees, image width
 
 
-def split(sectors: int, rings: int, way: str) -> PolygonSplit:
-    return PolygonSplit(sectors, rings, Interpolation(way))
+def split(sectors: int, rings: int, way: str) -> Tessellation:
+    return Tessellation(sectors, rings, Interpolation(way))
 
 
 def plan_for(
-    camera: OmniCamera, surface: Surface, kind: RendererKind, *, size: int = 0, samples: int = 1
+    camera: OmniCamera, surface: MirrorSurface, kind: RendererKind, *, size: int = 0, samples: int = 1
 ) -> RenderPlan:
     """Return a plan with one face sample a texel, and faces of a size, 0 = as the plan has them."""
-    wish = RenderWish(surface, samples, size, 1)
-    return plan_from_wish(wish, camera, kind=kind, why="test")
+    wish = RenderSettings(surface, samples, size, 1)
+    return plan_from_settings(wish, camera, kind=kind, reason="test")
 
 
 # Trace: every ray.
@@ -82,7 +82,7 @@ EXACT: list[Lens] = [
     (NEARLY_PARABOLIC, 150.0, 200),
     (PARABOLIC, 135.0, 640),
 ]
-FACETED: list[tuple[Lens, PolygonSplit]] = [
+FACETED: list[tuple[Lens, Tessellation]] = [
     ((PAPER_MIRROR, 120.0, 360), split(4, 4, "uv")),
     ((PAPER_MIRROR, 120.0, 360), split(4, 4, "position")),
     ((PAPER_MIRROR, 120.0, 360), split(32, 32, "uv")),
@@ -103,10 +103,10 @@ FACETED: list[tuple[Lens, PolygonSplit]] = [
 
 def camera_of(lens: Lens) -> OmniCamera:
     mirror, rim_deg, width_px = lens
-    return omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
+    return make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
 
 
-def turned_and_back(samples: RaySamples, exposure: Exposure) -> Floats:
+def turned_and_back(samples: RaySamples, exposure: CameraState) -> Floats:
     """Return (n, 3) where the rays of a frame look, in the mirror frame: as the view turns them."""
     rotation = exposure.world_from_mirror.rotation
     turned = samples.directions @ rotation.T.astype(np.float32)
@@ -114,19 +114,19 @@ def turned_and_back(samples: RaySamples, exposure: Exposure) -> Floats:
     return directions
 
 
-def ray_errors_px(camera: OmniCamera, plan: RenderPlan, exposure: Exposure) -> Floats:
+def ray_errors_px(camera: OmniCamera, plan: RenderPlan, exposure: CameraState) -> Floats:
     """Return (n,) displacements of the rays of one exposure that have a place in the image."""
-    samples = omni_samples(camera, plan)
-    pixels = pixel_centres(camera).reshape(-1, 2)[samples.pixels]
+    samples = omni_rays(camera, plan)
+    pixels = pixel_sample_positions(camera).reshape(-1, 2)[samples.pixels]
     error_px, known = displacement_px(camera, pixels, turned_and_back(samples, exposure))
     return error_px[known & samples.on_mirror]
 
 
 def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
     """Return how far within the rim the farthest pixel lies that should see the mirror."""
-    pixels = pixel_centres(camera).reshape(-1, 2)
+    pixels = pixel_sample_positions(camera).reshape(-1, 2)
     _, on_disc = direction_from_pixel(camera, pixels)
-    on_disc[omni_samples(camera, plan).pixels] = False
+    on_disc[omni_rays(camera, plan).pixels] = False
     radius_px = np.linalg.norm(pixels[on_disc] - camera.centre_px, axis=1)
     return float((camera.rim_radius_px - radius_px).max(initial=0.0))
 
@@ -136,7 +136,7 @@ def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Len
     camera = camera_of(lens)
     plan = plan_for(camera, PerPixel(), RendererKind.TRACE)
     rng = np.random.default_rng(1)
-    turns = [VIEW] + [Exposure(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)]
+    turns = [CAMERA_STATE] + [CameraState(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)]
     seen_px = max(ray_errors_px(camera, plan, turn).max() for turn in turns)
     bound_px = error_bound(camera, plan).geometric.max_px
     assert seen_px <= bound_px <= 2.0 * seen_px
@@ -144,11 +144,11 @@ def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Len
 
 @pytest.mark.parametrize(("lens", "surface"), FACETED, ids=str)
 def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
-    lens: Lens, surface: PolygonSplit
+    lens: Lens, surface: Tessellation
 ) -> None:
     camera = camera_of(lens)
     plan = plan_for(camera, surface, RendererKind.TRACE)
-    errors_px = ray_errors_px(camera, plan, VIEW)
+    errors_px = ray_errors_px(camera, plan, CAMERA_STATE)
     seen_px = max(errors_px.max(), widest_gap_px(camera, plan))
     bound = error_bound(camera, plan).geometric
     assert seen_px <= bound.max_px <= 2.0 * seen_px
@@ -161,7 +161,7 @@ def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:
     # The upper left quarter of a mirror off the centre, turned in the image.
     camera = OmniCamera(PAPER_MIRROR, 120, 90, (100.3, 80.2), 103.0, math.radians(120.0), 0.7)
     plan = plan_for(camera, split(12, 12, "uv"), RendererKind.TRACE)
-    errors_px = ray_errors_px(camera, plan, VIEW)
+    errors_px = ray_errors_px(camera, plan, CAMERA_STATE)
     bound = error_bound(camera, plan).geometric
     assert errors_px.max() <= bound.max_px <= 1.3 * errors_px.max()
     assert bound.rms_px == pytest.approx(math.sqrt(np.square(errors_px).mean()), rel=0.05)
@@ -170,47 +170,47 @@ def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:
 # Frames.
 
 
-def frame(renderer: Renderer, camera: OmniCamera, plan: RenderPlan, exposure: Exposure) -> Image:
+def frame(renderer: Renderer, camera: OmniCamera, plan: RenderPlan, exposure: CameraState) -> Image:
     view = renderer.prepare(camera, plan)
-    image = view.draw(exposure).rgb
+    image = view.render(exposure).rgb
     view.close()
     return image
 
 
 def things(
     camera: OmniCamera, plan: RenderPlan, *, count: int
-) -> Iterator[tuple[Targets, Exposure]]:
+) -> Iterator[tuple[DisplacementTargets, CameraState]]:
     """Yield worlds of discs from a turned viewpoint, and of squares along the texels."""
-    texel_px = face_texels(camera, plan.face_parts).max_px
+    texel_px = texel_footprint(camera, plan.face_regions).max_px
     error_px = error_bound(camera, plan).geometric.max_px
     for seed in range(3):
         # Four texels a disc and eight a square, which the bound is for; and never so small that
         # looking beside a thing would find another.
         rng = np.random.default_rng(seed)
         size_px = max(4.3 * texel_px, 5.0, 2.5 * error_px)
-        yield scattered_discs(camera, size_px=size_px, count=count, rng=rng), VIEW
+        yield scatter_discs(camera, size_px=size_px, count=count, rng=rng), CAMERA_STATE
         size_px = max(8.5 * texel_px, 5.0, 2.5 * error_px)
-        yield scattered_squares(camera, size_px=size_px, count=count, rng=rng), LEVEL
+        yield scatter_squares(camera, size_px=size_px, count=count, rng=rng), LEVEL
 
 
 @pytest.mark.parametrize(
     ("lens", "surface"), [(EXACT[0], PerPixel()), FACETED[2], FACETED[7]], ids=str
 )
-def test_traced_frames_of_things_are_within_the_bound(lens: Lens, surface: Surface) -> None:
+def test_traced_frames_of_things_are_within_the_bound(lens: Lens, surface: MirrorSurface) -> None:
     camera = camera_of(lens)
     plan = plan_for(camera, surface, RendererKind.TRACE)
     worst_px = 0.0
     for targets, exposure in things(camera, plan, count=20):
-        world = targets.world(exposure.world_from_mirror)
+        world = targets.build_world(exposure.world_from_mirror)
         renderer = TraceRenderer(build_scene(world), world, threads=1)
         image = frame(renderer, camera, plan, exposure)
         renderer.close()
-        worst_px = max(worst_px, largest_displacement_px(camera, image, targets))
+        worst_px = max(worst_px, max_displacement_px(camera, image, targets))
     assert worst_px <= error_bound(camera, plan).geometric.max_px
 
 
 # What is drawn, the size of the faces (0: as the plan has them), how many things.
-RASTER: list[tuple[Lens, Surface, int, int]] = [
+RASTER: list[tuple[Lens, MirrorSurface, int, int]] = [
     ((PAPER_MIRROR, 120.0, 360), PerPixel(), 0, 25),
     ((PAPER_MIRROR, 120.0, 360), PerPixel(), 128, 25),
     ((PAPER_MIRROR, 120.0, 360), PerPixel(), 720, 50),
@@ -232,17 +232,17 @@ RASTER: list[tuple[Lens, Surface, int, int]] = [
 def largest_seen_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, count: int) -> float:
     worst_px = 0.0
     for targets, exposure in things(camera, plan, count=count):
-        world = targets.world(exposure.world_from_mirror)
+        world = targets.build_world(exposure.world_from_mirror)
         image = frame(
             RasterRenderer(build_scene(world), world, device=device), camera, plan, exposure
         )
-        worst_px = max(worst_px, largest_displacement_px(camera, image, targets))
+        worst_px = max(worst_px, max_displacement_px(camera, image, targets))
     return worst_px
 
 
 @pytest.mark.parametrize(("lens", "surface", "size", "count"), RASTER, ids=str)
 def test_bound_of_rastered_frames_holds_within_a_factor_of_two(
-    device: GlDevice, lens: Lens, surface: Surface, size: int, count: int
+    device: GlDevice, lens: Lens, surface: MirrorSurface, size: int, count: int
 ) -> None:
     camera = camera_of(lens)
     plan = plan_for(camera, surface, RendererKind.RASTER, size=size)
@@ -268,7 +268,7 @@ def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
 def test_bound_of_the_coarsest_rastered_polygons_holds(device: GlDevice, way: str) -> None:
     # Errors are as large as the image there: no frame of things shows where each pixel looks, which
     # the same polygons' rays do above.
-    camera = omni_camera(width_px=200)
+    camera = make_omni_camera(width_px=200)
     plan = plan_for(camera, split(4, 4, way), RendererKind.RASTER)
     seen_px = largest_seen_px(device, camera, plan, 12)
     assert 0.0 < seen_px <= error_bound(camera, plan).geometric.max_px
@@ -287,15 +287,15 @@ def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
     level = np.abs(directions[:, 2]) < 0.12
     world = marker_world(
         directions[level],
-        world_from_mirror=VIEW.world_from_mirror,
+        world_from_mirror=CAMERA_STATE.world_from_mirror,
         diameter_rad=1.15 / camera.horizon_radius_px,
     )
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    image = frame(renderer, camera, plan, VIEW)
+    image = frame(renderer, camera, plan, CAMERA_STATE)
     renderer.close()
     # With one sample a pixel a disc of less than sqrt 2 px may fall between the samples.
     found = [place for place in places[level] if _is_lit(image, place)]
-    centroids = [marker_centroid(image, place, reach_px=2.0) for place in found]
+    centroids = [marker_centroid(image, place, window_px=2.0) for place in found]
     return np.linalg.norm(np.subtract(centroids, found), axis=1)
 
 
@@ -306,23 +306,23 @@ def _is_lit(image: Image, place: Floats) -> bool:
 
 @pytest.mark.parametrize("samples", [1, 2, 4, 8])
 def test_markers_of_a_pixel_are_measured_within_the_bound_and_its_half(samples: int) -> None:
-    camera = omni_camera(width_px=360)
+    camera = make_omni_camera(width_px=360)
     plan = plan_for(camera, PerPixel(), RendererKind.TRACE, samples=samples)
     errors_px = centroid_errors_px(camera, plan)
     assert len(errors_px) > 100
-    assert errors_px.max() <= error_bound(camera, plan).marker_px <= 2.0 * errors_px.max()
+    assert errors_px.max() <= error_bound(camera, plan).marker_error_px <= 2.0 * errors_px.max()
 
 
 def test_markers_in_rastered_frames_are_measured_within_the_bound(device: GlDevice) -> None:
-    camera = omni_camera(width_px=360)
+    camera = make_omni_camera(width_px=360)
     plan = plan_for(camera, split(32, 32, "uv"), RendererKind.RASTER, samples=2)
     directions = marker_directions((50.0, 75.0, 90.0, 104.0), tuple(range(-180, 180, 24)))
     world = marker_world(
-        directions, world_from_mirror=VIEW.world_from_mirror, diameter_rad=math.radians(3.0)
+        directions, world_from_mirror=CAMERA_STATE.world_from_mirror, diameter_rad=math.radians(3.0)
     )
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    image = frame(renderer, camera, plan, VIEW)
+    image = frame(renderer, camera, plan, CAMERA_STATE)
     places, _ = pixel_from_direction(camera, directions)
-    errors_px = [np.hypot(*(marker_centroid(image, at, reach_px=7.0) - at)) for at in places]
+    errors_px = [np.hypot(*(marker_centroid(image, at, window_px=7.0) - at)) for at in places]
     assert len(errors_px) == 60
-    assert max(errors_px) <= error_bound(camera, plan).marker_px
+    assert max(errors_px) <= error_bound(camera, plan).marker_error_px

@@ -4,26 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_server.render.instants import at, instants
+from catoptra_server.render.instants import advance, sample_shutter
 from catoptra_server.render.shutter import Shutter
-from helpers.effects import EXPOSURE
-from helpers.motion import after
+from helpers.effects import CAMERA_STATE
+from helpers.motion import camera_state_after
 
 
 def test_exposure_without_a_shutter_is_its_only_instant() -> None:
-    ((instant, weights),) = instants(EXPOSURE, 3)
-    assert instant is EXPOSURE
+    ((instant, weights),) = sample_shutter(CAMERA_STATE, 3)
+    assert instant is CAMERA_STATE
     assert weights.tolist() == [1.0, 1.0, 1.0]
 
 
 def test_instants_are_sharp_and_carried_by_every_motion() -> None:
-    lasting = replace(EXPOSURE, shutter=Shutter(0.04, 0.0, 3))
-    for (instant, _), time_s in zip(instants(lasting, 2), (-0.04 / 3, 0.0, 0.04 / 3), strict=True):
-        expected = after(EXPOSURE, time_s)
+    lasting = replace(CAMERA_STATE, shutter=Shutter(0.04, 0.0, 3))
+    for (instant, _), time_s in zip(sample_shutter(lasting, 2), (-0.04 / 3, 0.0, 0.04 / 3), strict=True):
+        expected = camera_state_after(CAMERA_STATE, time_s)
         assert instant.shutter is None
         pairs = zip(
-            (instant.world_from_mirror, instant.bodies[0].world_from_body),
-            (expected.world_from_mirror, expected.bodies[0].world_from_body),
+            (instant.world_from_mirror, instant.objects[0].world_from_object),
+            (expected.world_from_mirror, expected.objects[0].world_from_object),
             strict=True,
         )
         for pose, other in pairs:
@@ -33,12 +33,12 @@ def test_instants_are_sharp_and_carried_by_every_motion() -> None:
 
 def test_instants_that_no_row_sees_are_left_out() -> None:
     # Two rows in a readout of four slots without exposure: the middles of two slots.
-    lasting = replace(EXPOSURE, shutter=Shutter(0.0, 0.04, 4))
-    assert [weights.tolist() for _, weights in instants(lasting, 2)] == [[1.0, 0.0], [0.0, 1.0]]
+    lasting = replace(CAMERA_STATE, shutter=Shutter(0.0, 0.04, 4))
+    assert [weights.tolist() for _, weights in sample_shutter(lasting, 2)] == [[1.0, 0.0], [0.0, 1.0]]
 
 
 def test_exposure_carried_by_no_time_stays() -> None:
-    same = at(EXPOSURE, 0.0)
+    same = advance(CAMERA_STATE, 0.0)
     np.testing.assert_array_equal(
-        same.world_from_mirror.translation, EXPOSURE.world_from_mirror.translation
+        same.world_from_mirror.translation, CAMERA_STATE.world_from_mirror.translation
     )

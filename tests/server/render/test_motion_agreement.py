@@ -15,28 +15,28 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.decide import decide
-from catoptra_server.effects.effect import Criterion, EffectWishes, Mode, Wish
+from catoptra_server.effects.decide import plan_effects
+from catoptra_server.effects.effect import Effect, EffectSettings, EffectMode, EffectSetting
 from catoptra_server.effects.motion_blur import MotionBlur
 from catoptra_server.effects.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, OmniView, Renderer
-from catoptra_server.render.staging import staged
+from catoptra_server.render.renderer import CameraState, OmniView, Renderer
+from catoptra_server.render.staging import apply_scene_effects
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.setup import Setup
-from helpers.motion import STARTS, after, crossing, driving, mean_of_frames, rmse, world_setup
-from helpers.worlds import omni_camera, raster_plan
+from catoptra_server.setup import StartupConfig
+from helpers.motion import START_POSES, camera_state_after, crossing_object, driving_camera_state, average_frames, rmse, load_world_setup
+from helpers.worlds import make_omni_camera, make_plan
 
-CAMERA = omni_camera(width_px=200)
-PLAN = raster_plan(CAMERA, samples=3)
+CAMERA = make_omni_camera(width_px=200)
+PLAN = make_plan(CAMERA, samples=3)
 T_S = 1.0 / 30.0
 FRAMES = 64
 
 
 @cache
-def setup(world: str) -> Setup:
-    return world_setup(world)
+def setup(world: str) -> StartupConfig:
+    return load_world_setup(world)
 
 
 def traced(world: str) -> TraceRenderer:
@@ -47,35 +47,35 @@ def rastered(world: str, device: GlDevice) -> RasterRenderer:
     return RasterRenderer(setup(world).scene, setup(world).world, device=device)
 
 
-def drive(start: Pose) -> Exposure:
-    return driving(start, 0.5, 0.0)
+def drive(start: Pose) -> CameraState:
+    return driving_camera_state(start, 0.5, 0.0)
 
 
-def turn(start: Pose) -> Exposure:
-    return driving(start, 0.0, 60.0)
+def turn(start: Pose) -> CameraState:
+    return driving_camera_state(start, 0.0, 60.0)
 
 
-def with_body(start: Pose) -> Exposure:
-    return driving(start, 0.5, 60.0, crossing(start))
+def with_body(start: Pose) -> CameraState:
+    return driving_camera_state(start, 0.5, 60.0, crossing_object(start))
 
 
-def spin(start: Pose) -> Exposure:
-    return driving(start, 0.5, 180.0)
+def spin(start: Pose) -> CameraState:
+    return driving_camera_state(start, 0.5, 180.0)
 
 
-Moving = Callable[[Pose], Exposure]
+Moving = Callable[[Pose], CameraState]
 
 
-def lasting(renderer: Renderer, exposure: Exposure, *effects: Criterion) -> Exposure:
+def lasting(renderer: Renderer, exposure: CameraState, *effects: Effect) -> CameraState:
     """Return the exposure as the server stages it for effects."""
-    wishes = EffectWishes(tuple(Wish(effect, Mode.ALWAYS) for effect in effects))
-    return staged(exposure, decide(wishes, renderer.summary(exposure, CAMERA), CAMERA))
+    wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects))
+    return apply_scene_effects(exposure, plan_effects(wishes, renderer.summarize_scene(exposure, CAMERA), CAMERA))
 
 
-def assert_like_frames(renderer: Renderer, view: OmniView, exposure: Exposure) -> None:
-    mean = mean_of_frames(view, exposure, T_S, FRAMES)
-    sharp = view.draw_linear(exposure).astype(np.float64)
-    blurred = view.draw_linear(lasting(renderer, exposure, MotionBlur(T_S))).astype(np.float64)
+def assert_like_frames(renderer: Renderer, view: OmniView, exposure: CameraState) -> None:
+    mean = average_frames(view, exposure, T_S, FRAMES)
+    sharp = view.render_linear(exposure).astype(np.float64)
+    blurred = view.render_linear(lasting(renderer, exposure, MotionBlur(T_S))).astype(np.float64)
     assert rmse(blurred, mean) <= 1.0
     assert rmse(blurred, mean) < 0.5 * rmse(sharp, mean)
 
@@ -84,18 +84,18 @@ def assert_like_frames(renderer: Renderer, view: OmniView, exposure: Exposure) -
 @pytest.mark.parametrize("moving", [drive, turn, with_body, spin])
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
     renderer = traced(world)
-    assert_like_frames(renderer, renderer.prepare(CAMERA, PLAN), moving(STARTS[world]))
+    assert_like_frames(renderer, renderer.prepare(CAMERA, PLAN), moving(START_POSES[world]))
     renderer.close()
 
 
 def test_blur_when_just_called_for_changes_what_is_drawn() -> None:
-    renderer, start = traced("corridor"), STARTS["corridor"]
+    renderer, start = traced("corridor"), START_POSES["corridor"]
     view = renderer.prepare(CAMERA, PLAN)
-    exposure = driving(start, 0.0, 10.0)
+    exposure = driving_camera_state(start, 0.0, 10.0)
     staged_for = lasting(renderer, exposure, MotionBlur(T_S))
     assert staged_for.shutter is not None
-    assert staged_for.shutter.instants == 2
-    assert rmse(view.draw_linear(staged_for), view.draw_linear(exposure)) > 0.02
+    assert staged_for.shutter.num_time_samples == 2
+    assert rmse(view.render_linear(staged_for), view.render_linear(exposure)) > 0.02
     renderer.close()
 
 
@@ -105,7 +105,7 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
 ) -> None:
     renderer = rastered(world, device)
     view = renderer.prepare(CAMERA, PLAN)
-    assert_like_frames(renderer, view, moving(STARTS[world]))
+    assert_like_frames(renderer, view, moving(START_POSES[world]))
     view.close()
 
 
@@ -113,21 +113,21 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
 ROWS = slice(2, None, 5)
 
 
-def rows_of_frames(view: OmniView, exposure: Exposure) -> Floats:
+def rows_of_frames(view: OmniView, exposure: CameraState) -> Floats:
     """Return ROWS of the picture whose every row is that of the frame at its own time."""
     rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)
-    frames = [view.draw_linear(after(exposure, float(times_s[row])))[row] for row in rows]
+    frames = [view.render_linear(camera_state_after(exposure, float(times_s[row])))[row] for row in rows]
     return np.stack(frames).astype(np.float64)
 
 
 @pytest.mark.parametrize(("world", "moving"), [("corridor", turn), ("four_legged_2006", turn)])
 def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Moving) -> None:
-    renderer, exposure = traced(world), moving(STARTS[world])
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA, samples=6))
+    renderer, exposure = traced(world), moving(START_POSES[world])
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=6))
     expected = rows_of_frames(view, exposure)
-    sharp = view.draw_linear(exposure)[ROWS].astype(np.float64)
-    rolled = view.draw_linear(lasting(renderer, exposure, RollingShutter(T_S)))[ROWS]
+    sharp = view.render_linear(exposure)[ROWS].astype(np.float64)
+    rolled = view.render_linear(lasting(renderer, exposure, RollingShutter(T_S)))[ROWS]
     assert rmse(rolled.astype(np.float64), expected) <= 1.0
     assert rmse(rolled.astype(np.float64), expected) < 0.6 * rmse(sharp, expected)
     renderer.close()

@@ -17,16 +17,16 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import Body, body_mesh
+from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
 from catoptra_server.scene.description import Box, Item, Light, Material, World
 from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import ROBOT, TWO_ROBOTS, cube_at
-from helpers.pictures import away_from_edges, level_differences
-from helpers.renderers import Make
-from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room
+from helpers.bodies import ROBOT_MESH, TWO_ROBOTS, place_cube
+from helpers.pictures import mask_away_from_edges, level_differences
+from helpers.renderers import RendererFactory
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
 HERE = Pose.identity()
 AHEAD = PerspectiveCamera(60, 60, math.radians(60.0))
@@ -40,16 +40,16 @@ def both(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer, Trace
     trace.close()
 
 
-def ahead(make: Make, world: World, *bodies: Body, at: Pose = HERE) -> Image:
+def ahead(make: RendererFactory, world: World, *bodies: DynamicObject, at: Pose = HERE) -> Image:
     """Return what a camera at a place sees of a world and of bodies."""
     view = make(world).prepare_perspective(AHEAD, 1)
-    image = view.draw(Exposure(at, bodies)).rgb
+    image = view.render(CameraState(at, bodies)).rgb
     view.close()
     return image
 
 
 def world_of(*items: Item) -> World:
-    return World("boxes", items, lights=(SKY,), background=(0.0, 0.0, 1.0))
+    return World("boxes", items, lights=(HEMISPHERE_LIGHT,), background=(0.0, 0.0, 1.0))
 
 
 def green_wall(x: float) -> Item:
@@ -57,100 +57,100 @@ def green_wall(x: float) -> Item:
     return Item("wall", shape, Pose.from_rpy((x, 0, 0)), Material((0, 1, 0), unlit=True))
 
 
-@pytest.mark.parametrize("lights", [(SKY, SUN), (SKY, SUN, LAMP)])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)])
 def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[Light, ...]) -> None:
-    world, camera = room(lights=lights), omni_camera(width_px=300)
-    exposure = dataclasses.replace(VIEW, bodies=TWO_ROBOTS)
-    plan = raster_plan(camera, face_size_px=640)
+    world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
+    exposure = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+    plan = make_plan(camera, face_size_px=640)
     with both(device, world) as renderers:
-        raster, trace = (r.prepare(camera, plan).draw(exposure).rgb for r in renderers)
-        without = renderers[1].prepare(camera, plan).draw(VIEW).rgb
-    difference, smooth = level_differences(raster, trace), away_from_edges(trace)
+        raster, trace = (r.prepare(camera, plan).render(exposure).rgb for r in renderers)
+        without = renderers[1].prepare(camera, plan).render(CAMERA_STATE).rgb
+    difference, smooth = level_differences(raster, trace), mask_away_from_edges(trace)
     on_bodies = level_differences(trace, without) > 0
     assert (smooth & on_bodies).sum() > 400
-    levels = 3 if LAMP in lights else 2
+    levels = 3 if POINT_LIGHT in lights else 2
     assert (difference[smooth & on_bodies] > levels).mean() < 0.01
     assert (difference[smooth] > levels).mean() < 1e-3
     assert (difference > levels).mean() < 0.05
 
 
 def test_raster_shows_robots_in_a_flat_picture_as_trace_does(device: GlDevice) -> None:
-    world, camera = room(), PerspectiveCamera(320, 240, math.radians(100.0))
-    exposure = dataclasses.replace(VIEW, bodies=TWO_ROBOTS)
+    world, camera = make_test_world(), PerspectiveCamera(320, 240, math.radians(100.0))
+    exposure = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
     with both(device, world) as renderers:
-        raster, trace = (r.prepare_perspective(camera, 2).draw(exposure).rgb for r in renderers)
+        raster, trace = (r.prepare_perspective(camera, 2).render(exposure).rgb for r in renderers)
     # Samples stand in the same places: only what lies within a 256th of one may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
-def test_body_before_a_wall_hides_it(make: Make) -> None:
-    image = ahead(make, world_of(green_wall(2.0)), cube_at(1.0, 0.0, 0.0, size_m=0.2))
+def test_body_before_a_wall_hides_it(make: RendererFactory) -> None:
+    image = ahead(make, world_of(green_wall(2.0)), place_cube(1.0, 0.0, 0.0, size_m=0.2))
     assert image[30, 30].tolist() == [255, 0, 0]
     assert image[30, 5].tolist() == [0, 255, 0]
 
 
-def test_wall_before_a_body_hides_it(make: Make) -> None:
-    image = ahead(make, world_of(green_wall(1.0)), cube_at(2.0, 0.0, 0.0, size_m=1.2))
+def test_wall_before_a_body_hides_it(make: RendererFactory) -> None:
+    image = ahead(make, world_of(green_wall(1.0)), place_cube(2.0, 0.0, 0.0, size_m=1.2))
     assert image[30, 30].tolist() == [0, 255, 0]
     assert image[18, 30].tolist() == [255, 0, 0], "what looks over the wall is seen"
 
 
 @pytest.mark.parametrize("first_is_nearer", [True, False])
-def test_nearer_of_two_bodies_hides_the_other(make: Make, first_is_nearer: bool) -> None:
-    near, far = cube_at(1.0, 0.0, 0.0, size_m=0.2), Body(ROBOT, Pose.from_rpy((1.8, 0, 0.2)))
+def test_nearer_of_two_bodies_hides_the_other(make: RendererFactory, first_is_nearer: bool) -> None:
+    near, far = place_cube(1.0, 0.0, 0.0, size_m=0.2), DynamicObject(ROBOT_MESH, Pose.from_rpy((1.8, 0, 0.2)))
     bodies = (near, far) if first_is_nearer else (far, near)
     assert ahead(make, world_of(), *bodies)[30, 30].tolist() == [255, 0, 0]
 
 
-def test_body_follows_its_pose(make: Make) -> None:
+def test_body_follows_its_pose(make: RendererFactory) -> None:
     world = world_of(green_wall(3.0))
     view = make(world).prepare_perspective(AHEAD, 1)
     columns = []
     for y in (-0.3, 0.0, 0.3):
-        image = view.draw(Exposure(HERE, (cube_at(1.1, y, 0.0, size_m=0.2),))).rgb
+        image = view.render(CameraState(HERE, (place_cube(1.1, y, 0.0, size_m=0.2),))).rgb
         columns.append(np.nonzero(image[..., 0] > 128)[1].mean() + 0.5)
     view.close()
     # Nearest side at 1 m: y of 0.3 m is 0.3 focal lengths of 52 px away from the middle.
     assert columns == pytest.approx([30 - 15.6, 30, 30 + 15.6], abs=1.0)
 
 
-def test_body_is_lit_as_the_same_thing_in_the_scene(make: Make) -> None:
+def test_body_is_lit_as_the_same_thing_in_the_scene(make: RendererFactory) -> None:
     box, look = Box((0.4, 0.5, 0.6)), Material((0.5, 0.4, 0.3))
     place = Pose.from_rpy((1.5, 0.1, 0.2), (0.2, 0.3, 0.7))
-    lights = (SKY, SUN, LAMP)
+    lights = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
     fixed = World("fixed", (green_wall(4.0), Item("box", box, place, look)), lights=lights)
     empty = World("empty", (green_wall(4.0),), lights=lights)
-    body = Body(body_mesh([(primitives.box(box), look)]), place)
+    body = DynamicObject(build_object_mesh([(primitives.box(box), look)]), place)
     difference = level_differences(ahead(make, fixed), ahead(make, empty, body))
     assert (difference > 1).mean() < 0.002
 
 
-def test_body_that_touches_the_viewpoint_is_not_cut_away(make: Make) -> None:
-    body = cube_at(0.51 + 0.005, 0.0, 0.0, size_m=1.0)
+def test_body_that_touches_the_viewpoint_is_not_cut_away(make: RendererFactory) -> None:
+    body = place_cube(0.51 + 0.005, 0.0, 0.0, size_m=1.0)
     assert (ahead(make, world_of(green_wall(4.0)), body) == (255, 0, 0)).all()
 
 
-def test_viewpoint_within_a_body_sees_it_from_inside(make: Make) -> None:
-    assert (ahead(make, world_of(), cube_at(0.1, 0.0, 0.0, size_m=1.0)) == (255, 0, 0)).all()
+def test_viewpoint_within_a_body_sees_it_from_inside(make: RendererFactory) -> None:
+    assert (ahead(make, world_of(), place_cube(0.1, 0.0, 0.0, size_m=1.0)) == (255, 0, 0)).all()
 
 
-def test_body_beyond_the_scene_is_not_cut_away(make: Make) -> None:
+def test_body_beyond_the_scene_is_not_cut_away(make: RendererFactory) -> None:
     small = Item("near", Box((0.1, 0.1, 0.1)), Pose.from_rpy((0.5, 0.6, 0.0)), Material((0, 1, 0)))
-    image = ahead(make, world_of(small), cube_at(50.0, 0.0, 0.0, size_m=10.0))
+    image = ahead(make, world_of(small), place_cube(50.0, 0.0, 0.0, size_m=10.0))
     assert image[30, 30].tolist() == [255, 0, 0]
 
 
-def test_bodies_in_an_empty_world_far_from_zero_are_seen(make: Make) -> None:
+def test_bodies_in_an_empty_world_far_from_zero_are_seen(make: RendererFactory) -> None:
     # Robots stay within a world's few hundred metres: there float32 resolves a tenth of a mm.
     far = (300.0, -200.0, 5.0)
-    image = ahead(make, world_of(), cube_at(301.0, -200.0, 5.0), at=Pose.from_rpy(far))
+    image = ahead(make, world_of(), place_cube(301.0, -200.0, 5.0), at=Pose.from_rpy(far))
     assert image[30, 30].tolist() == [255, 0, 0]
 
 
-def test_picture_after_bodies_left_is_the_one_before_they_came(make: Make) -> None:
-    world = room()
-    view = make(world).prepare(omni_camera(), raster_plan(omni_camera()))
-    before = view.draw(VIEW).rgb
-    assert (view.draw(dataclasses.replace(VIEW, bodies=TWO_ROBOTS)).rgb != before).any()
-    assert np.array_equal(view.draw(VIEW).rgb, before)
+def test_picture_after_bodies_left_is_the_one_before_they_came(make: RendererFactory) -> None:
+    world = make_test_world()
+    view = make(world).prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    before = view.render(CAMERA_STATE).rgb
+    assert (view.render(dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)).rgb != before).any()
+    assert np.array_equal(view.render(CAMERA_STATE).rgb, before)
     view.close()

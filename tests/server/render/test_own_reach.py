@@ -11,41 +11,41 @@ import pytest
 from catoptra_protocol.optics.camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
     pixel_from_direction,
 )
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.scene_summary import RINGS
-from catoptra_server.render.own_reach import NOT_SEEN, farthest_angle, own_reach
+from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.render.own_reach import NOT_VISIBLE, max_angle_from_axis, bound_self_view
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniTower, own_body_mesh
-from helpers.bodies import P2AT, cube, cube_at
+from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniCameraTower, build_ego_body_mesh
+from helpers.bodies import P2AT, build_cube_mesh, place_cube
 from helpers.opengl import device_or_skip
 from helpers.pictures import level_differences
-from helpers.renderers import Make
-from helpers.worlds import SKY, omni_camera, raster_plan, room
+from helpers.renderers import RendererFactory
+from helpers.worlds import HEMISPHERE_LIGHT, make_omni_camera, make_plan, make_test_world
 
 MIRROR = Pose.from_rpy((0.0, 0.0, -0.4543))
 # On the floor of the room, where no thing of it is between mirror and robot.
 BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
-WHITE = World("nothing", (), lights=(SKY,), background=(1.0, 1.0, 1.0))
+WHITE = World("nothing", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
 
 
-def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> Exposure:
-    body = Body(own_body_mesh(P2AT, OmniTower(camera, mirror)), BASE)
-    return Exposure(BASE @ mirror, own_body=body)
+def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:
+    body = DynamicObject(build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror)), BASE)
+    return CameraState(BASE @ mirror, ego_body=body)
 
 
-def staged(exposure: Exposure) -> Exposure:
-    assert exposure.own_body is not None
-    return replace(exposure, bodies=(exposure.own_body,))
+def staged(exposure: CameraState) -> CameraState:
+    assert exposure.ego_body is not None
+    return replace(exposure, objects=(exposure.ego_body,))
 
 
 def sampled(corners: Floats) -> tuple[float, float]:
@@ -59,7 +59,7 @@ def sampled(corners: Floats) -> tuple[float, float]:
 
 def test_angle_of_triangles_when_sampled_is_reached_and_not_exceeded() -> None:
     corners = np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3, 3))
-    found = farthest_angle(corners)
+    found = max_angle_from_axis(corners)
     for triangle, angle in zip(corners, found, strict=True):
         largest = sampled(triangle)[1]
         assert largest <= angle + 1e-9
@@ -68,42 +68,42 @@ def test_angle_of_triangles_when_sampled_is_reached_and_not_exceeded() -> None:
 
 def test_triangle_when_it_lies_straight_behind_reaches_the_pole() -> None:
     around = np.array([[(1.0, 0.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]])
-    assert farthest_angle(around)[0] == math.pi
-    assert farthest_angle(around[:, ::-1])[0] == math.pi, "whichever way it is wound"
+    assert max_angle_from_axis(around)[0] == math.pi
+    assert max_angle_from_axis(around[:, ::-1])[0] == math.pi, "whichever way it is wound"
 
 
 def test_robot_when_it_has_none_or_is_beyond_the_rim_is_not_seen() -> None:
-    camera = omni_camera()
-    above = Exposure(Pose.identity(), own_body=cube_at(0.0, 0.0, -1.0))
-    assert own_reach(Exposure(Pose.identity()), camera) == NOT_SEEN
-    assert own_reach(above, camera) == NOT_SEEN
+    camera = make_omni_camera()
+    above = CameraState(Pose.identity(), ego_body=place_cube(0.0, 0.0, -1.0))
+    assert bound_self_view(CameraState(Pose.identity()), camera) == NOT_VISIBLE
+    assert bound_self_view(above, camera) == NOT_VISIBLE
 
 
 def test_robot_when_only_its_camera_is_within_the_rim_reaches_beyond_it() -> None:
-    narrow = omni_camera(rim_deg=5.0)
-    reach = own_reach(exposure_of(narrow), narrow)
-    assert reach.angle_rad > narrow.rim_rad
-    assert reach.nearest_m[0] == pytest.approx(0.2321)
+    narrow = make_omni_camera(rim_deg=5.0)
+    reach = bound_self_view(exposure_of(narrow), narrow)
+    assert reach.max_angle_rad > narrow.rim_rad
+    assert reach.min_distances_m[0] == pytest.approx(0.2321)
 
 
 def test_reach_of_the_p2at_is_that_of_its_decks_corner() -> None:
-    reach = own_reach(exposure_of(omni_camera()), omni_camera())
+    reach = bound_self_view(exposure_of(make_omni_camera()), make_omni_camera())
     below_m = 0.4543 + 0.1457 - 0.2913
     inner_m = P2AT.dimensions_m[1] - 2.0 * 0.4 * P2AT.wheel_radius_m
     corner = math.hypot(0.5 * P2AT.dimensions_m[0], 0.5 * inner_m) / below_m
-    assert reach.angle_rad == pytest.approx(math.atan(corner), abs=1e-6)
-    assert reach.nearest_m[0] == pytest.approx(0.2321)
-    assert reach.nearest_m[-1] == math.inf
+    assert reach.max_angle_rad == pytest.approx(math.atan(corner), abs=1e-6)
+    assert reach.min_distances_m[0] == pytest.approx(0.2321)
+    assert reach.min_distances_m[-1] == math.inf
 
 
 def test_reach_when_the_robot_drives_on_stays_the_same_numbers() -> None:
-    camera = omni_camera()
+    camera = make_omni_camera()
     exposure = exposure_of(camera)
-    assert exposure.own_body is not None
+    assert exposure.ego_body is not None
     step = Pose.from_rpy((17.3, -4.1, 0.0), (0.0, 0.0, 2.2))
-    moved = Body(exposure.own_body.mesh, step @ exposure.own_body.world_from_body)
-    later = Exposure(step @ exposure.world_from_mirror, own_body=moved)
-    assert own_reach(later, camera) is own_reach(exposure, camera)
+    moved = DynamicObject(exposure.ego_body.mesh, step @ exposure.ego_body.world_from_object)
+    later = CameraState(step @ exposure.world_from_mirror, ego_body=moved)
+    assert bound_self_view(later, camera) is bound_self_view(exposure, camera)
 
 
 @pytest.mark.parametrize(
@@ -111,38 +111,38 @@ def test_reach_when_the_robot_drives_on_stays_the_same_numbers() -> None:
     [MIRROR, Pose.from_rpy((0.1, -0.05, -0.6)), Pose.from_rpy((0.0, 0.0, -0.4543), (0.2, -0.1, 0))],
 )
 def test_body_is_seen_exactly_below_the_angle_that_the_criterion_tells(
-    make: Make, mirror: Pose
+    make: RendererFactory, mirror: Pose
 ) -> None:
-    camera = omni_camera(width_px=400)
+    camera = make_omni_camera(width_px=400)
     exposure = exposure_of(camera, mirror)
     view = make(WHITE)
-    image = view.prepare(camera, raster_plan(camera)).draw(staged(exposure)).rgb
-    directions, on_mirror = direction_from_pixel(camera, pixel_centres(camera))
+    image = view.prepare(camera, make_plan(camera)).render(staged(exposure)).rgb
+    directions, on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera))
     is_body = (image[..., 0] < 255) & on_mirror[..., 0]
     theta = np.arccos(directions[..., 2])[is_body]
-    reach = own_reach(exposure, camera)
+    reach = bound_self_view(exposure, camera)
     # A pixel is seen by its middle; here one takes 0.7 degrees.
-    assert reach.angle_rad - 0.02 < theta.max() <= reach.angle_rad + 0.005
+    assert reach.max_angle_rad - 0.02 < theta.max() <= reach.max_angle_rad + 0.005
 
 
 @pytest.mark.parametrize("ring", [0, 1])
 def test_distances_by_ring_are_not_more_than_what_is_there(ring: int) -> None:
-    camera = omni_camera(width_px=96)
+    camera = make_omni_camera(width_px=96)
     exposure = exposure_of(camera)
-    mesh = exposure.own_body.mesh if exposure.own_body else cube(1.0)
-    local = MIRROR.inverse().points(mesh.corners).reshape(-1, 3)
+    mesh = exposure.ego_body.mesh if exposure.ego_body else build_cube_mesh(1.0)
+    local = MIRROR.inverse().transform_points(mesh.corners).reshape(-1, 3)
     theta = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
     ratio = camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
     share = ratio * camera.horizon_radius_px / camera.rim_radius_px
-    of_ring = local[np.floor(share * RINGS).astype(int) == ring]
-    reach = own_reach(exposure, camera)
-    assert reach.nearest_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
+    of_ring = local[np.floor(share * NUM_RINGS).astype(int) == ring]
+    reach = bound_self_view(exposure, camera)
+    assert reach.min_distances_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
 
 
-def test_camera_is_a_disc_in_the_middle_of_the_picture(make: Make) -> None:
-    camera = omni_camera(width_px=400)
-    view = make(WHITE).prepare(camera, raster_plan(camera))
-    picture = view.draw(staged(exposure_of(camera))).rgb[..., 0].astype(int)
+def test_camera_is_a_disc_in_the_middle_of_the_picture(make: RendererFactory) -> None:
+    camera = make_omni_camera(width_px=400)
+    view = make(WHITE).prepare(camera, make_plan(camera))
+    picture = view.render(staged(exposure_of(camera))).rgb[..., 0].astype(int)
     middle = picture[200, 200:]
     deck = middle[15]
     edge = int(np.flatnonzero(middle == deck)[0])
@@ -154,17 +154,17 @@ def test_camera_is_a_disc_in_the_middle_of_the_picture(make: Make) -> None:
 
 
 def test_orthographic_cameras_robot_when_looked_at_is_its_deck() -> None:
-    camera = omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0)
-    reach = own_reach(exposure_of(camera), camera)
-    assert reach.nearest_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0)
+    reach = bound_self_view(exposure_of(camera), camera)
+    assert reach.min_distances_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)
 
 
 def test_renderers_when_a_robot_sees_itself_in_a_room_show_the_same() -> None:
-    world, camera = room(), omni_camera(width_px=300)
-    exposure, plan = staged(exposure_of(camera)), raster_plan(camera, face_size_px=640)
+    world, camera = make_test_world(), make_omni_camera(width_px=300)
+    exposure, plan = staged(exposure_of(camera)), make_plan(camera, face_size_px=640)
     scene, device = build_scene(world), device_or_skip()
     trace, raster = TraceRenderer(scene, world), RasterRenderer(scene, world, device=device)
-    traced, drawn = (r.prepare(camera, plan).draw(exposure).rgb for r in (trace, raster))
+    traced, drawn = (r.prepare(camera, plan).render(exposure).rgb for r in (trace, raster))
     difference = level_differences(traced, drawn)
     trace.close()
     device.close()
@@ -174,17 +174,17 @@ def test_renderers_when_a_robot_sees_itself_in_a_room_show_the_same() -> None:
     assert (inner > 2).mean() < 0.1
 
 
-def test_body_when_something_stands_before_it_is_hidden_there(make: Make) -> None:
-    camera = omni_camera(width_px=200)
+def test_body_when_something_stands_before_it_is_hidden_there(make: RendererFactory) -> None:
+    camera = make_omni_camera(width_px=200)
     plate = Item(
         "plate",
         Box((0.1, 0.1, 0.01)),
         BASE @ Pose.from_rpy((0.12, 0.08, -0.3)),
         Material((0.0, 1.0, 0.0), unlit=True),
     )
-    world = World("plate", (plate,), lights=(SKY,), background=(1.0, 1.0, 1.0))
-    view = make(world).prepare(camera, raster_plan(camera))
-    image = view.draw(staged(exposure_of(camera))).rgb
+    world = World("plate", (plate,), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
+    view = make(world).prepare(camera, make_plan(camera))
+    image = view.render(staged(exposure_of(camera))).rgb
     for towards, is_plate in (((0.12, 0.08), True), ((-0.12, -0.08), False)):
         direction = np.array((*towards, -0.3 - MIRROR.translation[2]))
         u, v = pixel_from_direction(camera, direction)[0].astype(int)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster import RasterRenderer
@@ -19,7 +19,7 @@ from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
 from helpers.markers import marker_centroid, marker_world
 from helpers.pictures import level_differences
-from helpers.worlds import LAMP, SKY, SUN, VIEW, room
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_test_world
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
 
@@ -51,23 +51,23 @@ def test_markers_appear_within_a_tenth_of_a_pixel(
     directions = spread_directions(camera)
     # Off the axis a disc's centroid is not its middle's pixel but f r^2 tan / cos^2 of the angle
     # away: 0.05 px in the corners of 120 degrees for a disc of 1.4 px in the middle.
-    diameter = 1.4 / camera.focal_px
+    diameter = 1.4 / camera.focal_length_px
     world = marker_world(
-        directions, world_from_mirror=VIEW.world_from_mirror, diameter_rad=diameter
+        directions, world_from_mirror=CAMERA_STATE.world_from_mirror, diameter_rad=diameter
     )
     renderer = renderers(device, world)[kind]
-    image = renderer.prepare_perspective(camera, 8).draw(VIEW).rgb
+    image = renderer.prepare_perspective(camera, 8).render(CAMERA_STATE).rgb
     places, seen = camera.pixel_from_direction(directions)
     assert seen.all()
-    errors = [np.hypot(*(marker_centroid(image, at, reach_px=13.0) - at)) for at in places]
+    errors = [np.hypot(*(marker_centroid(image, at, window_px=13.0) - at)) for at in places]
     assert max(errors) < 0.1
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3])
 def test_raster_shows_what_trace_shows(device: GlDevice, samples: int) -> None:
-    world = room(lights=(SKY, SUN, LAMP))
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
     raster, trace = (
-        renderer.prepare_perspective(CAMERA, samples).draw(VIEW).rgb
+        renderer.prepare_perspective(CAMERA, samples).render(CAMERA_STATE).rgb
         for renderer in renderers(device, world).values()
     )
     # Samples stand in the same places: only what lies within a 256th of one may differ.
@@ -76,37 +76,37 @@ def test_raster_shows_what_trace_shows(device: GlDevice, samples: int) -> None:
 
 @pytest.mark.parametrize("kind", ["trace", "raster"])
 def test_face_ahead_is_a_square_camera_of_90_degrees(device: GlDevice, kind: str) -> None:
-    renderer = renderers(device, room())[kind]
+    renderer = renderers(device, make_test_world())[kind]
     camera = PerspectiveCamera(96, 96, 0.5 * math.pi)
-    assert np.array_equal(FACE_AXES[Face.N], np.eye(3))
-    face = renderer.prepare_face(FaceCamera(Face.N, 96), 2).draw(VIEW).rgb
-    assert np.array_equal(renderer.prepare_perspective(camera, 2).draw(VIEW).rgb, face)
+    assert np.array_equal(MIRROR_FROM_FACE_ROTATIONS[Face.N], np.eye(3))
+    face = renderer.prepare_face(FaceCamera(Face.N, 96), 2).render(CAMERA_STATE).rgb
+    assert np.array_equal(renderer.prepare_perspective(camera, 2).render(CAMERA_STATE).rgb, face)
 
 
 def test_raster_draws_one_viewport_and_no_mirror(device: GlDevice) -> None:
-    world = room()
+    world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare_perspective(CAMERA, 2)
-    assert view.passes == ("faces", "average")
-    assert view.face_counts.cells == 1
-    assert view.face_counts.texels == 4 * 320 * 240
-    assert not any("mirror" in name for name in renderer.programs_built)
+    assert view.pass_names == ("faces", "average")
+    assert view.face_counts.num_cells == 1
+    assert view.face_counts.num_texels == 4 * 320 * 240
+    assert not any("mirror" in name for name in renderer.program_names)
     view.close()
 
 
 def test_zoom_builds_no_program_and_draws_nothing_in_advance(device: GlDevice) -> None:
-    world = room()
+    world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     renderer.prepare_perspective(CAMERA, 2).close()
-    built = renderer.programs_built
+    built = renderer.program_names
     zoomed = renderer.prepare_perspective(PerspectiveCamera(320, 240, 0.5), 2)
-    assert renderer.programs_built == built
-    assert zoomed.face_counts.cells == 0
+    assert renderer.program_names == built
+    assert zoomed.face_counts.num_cells == 0
     zoomed.close()
 
 
 def test_picture_beyond_the_device_is_refused(device: GlDevice) -> None:
-    world = room()
+    world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     with pytest.raises(DomainError, match="too many"):
         renderer.prepare_perspective(PerspectiveCamera(100_000, 10, 1.0), 4)

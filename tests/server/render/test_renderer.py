@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.renderer import Exposure, FaceCamera
+from catoptra_server.render.renderer import CameraState, FaceCamera
 
 
 def test_exposure_has_no_bodies_unless_they_are_named() -> None:
-    assert Exposure(Pose.identity()).bodies == ()
+    assert CameraState(Pose.identity()).objects == ()
 
 
 @pytest.mark.parametrize("face", list(Face))
 def test_face_is_a_square_camera_of_90_degrees_turned(face: Face) -> None:
     camera = FaceCamera(face, 64)
-    corner, valid = camera.lens.direction_from_pixel(np.array([64.0, 64.0]))
+    corner, valid = camera.perspective_camera.direction_from_pixel(np.array([64.0, 64.0]))
     assert valid
     np.testing.assert_allclose(corner / corner[0], (1.0, 1.0, 1.0), rtol=1e-15)
-    assert np.array_equal(camera.mirror_from_camera, FACE_AXES[face])
+    assert np.array_equal(camera.mirror_from_camera, MIRROR_FROM_FACE_ROTATIONS[face])

@@ -18,13 +18,13 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.description import Box, Item, Material, MeshFile, World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.pictures import level_differences
-from helpers.worlds import LAMP, SKY, SUN, VIEW, moved, omni_camera, raster_plan, room
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, translate_world, make_omni_camera, make_plan, make_test_world
 
 Draw = Callable[..., Image]
 WAYS = ("trace", "cells", "raster")
@@ -40,10 +40,10 @@ def draw(request: pytest.FixtureRequest) -> Iterator[Draw]:
         def picture(
             world: World,
             camera: OmniCamera,
-            pose: Pose = VIEW.world_from_mirror,
-            split: PolygonSplit | None = None,
+            pose: Pose = CAMERA_STATE.world_from_mirror,
+            split: Tessellation | None = None,
         ) -> Image:
-            plan = raster_plan(camera, split) if split else raster_plan(camera)
+            plan = make_plan(camera, split) if split else make_plan(camera)
             plan = replace(plan, stride_px=1 if split or request.param != "cells" else 4)
             scene = build_scene(world)
             if request.param == "raster":
@@ -55,7 +55,7 @@ def draw(request: pytest.FixtureRequest) -> Iterator[Draw]:
                 renderer = TraceRenderer(scene, world, threads=2)
                 stack.callback(renderer.close)
             view = renderer.prepare(camera, plan)
-            image = view.draw(Exposure(pose)).rgb
+            image = view.render(CameraState(pose)).rgb
             view.close()
             return image
 
@@ -63,7 +63,7 @@ def draw(request: pytest.FixtureRequest) -> Iterator[Draw]:
 
 
 def world_of(*items: Item) -> World:
-    return World("hard", items, lights=(SKY,), background=BLUE)
+    return World("hard", items, lights=(HEMISPHERE_LIGHT,), background=BLUE)
 
 
 def mesh_of(folder: Path, text: str) -> Item:
@@ -78,7 +78,7 @@ def test_wall_when_it_nearly_touches_the_viewpoint_is_not_cut_away(
     draw: Draw, gap_m: float
 ) -> None:
     wall = Item("wall", Box((1.0, 4.0, 4.0)), Pose.from_rpy((0.5 + gap_m, 0.0, 0.0)), GREEN)
-    camera = omni_camera(width_px=64, rim_deg=110.0)
+    camera = make_omni_camera(width_px=64, rim_deg=110.0)
     image = draw(world_of(wall), camera, Pose.identity())
     # Forward is up: all directions with x > 0 within 89 degrees of the wall's middle meet it.
     ahead, behind = image[4:31, 32], image[33:60, 32]
@@ -88,7 +88,7 @@ def test_wall_when_it_nearly_touches_the_viewpoint_is_not_cut_away(
 
 def test_viewpoint_when_within_a_box_sees_only_its_inside(draw: Draw) -> None:
     box = Item("box", Box((0.004, 0.004, 0.004)), Pose.identity(), GREEN)
-    camera = omni_camera(width_px=48)
+    camera = make_omni_camera(width_px=48)
     image = draw(world_of(box), camera, Pose.from_rpy((0.0002, 0.0001, 0.0003)))
     disc = draw(World("empty", (), background=BLUE), camera)[..., 2] == 255
     assert (image[disc][:, 1] == 255).mean() > 0.99
@@ -97,7 +97,7 @@ def test_viewpoint_when_within_a_box_sees_only_its_inside(draw: Draw) -> None:
 def test_triangles_when_without_area_change_nothing(draw: Draw, tmp_path: Path) -> None:
     whole = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n"
     needles = "v 5 5 -1\nf 1 1 2\nf 5 5 5\nf 1 2 1\n"
-    camera = omni_camera(width_px=64)
+    camera = make_omni_camera(width_px=64)
     pose = Pose.from_rpy((0.1, 0.2, -0.5))
     pure = draw(world_of(mesh_of(tmp_path, whole)), camera, pose)
     assert np.array_equal(draw(world_of(mesh_of(tmp_path, whole + needles)), camera, pose), pure)
@@ -110,45 +110,45 @@ def test_triangles_when_thin_as_hairs_are_drawn_or_not_but_harm_nothing(
     points = np.random.default_rng(8).uniform(-1.0, 1.0, (60, 3))
     hairs = [f"v {x} {y} {z}\nv {x + 1e-9} {y} {z}\nv {x} {y} {z + 1}\n" for x, y, z in points]
     faces = [f"f {3 * i + 1} {3 * i + 2} {3 * i + 3}\n" for i in range(len(points))]
-    camera = omni_camera(width_px=64)
+    camera = make_omni_camera(width_px=64)
     with_hairs = draw(world_of(mesh_of(tmp_path, "".join(hairs + faces))), camera, Pose.identity())
     empty = draw(World("empty", (), background=BLUE), camera)
     # A hair is a nanometre wide: at most a few samples meet one.
     assert (level_differences(with_hairs, empty) > 0).mean() < 0.02
 
 
-@pytest.mark.parametrize("lights", [(SKY, SUN), (SKY, LAMP)], ids=["sun", "lamp"])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)], ids=["sun", "lamp"])
 def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
     draw: Draw, lights: tuple[object, ...]
 ) -> None:
-    camera = omni_camera(width_px=96)
+    camera = make_omni_camera(width_px=96)
     offset = Pose.from_rpy(TEN_KM)
-    near = room(lights=lights)  # type: ignore[arg-type]
-    far = moved(near, TEN_KM)
+    near = make_test_world(lights=lights)  # type: ignore[arg-type]
+    far = translate_world(near, TEN_KM)
     shifted = tuple(
         replace(light, position_m=tuple(np.add(light.position_m, TEN_KM)))
-        if light is LAMP
+        if light is POINT_LIGHT
         else light
         for light in near.lights
     )
     here = draw(near, camera)
-    there = draw(replace(far, lights=shifted), camera, offset @ VIEW.world_from_mirror)
+    there = draw(replace(far, lights=shifted), camera, offset @ CAMERA_STATE.world_from_mirror)
     # Float64 keeps places to 2e-12 m there, and all float32 is relative to the world's middle:
     # only samples whose ray passes an edge within 1e-6 m may show its other side.
     assert (level_differences(here, there) > 1).mean() < 1e-3
 
 
 @pytest.mark.parametrize("c_m", [1e-3, 1e3])
-@pytest.mark.parametrize("split", [None, PolygonSplit(24, 10)], ids=["law", "polygons"])
+@pytest.mark.parametrize("split", [None, Tessellation(24, 10)], ids=["law", "polygons"])
 def test_mirror_when_of_a_millimetre_or_a_kilometre_shows_what_the_papers_does(
-    draw: Draw, c_m: float, split: PolygonSplit | None
+    draw: Draw, c_m: float, split: Tessellation | None
 ) -> None:
     usual, scaled = (
-        omni_camera(width_px=96, mirror=HyperbolicMirror(11.546, c)) for c in (0.2321, c_m)
+        make_omni_camera(width_px=96, mirror=HyperbolicMirror(11.546, c)) for c in (0.2321, c_m)
     )
     # A central mirror's picture does not depend on its size; polygons are looked up in float32.
-    here = draw(room(), usual, VIEW.world_from_mirror, split)
-    there = draw(room(), scaled, VIEW.world_from_mirror, split)
+    here = draw(make_test_world(), usual, CAMERA_STATE.world_from_mirror, split)
+    there = draw(make_test_world(), scaled, CAMERA_STATE.world_from_mirror, split)
     assert (level_differences(here, there) > 1).mean() < 2e-3
 
 
@@ -171,13 +171,13 @@ def test_image_when_tiny_or_odd_is_drawn_to_its_last_pixel(
 
 def test_image_when_of_one_pixel_shows_what_lies_under_the_viewpoint(draw: Draw) -> None:
     floor = Item("floor", Box((4.0, 4.0, 0.1)), Pose.from_rpy((0.0, 0.0, 0.5)), GREEN)
-    camera = omni_camera(width_px=1)
+    camera = make_omni_camera(width_px=1)
     assert draw(world_of(floor), camera, Pose.identity()).tolist() == [[[0, 255, 0]]]
 
 
 def test_robot_when_upside_down_sees_the_sky_where_the_floor_was(draw: Draw) -> None:
     floor = Item("floor", Box((40.0, 40.0, 0.1)), Pose.from_rpy((0.0, 0.0, 0.6)), GREEN)
-    camera = omni_camera(width_px=65)
+    camera = make_omni_camera(width_px=65)
     upright = draw(world_of(floor), camera, Pose.identity())
     fallen = draw(world_of(floor), camera, Pose.from_rpy((0.0, 0.0, 0.0), (math.pi, 0.0, 0.0)))
     assert upright[32, 32].tolist() == [0, 255, 0]
@@ -189,18 +189,18 @@ def test_robot_when_upside_down_sees_the_sky_where_the_floor_was(draw: Draw) -> 
 
 @pytest.mark.parametrize("rim_deg", [170.0, 178.0, 179.9])
 def test_rim_when_next_to_the_antipode_is_drawn(draw: Draw, rim_deg: float) -> None:
-    camera = omni_camera(width_px=64, mirror=ParabolicMirror(0.03), rim_deg=rim_deg)
-    image = draw(room(), camera)
+    camera = make_omni_camera(width_px=64, mirror=ParabolicMirror(0.03), rim_deg=rim_deg)
+    image = draw(make_test_world(), camera)
     assert (image[1:-1, 32] > 0).any(axis=-1).all()
 
 
 def test_rim_when_next_to_the_asymptote_of_nearly_a_plane_is_drawn(draw: Draw) -> None:
-    camera = omni_camera(width_px=64, mirror=HyperbolicMirror(2.001, 0.2), rim_deg=91.28)
-    image = draw(room(), camera)
+    camera = make_omni_camera(width_px=64, mirror=HyperbolicMirror(2.001, 0.2), rim_deg=91.28)
+    image = draw(make_test_world(), camera)
     assert (image[1:-1, 32] > 0).any(axis=-1).all()
 
 
 def test_world_when_empty_is_its_background(draw: Draw) -> None:
-    image = draw(World("empty", (), background=BLUE), omni_camera(width_px=33))
+    image = draw(World("empty", (), background=BLUE), make_omni_camera(width_px=33))
     assert image[16, 16].tolist() == [0, 0, 255]
     assert image[0, 0].tolist() == [0, 0, 0]

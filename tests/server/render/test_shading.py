@@ -11,7 +11,7 @@ from catoptra_server.render.shading import (
     facet_radiance,
     point_irradiance,
     point_lights,
-    texture_value,
+    sample_texture,
 )
 from catoptra_server.scene.description import (
     Box,
@@ -115,9 +115,9 @@ def test_radiance_when_of_a_facet_is_albedo_times_irradiance_or_the_albedo_if_un
 def test_texture_when_looked_up_is_bilinear_and_repeats(
     uv: tuple[float, float], value: float
 ) -> None:
-    np.testing.assert_allclose(texture_value(TEXELS, np.array([uv])), [3 * [value]], atol=1e-9)
+    np.testing.assert_allclose(sample_texture(TEXELS, np.array([uv])), [3 * [value]], atol=1e-9)
 
 
 def test_texture_when_of_one_texel_is_its_colour_everywhere() -> None:
     uv = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 2))
-    np.testing.assert_allclose(texture_value(np.full((1, 1, 3), 0.7), uv), 0.7)
+    np.testing.assert_allclose(sample_texture(np.full((1, 1, 3), 0.7), uv), 0.7)

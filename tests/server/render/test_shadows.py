@@ -18,49 +18,49 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import Body, body_mesh
+from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import Box, DirectionalLight, Light, PointLight, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
-from helpers.pictures import away_from_edges, level_differences
-from helpers.renderers import Make
+from helpers.pictures import mask_away_from_edges, level_differences
+from helpers.renderers import RendererFactory
 from helpers.shadows import (
-    DUSK,
+    HEMISPHERE_LIGHT,
     GREY,
-    LAMP,
-    SUN,
-    box_at,
-    floor,
-    inward_room,
-    shadowed_radiance,
-    world_of,
+    POINT_LIGHT,
+    DIRECTIONAL_LIGHT,
+    box_item,
+    floor_item,
+    make_inward_facing_room,
+    reference_radiance,
+    make_world,
 )
-from helpers.worlds import LAMP as ROOM_LAMP
-from helpers.worlds import SKY, VIEW, omni_camera, raster_plan, room
-from helpers.worlds import SUN as ROOM_SUN
+from helpers.worlds import POINT_LIGHT as ROOM_LAMP
+from helpers.worlds import HEMISPHERE_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from helpers.worlds import DIRECTIONAL_LIGHT as ROOM_SUN
 
 CAMERA = PerspectiveCamera(160, 160, math.radians(80.0))
 # 1.5 m above the floor, x ahead turned down; a little aside so that nothing lines up by accident.
 ABOVE = Pose.from_rpy((0.05, 0.03, -1.5), (0.0, -0.5 * math.pi, 0.0))
-BOXES = world_of(
-    floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), box_at(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02))
+BOXES = make_world(
+    floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), box_item(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02))
 )
 
 
-def shown(make: Make, world: World, exposure: Exposure) -> Image:
+def shown(make: RendererFactory, world: World, exposure: CameraState) -> Image:
     view = make(world).prepare_perspective(CAMERA, 1)
-    image = view.draw(exposure).rgb
+    image = view.render(exposure).rgb
     view.close()
     return image
 
 
-def seen(at: Pose, *bodies: Body) -> Exposure:
-    return Exposure(at, bodies, has_shadows=True)
+def seen(at: Pose, *bodies: DynamicObject) -> CameraState:
+    return CameraState(at, bodies, has_shadows=True)
 
 
 def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
@@ -68,8 +68,8 @@ def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     scene = build_scene(world)
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
     rays, _ = CAMERA.direction_from_pixel(np.stack((u, v), axis=-1))
-    rays = at.directions(rays.reshape(-1, 3))
-    distance, normals = EmbreeRayCaster(scene).hits(np.tile(at.translation, (len(rays), 1)), rays)
+    rays = at.rotate_directions(rays.reshape(-1, 3))
+    distance, normals = EmbreeRayCaster(scene).closest_hits(np.tile(at.translation, (len(rays), 1)), rays)
     met = np.flatnonzero(np.isfinite(distance))
     points = at.translation + distance[met, None] * rays[met]
     # Which triangle: that of the same normal whose plane is nearest.
@@ -77,7 +77,7 @@ def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     other = scene.normals @ normals[met].T < 1.0 - 1e-9
     triangle = np.argmin(np.abs(height) + 10.0 * other.T, axis=1)
     radiance = np.tile(np.asarray(world.background), (len(rays), 1))
-    radiance[met], sure = shadowed_radiance(scene, world, triangle, points)
+    radiance[met], sure = reference_radiance(scene, world, triangle, points)
     certain = np.ones(len(rays), dtype=bool)
     certain[met] = sure
     greys = np.rint(255.0 * srgb_from_linear(radiance)).astype(np.uint8)
@@ -86,12 +86,12 @@ def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
 
 
 LIGHTS: dict[str, tuple[Light, ...]] = {
-    "sun": (DUSK, SUN),
-    "lamp": (DUSK, LAMP),
+    "sun": (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+    "lamp": (HEMISPHERE_LIGHT, POINT_LIGHT),
     "two suns and two lamps": (
-        DUSK,
-        SUN,
-        LAMP,
+        HEMISPHERE_LIGHT,
+        DIRECTIONAL_LIGHT,
+        POINT_LIGHT,
         DirectionalLight((0.0, -0.6, 0.8), (0.1, 0.2, 0.3)),
         PointLight((0.9, -0.5, -0.8), (0.1, 0.3, 0.1)),
     ),
@@ -100,7 +100,7 @@ LIGHTS: dict[str, tuple[Light, ...]] = {
 
 @pytest.mark.parametrize("name", LIGHTS)
 def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
-    make: Make, name: str
+    make: RendererFactory, name: str
 ) -> None:
     world = dataclasses.replace(BOXES, lights=LIGHTS[name])
     image = shown(make, world, seen(ABOVE))
@@ -109,7 +109,7 @@ def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
     changed = level_differences(expected, without) > 5
     assert 300 < changed.sum() < 0.5 * changed.size
     # A pixel is 16 mm of the floor, texels are 3 mm: what is smooth is two texels from an outline.
-    smooth = away_from_edges(expected, contrast=4) & certain
+    smooth = mask_away_from_edges(expected, contrast=4) & certain
     assert smooth.mean() > 0.7
     assert level_differences(image, expected)[smooth].max() <= 1
 
@@ -117,11 +117,11 @@ def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
 @pytest.mark.parametrize("elevation_deg", [0.5, 3.0, 20.0, 90.0])
 @pytest.mark.parametrize("bearing_deg", [0.0, 31.0])
 def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
-    make: Make, elevation_deg: float, bearing_deg: float
+    make: RendererFactory, elevation_deg: float, bearing_deg: float
 ) -> None:
     e, b = math.radians(elevation_deg), math.radians(bearing_deg)
     low = (math.cos(e) * math.cos(b), math.cos(e) * math.sin(b), math.sin(e))
-    world = world_of(floor(6.0), lights=(DUSK, DirectionalLight(low, (1.0 / low[2],) * 3)))
+    world = make_world(floor_item(6.0), lights=(HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3)))
     exposure = seen(ABOVE)
     without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
     assert level_differences(shown(make, world, exposure), without).max() <= 1
@@ -129,9 +129,9 @@ def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
 
 @pytest.mark.parametrize("height_m", [0.01, 0.3, 2.0])
 def test_walls_when_a_lamp_is_near_the_floor_of_an_empty_room_have_no_wrong_pixel(
-    make: Make, height_m: float
+    make: RendererFactory, height_m: float
 ) -> None:
-    world = inward_room(PointLight((0.2, 0.3, -height_m), (0.5, 0.5, 0.5)))
+    world = make_inward_facing_room(PointLight((0.2, 0.3, -height_m), (0.5, 0.5, 0.5)))
     for turn in ((0.0, -0.5 * math.pi, 0.0), (0.0, 0.2, 0.4), (0.0, 0.2, 2.5)):
         exposure = seen(Pose.from_rpy((0.05, 0.03, -1.5), turn))
         without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
@@ -140,8 +140,8 @@ def test_walls_when_a_lamp_is_near_the_floor_of_an_empty_room_have_no_wrong_pixe
         assert wrong.mean() < 1e-3
 
 
-def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(make: Make) -> None:
-    world = world_of(floor(), box_at(0.0, 0.0, -0.2, (0.4, 0.4, 0.4)))
+def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(make: RendererFactory) -> None:
+    world = make_world(floor_item(), box_item(0.0, 0.0, -0.2, (0.4, 0.4, 0.4)))
     image = shown(make, world, seen(ABOVE))
     expected, certain = reference(world, ABOVE)
     wrong = (level_differences(image, expected) > 5) & certain
@@ -150,67 +150,67 @@ def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(make: Make) -> 
 
 
 def test_body_when_it_stands_in_the_light_casts_the_shadow_of_the_same_thing_in_the_scene(
-    make: Make,
+    make: RendererFactory,
 ) -> None:
     box, place = Box((0.3, 0.2, 0.3)), Pose.from_rpy((0.3, 0.1, -0.15), (0.0, 0.0, 0.4))
     for lights in LIGHTS.values():
-        fixed = world_of(floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=lights)
-        body = Body(body_mesh([(primitives.box(box), GREY)]), place)
-        moving = shown(make, world_of(floor(), lights=lights), seen(ABOVE, body))
+        fixed = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=lights)
+        body = DynamicObject(build_object_mesh([(primitives.box(box), GREY)]), place)
+        moving = shown(make, make_world(floor_item(), lights=lights), seen(ABOVE, body))
         difference = level_differences(moving, shown(make, fixed, seen(ABOVE)))
         assert (difference > 1).mean() < 0.006
-        assert (difference[away_from_edges(moving)] > 1).mean() < 1e-3
+        assert (difference[mask_away_from_edges(moving)] > 1).mean() < 1e-3
 
 
-def test_body_when_in_the_shadow_of_the_scene_is_dark(make: Make) -> None:
-    roof = box_at(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
-    world = world_of(floor(), roof, lights=(DUSK, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)))
-    body = Body(body_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0)))
+def test_body_when_in_the_shadow_of_the_scene_is_dark(make: RendererFactory) -> None:
+    roof = box_item(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
+    world = make_world(floor_item(), roof, lights=(HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)))
+    body = DynamicObject(build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0)))
     at = Pose.from_rpy((0.0, 0.0, -0.6), (0.0, -0.5 * math.pi, 0.0))
-    dark, bright = (shown(make, world, e) for e in (seen(at, body), Exposure(at, (body,))))
+    dark, bright = (shown(make, world, e) for e in (seen(at, body), CameraState(at, (body,))))
     middle = (CAMERA.height_px // 2, CAMERA.width_px // 2)
     assert dark[middle].tolist() == [108] * 3, "0.5 * 0.3 of the sky, encoded"
     assert bright[middle].tolist() == [170] * 3
 
 
-def test_item_when_it_lets_light_through_casts_no_shadow(make: Make) -> None:
-    glass = dataclasses.replace(box_at(0.3, 0.1, -0.4, (0.3, 0.2, 0.1)), casts_shadows=False)
-    world = world_of(floor(), glass)
-    without = shown(make, world, Exposure(ABOVE))
+def test_item_when_it_lets_light_through_casts_no_shadow(make: RendererFactory) -> None:
+    glass = dataclasses.replace(box_item(0.3, 0.1, -0.4, (0.3, 0.2, 0.1)), casts_shadows=False)
+    world = make_world(floor_item(), glass)
+    without = shown(make, world, CameraState(ABOVE))
     assert level_differences(shown(make, world, seen(ABOVE)), without).max() <= 1
 
 
 @pytest.mark.parametrize("has_bodies", [False, True])
-@pytest.mark.parametrize("lights", [(SKY, ROOM_SUN), (SKY, ROOM_SUN, ROOM_LAMP)])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, ROOM_SUN), (HEMISPHERE_LIGHT, ROOM_SUN, ROOM_LAMP)])
 def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
     device: GlDevice, lights: tuple[Light, ...], has_bodies: bool
 ) -> None:
-    world, camera = room(lights=lights), omni_camera(width_px=300)
+    world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
     scene = build_scene(world)
     bodies = TWO_ROBOTS if has_bodies else ()
-    exposure = dataclasses.replace(VIEW, has_shadows=True, bodies=bodies)
-    plan = raster_plan(camera, face_size_px=640)
+    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, bodies=bodies)
+    plan = make_plan(camera, face_size_px=640)
     trace = TraceRenderer(scene, world, threads=2)
     views = [r.prepare(camera, plan) for r in (RasterRenderer(scene, world, device=device), trace)]
-    raster_image, trace_image = (view.draw(exposure).rgb for view in views)
-    without = views[1].draw(dataclasses.replace(exposure, has_shadows=False)).rgb
+    raster_image, trace_image = (view.render(exposure).rgb for view in views)
+    without = views[1].render(dataclasses.replace(exposure, has_shadows=False)).rgb
     views[0].close()
     trace.close()
     assert (level_differences(trace_image, without) > 5).mean() > 0.01
     difference, smooth = (
         level_differences(raster_image, trace_image),
-        away_from_edges(trace_image),
+        mask_away_from_edges(trace_image),
     )
     levels = 3 if ROOM_LAMP in lights else 2
     assert (difference[smooth] > levels).mean() < 1e-3
     assert (difference > levels).mean() < 0.05
 
 
-def test_frames_when_shadows_come_and_go_are_the_same_bytes_as_ever(make: Make) -> None:
-    view = make(BOXES).prepare(omni_camera(), raster_plan(omni_camera()))
-    plain = Exposure(Pose.from_rpy((0.05, 0.03, -1.0)))
-    before = view.draw(plain).rgb
-    shadowed = view.draw(dataclasses.replace(plain, has_shadows=True)).rgb
+def test_frames_when_shadows_come_and_go_are_the_same_bytes_as_ever(make: RendererFactory) -> None:
+    view = make(BOXES).prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    plain = CameraState(Pose.from_rpy((0.05, 0.03, -1.0)))
+    before = view.render(plain).rgb
+    shadowed = view.render(dataclasses.replace(plain, has_shadows=True)).rgb
     assert level_differences(before, shadowed).max() > 5
-    np.testing.assert_array_equal(view.draw(plain).rgb, before)
+    np.testing.assert_array_equal(view.render(plain).rgb, before)
     view.close()

@@ -9,37 +9,37 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render import coarse
-from catoptra_server.render.brightness import largest_radiance
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.staging import scene_motion
-from catoptra_server.render.summaries import SceneSummaries
+from catoptra_server.render.brightness import max_radiance
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.staging import scene_twist_in_mirror
+from catoptra_server.render.summaries import SceneSummarizer
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
 from helpers.configs import WORLDS
-from helpers.effects import CAMERA, EXPOSURE
-from helpers.seen_ranges import nearest_seen_m
-from helpers.worlds import VIEW, room
+from helpers.effects import CAMERA, CAMERA_STATE
+from helpers.seen_ranges import min_ring_ranges_m
+from helpers.worlds import CAMERA_STATE, make_test_world
 
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 
 
-def summaries(world: World) -> SceneSummaries:
-    return SceneSummaries(build_scene(world), world)
+def summaries(world: World) -> SceneSummarizer:
+    return SceneSummarizer(build_scene(world), world)
 
 
 def test_summary_knows_the_brightest_light_and_how_the_scene_moves() -> None:
-    world = room()
-    summary = summaries(world).of(EXPOSURE, CAMERA)
-    assert summary.largest_radiance == largest_radiance(build_scene(world), world)
-    assert summary.motion == coarse.twist(scene_motion(EXPOSURE))
+    world = make_test_world()
+    summary = summaries(world).summarize(CAMERA_STATE, CAMERA)
+    assert summary.max_radiance == max_radiance(build_scene(world), world)
+    assert summary.scene_twist == coarse.round_twist(scene_twist_in_mirror(CAMERA_STATE))
 
 
 def test_summary_of_light_alone_looks_for_no_distance() -> None:
-    known = summaries(room())
-    summary = known.of_light()
-    assert summary.largest_radiance == known.largest_radiance
-    assert set(summary.nearest_m) == {math.inf}
+    known = summaries(make_test_world())
+    summary = known.summarize_radiance()
+    assert summary.max_radiance == known.max_radiance
+    assert set(summary.min_distances_m) == {math.inf}
 
 
 def random_pose(rng: np.random.Generator, tilt_rad: float) -> Pose:
@@ -68,19 +68,19 @@ def clutter(seed: int) -> World:
 @pytest.mark.parametrize("seed", range(4))
 def test_no_ring_shows_anything_nearer_than_its_bound(seed: int, tilt_rad: float) -> None:
     rng = np.random.default_rng(seed)
-    world = room() if seed == 0 else clutter(seed)
+    world = make_test_world() if seed == 0 else clutter(seed)
     known = summaries(world)
     for index in range(5):
-        exposure = Exposure(random_pose(rng, tilt_rad), TWO_ROBOTS if index % 2 else ())
-        bound = np.array(known.of(exposure, CAMERA).nearest_m)
-        assert (bound <= nearest_seen_m(world, exposure)).all()
+        exposure = CameraState(random_pose(rng, tilt_rad), TWO_ROBOTS if index % 2 else ())
+        bound = np.array(known.summarize(exposure, CAMERA).min_distances_m)
+        assert (bound <= min_ring_ranges_m(world, exposure)).all()
 
 
 def ratios(world: World, poses: list[Pose]) -> Floats:
     """Return (poses, RINGS) bounds over what is seen; rings that see nothing are left out."""
     known = summaries(world)
-    bounds = np.array([known.of(Exposure(pose), CAMERA).nearest_m for pose in poses])
-    seen = np.array([nearest_seen_m(world, Exposure(pose)) for pose in poses])
+    bounds = np.array([known.summarize(CameraState(pose), CAMERA).min_distances_m for pose in poses])
+    seen = np.array([min_ring_ranges_m(world, CameraState(pose)) for pose in poses])
     return np.asarray(bounds[np.isfinite(seen)] / seen[np.isfinite(seen)])
 
 
@@ -97,17 +97,17 @@ def test_bounds_in_shipped_worlds_are_mostly_more_than_half_of_what_is_seen(name
 
 def test_wire_thinner_than_a_pixel_is_bound_though_no_pixel_shows_it() -> None:
     wire = Item("wire", Box((1e-4, 1e-4, 2.0)), Pose.from_rpy((0.8, 0.3, -0.6)), WHITE)
-    exposure = Exposure(Pose.from_rpy((0.0, 0.0, -0.6)))
+    exposure = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
     world = World("wire", (wire,))
-    nearest = summaries(world).of(exposure, CAMERA).nearest_m
+    nearest = summaries(world).summarize(exposure, CAMERA).min_distances_m
     assert min(nearest) == pytest.approx(math.hypot(0.8, 0.3), rel=0.25)
     assert min(nearest) <= math.hypot(0.8, 0.3)
 
 
 def test_bodies_pass_by_where_they_are_seen_as_fast_as_their_parts_move() -> None:
-    summary = summaries(room()).of(EXPOSURE, CAMERA)
-    (body,) = EXPOSURE.bodies
-    distance = np.linalg.norm(body.centre - VIEW.world_from_mirror.translation)
-    assert max(summary.passing_rad_s) >= 0.6 / distance
-    still = Exposure(EXPOSURE.world_from_mirror, TWO_ROBOTS)
-    assert not any(summaries(room()).of(still, CAMERA).passing_rad_s)
+    summary = summaries(make_test_world()).summarize(CAMERA_STATE, CAMERA)
+    (body,) = CAMERA_STATE.objects
+    distance = np.linalg.norm(body.centre - CAMERA_STATE.world_from_mirror.translation)
+    assert max(summary.max_object_rates_rad_s) >= 0.6 / distance
+    still = CameraState(CAMERA_STATE.world_from_mirror, TWO_ROBOTS)
+    assert not any(summaries(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s)

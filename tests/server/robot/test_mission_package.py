@@ -17,13 +17,13 @@ from catoptra_server.robot.mission_package import (
 )
 
 LINK = LinkDescription("Pan", -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5, 20.0)
-LIMITED = dataclasses.replace(LINK, min_rad=-0.2, max_rad=0.3)
+LINK_WITH_LIMITS = dataclasses.replace(LINK, min_rad=-0.2, max_rad=0.3)
 
 
-def after(link: LinkDescription, seconds: float, *commands: tuple[float, int]) -> Joint:
+def run_commands(link: LinkDescription, seconds: float, *commands: tuple[float, int]) -> Joint:
     joint = Joint(link)
     for value, order in commands:
-        joint = joint.commanded(value, order).moved(seconds)
+        joint = joint.apply_command(value, order).step(seconds)
     return joint
 
 
@@ -41,16 +41,16 @@ def after(link: LinkDescription, seconds: float, *commands: tuple[float, int]) -
         (LINK, [(0.2, SPEED), (0.0, SPEED)], 0.2),
         (LINK, [(5.0, 2)], 0.0),
         (LINK, [(5.0, 99)], 0.0),
-        (LIMITED, [(9.0, ANGLE)], 0.3),
-        (LIMITED, [(-9.0, SPEED)], -0.2),
+        (LINK_WITH_LIMITS, [(9.0, ANGLE)], 0.3),
+        (LINK_WITH_LIMITS, [(-9.0, SPEED)], -0.2),
     ],
 )
 def test_joint_when_commanded_is_there_after_a_second_each(
     link: LinkDescription, commands: list[tuple[float, int]], angle: float
 ) -> None:
-    assert after(link, 1.0, *commands).angle_rad == pytest.approx(angle)
+    assert run_commands(link, 1.0, *commands).angle_rad == pytest.approx(angle)
 
 
 def test_torque_when_moving_is_all_it_has() -> None:
-    assert Joint(LINK).commanded(-1.0, ANGLE).torque == -20.0
+    assert Joint(LINK).apply_command(-1.0, ANGLE).torque == -20.0
     assert Joint(LINK).torque == 0.0

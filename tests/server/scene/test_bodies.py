@@ -8,12 +8,12 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import Body, body_mesh, facets
+from catoptra_server.scene.bodies import DynamicObject, build_object_mesh, world_facets
 from catoptra_server.scene.description import Box, Material
 
 RED, BLUE = Material((1.0, 0.0, 0.0)), Material((0.0, 0.0, 1.0), unlit=True)
 CUBE = primitives.box(Box((0.2, 0.2, 0.2)))
-MESH = body_mesh([(CUBE, RED), (CUBE.at((1.0, 0.0, 0.0)), BLUE)])
+MESH = build_object_mesh([(CUBE, RED), (CUBE.translate((1.0, 0.0, 0.0)), BLUE)])
 
 
 def test_mesh_keeps_each_patch_its_material() -> None:
@@ -30,9 +30,9 @@ def test_sphere_holds_every_corner_and_touches_one() -> None:
 
 
 def test_facets_are_turned_as_the_body_is() -> None:
-    body = Body(MESH, Pose.from_rpy((5.0, 0.0, 0.0), (0.0, 0.0, 0.5 * math.pi)))
+    body = DynamicObject(MESH, Pose.from_rpy((5.0, 0.0, 0.0), (0.0, 0.0, 0.5 * math.pi)))
     ahead = np.flatnonzero(MESH.normals[:, 0] > 0.9)
-    np.testing.assert_allclose(facets(body).normals[ahead], [[0.0, 1.0, 0.0]] * 4, atol=1e-15)
+    np.testing.assert_allclose(world_facets(body).normals[ahead], [[0.0, 1.0, 0.0]] * 4, atol=1e-15)
     assert body.centre == pytest.approx((5.0, 0.5, 0.0))
 
 
@@ -43,4 +43,4 @@ def test_mesh_cannot_be_written_to() -> None:
 
 def test_texture_is_no_part_of_a_body() -> None:
     with pytest.raises(AssertionError, match="no textures"):
-        body_mesh([(CUBE, Material((1.0, 1.0, 1.0), Path("a.png")))])
+        build_object_mesh([(CUBE, Material((1.0, 1.0, 1.0), Path("a.png")))])

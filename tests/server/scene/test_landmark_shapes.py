@@ -17,7 +17,7 @@ GOAL = Landmark("g", "goal", 2.7, 0.1, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
 OTHER_GOAL = Landmark("g", "goal", -2.7, 0.1, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
 
 
-def scene_of(landmark: Landmark) -> SceneMesh:
+def build_landmark(landmark: Landmark) -> SceneMesh:
     return build_scene(World("w", (), landmarks=(landmark,), landmark_albedos=ALBEDOS))
 
 
@@ -39,7 +39,7 @@ def bounds(scene: SceneMesh, part: str) -> tuple[Floats, Floats]:
 def test_beacon_when_drawn_has_its_bands_where_they_belong(
     part: str, bottom: float, top: float, albedo: tuple[float, float, float]
 ) -> None:
-    scene = scene_of(BEACON)
+    scene = build_landmark(BEACON)
     lower, upper = bounds(scene, part)
     np.testing.assert_allclose(lower, (1.3, -1.95, bottom), atol=1e-9)
     np.testing.assert_allclose(upper, (1.4, -1.85, top), atol=1e-9)
@@ -56,7 +56,7 @@ def test_beacon_when_its_band_starts_at_the_floor_has_no_post() -> None:
 
 @pytest.mark.parametrize(("goal", "outward"), [(GOAL, 1.0), (OTHER_GOAL, -1.0)])
 def test_goal_when_drawn_is_open_towards_the_middle(goal: Landmark, outward: float) -> None:
-    scene = scene_of(goal)
+    scene = build_landmark(goal)
     xs = outward * scene.corners[..., 0]
     # From the mouth on the goal line to the back board, 0.3 m behind and 0.02 m thick.
     assert (xs.min(), xs.max()) == pytest.approx((2.7, 3.02))
@@ -65,7 +65,7 @@ def test_goal_when_drawn_is_open_towards_the_middle(goal: Landmark, outward: flo
 
 
 def test_goal_when_drawn_has_its_mouth_between_the_side_boards() -> None:
-    scene = scene_of(GOAL)
+    scene = build_landmark(GOAL)
     _, left = bounds(scene, "g.left")
     right, _ = bounds(scene, "g.right")
     assert (left[1], right[1]) == pytest.approx((0.1 - 0.4, 0.1 + 0.4))
@@ -73,4 +73,4 @@ def test_goal_when_drawn_has_its_mouth_between_the_side_boards() -> None:
 
 
 def test_goal_when_drawn_is_of_its_colour() -> None:
-    np.testing.assert_array_equal(np.unique(scene_of(GOAL).albedo, axis=0), [ALBEDOS["cyan"]])
+    np.testing.assert_array_equal(np.unique(build_landmark(GOAL).albedo, axis=0), [ALBEDOS["cyan"]])

@@ -13,15 +13,15 @@ from catoptra_protocol.errors import ConfigError
 from catoptra_server.scene.description import MeshFile
 from catoptra_server.scene.mesh_files import LoadedMesh, load_mesh_file
 from helpers.meshes import (
-    coloured_square,
-    plain_square,
-    textured_dae,
-    textured_gltf,
-    textured_square,
-    tinted_dae,
-    tinted_glb,
-    tinted_obj,
-    written,
+    make_coloured_square,
+    make_plain_square,
+    write_textured_dae,
+    write_textured_gltf,
+    make_textured_square,
+    write_tinted_dae,
+    write_tinted_glb,
+    write_tinted_obj,
+    export_mesh,
 )
 
 RED = (1.0, 0.0, 0.0)
@@ -30,7 +30,7 @@ HALF = 188
 HALF_OF_SRGB = 0.50288
 
 
-def loaded(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
+def load(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
     """Return the only mesh of a file."""
     (mesh,) = load_mesh_file(MeshFile(path, scale, up))
     return mesh
@@ -44,7 +44,7 @@ def normal(mesh: LoadedMesh) -> np.ndarray:
 
 @pytest.mark.parametrize("ending", ["glb", "obj", "ply", "stl", "dae"])
 def test_square_when_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending: str) -> None:
-    mesh = loaded(written(plain_square(), tmp_path / f"square.{ending}"))
+    mesh = load(export_mesh(make_plain_square(), tmp_path / f"square.{ending}"))
     assert mesh.patch.corners.shape == (2, 3, 3)
     np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)
     assert mesh.texture is None
@@ -53,17 +53,17 @@ def test_square_when_of_any_format_is_two_triangles_facing_up(tmp_path: Path, en
 @pytest.mark.parametrize(
     "write",
     [
-        lambda folder: written(textured_square(pbr=True), folder / "m.glb"),
-        lambda folder: written(textured_square(), folder / "m.obj"),
-        textured_gltf,
-        textured_dae,
+        lambda folder: export_mesh(make_textured_square(pbr=True), folder / "m.glb"),
+        lambda folder: export_mesh(make_textured_square(), folder / "m.obj"),
+        write_textured_gltf,
+        write_textured_dae,
     ],
     ids=["glb", "obj", "gltf", "dae"],
 )
 def test_texture_when_in_a_file_is_at_full_light_and_the_right_way_round(
     tmp_path: Path, write: Callable[[Path], Path]
 ) -> None:
-    mesh = loaded(write(tmp_path))
+    mesh = load(write(tmp_path))
     assert mesh.texture is not None
     assert mesh.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
     np.testing.assert_array_equal(mesh.albedo, 1.0)
@@ -74,30 +74,30 @@ def test_texture_when_in_a_file_is_at_full_light_and_the_right_way_round(
 
 @pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
 def test_colours_of_vertices_when_in_a_file_are_the_faces(tmp_path: Path, ending: str) -> None:
-    mesh = loaded(written(coloured_square(), tmp_path / f"m.{ending}"))
+    mesh = load(export_mesh(make_coloured_square(), tmp_path / f"m.{ending}"))
     np.testing.assert_allclose(mesh.albedo, (RED, RED), atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("write", "albedo"),
-    [(tinted_glb, HALF / 255.0), (tinted_obj, HALF_OF_SRGB), (tinted_dae, HALF_OF_SRGB)],
+    [(write_tinted_glb, HALF / 255.0), (write_tinted_obj, HALF_OF_SRGB), (write_tinted_dae, HALF_OF_SRGB)],
     ids=["glb is linear", "obj is sRGB", "dae is sRGB"],
 )
 def test_colour_of_a_material_when_without_texture_is_linear_light(
     tmp_path: Path, write: Callable[[Path, int], Path], albedo: float
 ) -> None:
-    mesh = loaded(write(tmp_path, HALF))
+    mesh = load(write(tmp_path, HALF))
     assert mesh.texture is None
     # Formats keep bytes or three digits.
     np.testing.assert_allclose(mesh.albedo[0], (albedo, 0.0, 0.0), atol=2e-3)
 
 
 def test_mesh_when_it_says_nothing_of_its_colour_is_mid_grey(tmp_path: Path) -> None:
-    np.testing.assert_array_equal(loaded(written(plain_square(), tmp_path / "m.stl")).albedo, 0.5)
+    np.testing.assert_array_equal(load(export_mesh(make_plain_square(), tmp_path / "m.stl")).albedo, 0.5)
 
 
 def test_mesh_when_scaled_is_in_metres(tmp_path: Path) -> None:
-    mesh = loaded(written(plain_square(), tmp_path / "m.stl"), scale=0.001)
+    mesh = load(export_mesh(make_plain_square(), tmp_path / "m.stl"), scale=0.001)
     assert np.ptp(mesh.patch.corners[..., 0]) == pytest.approx(0.002)
 
 
@@ -113,7 +113,7 @@ def test_mesh_when_its_up_axis_is_named_is_turned_into_sae(
 ) -> None:
     corners = np.array([place, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
-    turned = loaded(written(mesh, tmp_path / "m.ply"), up=up).patch.corners[0, 0]
+    turned = load(export_mesh(mesh, tmp_path / "m.ply"), up=up).patch.corners[0, 0]
     np.testing.assert_allclose(turned, in_sae, atol=1e-12)
 
 
@@ -121,9 +121,9 @@ def test_scene_when_its_nodes_are_placed_has_them_there(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     for x in (0.0, 10.0):
         scene.add_geometry(
-            plain_square(), transform=trimesh.transformations.translation_matrix((x, 0, 0))
+            make_plain_square(), transform=trimesh.transformations.translation_matrix((x, 0, 0))
         )
-    meshes = load_mesh_file(MeshFile(written(scene, tmp_path / "m.glb")))
+    meshes = load_mesh_file(MeshFile(export_mesh(scene, tmp_path / "m.glb")))
     assert sorted(mesh.patch.corners[..., 0].mean().round(6) for mesh in meshes) == pytest.approx(
         [-1 / 3, 10 - 1 / 3], abs=0.4
     )
@@ -151,7 +151,7 @@ def test_file_when_it_is_no_mesh_is_refused_by_name(
 
 @pytest.mark.parametrize("ending", ["glb", "ply", "stl", "dae"])
 def test_file_when_cut_off_is_refused(tmp_path: Path, ending: str) -> None:
-    path = written(coloured_square(), tmp_path / f"m.{ending}")
+    path = export_mesh(make_coloured_square(), tmp_path / f"m.{ending}")
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(ConfigError, match="expected a"):
         load_mesh_file(MeshFile(path))
@@ -176,7 +176,7 @@ def test_triangles_when_without_a_place_are_left_out_and_named(
 ) -> None:
     path = tmp_path / "m.obj"
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv {bad}\nf 1 2 3\nf 1 2 4\n")
-    assert len(loaded(path).patch.corners) == 1
+    assert len(load(path).patch.corners) == 1
     (record,) = caplog.records
     assert "m.obj: left out 1 of 2 triangles with a corner without" in record.getMessage()
     assert record.getMessage().endswith("the first is number 1")
@@ -186,12 +186,12 @@ def test_triangles_when_without_a_place_are_left_out_and_named(
 def test_triangles_when_without_a_place_on_their_texture_are_left_out_and_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
 ) -> None:
-    path = written(textured_square(), tmp_path / "m.obj")
+    path = export_mesh(make_textured_square(), tmp_path / "m.obj")
     lines = path.read_text().splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("vt "))
     lines[first + 1] = f"vt {bad}"
     path.write_text("\n".join(lines))
-    kept = loaded(path).patch
+    kept = load(path).patch
     assert len(kept.corners) == 1
     assert np.isfinite(kept.uv).all()
     assert any("texture coordinates that are no finite" in r.getMessage() for r in caplog.records)
@@ -206,17 +206,17 @@ def test_triangles_when_without_area_are_left_out_at_any_scale(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nv 1e-6 1e-6 0\n"
         "f 1 2 3\nf 1 2 4\nf 1 1 2\nf 2 2 2\nf 1 2 5\n"
     )
-    assert len(loaded(path, scale=scale).patch.corners) == 2
+    assert len(load(path, scale=scale).patch.corners) == 2
     assert not caplog.records
 
 
 def test_square_when_its_texture_coordinates_are_one_point_shows_that_texel(
     tmp_path: Path,
 ) -> None:
-    path = written(textured_square(), tmp_path / "m.obj")
+    path = export_mesh(make_textured_square(), tmp_path / "m.obj")
     lines = path.read_text().splitlines()
     path.write_text("\n".join("vt 0.25 0.75" if x.startswith("vt ") else x for x in lines))
-    mesh = loaded(path)
+    mesh = load(path)
     assert len(mesh.patch.corners) == 2
     assert np.ptp(mesh.patch.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
 

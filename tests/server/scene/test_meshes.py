@@ -23,13 +23,13 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene, load_texture
-from helpers.meshes import plain_square, quarters, textured_square, written
+from helpers.meshes import make_plain_square, make_quadrant_image, make_textured_square, export_mesh
 
 GREY = Material((0.5, 0.5, 0.5))
 BOX = Box((1.0, 1.0, 1.0))
 
 
-def item(
+def make_item(
     shape: Shape, material: Material | None = GREY, *, name: str = "it", x_m: float = 0.0
 ) -> Item:
     return Item(name, shape, Pose.from_rpy((x_m, 0.0, 0.0), (0.0, 0.0, 0.3)), material)
@@ -46,7 +46,7 @@ def item(
     ],
 )
 def test_shape_when_built_has_its_triangles_with_unit_normals(shape: Shape, triangles: int) -> None:
-    scene = build_scene(World("w", (item(shape),)))
+    scene = build_scene(World("w", (make_item(shape),)))
     assert len(scene) == triangles
     np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0, atol=1e-12)
     for array in (scene.uv, scene.albedo, scene.unlit, scene.texture_index, scene.item_index):
@@ -61,7 +61,7 @@ def test_world_when_empty_is_a_scene_without_triangles() -> None:
 
 
 def test_items_when_placed_are_moved_and_turned() -> None:
-    scene = build_scene(World("w", (item(BOX, x_m=5.0),)))
+    scene = build_scene(World("w", (make_item(BOX, x_m=5.0),)))
     np.testing.assert_allclose(scene.corners.mean(axis=(0, 1)), (5.0, 0.0, 0.0), atol=1e-12)
     ahead = scene.normals[np.argmax(scene.normals[:, 0])]
     assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
@@ -70,7 +70,7 @@ def test_items_when_placed_are_moved_and_turned() -> None:
 def test_items_when_several_are_told_apart() -> None:
     landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
     colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
-    items = (item(BOX, name="one"), item(BOX, Material((1.0, 0, 0), unlit=True), name="two"))
+    items = (make_item(BOX, name="one"), make_item(BOX, Material((1.0, 0, 0), unlit=True), name="two"))
     scene = build_scene(World("w", items, landmarks=(landmark,), landmark_albedos=colours))
     assert scene.item_names == ("one", "two", "b.post", "b.lower", "b.upper")
     second = scene.item_index == 1
@@ -83,12 +83,12 @@ def test_items_when_several_are_told_apart() -> None:
 
 def test_item_when_it_lets_light_through_has_triangles_that_cast_no_shadows() -> None:
     glass = Item("glass", BOX, Pose.identity(), GREY, casts_shadows=False)
-    mesh = build_scene(World("w", (item(BOX), glass)))
+    mesh = build_scene(World("w", (make_item(BOX), glass)))
     assert mesh.casts_shadows.tolist() == [True] * 12 + [False] * 12
 
 
 def test_scene_when_built_cannot_be_changed() -> None:
-    scene = build_scene(World("w", (item(BOX),)))
+    scene = build_scene(World("w", (make_item(BOX),)))
     with pytest.raises(ValueError, match="read-only"):
         scene.corners[0, 0, 0] = 1.0
 
@@ -97,9 +97,9 @@ def test_scene_when_built_cannot_be_changed() -> None:
 
 
 def test_texture_when_of_one_item_is_on_its_triangles_only(tmp_path: Path) -> None:
-    quarters().save(tmp_path / "q.png")
+    make_quadrant_image().save(tmp_path / "q.png")
     picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
-    scene = build_scene(World("w", (item(BOX), item(BOX, picture), item(BOX, picture))))
+    scene = build_scene(World("w", (make_item(BOX), make_item(BOX, picture), make_item(BOX, picture))))
     assert scene.texture_index.tolist() == 12 * [-1] + 12 * [0] + 12 * [1]
     assert scene.textures[0].shape == (2, 2, 3)
     assert scene.textures[0][0, 0].tolist() == [255, 0, 0]
@@ -108,7 +108,7 @@ def test_texture_when_of_one_item_is_on_its_triangles_only(tmp_path: Path) -> No
 @pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "1", "I;16"])
 def test_texture_when_in_any_mode_is_rgb(tmp_path: Path, mode: str) -> None:
     path = tmp_path / ("q.tif" if mode == "CMYK" else "q.png")
-    quarters().convert("I" if mode == "I;16" else mode).convert(mode).save(path)
+    make_quadrant_image().convert("I" if mode == "I;16" else mode).convert(mode).save(path)
     assert load_texture(path).shape == (2, 2, 3)
 
 
@@ -122,7 +122,7 @@ def test_texture_when_it_is_no_image_is_refused_by_name(tmp_path: Path, content:
 
 def test_texture_when_cut_off_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "q.png"
-    quarters().resize((64, 64)).save(path)
+    make_quadrant_image().resize((64, 64)).save(path)
     path.write_bytes(path.read_bytes()[:60])
     with pytest.raises(ConfigError, match="an image file"):
         load_texture(path)
@@ -132,23 +132,23 @@ def test_texture_when_cut_off_is_refused(tmp_path: Path) -> None:
 
 
 def test_mesh_when_it_has_no_material_keeps_its_own_look(tmp_path: Path) -> None:
-    path = written(textured_square(pbr=True), tmp_path / "m.glb")
-    scene = build_scene(World("w", (item(MeshFile(path), None),)))
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
+    scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
     assert scene.texture_index.tolist() == [0, 0]
     np.testing.assert_array_equal(scene.albedo, 1.0)
 
 
 def test_mesh_when_given_a_material_takes_it(tmp_path: Path) -> None:
-    path = written(textured_square(pbr=True), tmp_path / "m.glb")
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
     red = Material((1.0, 0.0, 0.0), unlit=True)
-    scene = build_scene(World("w", (item(MeshFile(path), red),)))
+    scene = build_scene(World("w", (make_item(MeshFile(path), red),)))
     assert scene.texture_index.tolist() == [-1, -1]
     assert scene.unlit.all()
     np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
 
 
 def test_mesh_when_placed_is_turned_and_moved(tmp_path: Path) -> None:
-    path = written(plain_square(), tmp_path / "m.stl")
-    scene = build_scene(World("w", (item(MeshFile(path), x_m=7.0),)))
+    path = export_mesh(make_plain_square(), tmp_path / "m.stl")
+    scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
     middle = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
     np.testing.assert_allclose(middle, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32

@@ -12,47 +12,47 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_coordinates, face_from_direction
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.mirror_mesh import (
     Interpolation,
-    PolygonSplit,
-    mirror_mesh,
+    Tessellation,
+    build_mirror_mesh,
     mirror_polygons,
-    split_for,
+    tessellation_from_polygon_count,
 )
-from helpers.worlds import PAPER_MIRROR, omni_camera
+from helpers.worlds import PAPER_MIRROR, make_omni_camera
 
-SPLITS = [PolygonSplit(4, 4), PolygonSplit(8, 2), PolygonSplit(32, 32), PolygonSplit(3, 1)]
-CAMERA = omni_camera()
+TESSELLATIONS = [Tessellation(4, 4), Tessellation(8, 2), Tessellation(32, 32), Tessellation(3, 1)]
+CAMERA = make_omni_camera()
 
 
 def image_corners(camera: OmniCamera, corners: Floats) -> Floats:
     """Return (..., 2) places of corners in the image plane, in units of the 90-degree circle."""
     scale = HyperbolicMirror(11.546, 0.2321).s
-    return scale * corners[..., :2] / (camera.mirror.pinhole_m - corners[..., 2:])
+    return scale * corners[..., :2] / (camera.mirror.pinhole_distance_m - corners[..., 2:])
 
 
-@pytest.mark.parametrize("split", SPLITS, ids=str)
-def test_corners_when_made_lie_on_eq_1(split: PolygonSplit) -> None:
-    corners = mirror_mesh(CAMERA, split).corners
+@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
+def test_corners_when_made_lie_on_eq_1(split: Tessellation) -> None:
+    corners = build_mirror_mesh(CAMERA, split).corners
     k, c = 11.546, 0.2321
     r = np.hypot(corners[..., 0], corners[..., 1])
     residual = (corners[..., 2] - 0.5 * c) ** 2 - r**2 * (0.5 * k - 1) - 0.25 * c * c * (k - 2) / k
     np.testing.assert_allclose(residual / c**2, 0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("split", SPLITS, ids=str)
-def test_triangles_when_made_are_s_times_2r_minus_1(split: PolygonSplit) -> None:
-    mesh = mirror_mesh(CAMERA, split)
+@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
+def test_triangles_when_made_are_s_times_2r_minus_1(split: Tessellation) -> None:
+    mesh = build_mirror_mesh(CAMERA, split)
     assert len(mesh.corners) == split.sectors * (2 * split.rings - 1)
-    assert len(mirror_polygons(CAMERA, split)) == split.polygons
+    assert len(mirror_polygons(CAMERA, split)) == split.num_polygons
 
 
-@pytest.mark.parametrize("split", SPLITS, ids=str)
-def test_mesh_when_seen_by_the_camera_covers_its_rim_polygon(split: PolygonSplit) -> None:
-    places = image_corners(CAMERA, mirror_mesh(CAMERA, split).corners)
+@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
+def test_mesh_when_seen_by_the_camera_covers_its_rim_polygon(split: Tessellation) -> None:
+    places = image_corners(CAMERA, build_mirror_mesh(CAMERA, split).corners)
     a, b = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
     rim = CAMERA.rim_radius_px / CAMERA.horizon_radius_px
@@ -63,7 +63,7 @@ def test_mesh_when_seen_by_the_camera_covers_its_rim_polygon(split: PolygonSplit
 
 
 def test_rings_when_made_are_equal_in_image_radius() -> None:
-    corners = mirror_polygons(CAMERA, PolygonSplit(8, 5))
+    corners = mirror_polygons(CAMERA, Tessellation(8, 5))
     radii = np.unique(np.round(np.linalg.norm(image_corners(CAMERA, corners), axis=-1), 9))
     np.testing.assert_allclose(np.diff(radii), radii[-1] / 5, atol=2e-9)
 
@@ -71,32 +71,32 @@ def test_rings_when_made_are_equal_in_image_radius() -> None:
 @pytest.mark.parametrize("sectors", [8, 16, 64])
 def test_sector_borders_when_a_multiple_of_8_are_on_the_cube_s_edges(sectors: int) -> None:
     azimuth = np.degrees(
-        np.arctan2(*mirror_polygons(CAMERA, PolygonSplit(sectors, 2))[..., 1::-1].T)
+        np.arctan2(*mirror_polygons(CAMERA, Tessellation(sectors, 2))[..., 1::-1].T)
     )
     for edge in (45.0, 135.0, -45.0, -135.0):
         assert np.isclose(azimuth, edge).any()
 
 
 def test_directions_when_by_position_are_the_corners_themselves() -> None:
-    mesh = mirror_mesh(CAMERA, PolygonSplit(8, 8, Interpolation.POSITION))
+    mesh = build_mirror_mesh(CAMERA, Tessellation(8, 8, Interpolation.POSITION))
     np.testing.assert_array_equal(mesh.directions, mesh.corners)
 
 
-@pytest.mark.parametrize("split", [PolygonSplit(32, 32), PolygonSplit(8, 8)], ids=str)
+@pytest.mark.parametrize("split", [Tessellation(32, 32), Tessellation(8, 8)], ids=str)
 def test_directions_when_by_uv_lie_on_the_plane_of_one_face_along_the_corners(
-    split: PolygonSplit,
+    split: Tessellation,
 ) -> None:
-    mesh = mirror_mesh(CAMERA, split)
+    mesh = build_mirror_mesh(CAMERA, split)
     unit = mesh.corners / np.linalg.norm(mesh.corners, axis=-1, keepdims=True)
     looked_up = mesh.directions / np.linalg.norm(mesh.directions, axis=-1, keepdims=True)
     np.testing.assert_allclose(looked_up, unit, atol=1e-14)
     # A plane at distance 1: some face's forward component is 1 in all three corners.
-    forward = np.einsum("nci,fi->nfc", mesh.directions, FACE_AXES[:, :, 0])
+    forward = np.einsum("nci,fi->nfc", mesh.directions, MIRROR_FROM_FACE_ROTATIONS[:, :, 0])
     assert np.isclose(forward, 1.0, atol=1e-12).all(axis=2).any(axis=1).all()
 
 
 def test_face_when_a_polygon_lies_in_it_is_its_own() -> None:
-    mesh = mirror_mesh(CAMERA, PolygonSplit(64, 64))
+    mesh = build_mirror_mesh(CAMERA, Tessellation(64, 64))
     middle = mesh.directions.sum(axis=1)
     face = face_from_direction(middle)
     coordinates = face_coordinates(mesh.directions.reshape(-1, 3), np.repeat(face, 3))
@@ -107,24 +107,24 @@ def test_face_when_a_polygon_lies_in_it_is_its_own() -> None:
 @pytest.mark.parametrize(
     ("camera", "split"),
     [
-        (omni_camera(rim_deg=150.0), PolygonSplit(8, 4)),
-        (omni_camera(rim_deg=30.0), PolygonSplit(8, 4)),
-        (omni_camera(mirror=ParabolicMirror(0.05)), PolygonSplit(16, 4)),
-        (omni_camera(mirror=HyperbolicMirror(1e6, 1.0)), PolygonSplit(16, 4)),
-        (CAMERA, PolygonSplit(4096, 1)),
-        (CAMERA, PolygonSplit(3, 400)),
+        (make_omni_camera(rim_deg=150.0), Tessellation(8, 4)),
+        (make_omni_camera(rim_deg=30.0), Tessellation(8, 4)),
+        (make_omni_camera(mirror=ParabolicMirror(0.05)), Tessellation(16, 4)),
+        (make_omni_camera(mirror=HyperbolicMirror(1e6, 1.0)), Tessellation(16, 4)),
+        (CAMERA, Tessellation(4096, 1)),
+        (CAMERA, Tessellation(3, 400)),
     ],
 )
 def test_mesh_when_of_an_odd_mirror_or_split_is_finite(
-    camera: OmniCamera, split: PolygonSplit
+    camera: OmniCamera, split: Tessellation
 ) -> None:
-    mesh = mirror_mesh(camera, split)
+    mesh = build_mirror_mesh(camera, split)
     assert np.isfinite(mesh.corners).all()
     assert np.isfinite(mesh.directions).all()
 
 
 def test_mesh_when_made_cannot_be_changed() -> None:
-    mesh = mirror_mesh(CAMERA, PolygonSplit(8, 8))
+    mesh = build_mirror_mesh(CAMERA, Tessellation(8, 8))
     with pytest.raises(ValueError, match="read-only"):
         mesh.directions[0, 0, 0] = 1.0
 
@@ -143,19 +143,19 @@ def test_mesh_when_made_cannot_be_changed() -> None:
     ],
 )
 def test_split_when_only_n_is_given_has_n_polygons(polygons: int, split: tuple[int, int]) -> None:
-    made = split_for(polygons)
-    assert made.polygons == polygons
+    made = tessellation_from_polygon_count(polygons)
+    assert made.num_polygons == polygons
     assert (made.sectors, made.rings) == split
 
 
 def test_split_when_of_any_n_is_a_surface() -> None:
-    assert [split_for(n).polygons for n in range(3, 300)] == list(range(3, 300))
+    assert [tessellation_from_polygon_count(n).num_polygons for n in range(3, 300)] == list(range(3, 300))
 
 
 @pytest.mark.parametrize(("sectors", "rings"), [(2, 4), (8, 0), (-8, -2), (0, 0)])
 def test_split_when_no_surface_is_refused(sectors: int, rings: int) -> None:
     with pytest.raises(DomainError, match="at least 3 x 1"):
-        PolygonSplit(sectors, rings)
+        Tessellation(sectors, rings)
 
 
 def test_paper_mirror_is_the_one_of_the_tests() -> None:

@@ -12,25 +12,25 @@ from hypothesis import strategies as st
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.scene.description import Box, Item, Material, Rectangle, Shape, World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.obstacles import Obstacles, obstacles_between, rectangle_touches
+from catoptra_server.scene.obstacles import ObstacleGrid, build_obstacle_grid, rectangle_intersects
 
 GREY = Material((0.5, 0.5, 0.5))
-HALF = (0.5, 0.25)
+HALF_SIZE_M = (0.5, 0.25)
 
 
-def scene_obstacles(
+def make_obstacle_grid(
     *placed: tuple[Shape, tuple[float, float, float]], low_m: float = 0.03, high_m: float = 0.7
-) -> Obstacles:
+) -> ObstacleGrid:
     items = tuple(Item(f"{i}", s, Pose.from_rpy(p), GREY) for i, (s, p) in enumerate(placed))
-    return obstacles_between(build_scene(World("w", items)), low_m=low_m, high_m=high_m)
+    return build_obstacle_grid(build_scene(World("w", items)), low_m=low_m, high_m=high_m)
 
 
-def touches(obstacles: Obstacles, x: float, y: float = 0.0, yaw: float = 0.0) -> bool:
-    near = obstacles.near((x, y), math.hypot(*HALF))
-    return rectangle_touches(near, (x, y), yaw, half_size_m=HALF)
+def intersects(obstacles: ObstacleGrid, x: float, y: float = 0.0, yaw: float = 0.0) -> bool:
+    near = obstacles.find_near((x, y), math.hypot(*HALF_SIZE_M))
+    return rectangle_intersects(near, (x, y), yaw, half_size_m=HALF_SIZE_M)
 
 
-BLOCK = scene_obstacles((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x = 1.5 to 2.5
+BLOCK = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x = 1.5 to 2.5
 
 
 @pytest.mark.parametrize(
@@ -49,18 +49,18 @@ BLOCK = scene_obstacles((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x = 1.
 def test_rectangle_when_at_the_edge_of_a_block_touches_exactly(
     x: float, y: float, yaw: float, hit: bool
 ) -> None:
-    assert touches(BLOCK, x, y, yaw) is hit
+    assert intersects(BLOCK, x, y, yaw) is hit
 
 
 def test_rectangle_when_turned_by_45_degrees_touches_with_its_corner() -> None:
-    reach = (HALF[0] + HALF[1]) * math.sqrt(0.5)
-    assert not touches(BLOCK, 1.5 - reach - 1e-9, 0.0, 0.25 * math.pi)
-    assert touches(BLOCK, 1.5 - reach + 1e-9, 0.0, 0.25 * math.pi)
+    reach = (HALF_SIZE_M[0] + HALF_SIZE_M[1]) * math.sqrt(0.5)
+    assert not intersects(BLOCK, 1.5 - reach - 1e-9, 0.0, 0.25 * math.pi)
+    assert intersects(BLOCK, 1.5 - reach + 1e-9, 0.0, 0.25 * math.pi)
 
 
 def test_rectangle_when_beside_a_corner_is_parted_by_its_own_diagonal() -> None:
     # Bounding boxes overlap here, the shapes do not.
-    assert not touches(BLOCK, 1.1, 1.0, 0.25 * math.pi)
+    assert not intersects(BLOCK, 1.1, 1.0, 0.25 * math.pi)
 
 
 @pytest.mark.parametrize(
@@ -77,11 +77,11 @@ def test_rectangle_when_beside_a_corner_is_parted_by_its_own_diagonal() -> None:
 def test_shape_when_between_ankle_and_mirror_is_in_the_way(
     shape: Shape, height_m: float, is_obstacle: bool
 ) -> None:
-    assert touches(scene_obstacles((shape, (0.0, 0.0, -height_m))), 0.0) is is_obstacle
+    assert intersects(make_obstacle_grid((shape, (0.0, 0.0, -height_m))), 0.0) is is_obstacle
 
 
 def test_world_when_empty_stops_nothing() -> None:
-    assert not touches(scene_obstacles(), 0.0)
+    assert not intersects(make_obstacle_grid(), 0.0)
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
@@ -89,16 +89,16 @@ def test_world_when_empty_stops_nothing() -> None:
 def test_rectangle_when_anywhere_touches_as_sampled_points_say(
     x: float, y: float, yaw: float
 ) -> None:
-    block = scene_obstacles((Box((1.0, 1.0, 1.0)), (0.0, 0.0, -0.5)))
+    block = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (0.0, 0.0, -0.5)))
     along, across = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
-    points = np.stack((HALF[0] * along, HALF[1] * across), axis=-1)
+    points = np.stack((HALF_SIZE_M[0] * along, HALF_SIZE_M[1] * across), axis=-1)
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     depth = 0.5 - np.abs(points @ turn.T + (x, y)).max(axis=-1)
     # Points are 25 mm apart: what is nearer to touching than that is not judged.
     if abs(depth.max()) > 0.025:
-        assert touches(block, x, y, yaw) is bool(depth.max() > 0.0)
+        assert intersects(block, x, y, yaw) is bool(depth.max() > 0.0)
 
 
 def test_near_when_far_away_has_no_triangles() -> None:
-    assert len(BLOCK.near((9.0, 9.0), 1.0)) == 0
-    assert len(BLOCK.near((2.0, 0.0), 1.0)) >= 12
+    assert len(BLOCK.find_near((9.0, 9.0), 1.0)) == 0
+    assert len(BLOCK.find_near((2.0, 0.0), 1.0)) >= 12

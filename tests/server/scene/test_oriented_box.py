@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances, box_hits
+from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0)), (1.0, 2.0, 0.5))
 
@@ -51,12 +51,12 @@ def test_distance_when_there_are_several_is_to_the_nearest() -> None:
 def test_hits_when_a_box_is_met_have_the_normal_of_the_face_that_is_entered() -> None:
     box = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0), (0.0, 0.0, 0.5)), (1.0, 1.0, 1.0))
     towards = np.array([[1.0, 0.0, 0.0]])
-    distances, normals = box_hits([box], np.zeros((1, 3)), towards)
+    distances, normals = closest_box_hits([box], np.zeros((1, 3)), towards)
     assert distances == box_distances([box], np.zeros((1, 3)), towards)
     np.testing.assert_allclose(normals, [[-math.cos(0.5), -math.sin(0.5), 0.0]], atol=1e-12)
 
 
 def test_hits_when_inside_a_box_face_the_ray() -> None:
-    distances, normals = box_hits([BOX], np.array([BOX.world_from_box.translation]), np.eye(3)[:1])
+    distances, normals = closest_box_hits([BOX], np.array([BOX.world_from_box.translation]), np.eye(3)[:1])
     assert distances.tolist() == [0.0]
     assert normals.tolist() == [[-1.0, 0.0, 0.0]]

@@ -14,7 +14,7 @@ from catoptra_server.scene.primitives import (
     box,
     cylinder,
     grid,
-    joined,
+    concatenate,
     quad,
     rectangle,
     ring,
@@ -38,7 +38,7 @@ def volume(patch: Patch) -> float:
     return float(np.einsum("ij,ij->", area_vectors(patch), middles)) / 3.0
 
 
-def assert_picture_reads(patch: Patch) -> None:
+def assert_texture_is_upright(patch: Patch) -> None:
     """Assert that u runs right and v down on each triangle as it is seen from its lit side."""
     edges = patch.corners[:, 1:] - patch.corners[:, :1]
     steps = patch.uv[:, 1:] - patch.uv[:, :1]
@@ -83,7 +83,7 @@ def test_box_when_made_has_its_top_up() -> None:
 
 def test_box_when_textured_shows_the_picture_once_and_unmirrored_on_each_side() -> None:
     patch = box(Box((1.0, 2.0, 3.0)))
-    assert_picture_reads(patch)
+    assert_texture_is_upright(patch)
     for side in patch.uv.reshape(6, 6, 2):
         assert {tuple(corner) for corner in side} == {(0, 0), (0, 1), (1, 0), (1, 1)}
 
@@ -100,16 +100,16 @@ def test_cylinder_when_textured_has_the_picture_once_around_unmirrored() -> None
     side = np.abs(area_vectors(patch)[:, 2]) < 1e-12
     wall = Patch(patch.corners[side], patch.uv[side])
     assert len(wall.corners) == 24
-    assert_picture_reads(wall)
+    assert_texture_is_upright(wall)
     assert (wall.uv.min(), wall.uv.max()) == (0.0, 1.0)
 
 
 def test_rectangle_when_made_faces_up_and_repeats_its_picture() -> None:
-    patch = rectangle(Rectangle((2.0, 3.0), repeat=(4.0, 5.0)))
+    patch = rectangle(Rectangle((2.0, 3.0), texture_repeat=(4.0, 5.0)))
     assert area(patch) == pytest.approx(6.0)
     np.testing.assert_allclose(area_vectors(patch).sum(axis=0), (0.0, 0.0, -6.0), atol=1e-12)
     assert patch.uv.max(axis=(0, 1)).tolist() == [4.0, 5.0]
-    assert_picture_reads(patch)
+    assert_texture_is_upright(patch)
 
 
 def test_rectangle_when_textured_has_the_picture_s_top_ahead() -> None:
@@ -150,6 +150,6 @@ def test_grid_when_a_row_is_a_point_leaves_out_what_has_no_area() -> None:
 
 def test_patches_when_joined_and_moved_keep_their_triangles() -> None:
     flat = quad(*(np.array(corner) for corner in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))))
-    both = joined([flat, flat.at((0.0, 0.0, 5.0))])
+    both = concatenate([flat, flat.translate((0.0, 0.0, 5.0))])
     assert len(both.corners) == 4
     assert both.corners[2:, :, 2].tolist() == 2 * [[5.0, 5.0, 5.0]]

@@ -9,58 +9,58 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import EncoderDescription
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import Rolled
-from catoptra_server.sensors import Moment, Move
+from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.sensors import SensorContext, MotionStep
 from catoptra_server.sensors.encoder import EncoderBank
 from helpers.robots import BASE, ENCODER
 
 RIGHT = dataclasses.replace(ENCODER, name="ECRight", shaft="right")
 PAN = dataclasses.replace(ENCODER, name="ECPan", shaft="CameraPan")
-NOW = Moment(1.0, 0, Pose.identity())
+NOW = SensorContext(1.0, 0, Pose.identity())
 
 
-def bank(*encoders: EncoderDescription) -> EncoderBank:
-    return EncoderBank(encoders or (ENCODER, RIGHT), BASE, RandomStream.of(1, "R", "encoders"))
+def make_bank(*encoders: EncoderDescription) -> EncoderBank:
+    return EncoderBank(encoders or (ENCODER, RIGHT), BASE, RandomSource.from_names(1, "R", "encoders"))
 
 
-def rolled(encoders: EncoderBank, left_m: float, right_m: float) -> EncoderBank:
-    encoders.follow(Move(Rolled(left_m, right_m), 0, 0.02, PlanarPose(0.0, 0.0, 0.0)))
+def roll(encoders: EncoderBank, left_m: float, right_m: float) -> EncoderBank:
+    encoders.update(MotionStep(WheelTravel(left_m, right_m), 0, 0.02, PlanarPose(0.0, 0.0, 0.0)))
     return encoders
 
 
 def test_ticks_when_rolled_are_the_angle_over_the_resolution() -> None:
     # 0.52 m on a wheel of 0.13 m are 4 rad: 229 whole ticks of 0.01745.
-    items = rolled(bank(), 0.52, -0.26).reading(NOW).items
+    items = roll(make_bank(), 0.52, -0.26).read(NOW).items
     assert items == (("ECLeft", int(4.0 / 0.01745)), ("ECRight", -int(2.0 / 0.01745)))
 
 
 def test_line_when_sent_has_all_encoders() -> None:
-    line = line_from_report(rolled(bank(), 0.13, 0.0).reading(NOW))
+    line = line_from_report(roll(make_bank(), 0.13, 0.0).read(NOW))
     assert line == b"SEN {Type Encoder} {Name ECLeft Tick 57} {Name ECRight Tick 0}\r\n"
 
 
 def test_ticks_when_of_a_joint_follow_its_angle() -> None:
-    turned = Moment(1.0, 0, Pose.identity(), joints={"camerapan": 0.5})
-    assert bank(PAN).reading(turned).items == (("ECPan", 28),)
-    assert bank(PAN).reading(NOW).items == (("ECPan", 0),)
+    turned = SensorContext(1.0, 0, Pose.identity(), joint_angles_rad={"camerapan": 0.5})
+    assert make_bank(PAN).read(turned).items == (("ECPan", 28),)
+    assert make_bank(PAN).read(NOW).items == (("ECPan", 0),)
 
 
 @pytest.mark.parametrize(("name", "left", "right"), [(None, 0, 0), ("ecleft", 0, 57)])
 def test_reset_when_sent_counts_from_here(name: str | None, left: int, right: int) -> None:
-    encoders = rolled(bank(), 0.13, 0.13)
+    encoders = roll(make_bank(), 0.13, 0.13)
     assert encoders.reset(name, NOW)
-    assert [ticks for _, ticks in encoders.reading(NOW).items] == [left, right]
+    assert [ticks for _, ticks in encoders.read(NOW).items] == [left, right]
 
 
 def test_reset_when_there_is_no_such_encoder_says_so() -> None:
-    assert not bank().reset("Other", NOW)
+    assert not make_bank().reset("Other", NOW)
 
 
 def test_noise_when_configured_moves_the_ticks_by_its_spread() -> None:
-    encoders = rolled(bank(dataclasses.replace(ENCODER, noise_rad=0.1)), 0.52, 0.0)
-    ticks = [encoders.reading(Moment(0.0, t, Pose.identity())).items[0][1] for t in range(400)]
+    encoders = roll(make_bank(dataclasses.replace(ENCODER, noise_rad=0.1)), 0.52, 0.0)
+    ticks = [encoders.read(SensorContext(0.0, t, Pose.identity())).items[0][1] for t in range(400)]
     # 0.1 rad are 5.73 ticks; whole ticks add little.
     assert np.std(ticks) == pytest.approx(5.73, rel=0.12)

@@ -9,39 +9,39 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import GpsReading
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import GpsDescription, Mount
 from catoptra_server.scene.description import GpsOrigin
-from catoptra_server.sensors import Moment
-from catoptra_server.sensors.gps import GpsSensor, degrees_at
-from catoptra_server.sensors.sight import Nothing, RayCaster, Surroundings
+from catoptra_server.sensors import SensorContext
+from catoptra_server.sensors.gps import GpsSensor, geodetic_from_local
+from catoptra_server.sensors.sight import EmptyScene, RayCaster, SensorEnvironment
 from helpers.robots import BASE, GPS
-from helpers.rooms import Room
+from helpers.rooms import RoomRayCaster
 
 ORIGIN = GpsOrigin(39.1339, -77.2166)
-CENTRED = dataclasses.replace(GPS, mount=Mount())
+AT_CHASSIS_ORIGIN = dataclasses.replace(GPS, mount=Mount())
 
 
 def read(
     scene: RayCaster,
     origin: GpsOrigin | None = ORIGIN,
-    description: GpsDescription = CENTRED,
+    description: GpsDescription = AT_CHASSIS_ORIGIN,
     tick: int = 0,
 ) -> GpsReading:
-    sensor = GpsSensor(description, BASE, RandomStream.of(1, "GPS"))
-    around = Surroundings(scene, gps_origin=origin)
-    return sensor.reading(Moment(0.0, tick, Pose.from_rpy((100.0, 50.0, 0.0)), around))
+    sensor = GpsSensor(description, BASE, RandomSource.from_names(1, "GPS"))
+    around = SensorEnvironment(scene, gps_origin=origin)
+    return sensor.read(SensorContext(0.0, tick, Pose.from_rpy((100.0, 50.0, 0.0)), around))
 
 
 def test_fix_when_under_the_open_sky_is_of_all_satellites() -> None:
-    reading = read(Nothing())
-    assert (reading.fix, reading.satellites) == (True, 11)
-    assert (reading.latitude_deg, reading.longitude_deg) == degrees_at(ORIGIN, 100.0, 50.0)
+    reading = read(EmptyScene())
+    assert (reading.has_fix, reading.num_satellites) == (True, 11)
+    assert (reading.latitude_deg, reading.longitude_deg) == geodetic_from_local(ORIGIN, 100.0, 50.0)
 
 
 def test_fix_when_under_a_roof_or_without_an_origin_is_none() -> None:
-    assert read(Room((200.0, 200.0, 2.0))) == GpsReading("GPS")
-    assert read(Nothing(), None) == GpsReading("GPS")
+    assert read(RoomRayCaster((200.0, 200.0, 2.0))) == GpsReading("GPS")
+    assert read(EmptyScene(), None) == GpsReading("GPS")
 
 
 @pytest.mark.parametrize(
@@ -52,12 +52,12 @@ def test_fix_when_under_a_roof_or_without_an_origin_is_none() -> None:
 def test_degrees_when_far_are_as_long_as_on_the_ellipsoid(
     latitude: float, metres_a_degree: float, east_metres_a_degree: float
 ) -> None:
-    north, east = degrees_at(GpsOrigin(latitude, 0.0), 1000.0, 1000.0)
+    north, east = geodetic_from_local(GpsOrigin(latitude, 0.0), 1000.0, 1000.0)
     assert 1000.0 / (north - latitude) == pytest.approx(metres_a_degree, abs=1.0)
     assert 1000.0 / east == pytest.approx(east_metres_a_degree, abs=1.0)
 
 
 def test_noise_when_configured_moves_the_place_by_its_spread() -> None:
-    noisy = dataclasses.replace(CENTRED, noise_m=2.0)
-    north = [read(Nothing(), description=noisy, tick=t).latitude_deg for t in range(300)]
+    noisy = dataclasses.replace(AT_CHASSIS_ORIGIN, noise_m=2.0)
+    north = [read(EmptyScene(), description=noisy, tick=t).latitude_deg for t in range(300)]
     assert np.std(north) * 111_016 == pytest.approx(2.0, rel=0.15)

@@ -8,32 +8,32 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import InsDescription
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import Rolled
-from catoptra_server.sensors import Moment, Move
+from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.sensors import SensorContext, MotionStep
 from catoptra_server.sensors.ins import InsSensor
 from helpers.robots import BASE, INS
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))
 
 
-def sensor_of(seed: int = 1, **changes: object) -> InsSensor:
+def make_sensor(seed: int = 1, **changes: object) -> InsSensor:
     description: InsDescription = dataclasses.replace(INS, **changes)  # type: ignore[arg-type] # a test's own
-    return InsSensor(description, BASE, RandomStream.of(seed, "R", "INS"))
+    return InsSensor(description, BASE, RandomSource.from_names(seed, "R", "INS"))
 
 
-def stood(sensor: InsSensor, *, ticks: int, tick_s: float) -> tuple[float, ...]:
+def error_after_standing(sensor: InsSensor, *, ticks: int, tick_s: float) -> tuple[float, ...]:
     for tick in range(ticks):
-        sensor.follow(Move(Rolled(0.0, 0.0), tick, tick_s, PlanarPose(0.0, 0.0, 0.0)))
-    reading = sensor.reading(Moment(0.0, ticks, Pose.identity()))
+        sensor.update(MotionStep(WheelTravel(0.0, 0.0), tick, tick_s, PlanarPose(0.0, 0.0, 0.0)))
+    reading = sensor.read(SensorContext(0.0, ticks, Pose.identity()))
     return (reading.location_m[0], reading.location_m[1], reading.rotation_rad[2])
 
 
 def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
-    reading = sensor_of().reading(Moment(0.0, 0, POSE))
-    assert reading.location_m == pytest.approx(tuple(POSE.points(np.array(INS.mount.position_m))))
+    reading = make_sensor().read(SensorContext(0.0, 0, POSE))
+    assert reading.location_m == pytest.approx(tuple(POSE.transform_points(np.array(INS.mount.position_m))))
     assert reading.rotation_rad == pytest.approx((0.0, 0.0, 0.5))
 
 
@@ -41,7 +41,7 @@ def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
 def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
     ticks: int, tick_s: float
 ) -> None:
-    ends = [stood(sensor_of(seed, noise=0.01), ticks=ticks, tick_s=tick_s) for seed in range(300)]
+    ends = [error_after_standing(make_sensor(seed, noise=0.01), ticks=ticks, tick_s=tick_s) for seed in range(300)]
     # Relative to the mount's own 0.1 m in x; 300 runs know a spread to 4 %.
     assert np.std(ends, axis=0) == pytest.approx(0.01, rel=0.15)
     assert np.mean(ends, axis=0) == pytest.approx((0.1, 0.0, 0.0), abs=0.002)
@@ -49,35 +49,35 @@ def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
 
 def test_drift_when_time_goes_on_grows_with_its_root() -> None:
     spreads = [
-        np.std([stood(sensor_of(s, noise=0.01), ticks=n, tick_s=0.5) for s in range(200)], axis=0)
+        np.std([error_after_standing(make_sensor(s, noise=0.01), ticks=n, tick_s=0.5) for s in range(200)], axis=0)
         for n in (2, 32)
     ]
     assert spreads[1] / spreads[0] == pytest.approx(4.0, rel=0.25)
 
 
 def test_noise_when_not_drifting_is_of_each_reading_alone() -> None:
-    sensor = sensor_of(noise=0.01, is_drifting=False)
-    readings = [sensor.reading(Moment(0.0, tick, POSE)).rotation_rad[2] for tick in range(400)]
+    sensor = make_sensor(noise=0.01, is_drifting=False)
+    readings = [sensor.read(SensorContext(0.0, tick, POSE)).rotation_rad[2] for tick in range(400)]
     assert np.std(readings) == pytest.approx(0.01, rel=0.1)
 
 
 def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
-    sensor = sensor_of()
-    sensor.correct((5.0, 6.0, 0.0), (0.0, 0.0, 3.0), POSE)
-    reading = sensor.reading(Moment(0.0, 0, POSE))
+    sensor = make_sensor()
+    sensor.set_pose((5.0, 6.0, 0.0), (0.0, 0.0, 3.0), POSE)
+    reading = sensor.read(SensorContext(0.0, 0, POSE))
     assert reading.location_m[:2] == pytest.approx((5.0, 6.0))
     assert reading.rotation_rad[2] == pytest.approx(3.0)
 
 
-def walked(sensor: InsSensor, way_m: float, turn_rad: float, *, ticks: int) -> tuple[float, ...]:
+def error_after_driving(sensor: InsSensor, distance_m: float, turn_rad: float, *, ticks: int) -> tuple[float, ...]:
     """Return the errors of x, y and yaw after a way that goes out and a turn, in so many ticks."""
     for tick in range(ticks + 1):
         done = tick / ticks
-        pose = PlanarPose(done * way_m, 0.0, done * turn_rad)
-        sensor.follow(Move(Rolled(1.0, 1.0), tick, 0.02, pose))
-    pose = Pose.from_rpy((way_m, 0.0, 0.0), (0.0, 0.0, turn_rad))
-    reading = sensor.reading(Moment(0.0, ticks, pose))
-    place = pose.points(np.array(INS.mount.position_m))
+        pose = PlanarPose(done * distance_m, 0.0, done * turn_rad)
+        sensor.update(MotionStep(WheelTravel(1.0, 1.0), tick, 0.02, pose))
+    pose = Pose.from_rpy((distance_m, 0.0, 0.0), (0.0, 0.0, turn_rad))
+    reading = sensor.read(SensorContext(0.0, ticks, pose))
+    place = pose.transform_points(np.array(INS.mount.position_m))
     return (
         reading.location_m[0] - place[0],
         reading.location_m[1] - place[1],
@@ -86,23 +86,23 @@ def walked(sensor: InsSensor, way_m: float, turn_rad: float, *, ticks: int) -> t
 
 
 def test_bias_when_precise_to_a_thousand_is_up_to_half_a_millimetre_a_metre() -> None:
-    errors = [walked(sensor_of(s, precision=1000.0), 2.0, 0.5, ticks=10) for s in range(300)]
+    errors = [error_after_driving(make_sensor(s, precision=1000.0), 2.0, 0.5, ticks=10) for s in range(300)]
     # Uniform: 2 m make at most 1 mm, 0.5 rad at most 0.25 microradians.
     assert np.abs(errors).max(axis=0) == pytest.approx((1e-3, 1e-3, 2.5e-7), rel=0.05)
     assert np.mean(errors, axis=0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
 
 def test_bias_when_the_way_is_cut_finer_is_the_same() -> None:
-    coarse, fine = (walked(sensor_of(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64))
+    coarse, fine = (error_after_driving(make_sensor(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64))
     assert coarse == pytest.approx(fine)
     assert coarse[0] != 0.0
 
 
 @pytest.mark.parametrize("changes", [{"precision": 0.0}, {"precision": 9.0, "is_drifting": False}])
 def test_bias_when_not_asked_for_is_none(changes: dict[str, object]) -> None:
-    assert walked(sensor_of(**changes), 2.0, 0.5, ticks=4) == pytest.approx((0.0, 0.0, 0.0))
+    assert error_after_driving(make_sensor(**changes), 2.0, 0.5, ticks=4) == pytest.approx((0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("is_timed", "time_s"), [(True, 1.5), (False, None)])
 def test_time_when_asked_for_is_told(is_timed: bool, time_s: float | None) -> None:
-    assert sensor_of(is_timed=is_timed).reading(Moment(1.5, 0, POSE)).time_s == time_s
+    assert make_sensor(is_timed=is_timed).read(SensorContext(1.5, 0, POSE)).time_s == time_s

@@ -5,26 +5,26 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.robot.mission_package import ANGLE, KNOWN_PACKAGES
+from catoptra_server.robot.mission_package import ANGLE, STANDARD_PACKAGES
 from catoptra_server.sensors.mission_package import MissionPackage
 
 
-def package() -> MissionPackage:
-    return MissionPackage(KNOWN_PACKAGES["camerapantilt"])
+def make_package() -> MissionPackage:
+    return MissionPackage(STANDARD_PACKAGES["camerapantilt"])
 
 
 def test_joint_when_commanded_moves_at_its_speed_and_arrives() -> None:
-    head = package()
-    assert head.command(1, 0.1, ANGLE)
-    head.move(0.5)
-    assert head.angles() == {"camerapan": pytest.approx(0.085), "cameratilt": 0.0}
-    head.move(0.5)
-    assert head.angles()["camerapan"] == 0.1
+    head = make_package()
+    assert head.command_joint(1, 0.1, ANGLE)
+    head.step(0.5)
+    assert head.joint_angles_rad() == {"camerapan": pytest.approx(0.085), "cameratilt": 0.0}
+    head.step(0.5)
+    assert head.joint_angles_rad()["camerapan"] == 0.1
 
 
 @pytest.mark.parametrize("number", [0, 3, -1])
 def test_link_when_it_is_not_there_is_refused(number: int) -> None:
-    assert not package().command(number, 1.0, ANGLE)
+    assert not make_package().command_joint(number, 1.0, ANGLE)
 
 
 @pytest.mark.parametrize(
@@ -32,13 +32,13 @@ def test_link_when_it_is_not_there_is_refused(number: int) -> None:
     [("cameraTILT", 2), ("CameraPanTilt_Link1", 1), ("FRFlipper", None), ("", None)],
 )
 def test_link_when_named_has_its_number(name: str, number: int | None) -> None:
-    assert package().number_of(name) == number
+    assert make_package().find_link_number(name) == number
 
 
 def test_lines_when_sent_have_the_captured_form() -> None:
-    head = package()
-    head.command(2, 1.0, ANGLE)
-    head.move(0.1)
+    head = make_package()
+    head.command_joint(2, 1.0, ANGLE)
+    head.step(0.1)
     assert line_from_report(head.status(395.38)) == (
         b"MISSTA {Time 395.38} {Name CameraPanTilt} {Link 1} {Value 0.0000} {Torque 0.00} "
         b"{Link 2} {Value 0.0170} {Torque 20.00}\r\n"

@@ -10,11 +10,11 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import OdometryDescription
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import Rolled
-from catoptra_server.sensors import Moment, Move
+from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.sensors import SensorContext, MotionStep
 from catoptra_server.sensors.odometry import OdometrySensor
 from helpers.robots import BASE
 
@@ -22,39 +22,39 @@ ORIGIN = PlanarPose(0.0, 0.0, 0.0)
 TRACK_M = BASE.wheel_separation_m
 
 
-def sensor_of(*, seed: int = 1, **deviations: Any) -> OdometrySensor:
+def make_sensor(*, seed: int = 1, **deviations: Any) -> OdometrySensor:
     description = OdometryDescription("Odometry", 0.2, **deviations)
-    return OdometrySensor(description, BASE, RandomStream.of(seed, "Odometry"))
+    return OdometrySensor(description, BASE, RandomSource.from_names(seed, "Odometry"))
 
 
-def followed(sensor: OdometrySensor, *ways: Rolled) -> tuple[float, float, float]:
+def integrate(sensor: OdometrySensor, *ways: WheelTravel) -> tuple[float, float, float]:
     for tick, way in enumerate(ways):
-        sensor.follow(Move(way, tick, 0.02, ORIGIN))
-    reading = sensor.reading(Moment(0.0, 0, Pose.identity()))
+        sensor.update(MotionStep(way, tick, 0.02, ORIGIN))
+    reading = sensor.read(SensorContext(0.0, 0, Pose.identity()))
     return reading.x_m, reading.y_m, reading.yaw_rad
 
 
 def test_pose_when_nothing_rolled_is_zero_wherever_the_robot_is() -> None:
-    sensor = sensor_of()
-    sensor.follow(Move(Rolled(0.0, 0.0), 0, 0.02, ORIGIN))
-    reading = sensor.reading(Moment(0.0, 0, Pose.from_rpy((5, 6, 7))))
+    sensor = make_sensor()
+    sensor.update(MotionStep(WheelTravel(0.0, 0.0), 0, 0.02, ORIGIN))
+    reading = sensor.read(SensorContext(0.0, 0, Pose.from_rpy((5, 6, 7))))
     assert (reading.name, reading.x_m, reading.y_m, reading.yaw_rad) == ("Odometry", 0, 0, 0)
 
 
 def test_pose_when_the_right_wheels_lead_turns_counter_clockwise() -> None:
-    *_, yaw = followed(sensor_of(), Rolled(0.0, 0.1))
+    *_, yaw = integrate(make_sensor(), WheelTravel(0.0, 0.1))
     assert yaw == pytest.approx(-0.1 / TRACK_M)
 
 
 def test_pose_when_scales_are_off_is_scaled() -> None:
-    sensor = sensor_of(distance_scale=1.1, turn_scale=0.5)
-    x, y, yaw = followed(sensor, Rolled(1.0, 1.0), Rolled(0.1, -0.1))
+    sensor = make_sensor(distance_scale=1.1, turn_scale=0.5)
+    x, y, yaw = integrate(sensor, WheelTravel(1.0, 1.0), WheelTravel(0.1, -0.1))
     assert (x, y, yaw) == pytest.approx((1.1, 0.0, 0.5 * 0.2 / TRACK_M))
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: float) -> None:
-    *_, yaw = followed(sensor_of(drift_rad_per_m=0.05), *(100 * [Rolled(direction, direction)]))
+    *_, yaw = integrate(make_sensor(drift_rad_per_m=0.05), *(100 * [WheelTravel(direction, direction)]))
     assert yaw == pytest.approx(math.remainder(5.0, 2 * math.pi), abs=1e-12)
 
 
@@ -70,9 +70,9 @@ def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: fl
 def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
     deviation: str, axis: int, left_m: float, right_m: float, ticks: int
 ) -> None:
-    way = Rolled(left_m / ticks, right_m / ticks)
+    way = WheelTravel(left_m / ticks, right_m / ticks)
     ends = [
-        followed(sensor_of(seed=seed, **{deviation: 0.01}), *(ticks * [way]))[axis]
+        integrate(make_sensor(seed=seed, **{deviation: 0.01}), *(ticks * [way]))[axis]
         for seed in range(200)
     ]
     # The spread of 200 runs is known to 5 % (one sigma).
@@ -80,14 +80,14 @@ def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
 
 
 def test_configuration_when_asked_has_its_period() -> None:
-    (part,) = sensor_of().parts
+    (part,) = make_sensor().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Odometry} {Name Odometry} {ScanInterval 0.2000} {EncoderResolution 0.0000}\r\n"
     )
 
 
 def test_reset_when_sent_starts_again_from_zero() -> None:
-    sensor = sensor_of()
-    followed(sensor, Rolled(1.0, 0.9))
+    sensor = make_sensor()
+    integrate(sensor, WheelTravel(1.0, 0.9))
     sensor.reset()
-    assert followed(sensor) == (0.0, 0.0, 0.0)
+    assert integrate(sensor) == (0.0, 0.0, 0.0)

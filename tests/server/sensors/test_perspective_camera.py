@@ -8,42 +8,42 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.robot.description import CameraDescription, Mount
-from catoptra_server.robot.mission_package import KNOWN_PACKAGES
+from catoptra_server.robot.description import PerspectiveCameraDescription, Mount
+from catoptra_server.robot.mission_package import STANDARD_PACKAGES
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
-from helpers.robots import p2at
+from helpers.robots import make_p2at
 
 MOUNT = Mount((0.082, 0.0002, 0.0613), (0.0, 0.0, 0.0), "CameraTilt")
-DESCRIPTION = CameraDescription("Camera", MOUNT, 320, 240, 1.3963, 0.3491, 2.0944)
+DESCRIPTION = PerspectiveCameraDescription("Camera", MOUNT, 320, 240, 1.3963, 0.3491, 2.0944)
 
 
-def camera() -> PerspectiveCameraSensor:
-    return PerspectiveCameraSensor(DESCRIPTION, p2at(packages=(KNOWN_PACKAGES["camerapantilt"],)))
+def make_camera() -> PerspectiveCameraSensor:
+    return PerspectiveCameraSensor(DESCRIPTION, make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],)))
 
 
 @pytest.mark.parametrize(
     ("wished", "taken"), [(0.7853, 0.7853), (0.0, 1.3963), (9.0, 2.0944), (0.01, 0.3491)]
 )
 def test_zoom_when_wished_stays_within_the_limits(wished: float, taken: float) -> None:
-    sensor = camera()
+    sensor = make_camera()
     assert sensor.zoom(wished) == taken == sensor.fov_rad
 
 
 def test_answers_when_asked_are_in_degrees_and_of_the_mount() -> None:
-    conf = line_from_report(camera().configuration()).decode()
+    conf = line_from_report(make_camera().configuration()).decode()
     assert conf.startswith("CONF {Type Camera} {Name Camera} {CameraDefFov 80.00")
-    assert camera().geometry().mount == "CameraTilt"
+    assert make_camera().geometry().mount == "CameraTilt"
 
 
 def test_place_when_at_rest_is_upright_above_the_head() -> None:
-    pose = camera().robot_from_camera({})
+    pose = make_camera().robot_from_camera({})
     np.testing.assert_allclose(pose.rotation, np.eye(3), atol=1e-12)
     expected = (0.1239 + 0.082, 0.0002, -0.2036 - 0.0599 + 0.0613)
     np.testing.assert_allclose(pose.translation, expected, atol=1e-12)
 
 
 def test_view_when_panned_and_tilted_turns_left_and_up() -> None:
-    forward = camera().robot_from_camera({"camerapan": math.pi / 2}).rotation[:, 0]
+    forward = make_camera().robot_from_camera({"camerapan": math.pi / 2}).rotation[:, 0]
     np.testing.assert_allclose(forward, (0.0, -1.0, 0.0), atol=1e-12)
-    forward = camera().robot_from_camera({"cameratilt": math.pi / 2}).rotation[:, 0]
+    forward = make_camera().robot_from_camera({"cameratilt": math.pi / 2}).rotation[:, 0]
     np.testing.assert_allclose(forward, (0.0, 0.0, -1.0), atol=1e-12)

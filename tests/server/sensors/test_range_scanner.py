@@ -11,81 +11,81 @@ import pytest
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.description import Mount, RangeScannerDescription
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.sensors import Moment
+from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
-from catoptra_server.sensors.sight import EMPTY, Surroundings
+from catoptra_server.sensors.sight import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.robots import BASE, SCANNER
-from helpers.rooms import Room, box_at, in_room, room_world
+from helpers.rooms import RoomRayCaster, oriented_box_at, context_in_room, make_room_world
 
 POSE = Pose.from_rpy((1.0, -0.5, 0.2), (0.0, 0.0, 0.3))
 
 
-def scanner(description: RangeScannerDescription = SCANNER, seed: int = 1) -> RangeScannerSensor:
-    return RangeScannerSensor(description, BASE, RandomStream.of(seed, "R", "Scanner1"))
+def make_scanner(description: RangeScannerDescription = SCANNER, seed: int = 1) -> RangeScannerSensor:
+    return RangeScannerSensor(description, BASE, RandomSource.from_names(seed, "R", "Scanner1"))
 
 
-def ranges(moment: Moment, sensor: RangeScannerSensor | None = None) -> Floats:
-    return np.array((sensor or scanner()).reading(moment).ranges_m)
+def scan(moment: SensorContext, sensor: RangeScannerSensor | None = None) -> Floats:
+    return np.array((sensor or make_scanner()).read(moment).ranges_m)
 
 
-def exact(pose: Pose) -> Floats:
+def exact_ranges(pose: Pose) -> Floats:
     """Return the ranges in the room by trigonometry of its four walls."""
-    origin = pose.points(np.array(SCANNER.mount.position_m))
-    yaw = pose.rpy()[2] + math.pi / 2 - np.radians(np.arange(181))
+    origin = pose.transform_points(np.array(SCANNER.mount.position_m))
+    yaw = pose.to_rpy()[2] + math.pi / 2 - np.radians(np.arange(181))
     x = (np.copysign(4.0, np.cos(yaw)) - origin[0]) / np.cos(yaw)
     y = (np.copysign(3.0, np.sin(yaw)) - origin[1]) / np.sin(yaw)
     return np.minimum(x, y)
 
 
 def test_scan_when_without_noise_is_exact() -> None:
-    np.testing.assert_allclose(ranges(in_room(pose=POSE)), exact(POSE), atol=1e-9)
+    np.testing.assert_allclose(scan(context_in_room(pose=POSE)), exact_ranges(POSE), atol=1e-9)
 
 
 def test_scan_when_by_embree_is_exact_to_a_millimetre() -> None:
-    caster = EmbreeRayCaster(build_scene(room_world()))
-    told = ranges(Moment(0.0, 0, POSE, Surroundings(caster)))
-    np.testing.assert_allclose(told, exact(POSE), atol=1e-3)
+    caster = EmbreeRayCaster(build_scene(make_room_world()))
+    told = scan(SensorContext(0.0, 0, POSE, SensorEnvironment(caster)))
+    np.testing.assert_allclose(told, exact_ranges(POSE), atol=1e-3)
 
 
 def test_scan_when_a_box_is_on_the_right_is_shorter_in_its_low_half() -> None:
-    free, boxed = ranges(in_room()), ranges(in_room(box_at(0.1, 1.5)))
+    free, boxed = scan(context_in_room()), scan(context_in_room(oriented_box_at(0.1, 1.5)))
     assert boxed[0] == pytest.approx(1.3)
     assert (boxed[:90] < free[:90]).sum() == (boxed < free).sum() > 5
 
 
 def test_scan_when_nothing_is_met_reads_the_maximum() -> None:
-    assert set(ranges(Moment(0.0, 0, POSE, EMPTY))) == {20.0}
+    assert set(scan(SensorContext(0.0, 0, POSE, EMPTY_ENVIRONMENT))) == {20.0}
 
 
 def test_scan_when_touching_reads_the_minimum() -> None:
-    assert ranges(in_room(box_at(0.2, 0.0)))[90] == 0.1
+    assert scan(context_in_room(oriented_box_at(0.2, 0.0)))[90] == 0.1
 
 
 def test_noise_when_configured_has_its_spread_and_follows_the_seed() -> None:
     noisy = dataclasses.replace(SCANNER, noise_m=0.02)
     errors = np.concatenate(
-        [ranges(in_room(pose=POSE, tick=t), scanner(noisy)) - exact(POSE) for t in range(20)]
+        [scan(context_in_room(pose=POSE, tick=t), make_scanner(noisy)) - exact_ranges(POSE) for t in range(20)]
     )
     # 3620 draws: the spread is known to 1.2 %.
     assert np.std(errors) == pytest.approx(0.02, rel=0.05)
-    again = scanner(noisy).reading(in_room(pose=POSE, tick=3))
-    assert scanner(noisy).reading(in_room(pose=POSE, tick=3)) == again
-    assert scanner(noisy, seed=2).reading(in_room(pose=POSE, tick=3)) != again
+    again = make_scanner(noisy).read(context_in_room(pose=POSE, tick=3))
+    assert make_scanner(noisy).read(context_in_room(pose=POSE, tick=3)) == again
+    assert make_scanner(noisy, seed=2).read(context_in_room(pose=POSE, tick=3)) != again
 
 
 def test_line_when_sent_has_the_form_of_the_capture() -> None:
-    line = line_from_report(scanner().reading(in_room(pose=POSE))).decode()
+    line = line_from_report(make_scanner().read(context_in_room(pose=POSE))).decode()
     head = "SEN {Time 1.00} {Type RangeScanner} {Name Scanner1} {Resolution 0.0174} {FOV 3.1415} "
     assert line.startswith(head + "{Range ")
     assert line.count(",") == 180
 
 
 def test_configuration_when_asked_spells_paning_as_ut2004() -> None:
-    (part,) = scanner().parts
+    (part,) = make_scanner().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type RangeScanner} {Name Scanner1} {MaxRange 20.0000} {MinRange 0.1000} "
         b"{Resolution 0.0174} {Fov 3.1415} {Paning True} {Tilting False}\r\n"
@@ -93,7 +93,7 @@ def test_configuration_when_asked_spells_paning_as_ut2004() -> None:
 
 
 def test_room_when_seen_from_its_middle_is_as_wide_as_it_is() -> None:
-    assert Room().distances(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))[0] == 4.0
+    assert RoomRayCaster().distances(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))[0] == 4.0
 
 
 TILTING = dataclasses.replace(
@@ -103,16 +103,16 @@ TILTING = dataclasses.replace(
 
 def test_scan_when_turned_in_pitch_goes_from_the_ceiling_to_the_floor() -> None:
     # 1 m above the middle of a room of 4 m in height and 8 m in length; z is down.
-    told = ranges(in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), scanner(TILTING))
+    told = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), make_scanner(TILTING))
     expected = [1.0, math.sqrt(2.0), 4.0, 3.0 * math.sqrt(2.0), 3.0]
     np.testing.assert_allclose(told, expected, atol=1e-9)
 
 
 def test_scan_when_turned_in_nothing_looks_ahead_only() -> None:
     still = dataclasses.replace(TILTING, turns_in_pitch=False)
-    assert set(ranges(in_room(), scanner(still))) == {4.0}
+    assert set(scan(context_in_room(), make_scanner(still))) == {4.0}
 
 
 def test_configuration_when_turned_in_pitch_tells_so() -> None:
-    (part,) = scanner(TILTING).parts
+    (part,) = make_scanner(TILTING).parts
     assert b"{Paning False} {Tilting True}" in line_from_report(part.configuration())

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.scene.description import RfidTag
-from catoptra_server.sensors import Moment
+from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.rfid import RfidSensor
-from catoptra_server.sensors.sight import Surroundings
+from catoptra_server.sensors.sight import SensorEnvironment
 from helpers.robots import BASE, RFID
-from helpers.rooms import Room
+from helpers.rooms import RoomRayCaster
 
 TAGS = (
     RfidTag(1001, (1.0, 0.0, 0.0)),
@@ -20,7 +20,7 @@ TAGS = (
 
 
 def test_tags_when_in_reach_are_listed_in_the_order_of_the_world() -> None:
-    sensor = RfidSensor(RFID, BASE, RandomStream.of(1, "RFID"))
-    around = Surroundings(Room((0.5, 0.5, 0.5)), tags=TAGS)
-    line = line_from_report(sensor.reading(Moment(395.3833, 0, Pose.identity(), around)))
+    sensor = RfidSensor(RFID, BASE, RandomSource.from_names(1, "RFID"))
+    around = SensorEnvironment(RoomRayCaster((0.5, 0.5, 0.5)), rfid_tags=TAGS)
+    line = line_from_report(sensor.read(SensorContext(395.3833, 0, Pose.identity(), around)))
     assert line == b"SEN {Time 395.3833} {Type RFID} {Name RFID} {ID 1001} {ID 1010}\r\n"

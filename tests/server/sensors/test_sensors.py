@@ -8,25 +8,25 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import GeometryItem, line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import SensorDescription
-from catoptra_server.sensors import Moment, Sensor, build_sensors
+from catoptra_server.sensors import SensorContext, Sensor, build_sensors
 from helpers.robots import BASE, SENSORS
 
-MOMENT = Moment(1.0, 0, Pose.identity())
+MOMENT = SensorContext(1.0, 0, Pose.identity())
 
 
-def stream(name: str) -> RandomStream:
-    return RandomStream.of(1, "R", name)
+def stream(name: str) -> RandomSource:
+    return RandomSource.from_names(1, "R", name)
 
 
-def built(*descriptions: SensorDescription) -> list[Sensor]:
+def build(*descriptions: SensorDescription) -> list[Sensor]:
     return build_sensors(descriptions, BASE, stream)
 
 
 @pytest.mark.parametrize("description", SENSORS, ids=lambda d: d.name)
 def test_sensor_when_built_answers_for_the_part_described(description: SensorDescription) -> None:
-    (sensor,) = built(description)
+    (sensor,) = build(description)
     (part,) = sensor.parts
     assert (sensor.interval_s, part.type) == (description.interval_s, sensor.type)
     geometry = part.geometry()
@@ -39,13 +39,13 @@ def test_sensor_when_built_answers_for_the_part_described(description: SensorDes
 
 @pytest.mark.parametrize("description", SENSORS, ids=lambda d: d.name)
 def test_sensor_when_it_reads_says_its_type_and_name(description: SensorDescription) -> None:
-    (sensor,) = built(description)
-    line = line_from_report(sensor.reading(MOMENT)).decode()
+    (sensor,) = build(description)
+    line = line_from_report(sensor.read(MOMENT)).decode()
     assert f"{{Type {sensor.type}}} {{Name {description.name}" in line
 
 
 def test_sensors_when_built_are_in_the_order_of_ut2004_s_cycle() -> None:
-    types = [sensor.type for sensor in built(*reversed(SENSORS))]
+    types = [sensor.type for sensor in build(*reversed(SENSORS))]
     assert types == [
         "Sonar",
         "RangeScanner",

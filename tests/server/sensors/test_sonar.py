@@ -10,24 +10,24 @@ import pytest
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import Mount, SonarDescription
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.sensors.sight import Surroundings
+from catoptra_server.sensors.sight import SensorEnvironment
 from catoptra_server.sensors.sonar import SonarRing
 from helpers.robots import BASE, SONAR
-from helpers.rooms import Room, box_at, in_room
+from helpers.rooms import RoomRayCaster, oriented_box_at, context_in_room
 
 HALF_ANGLE = 0.5 * SONAR.beam_rad
-CENTRED = dataclasses.replace(SONAR, mount=Mount())
+AT_CHASSIS_ORIGIN = dataclasses.replace(SONAR, mount=Mount())
 
 
-def ring(*sonars: SonarDescription) -> SonarRing:
-    return SonarRing(sonars or (CENTRED,), BASE, RandomStream.of(1, "R", "sonars"))
+def make_ring(*sonars: SonarDescription) -> SonarRing:
+    return SonarRing(sonars or (AT_CHASSIS_ORIGIN,), BASE, RandomSource.from_names(1, "R", "sonars"))
 
 
 def test_range_when_facing_a_wall_is_to_the_wall() -> None:
-    assert ring().reading(in_room()).items == (("F1", pytest.approx(4.0)),)
+    assert make_ring().read(context_in_room()).items == (("F1", pytest.approx(4.0)),)
 
 
 @pytest.mark.parametrize(
@@ -38,34 +38,34 @@ def test_box_when_off_axis_is_seen_within_half_the_beam_only(
     angle: float, is_seen: bool, side: float
 ) -> None:
     # 0.2 m wide at 2 m: it covers 0.05 rad to each side.
-    box = box_at(2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0))
-    ((_, range_m),) = ring().reading(in_room(box)).items
+    box = oriented_box_at(2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0))
+    ((_, range_m),) = make_ring().read(context_in_room(box)).items
     assert (range_m < 2.1) == is_seen
 
 
 def test_range_when_too_far_reads_the_maximum() -> None:
-    short = dataclasses.replace(CENTRED, max_range_m=2.0)
-    assert ring(short).reading(in_room()).items == (("F1", 2.0),)
+    short = dataclasses.replace(AT_CHASSIS_ORIGIN, max_range_m=2.0)
+    assert make_ring(short).read(context_in_room()).items == (("F1", 2.0),)
 
 
 def test_ring_when_of_two_reads_each_with_its_own_limits_in_one_line() -> None:
     behind = dataclasses.replace(
-        CENTRED, name="R1", mount=Mount((-1.0, 0.0, 0.0), (0.0, 0.0, math.pi))
+        AT_CHASSIS_ORIGIN, name="R1", mount=Mount((-1.0, 0.0, 0.0), (0.0, 0.0, math.pi))
     )
-    line = line_from_report(ring(CENTRED, behind).reading(in_room()))
+    line = line_from_report(make_ring(AT_CHASSIS_ORIGIN, behind).read(context_in_room()))
     assert (
         line == b"SEN {Time 1.0000} {Type Sonar} {Name F1 Range 4.0000} {Name R1 Range 3.0000}\r\n"
     )
 
 
 def test_noise_when_configured_follows_the_tick_alone() -> None:
-    noisy = ring(dataclasses.replace(CENTRED, noise_m=0.05))
-    one, other = (noisy.reading(in_room(tick=tick)) for tick in (1, 2))
-    assert one == noisy.reading(in_room(tick=1)) != other
+    noisy = make_ring(dataclasses.replace(AT_CHASSIS_ORIGIN, noise_m=0.05))
+    one, other = (noisy.read(context_in_room(tick=tick)) for tick in (1, 2))
+    assert one == noisy.read(context_in_room(tick=1)) != other
 
 
 def test_parts_when_asked_are_the_sonars() -> None:
-    (part,) = ring().parts
+    (part,) = make_ring().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}\r\n"
     )
@@ -85,35 +85,35 @@ def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
     turn_rad: float, limit_rad: float, range_m: float
 ) -> None:
     sonar = dataclasses.replace(
-        CENTRED,
+        AT_CHASSIS_ORIGIN,
         mount=Mount((0.0, 0.0, 0.0), (0.0, 0.0, turn_rad)),
         beam_rad=0.3,
         cones=30,
         rays=64,
         max_incidence_rad=limit_rad,
     )
-    ((_, told_m),) = ring(sonar).reading(in_room()).items
+    ((_, told_m),) = make_ring(sonar).read(context_in_room()).items
     # 30 rings and 64 rays sample the angle of incidence to a few milliradians.
     assert told_m == pytest.approx(range_m, abs=2e-3)
 
 
 def test_echo_when_a_box_is_met_obliquely_is_lost() -> None:
     turned = OrientedBox(Pose.from_rpy((2.0, 0.3, 0.0), (0.0, 0.0, 0.8)), (0.4, 0.4, 0.4))
-    wide = dataclasses.replace(CENTRED, beam_rad=0.6)
+    wide = dataclasses.replace(AT_CHASSIS_ORIGIN, beam_rad=0.6)
     strict = dataclasses.replace(wide, max_incidence_rad=0.2)
     ((_, all_m),), ((_, facing_m),) = (
-        ring(s).reading(in_room(turned)).items for s in (wide, strict)
+        make_ring(s).read(context_in_room(turned)).items for s in (wide, strict)
     )
     assert all_m < 2.0 < 3.9 < facing_m
 
 
 def test_configuration_when_of_udk_tells_the_limit() -> None:
-    (part,) = ring(dataclasses.replace(CENTRED, max_incidence_rad=0.1745329252)).parts
+    (part,) = make_ring(dataclasses.replace(AT_CHASSIS_ORIGIN, max_incidence_rad=0.1745329252)).parts
     line = line_from_report(part.configuration(), Dialect.UDK)
     assert b"{maxAngleOfIncidence 0.1745} {tracesPerCone 8} {numberOfCones 3}" in line
 
 
 def test_range_when_level_over_a_floor_is_to_what_stands_beyond() -> None:
     # The lowest rays of the cone meet the floor at 0.84 m, 80 degrees from its normal.
-    moment = dataclasses.replace(in_room(), around=Surroundings(Room((4.0, 3.0, 0.1457))))
-    assert ring().reading(moment).items == (("F1", pytest.approx(4.0)),)
+    moment = dataclasses.replace(context_in_room(), around=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457))))
+    assert make_ring().read(moment).items == (("F1", pytest.approx(4.0)),)

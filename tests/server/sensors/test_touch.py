@@ -8,25 +8,25 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import Mount
-from catoptra_server.sensors.touch import TouchSensors
+from catoptra_server.sensors.touch import TouchSensorBank
 from helpers.robots import BASE, TOUCH
-from helpers.rooms import in_room
+from helpers.rooms import context_in_room
 
 FRONT = dataclasses.replace(TOUCH, mount=Mount((0.25, 0.0, 0.0)))
 
 
-def switches() -> TouchSensors:
-    return TouchSensors([FRONT], BASE, RandomStream.of(1, "R", "touch"))
+def make_switches() -> TouchSensorBank:
+    return TouchSensorBank([FRONT], BASE, RandomSource.from_names(1, "R", "touch"))
 
 
 @pytest.mark.parametrize(("gap_m", "pressed"), [(0.0001, True), (0.002, False), (1.0, False)])
 def test_switch_when_at_a_wall_is_pressed(gap_m: float, pressed: bool) -> None:
-    moment = in_room(pose=Pose.from_rpy((4.0 - 0.25 - gap_m, 0.0, 0.0)))
-    assert switches().reading(moment).items == (("Touch", pressed),)
+    moment = context_in_room(pose=Pose.from_rpy((4.0 - 0.25 - gap_m, 0.0, 0.0)))
+    assert make_switches().read(moment).items == (("Touch", pressed),)
 
 
 def test_line_when_sent_has_the_form_of_the_capture() -> None:
-    line = line_from_report(switches().reading(in_room()))
+    line = line_from_report(make_switches().read(context_in_room()))
     assert line == b"SEN {Type Touch} {Name Touch Touch False}\r\n"

@@ -6,24 +6,24 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.scene.description import Victim
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.sensors import Moment
-from catoptra_server.sensors.sight import Surroundings
+from catoptra_server.sensors import SensorContext
+from catoptra_server.sensors.sight import SensorEnvironment
 from catoptra_server.sensors.victim_sensor import VictimSensor
 from helpers.robots import BASE, VICTIMS
-from helpers.rooms import Room, box_at
+from helpers.rooms import RoomRayCaster, oriented_box_at
 
 
-def line(place: tuple[float, float, float], *boxes: OrientedBox) -> bytes:
-    around = Surroundings(Room((20.0, 20.0, 2.0)), boxes, victims=(Victim("Head", place),))
-    sensor = VictimSensor(VICTIMS, BASE, RandomStream.of(1, "VictSensor"))
-    return line_from_report(sensor.reading(Moment(395.9927, 0, Pose.identity(), around)))
+def report_line(place: tuple[float, float, float], *boxes: OrientedBox) -> bytes:
+    around = SensorEnvironment(RoomRayCaster((20.0, 20.0, 2.0)), boxes, victims=(Victim("Head", place),))
+    sensor = VictimSensor(VICTIMS, BASE, RandomSource.from_names(1, "VictSensor"))
+    return line_from_report(sensor.read(SensorContext(395.9927, 0, Pose.identity(), around)))
 
 
 def test_victim_when_in_sight_is_told_with_its_place() -> None:
-    assert line((2.1, 0.5, -0.05)) == (
+    assert report_line((2.1, 0.5, -0.05)) == (
         b"SEN {Time 395.9927} {Type VictSensor} {Name VictSensor} {PartName Head} "
         b"{Location 2.00,0.50,0.00}\r\n"
     )
@@ -31,10 +31,10 @@ def test_victim_when_in_sight_is_told_with_its_place() -> None:
 
 @pytest.mark.parametrize("place", [(6.0, 0.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 0.0, 0.0)])
 def test_victim_when_too_far_or_aside_is_none(place: tuple[float, float, float]) -> None:
-    assert line(place) == (
+    assert report_line(place) == (
         b"SEN {Time 395.9927} {Type VictSensor} {Name VictSensor} {Status NoVictims}\r\n"
     )
 
 
 def test_victim_when_behind_something_is_hidden() -> None:
-    assert b"NoVictims" in line((3.0, 0.0, 0.0), box_at(1.5, 0.0))
+    assert b"NoVictims" in report_line((3.0, 0.0, 0.0), oriented_box_at(1.5, 0.0))

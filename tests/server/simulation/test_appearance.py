@@ -7,55 +7,55 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import EffectWishes, Mode, Wish
-from catoptra_server.effects.own_body import OwnBody
+from catoptra_server.effects.effect import EffectSettings, EffectMode, EffectSetting
+from catoptra_server.effects.own_body import SelfView
 from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.simulation.appearance import Appearance, own_mesh
-from catoptra_server.simulation.spawned_robot import SpawnedRobot
-from helpers.robots import p2at
+from catoptra_server.simulation.appearance import RobotMeshes, build_ego_mesh
+from catoptra_server.simulation.spawned_robot import Robot
+from helpers.robots import make_p2at
 
 
-def robot(x_m: float) -> SpawnedRobot:
+def robot(x_m: float) -> Robot:
     place = PlanarPose(x_m, 0.5, 1.0)
-    return SpawnedRobot(p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
+    return Robot(make_p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
 
 
 def test_bodies_stand_where_their_robots_do():
     robots = [robot(0.0), robot(2.0)]
-    bodies = Appearance([p2at()]).bodies(robots)
+    bodies = RobotMeshes([make_p2at()]).dynamic_objects(robots)
     for body, standing in zip(bodies, robots, strict=True):
         np.testing.assert_array_equal(
-            body.world_from_body.translation, standing.world_from_robot.translation
+            body.world_from_object.translation, standing.world_from_robot.translation
         )
 
 
 def test_robots_of_a_class_share_one_mesh_for_ever():
-    appearance = Appearance([p2at()])
-    first, second = appearance.bodies([robot(0.0), robot(1.0)])
-    (later,) = appearance.bodies([robot(3.0)])
+    appearance = RobotMeshes([make_p2at()])
+    first, second = appearance.dynamic_objects([robot(0.0), robot(1.0)])
+    (later,) = appearance.dynamic_objects([robot(3.0)])
     assert first.mesh is second.mesh is later.mesh
 
 
-@pytest.mark.parametrize("mode", list(Mode))
-def test_own_body_when_the_camera_names_it_is_made_once_a_class(mode: Mode) -> None:
-    omni = p2at().omni_camera
+@pytest.mark.parametrize("mode", list(EffectMode))
+def test_own_body_when_the_camera_names_it_is_made_once_a_class(mode: EffectMode) -> None:
+    omni = make_p2at().omni_camera
     assert omni is not None
-    wishes = EffectWishes((Wish(OwnBody(), mode),))
-    description = p2at(omni_camera=replace(omni, effects=wishes))
-    appearance = Appearance([description])
-    carrier = SpawnedRobot(description, PlanarPose(1, 2, 3), name="R", seed=0, time_s=0.0)
-    first, second = appearance.own_body(carrier), appearance.own_body(carrier)
+    wishes = EffectSettings((EffectSetting(SelfView(), mode),))
+    description = make_p2at(omni_camera=replace(omni, effects=wishes))
+    appearance = RobotMeshes([description])
+    carrier = Robot(description, PlanarPose(1, 2, 3), name="R", seed=0, time_s=0.0)
+    first, second = appearance.ego_body(carrier), appearance.ego_body(carrier)
     assert first is not None
     assert second is not None
     assert first.mesh is second.mesh
-    assert len(first.mesh) < len(appearance.bodies([carrier])[0].mesh)
+    assert len(first.mesh) < len(appearance.dynamic_objects([carrier])[0].mesh)
 
 
 def test_own_body_when_nobody_names_it_is_not_made() -> None:
-    omni = p2at().omni_camera
+    omni = make_p2at().omni_camera
     assert omni is not None
-    other = replace(omni, effects=EffectWishes((Wish(Vignetting(), Mode.AUTO),)))
-    for description in (p2at(), p2at(omni_camera=other), p2at(omni_camera=None)):
-        assert own_mesh(description) is None
-    assert Appearance([p2at()]).own_body(robot(0.0)) is None
+    other = replace(omni, effects=EffectSettings((EffectSetting(Vignetting(), EffectMode.AUTO),)))
+    for description in (make_p2at(), make_p2at(omni_camera=other), make_p2at(omni_camera=None)):
+        assert build_ego_mesh(description) is None
+    assert RobotMeshes([make_p2at()]).ego_body(robot(0.0)) is None

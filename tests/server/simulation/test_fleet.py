@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.wire.commands import (
     Command,
@@ -32,46 +32,46 @@ from catoptra_protocol.wire.reports import (
 from catoptra_server.imaging.shot import CameraChannel
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.sensors.sight import Nothing
+from catoptra_server.sensors.sight import EmptyScene
 from catoptra_server.simulation.fleet import Fleet
 from helpers.robots import (
     CAMERA,
     SCANNER,
     SONAR,
     FakeClient,
-    FakeViews,
-    p2at,
-    shown,
-    walled_world,
+    FakeViewProvider,
+    make_p2at,
+    render_channel,
+    make_walled_world,
 )
 
 INIT = Init("USARBot.OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
 
 
-def fleet_of(description: RobotDescription | None = None, *, wall_m: float = 50) -> Fleet:
-    world = walled_world(wall_m)
-    described = description or p2at()
+def make_fleet(description: RobotDescription | None = None, *, wall_m: float = 50) -> Fleet:
+    world = make_walled_world(wall_m)
+    described = description or make_p2at()
     return Fleet([described], world, build_scene(world), seed=1)
 
 
-def spawned(fleet: Fleet, init: Init = INIT) -> FakeClient:
+def spawn(fleet: Fleet, init: Init = INIT) -> FakeClient:
     client = FakeClient()
-    fleet.obey(client, init, 0.0)
+    fleet.execute(client, init, 0.0)
     return client
 
 
-def truth_of(client: FakeClient) -> GroundTruthReading:
+def read_ground_truth(client: FakeClient) -> GroundTruthReading:
     return [report for report in client.reports if isinstance(report, GroundTruthReading)][-1]
 
 
-def answers(fleet: Fleet, client: FakeClient, command: Command) -> list[object]:
+def execute(fleet: Fleet, client: FakeClient, command: Command) -> list[object]:
     before = len(client.reports)
-    fleet.obey(client, command, 0.0)
+    fleet.execute(client, command, 0.0)
     return list(client.reports[before:])
 
 
 def test_init_when_accepted_is_answered_by_a_whole_cycle_at_once() -> None:
-    client = spawned(fleet_of())
+    client = spawn(make_fleet())
     assert [type(r) for r in client.batches[0]] == [
         OdometryReading,
         GroundTruthReading,
@@ -81,7 +81,7 @@ def test_init_when_accepted_is_answered_by_a_whole_cycle_at_once() -> None:
 
 @pytest.mark.parametrize("name", ["USARBot.OmniP2AT", "usarbot.omnip2at", "OmniP2AT", "OMNIP2AT"])
 def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
-    assert spawned(fleet_of(), dataclasses.replace(INIT, class_name=name)).refusals == 0
+    assert spawn(make_fleet(), dataclasses.replace(INIT, class_name=name)).num_rejections == 0
 
 
 @pytest.mark.parametrize(
@@ -94,64 +94,64 @@ def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
     ],
 )
 def test_init_when_class_or_place_is_unknown_is_refused_in_silence(init: Init) -> None:
-    fleet = fleet_of()
-    client = spawned(fleet, init)
-    assert (client.refusals, client.reports) == (1, [])
-    assert fleet.robot_of(client) is None
+    fleet = make_fleet()
+    client = spawn(fleet, init)
+    assert (client.num_rejections, client.reports) == (1, [])
+    assert fleet.find_robot(client) is None
 
 
 def test_init_when_refused_may_be_tried_again() -> None:
-    fleet = fleet_of()
-    client = spawned(fleet, Init("Wrong"))
-    fleet.obey(client, INIT, 0.0)
-    assert fleet.robot_of(client) is not None
+    fleet = make_fleet()
+    client = spawn(fleet, Init("Wrong"))
+    fleet.execute(client, INIT, 0.0)
+    assert fleet.find_robot(client) is not None
 
 
 def test_init_when_at_a_location_takes_height_and_tilt_as_a_hint() -> None:
     init = dataclasses.replace(INIT, location_m=(1.0, 2.0, -9.0), rotation_rad=(0.3, 0.2, 7.0))
-    truth = truth_of(spawned(fleet_of(), init))
+    truth = read_ground_truth(spawn(make_fleet(), init))
     assert truth.location_m == pytest.approx((1.0, 2.0, -0.1457))
     assert truth.rotation_rad == pytest.approx((0.0, 0.0, 7.0 - 2.0 * np.pi))
 
 
 def test_init_when_at_a_start_in_any_case_is_put_there() -> None:
-    truth = truth_of(spawned(fleet_of(), Init("OmniP2AT", start="ASIDE")))
+    truth = read_ground_truth(spawn(make_fleet(), Init("OmniP2AT", start="ASIDE")))
     assert truth.location_m == pytest.approx((1.0, -2.0, -0.1457))
     assert truth.rotation_rad == pytest.approx((0.0, 0.0, 1.5))
 
 
 def test_init_when_both_are_given_takes_the_location() -> None:
-    truth = truth_of(spawned(fleet_of(), dataclasses.replace(INIT, start="Aside")))
+    truth = read_ground_truth(spawn(make_fleet(), dataclasses.replace(INIT, start="Aside")))
     assert truth.location_m[:2] == (0.0, 0.0)
 
 
 def test_names_when_taken_get_a_number_and_are_free_after_leaving() -> None:
-    fleet = fleet_of()
-    clients = [spawned(fleet) for _ in range(3)]
-    assert [fleet.robot_of(c).name for c in clients] == ["R", "R2", "R3"]  # type: ignore[union-attr] # each has one
+    fleet = make_fleet()
+    clients = [spawn(fleet) for _ in range(3)]
+    assert [fleet.find_robot(c).name for c in clients] == ["R", "R2", "R3"]  # type: ignore[union-attr] # each has one
     fleet.remove(clients[1])
-    assert fleet.robot_of(spawned(fleet)).name == "R2"  # type: ignore[union-attr] # it has one
+    assert fleet.find_robot(spawn(fleet)).name == "R2"  # type: ignore[union-attr] # it has one
 
 
 def test_remove_when_there_is_no_robot_does_nothing() -> None:
-    fleet_of().remove(FakeClient())
+    make_fleet().remove(FakeClient())
 
 
 @pytest.mark.parametrize("command", [Drive(1.0, 1.0), GetConf("Robot"), GetGeo("Robot")])
 def test_command_when_there_is_no_robot_is_ignored(command: Command) -> None:
-    assert answers(fleet_of(), FakeClient(), command) == []
+    assert execute(make_fleet(), FakeClient(), command) == []
 
 
 def test_start_poses_when_there_is_no_robot_are_told() -> None:
-    (poses,) = answers(fleet_of(), FakeClient(), GetStartPoses())
+    (poses,) = execute(make_fleet(), FakeClient(), GetStartPoses())
     assert isinstance(poses, StartPoses)
     assert [pose.name for pose in poses.poses] == ["Centre", "Aside"]
 
 
 @pytest.mark.parametrize("name", [None, "whatever"])
 def test_getconf_when_of_the_robot_ignores_the_name(name: str | None) -> None:
-    fleet = fleet_of()
-    (configuration,) = answers(fleet, spawned(fleet), GetConf("Robot", name))
+    fleet = make_fleet()
+    (configuration,) = execute(fleet, spawn(fleet), GetConf("Robot", name))
     assert isinstance(configuration, VehicleConfiguration)
     assert configuration.name == "OmniP2AT"
 
@@ -171,119 +171,119 @@ def test_getconf_when_of_the_robot_ignores_the_name(name: str | None) -> None:
 def test_question_when_nothing_matches_has_the_empty_form(
     command: Command, expected: Configuration | Geometry
 ) -> None:
-    fleet = fleet_of()
-    assert answers(fleet, spawned(fleet), command) == [expected]
+    fleet = make_fleet()
+    assert execute(fleet, spawn(fleet), command) == [expected]
     assert line_from_report(expected).endswith(b"}\r\n")
 
 
 def test_getconf_when_of_the_camera_gives_its_law_back() -> None:
-    fleet = fleet_of()
-    (configuration,) = answers(fleet, spawned(fleet), GetConf("camera", "OMNICAM"))
+    fleet = make_fleet()
+    (configuration,) = execute(fleet, spawn(fleet), GetConf("camera", "OMNICAM"))
     assert isinstance(configuration, CameraConfiguration)
-    camera, height_m = camera_from_pairs(configuration.others)
+    camera, height_m = omni_camera_from_pairs(configuration.extra_pairs)
     assert camera.mirror == CAMERA.camera.mirror
     assert height_m == pytest.approx(0.6, abs=1e-12)
 
 
 def test_getgeo_when_of_the_robot_is_its_own() -> None:
-    fleet = fleet_of()
-    (geometry,) = answers(fleet, spawned(fleet), GetGeo("Robot"))
+    fleet = make_fleet()
+    (geometry,) = execute(fleet, spawn(fleet), GetGeo("Robot"))
     assert isinstance(geometry, VehicleGeometry)
 
 
 def test_getgeo_when_of_a_sensor_lists_it() -> None:
-    fleet = fleet_of()
-    (geometry,) = answers(fleet, spawned(fleet), GetGeo("odometry", "ODOMETRY"))
+    fleet = make_fleet()
+    (geometry,) = execute(fleet, spawn(fleet), GetGeo("odometry", "ODOMETRY"))
     assert isinstance(geometry, Geometry)
     assert [item.name for item in geometry.items] == ["Odometry"]
 
 
 def test_drive_when_there_are_two_robots_moves_only_one() -> None:
-    fleet = fleet_of()
-    one, other = spawned(fleet), spawned(fleet)
-    fleet.obey(one, Drive(2.0, 2.0), 0.0)
+    fleet = make_fleet()
+    one, other = spawn(fleet), spawn(fleet)
+    fleet.execute(one, Drive(2.0, 2.0), 0.0)
     for tick in range(1, 11):
-        fleet.move(0.02, tick * 0.02)
-        fleet.report_due(tick * 0.02)
-    assert truth_of(one).location_m[0] == pytest.approx(0.052)
-    assert truth_of(other).location_m[0] == 0.0
+        fleet.step(0.02, tick * 0.02)
+        fleet.deliver_due_reports(tick * 0.02)
+    assert read_ground_truth(one).location_m[0] == pytest.approx(0.052)
+    assert read_ground_truth(other).location_m[0] == 0.0
 
 
 def test_report_due_when_nothing_is_due_delivers_nothing() -> None:
-    fleet = fleet_of()
-    client = spawned(fleet)
-    fleet.report_due(0.1)
+    fleet = make_fleet()
+    client = spawn(fleet)
+    fleet.deliver_due_reports(0.1)
     assert len(client.batches) == 1
 
 
-class CountedRays:
+class CountingRayCaster:
     """A scene without anything in it that counts how often it is asked."""
 
     def __init__(self) -> None:
-        self.asked = 0
+        self.num_queries = 0
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        self.asked += 1
-        return Nothing().distances(origins, directions)
+        self.num_queries += 1
+        return EmptyScene().distances(origins, directions)
 
-    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        self.asked += 1
-        return Nothing().hits(origins, directions)
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        self.num_queries += 1
+        return EmptyScene().closest_hits(origins, directions)
 
 
 def test_sensors_when_nobody_asked_or_none_is_due_send_no_rays() -> None:
-    world, rays = walled_world(), CountedRays()
+    world, rays = make_walled_world(), CountingRayCaster()
     slow = dataclasses.replace(SCANNER, interval_s=0.4)
-    described = p2at(sensors=(slow, dataclasses.replace(SONAR, interval_s=0.2)))
-    fleet = Fleet([described], world, build_scene(world), seed=1, caster=rays)
+    described = make_p2at(sensors=(slow, dataclasses.replace(SONAR, interval_s=0.2)))
+    fleet = Fleet([described], world, build_scene(world), seed=1, ray_caster=rays)
     asked = []
     for tick in range(1, 6):
-        fleet.move(0.02, tick * 0.02)
-        fleet.report_due(tick * 0.02)
-    asked.append(rays.asked)
-    spawned(fleet)
+        fleet.step(0.02, tick * 0.02)
+        fleet.deliver_due_reports(tick * 0.02)
+    asked.append(rays.num_queries)
+    spawn(fleet)
     for tick in range(1, 41):
-        fleet.move(0.02, tick * 0.02)
-        fleet.report_due(tick * 0.02)
+        fleet.step(0.02, tick * 0.02)
+        fleet.deliver_due_reports(tick * 0.02)
         if tick % 10 == 5:
-            asked.append(rays.asked)
+            asked.append(rays.num_queries)
     # No robot: none. All at once when it comes; then the sonar each 10 ticks, the scanner each 20.
     assert asked == [0, 2, 3, 5, 6]
 
 
 def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
-    fleet = fleet_of(wall_m=1.0)
-    client = spawned(fleet)
-    fleet.obey(client, Drive(5.0, 5.0), 0.0)
+    fleet = make_fleet(wall_m=1.0)
+    client = spawn(fleet)
+    fleet.execute(client, Drive(5.0, 5.0), 0.0)
     for tick in range(1, 201):
-        fleet.move(0.02, tick * 0.02)
-        fleet.report_due(tick * 0.02)
-    nose = truth_of(client).location_m[0] + 0.5 * 0.5238
+        fleet.step(0.02, tick * 0.02)
+        fleet.deliver_due_reports(tick * 0.02)
+    nose = read_ground_truth(client).location_m[0] + 0.5 * 0.5238
     assert 1.0 - 1e-3 < nose <= 1.0
 
 
 def test_picture_when_there_is_no_robot_is_black_and_of_the_camera_s_size() -> None:
-    frame = shown(fleet_of())
-    assert (frame.rgb.shape, frame.caption.camera, frame.rgb.any()) == ((6, 8, 3), "", False)
+    frame = render_channel(make_fleet())
+    assert (frame.rgb.shape, frame.metadata.camera, frame.rgb.any()) == ((6, 8, 3), "", False)
 
 
 def test_picture_when_there_are_robots_is_of_the_one_here_longest() -> None:
-    views, fleet = FakeViews(), fleet_of()
-    spawned(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
-    spawned(fleet)
-    is_ = shown(fleet, views).caption
+    views, fleet = FakeViewProvider(), make_fleet()
+    spawn(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
+    spawn(fleet)
+    is_ = render_channel(fleet, views).metadata
     assert (is_.camera, is_.robot) == ("OmniCam", "R")
     assert is_.world_from_robot.translation[:2].tolist() == [1.0, 2.0]
-    viewpoint = views.takes[0].exposure.world_from_mirror.translation
+    viewpoint = views.view_requests[0].camera_state.world_from_mirror.translation
     assert viewpoint == pytest.approx((1.0, 2.0, -0.6))
 
 
 def test_picture_when_a_robot_is_named_is_that_one_s() -> None:
-    fleet = fleet_of()
-    spawned(fleet)
-    spawned(fleet, dataclasses.replace(INIT, name="Other", location_m=(3.0, 2.0, 0.0)))
+    fleet = make_fleet()
+    spawn(fleet)
+    spawn(fleet, dataclasses.replace(INIT, name="Other", location_m=(3.0, 2.0, 0.0)))
     for camera in ("", "OmniCam", "omnicam"):
-        is_ = shown(fleet, channel=CameraChannel("Other", camera)).caption
+        is_ = render_channel(fleet, channel=CameraChannel("Other", camera)).metadata
         assert (is_.robot, is_.camera, is_.world_from_robot.translation[0]) == (
             "Other",
             "OmniCam",
@@ -293,14 +293,14 @@ def test_picture_when_a_robot_is_named_is_that_one_s() -> None:
 
 @pytest.mark.parametrize("channel", [CameraChannel("Nobody", ""), CameraChannel("R", "Periscope")])
 def test_picture_when_there_is_no_such_robot_or_camera_is_none(channel: CameraChannel) -> None:
-    fleet = fleet_of()
-    spawned(fleet)
-    assert fleet.scenery(channel) is None
+    fleet = make_fleet()
+    spawn(fleet)
+    assert fleet.compose_frame(channel) is None
 
 
 def test_picture_when_the_robot_has_no_camera_is_black() -> None:
-    fleet = fleet_of(p2at(omni_camera=None))
-    client = spawned(fleet)
-    frame = shown(fleet)
-    assert (frame.caption.camera, frame.rgb.any()) == ("", False)
-    assert answers(fleet, client, GetConf("Camera")) == [Configuration("Camera")]
+    fleet = make_fleet(make_p2at(omni_camera=None))
+    client = spawn(fleet)
+    frame = render_channel(fleet)
+    assert (frame.metadata.camera, frame.rgb.any()) == ("", False)
+    assert execute(fleet, client, GetConf("Camera")) == [Configuration("Camera")]

@@ -11,69 +11,69 @@ from catoptra_protocol.wire.reports import (
     OdometryReading,
     line_from_report,
 )
-from catoptra_server.robot.description import CameraDescription, Mount
+from catoptra_server.robot.description import PerspectiveCameraDescription, Mount
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.render_wish import Dial
+from catoptra_server.robot.render_wish import AccuracyTarget
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.obstacles import obstacles_between
-from catoptra_server.simulation.set_commands import obey_set
-from catoptra_server.simulation.spawned_robot import SpawnedRobot
-from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, p2at, walled_world
+from catoptra_server.scene.obstacles import build_obstacle_grid
+from catoptra_server.simulation.set_commands import execute_set
+from catoptra_server.simulation.spawned_robot import Robot
+from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, make_p2at, make_walled_world
 
-CAMERA = CameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)
+CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)
 
 
-def driven() -> SpawnedRobot:
+def drive_robot() -> Robot:
     """Return a robot that has gone 0.26 m."""
-    description = p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), cameras=(CAMERA,))
-    robot = SpawnedRobot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
-    free = obstacles_between(build_scene(walled_world()), low_m=0.03, high_m=1.0)
-    robot.obey(Drive(2.0, 2.0), 0.0)
+    description = make_p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), cameras=(CAMERA,))
+    robot = Robot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
+    free = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     for tick in range(1, 51):
-        robot.move(0.02, 0.02 * tick, free)
+        robot.step(0.02, 0.02 * tick, free)
     return robot
 
 
-def told(robot: SpawnedRobot, command: Set) -> str:
-    reports = obey_set(robot, command, robot.moment(1.0))
+def execute(robot: Robot, command: Set) -> str:
+    reports = execute_set(robot, command, robot.sensor_context(1.0))
     return b"".join(map(line_from_report, reports)).decode().replace("1.0000", "1.00")
 
 
-def reading(robot: SpawnedRobot, kind: type) -> object:
-    return next(r for r in robot.all_readings(1.0) if isinstance(r, kind))
+def read(robot: Robot, kind: type) -> object:
+    return next(r for r in robot.read_all(1.0) if isinstance(r, kind))
 
 
 def test_odometry_when_reset_is_zero() -> None:
-    robot = driven()
-    answer = told(robot, Set("Odometry", "odometry", "RESET"))
+    robot = drive_robot()
+    answer = execute(robot, Set("Odometry", "odometry", "RESET"))
     assert answer == "RES {Time 1.00} {Type Odometry} {Name odometry} {Status OK}\r\n"
-    assert reading(robot, OdometryReading) == OdometryReading("Odometry", 0, 0, 0, time_s=1.0)
+    assert read(robot, OdometryReading) == OdometryReading("Odometry", 0, 0, 0, time_s=1.0)
 
 
 def test_encoder_when_reset_is_zero() -> None:
-    robot = driven()
-    assert reading(robot, EncoderReadings) == EncoderReadings((("ECLeft", 114),), 1.0)
-    assert "{Status OK}" in told(robot, Set("Encoder", None, "Reset"))
-    assert reading(robot, EncoderReadings) == EncoderReadings((("ECLeft", 0),), 1.0)
+    robot = drive_robot()
+    assert read(robot, EncoderReadings) == EncoderReadings((("ECLeft", 114),), 1.0)
+    assert "{Status OK}" in execute(robot, Set("Encoder", None, "Reset"))
+    assert read(robot, EncoderReadings) == EncoderReadings((("ECLeft", 0),), 1.0)
 
 
 def test_ins_when_given_a_pose_reads_it() -> None:
-    robot = driven()
-    assert "{Status OK}" in told(robot, Set("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
-    ins = reading(robot, InsReading)
+    robot = drive_robot()
+    assert "{Status OK}" in execute(robot, Set("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
+    ins = read(robot, InsReading)
     assert isinstance(ins, InsReading)
     assert ins.location_m[:2] == pytest.approx((1.0, 2.0))
 
 
 def test_camera_when_given_a_fov_confirms_what_it_took() -> None:
-    robot = driven()
-    answer = told(robot, Set("Camera", "Camera", fov_rad=0.7853))
+    robot = drive_robot()
+    answer = execute(robot, Set("Camera", "Camera", fov_rad=0.7853))
     assert answer == ("RES {Time 1.00} {Type Camera} {Name Camera} {FOV 0.7853} {Status OK}\r\n")
-    assert "{FOV 1.3963}" in told(robot, Set("camera", None, "ZOOM", "0"))
+    assert "{FOV 1.3963}" in execute(robot, Set("camera", None, "ZOOM", "0"))
 
 
 def test_scan_when_asked_for_comes_before_its_result() -> None:
-    answer = told(driven(), Set("RangeScanner", "Scanner1", "SCAN"))
+    answer = execute(drive_robot(), Set("RangeScanner", "Scanner1", "SCAN"))
     assert [line.split()[0] for line in answer.splitlines()] == ["SEN", "RES"]
 
 
@@ -92,24 +92,24 @@ def test_scan_when_asked_for_comes_before_its_result() -> None:
     ],
 )
 def test_command_when_it_cannot_be_done_is_failed(command: Set) -> None:
-    answer = told(driven(), command)
+    answer = execute(drive_robot(), command)
     assert answer.startswith("RES {Time 1.00}")
     assert answer.endswith("{Status Failed}\r\n")
 
 
-def dial_of(robot: SpawnedRobot) -> Dial:
-    assert robot.camera is not None
-    return robot.camera.eye().wish.dial
+def accuracy_target(robot: Robot) -> AccuracyTarget:
+    assert robot.omni_camera is not None
+    return robot.omni_camera.camera_spec().render_settings.accuracy_target
 
 
 def test_omni_camera_when_told_what_error_or_time_matters_is_drawn_by_that() -> None:
-    robot = driven()
-    answer = told(robot, Set("Camera", "OmniCam", "MaxError", "0.5"))
+    robot = drive_robot()
+    answer = execute(robot, Set("Camera", "OmniCam", "MaxError", "0.5"))
     assert answer == "RES {Time 1.00} {Type Camera} {Name OmniCam} {Status OK}\r\n"
-    assert "{Status OK}" in told(robot, Set("camera", None, "BUDGET", "20"))
-    assert dial_of(robot) == Dial(0.5, 20.0)
-    assert "{Status OK}" in told(robot, Set("Camera", "omnicam", "MaxError", "0"))
-    assert dial_of(robot) == Dial(0.0, 20.0)
+    assert "{Status OK}" in execute(robot, Set("camera", None, "BUDGET", "20"))
+    assert accuracy_target(robot) == AccuracyTarget(0.5, 20.0)
+    assert "{Status OK}" in execute(robot, Set("Camera", "omnicam", "MaxError", "0"))
+    assert accuracy_target(robot) == AccuracyTarget(0.0, 20.0)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +119,6 @@ def test_omni_camera_when_told_what_error_or_time_matters_is_drawn_by_that() -> 
 def test_dial_when_turned_to_what_cannot_be_is_failed_and_stays(
     name: str, params: str | None
 ) -> None:
-    robot = driven()
-    assert "{Status Failed}" in told(robot, Set("Camera", name, "MaxError", params))
-    assert dial_of(robot) == Dial()
+    robot = drive_robot()
+    assert "{Status Failed}" in execute(robot, Set("Camera", name, "MaxError", params))
+    assert accuracy_target(robot) == AccuracyTarget()

@@ -6,25 +6,25 @@ import pytest
 
 from catoptra_protocol.wire.commands import Init
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.simulation.spawning import class_named, free_name, spawn_pose
-from helpers.robots import p2at, walled_world
+from catoptra_server.simulation.spawning import find_class, unique_name, spawn_pose
+from helpers.robots import make_p2at, make_walled_world
 
-CLASSES = (p2at(class_name="USARBot.P2AT"), p2at(class_name="USARBot.P2DX"))
+CLASSES = (make_p2at(class_name="USARBot.P2AT"), make_p2at(class_name="USARBot.P2DX"))
 
 
 @pytest.mark.parametrize(
     ("name", "index"), [("P2DX", 1), ("usarbot.p2at", 0), ("P2", None), ("", None)]
 )
 def test_class_when_named_is_found_in_any_case(name: str, index: int | None) -> None:
-    assert class_named(CLASSES, name) is (None if index is None else CLASSES[index])
+    assert find_class(CLASSES, name) is (None if index is None else CLASSES[index])
 
 
 def test_place_when_a_start_is_named_is_there() -> None:
-    pose = spawn_pose(Init("X", start="aside"), walled_world().starts)
+    pose = spawn_pose(Init("X", start="aside"), make_walled_world().starts)
     assert pose == PlanarPose(1.0, -2.0, 1.5)
-    assert spawn_pose(Init("X", start="nowhere"), walled_world().starts) is None
+    assert spawn_pose(Init("X", start="nowhere"), make_walled_world().starts) is None
 
 
 def test_name_when_taken_gets_the_first_free_number() -> None:
-    assert free_name("R", {"R", "R2", "R4"}) == "R3"
-    assert free_name("R", set()) == "R"
+    assert unique_name("R", {"R", "R2", "R4"}) == "R3"
+    assert unique_name("R", set()) == "R"

@@ -7,91 +7,91 @@ import dataclasses
 import pytest
 
 from catoptra_protocol.wire.commands import Drive, DriveJoints, Init, MisPkg, MultiDrive, Trace
-from catoptra_protocol.wire.commands_drive import JointCommand, LinkCommand, Order
+from catoptra_protocol.wire.commands_drive import JointCommand, LinkCommand, ControlOrder
 from catoptra_protocol.wire.reports import (
     GroundTruthReading,
     MissionPackageStatus,
     OdometryReading,
-    RangeScan,
+    RangeScanReading,
     VehicleStatus,
     line_from_report,
 )
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.mission_package import KNOWN_PACKAGES
+from catoptra_server.robot.mission_package import STANDARD_PACKAGES
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.simulation.fleet import Fleet
 from helpers.configs import ROBOTS
-from helpers.robots import BASE, SCANNER, TRUTH, FakeClient, p2at, walled_world
+from helpers.robots import BASE, SCANNER, GROUND_TRUTH, FakeClient, make_p2at, make_walled_world
 
 SMALL = dataclasses.replace(BASE, dimensions_m=(0.3, 0.3, 0.3))
 CLASSES = (
-    p2at(
+    make_p2at(
         class_name="USARBot.P2AT",
-        sensors=(SCANNER, TRUTH),
-        packages=(KNOWN_PACKAGES["camerapantilt"],),
+        sensors=(SCANNER, GROUND_TRUTH),
+        packages=(STANDARD_PACKAGES["camerapantilt"],),
     ),
-    p2at(class_name="USARBot.Small", base=SMALL, sensors=(TRUTH,)),
+    make_p2at(class_name="USARBot.Small", base=SMALL, sensors=(GROUND_TRUTH,)),
 )
 
 
-def fleet_of() -> Fleet:
-    world = walled_world()
+def make_fleet() -> Fleet:
+    world = make_walled_world()
     return Fleet(CLASSES, world, build_scene(world), seed=1)
 
 
-def spawned(fleet: Fleet, class_: str, x_m: float, y_m: float = 0.0) -> FakeClient:
+def spawn(fleet: Fleet, class_: str, x_m: float, y_m: float = 0.0) -> FakeClient:
     client = FakeClient()
-    fleet.obey(client, Init(class_, location_m=(x_m, y_m, 0.0)), 0.0)
+    fleet.execute(client, Init(class_, location_m=(x_m, y_m, 0.0)), 0.0)
     return client
 
 
 def run(fleet: Fleet, seconds: float) -> None:
     for tick in range(1, round(seconds / 0.02) + 1):
-        fleet.move(0.02, tick * 0.02)
-        fleet.report_due(tick * 0.02)
+        fleet.step(0.02, tick * 0.02)
+        fleet.deliver_due_reports(tick * 0.02)
 
 
-def last(client: FakeClient, kind: type) -> object:
+def last_report(client: FakeClient, kind: type) -> object:
     return [report for report in client.reports if isinstance(report, kind)][-1]
 
 
-def x_of(client: FakeClient) -> float:
-    truth = last(client, GroundTruthReading)
+def true_x_m(client: FakeClient) -> float:
+    truth = last_report(client, GroundTruthReading)
     assert isinstance(truth, GroundTruthReading)
     return truth.location_m[0]
 
 
-def shipped(seed: int = 1) -> tuple[Fleet, FakeClient]:
+def drive_bundled_p2at(seed: int = 1) -> tuple[Fleet, FakeClient]:
     """Return a fleet of the shipped P2AT, noise and all, in walls that Embree measures."""
-    world = walled_world(3.0)
+    world = make_walled_world(3.0)
     scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
-    fleet = Fleet(robots, world, scene, seed=seed, caster=EmbreeRayCaster(scene))
-    client = spawned(fleet, "P2AT", 0.0)
-    fleet.obey(client, Drive(2.0, 2.0), 0.0)
+    fleet = Fleet(robots, world, scene, seed=seed, ray_caster=EmbreeRayCaster(scene))
+    client = spawn(fleet, "P2AT", 0.0)
+    fleet.execute(client, Drive(2.0, 2.0), 0.0)
     run(fleet, 2.0)
     return fleet, client
 
 
 def test_shipped_p2at_when_driven_for_2_s_goes_0_52_m_by_truth_and_odometry() -> None:
-    _, client = shipped()
-    odometry = last(client, OdometryReading)
+    _, client = drive_bundled_p2at()
+    odometry = last_report(client, OdometryReading)
     assert isinstance(odometry, OdometryReading)
-    assert x_of(client) == pytest.approx(0.52, abs=1e-9)
+    assert true_x_m(client) == pytest.approx(0.52, abs=1e-9)
     # Five sigma of DistanceNoise=0.005 after 0.52 m.
     assert odometry.x_m == pytest.approx(0.52, abs=5 * 0.005 * 0.52**0.5)
 
 
 def test_shipped_p2at_when_run_again_says_the_same_bytes() -> None:
     one, again, other = (
-        b"".join(line_from_report(report) for report in shipped(seed)[1].reports)
+        b"".join(line_from_report(report) for report in drive_bundled_p2at(seed)[1].reports)
         for seed in (1, 1, 2)
     )
     assert one == again != other
 
 
 def test_shipped_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
-    _, client = shipped()
+    _, client = drive_bundled_p2at()
     types = [line_from_report(report).split(b"{Type ")[-1].split(b"}")[0] for report in
              client.batches[0]]  # fmt: skip
     assert types[:5] == [b"Sonar", b"RangeScanner", b"INS", b"Odometry", b"Encoder"]
@@ -101,73 +101,73 @@ def test_shipped_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
 
 
 def test_robot_when_another_stands_in_its_way_stops_at_it() -> None:
-    fleet = fleet_of()
-    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
-    fleet.obey(one, Drive(5.0, 5.0), 0.0)
+    fleet = make_fleet()
+    one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
+    fleet.execute(one, Drive(5.0, 5.0), 0.0)
     run(fleet, 4.0)
-    nose = x_of(one) + 0.5 * 0.5238
+    nose = true_x_m(one) + 0.5 * 0.5238
     assert 2.0 - 0.15 - 1e-3 < nose <= 2.0 - 0.15
-    assert x_of(other) == 2.0
+    assert true_x_m(other) == 2.0
 
 
 def test_robot_when_the_other_leaves_goes_on() -> None:
-    fleet = fleet_of()
-    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 0.5)
-    fleet.obey(one, Drive(5.0, 5.0), 0.0)
+    fleet = make_fleet()
+    one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 0.5)
+    fleet.execute(one, Drive(5.0, 5.0), 0.0)
     fleet.remove(other)
     run(fleet, 2.0)
-    assert x_of(one) == pytest.approx(1.3)
+    assert true_x_m(one) == pytest.approx(1.3)
 
 
 def test_scan_when_another_robot_is_on_the_right_is_shorter_in_its_low_half() -> None:
-    fleet = fleet_of()
-    one = spawned(fleet, "P2AT", 0.0)
-    spawned(fleet, "Small", 0.1, 2.0)
+    fleet = make_fleet()
+    one = spawn(fleet, "P2AT", 0.0)
+    spawn(fleet, "Small", 0.1, 2.0)
     run(fleet, 0.2)
-    scan = last(one, RangeScan)
-    assert isinstance(scan, RangeScan)
+    scan = last_report(one, RangeScanReading)
+    assert isinstance(scan, RangeScanReading)
     assert scan.ranges_m[0] == pytest.approx(1.85)
     assert set(scan.ranges_m[90:]) == {20.0}
 
 
 def test_scan_when_the_other_moved_sees_it_where_it_is() -> None:
-    fleet = fleet_of()
-    one, other = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
-    fleet.obey(other, Drive(5.0, 5.0), 0.0)
+    fleet = make_fleet()
+    one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
+    fleet.execute(other, Drive(5.0, 5.0), 0.0)
     run(fleet, 2.0)
-    scan = last(one, RangeScan)
-    assert isinstance(scan, RangeScan)
+    scan = last_report(one, RangeScanReading)
+    assert isinstance(scan, RangeScanReading)
     # The scanner sits 0.1 m ahead; the other's rear is 0.15 m behind its middle.
-    assert scan.ranges_m[90] == pytest.approx(x_of(other) - 0.15 - 0.1)
+    assert scan.ranges_m[90] == pytest.approx(true_x_m(other) - 0.15 - 0.1)
 
 
 def test_joints_when_driven_in_one_line_all_move() -> None:
-    fleet = fleet_of()
-    client = spawned(fleet, "P2AT", 0.0)
-    joints = (JointCommand("CameraPan", 0.1), JointCommand("CameraTilt", -0.1, Order.SPEED))
-    fleet.obey(client, DriveJoints(joints), 0.0)
+    fleet = make_fleet()
+    client = spawn(fleet, "P2AT", 0.0)
+    joints = (JointCommand("CameraPan", 0.1), JointCommand("CameraTilt", -0.1, ControlOrder.SPEED))
+    fleet.execute(client, DriveJoints(joints), 0.0)
     run(fleet, 1.0)
-    status = last(client, MissionPackageStatus)
+    status = last_report(client, MissionPackageStatus)
     assert isinstance(status, MissionPackageStatus)
     assert [link.value for link in status.links] == pytest.approx([0.1, -0.1])
 
 
 def test_bodies_when_asked_for_leave_one_robot_out() -> None:
-    fleet = fleet_of()
-    one, _ = spawned(fleet, "P2AT", 0.0), spawned(fleet, "Small", 2.0)
-    ((pose, size_m),) = fleet.bodies(fleet.robot_of(one))
+    fleet = make_fleet()
+    one, _ = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
+    ((pose, size_m),) = fleet.other_robot_boxes(fleet.find_robot(one))
     assert size_m == (0.3, 0.3, 0.3)
     assert tuple(pose.translation) == (2.0, 0.0, -0.15)
-    assert len(fleet.bodies(None)) == 2
+    assert len(fleet.other_robot_boxes(None)) == 2
 
 
 def test_package_when_commanded_in_either_way_moves() -> None:
-    fleet = fleet_of()
-    client = spawned(fleet, "P2AT", 0.0)
-    fleet.obey(client, MisPkg("camerapantilt", (LinkCommand(1, 0.1), LinkCommand(9, 1.0))), 0.0)
-    fleet.obey(client, MultiDrive((("CameraTilt", -0.05), ("FRFlipper", 1.5))), 0.0)
-    fleet.obey(client, Trace(on=True), 0.0)
+    fleet = make_fleet()
+    client = spawn(fleet, "P2AT", 0.0)
+    fleet.execute(client, MisPkg("camerapantilt", (LinkCommand(1, 0.1), LinkCommand(9, 1.0))), 0.0)
+    fleet.execute(client, MultiDrive((("CameraTilt", -0.05), ("FRFlipper", 1.5))), 0.0)
+    fleet.execute(client, Trace(enabled=True), 0.0)
     run(fleet, 1.0)
-    status = last(client, MissionPackageStatus)
+    status = last_report(client, MissionPackageStatus)
     assert isinstance(status, MissionPackageStatus)
     assert [link.value for link in status.links] == pytest.approx([0.1, -0.05])

@@ -9,7 +9,7 @@ from catoptra_server.simulation.viewports import Viewports
 
 def test_viewports_when_set_are_confirmed_in_the_captured_form() -> None:
     command = SetViewports("singleview", ("camera", "Disable", "Disable", "Disable"))
-    assert line_from_report(Viewports(["Camera"]).obey(command, 1.0)) == (
+    assert line_from_report(Viewports(["Camera"]).execute(command, 1.0)) == (
         b"RES {Time 1.00} {Type Viewports} {Config SingleView} {Status OK} {Viewport1 Camera} "
         b"{Status OK} {Viewport2 Disabled} {Status OK} {Viewport3 Disabled} {Status OK} "
         b"{Viewport4 Disabled} {Status OK}\r\n"
@@ -18,8 +18,8 @@ def test_viewports_when_set_are_confirmed_in_the_captured_form() -> None:
 
 def test_viewports_when_something_is_not_there_say_failed_and_keep_the_rest() -> None:
     viewports = Viewports(["Camera", "Camera2"])
-    viewports.obey(SetViewports("QuadView", (None, "Camera2", None, None)), 1.0)
-    result = viewports.obey(SetViewports("Circle", (None, None, "Camera9", None)), 2.0)
+    viewports.execute(SetViewports("QuadView", (None, "Camera2", None, None)), 1.0)
+    result = viewports.execute(SetViewports("Circle", (None, None, "Camera9", None)), 2.0)
     assert (result.config, result.status) == ("QuadView", "Failed")
     assert [(v.camera, v.status) for v in result.viewports] == [
         ("Camera", "OK"),

@@ -13,141 +13,141 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import (
     Configuration,
     Greeting,
-    Result,
+    CommandResult,
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.simulation import Asked, Client, Left, Request
+from catoptra_server.simulation import CommandReceived, Client, ClientDisconnected, SimulationEvent
 from catoptra_server.transports.tcp_control import serve_control
-from helpers.loopback import HOST, connect, connect_deaf, play, reset
+from helpers.loopback import HOST, connect, connect_without_reading, run_scenario, abort
 
 GREETING = Greeting("BotDeathMatch", "field")
 STATUS = VehicleStatus(1.0, 1200)
 INIT = b"INIT {ClassName P2AT} {Location 0,0,0}\r\n"
 
 
-class Posted:
+class PostRecorder:
     """Keeps requests, and lets a scene wait for the next one."""
 
     def __init__(self) -> None:
-        self._requests: asyncio.Queue[Request] = asyncio.Queue()
+        self._requests: asyncio.Queue[SimulationEvent] = asyncio.Queue()
 
-    def __call__(self, request: Request) -> None:
+    def __call__(self, request: SimulationEvent) -> None:
         self._requests.put_nowait(request)
 
-    async def next(self) -> Request:
+    async def wait_for_request(self) -> SimulationEvent:
         return await self._requests.get()
 
-    async def client(self) -> Client:
+    async def wait_for_client(self) -> Client:
         """Return who sent the next command."""
-        request = await self.next()
-        assert isinstance(request, Asked)
+        request = await self.wait_for_request()
+        assert isinstance(request, CommandReceived)
         return request.client
 
 
-async def greeted(reader: asyncio.StreamReader) -> None:
+async def read_greeting(reader: asyncio.StreamReader) -> None:
     assert await reader.readline() == line_from_report(GREETING)
 
 
 def test_connection_when_accepted_is_greeted_first() -> None:
-    async def scene() -> None:
-        async with serve_control(HOST, 0, greeting=GREETING, post=Posted()) as server:
+    async def scenario() -> None:
+        async with serve_control(HOST, 0, greeting=GREETING, post=PostRecorder()) as server:
             reader, writer = await connect(server)
-            await greeted(reader)
+            await read_greeting(reader)
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000])
 def test_commands_when_cut_anyhow_are_posted_in_order(size: int) -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             _, writer = await connect(server)
             data = INIT + b"DRIVE {Left 1}\nSTEP {Time 0.2}\r\n"
             for start in range(0, len(data), size):
                 writer.write(data[start : start + size])
                 await writer.drain()
-            commands = [(await posted.next()).command for _ in range(3)]  # type: ignore[union-attr] # all are Asked
+            commands = [(await posted.wait_for_request()).command for _ in range(3)]  # type: ignore[union-attr] # all are Asked
             assert commands == [Init("P2AT", location_m=(0, 0, 0)), Drive(left=1.0), Step(0.2)]
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 @pytest.mark.parametrize("gently", [True, False])
 def test_client_when_it_leaves_in_any_way_is_posted_as_left(gently: bool) -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             reader, writer = await connect(server)
             writer.write(INIT + b"DRIVE {Left 1")
-            await greeted(reader)
-            client = await posted.client()
-            writer.close() if gently else reset(writer)
-            assert await posted.next() == Left(client)
+            await read_greeting(reader)
+            client = await posted.wait_for_client()
+            writer.close() if gently else abort(writer)
+            assert await posted.wait_for_request() == ClientDisconnected(client)
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_reports_when_delivered_by_another_thread_arrive_whole_and_in_order() -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             reader, writer = await connect(server)
             writer.write(INIT)
-            client = await posted.client()
+            client = await posted.wait_for_client()
 
             def deliver() -> None:
                 for i in range(100):
-                    client.deliver([STATUS, Result(float(i), "Step", "Clock")])
+                    client.deliver([STATUS, CommandResult(float(i), "Step", "Clock")])
 
             thread = threading.Thread(target=deliver)
             thread.start()
-            await greeted(reader)
+            await read_greeting(reader)
             for i in range(100):
                 assert await reader.readline() == line_from_report(STATUS)
                 assert f"{{Time {i}.0000}}".encode() in await reader.readline()
             thread.join()
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_init_when_refused_may_be_sent_again_and_is_answered_by_silence() -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             reader, writer = await connect(server)
-            await greeted(reader)
+            await read_greeting(reader)
             writer.write(INIT)
-            client = await posted.client()
-            client.refuse_init()
-            client.deliver([Result(0.0, "Step", "Clock")])  # a mark: what was sent before it?
+            client = await posted.wait_for_client()
+            client.reject_init()
+            client.deliver([CommandResult(0.0, "Step", "Clock")])  # a mark: what was sent before it?
             assert (await reader.readline()).startswith(b"RES ")
             writer.write(INIT)
-            assert isinstance((await posted.next()).command, Init)  # type: ignore[union-attr] # Asked
+            assert isinstance((await posted.wait_for_request()).command, Init)  # type: ignore[union-attr] # Asked
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_report_when_it_cannot_be_sent_is_left_out_and_the_others_are_not(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             reader, writer = await connect(server)
-            await greeted(reader)
+            await read_greeting(reader)
             writer.write(INIT)
-            client = await posted.client()
+            client = await posted.wait_for_client()
             client.deliver([Configuration("X", (("Name", 5000 * "x"),)), STATUS])
             assert await reader.readline() == line_from_report(STATUS)
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
     assert "clients read at most" in caplog.text
     assert "Traceback" not in caplog.text
 
@@ -165,35 +165,35 @@ def test_report_when_it_cannot_be_sent_is_left_out_and_the_others_are_not(
     ids=["random", "no line end", "braces", "empty blocks", "half INITs", "http"],
 )
 def test_garbage_when_sent_is_ignored_and_both_connections_stay_usable(garbage: bytes) -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             (in_, out), (other_in, other_out) = await connect(server), await connect(server)
             out.write(garbage + b"\r\n" + INIT + b"GETCONF {Type Robot}\r\n")
-            request = await posted.next()
-            while not (isinstance(request, Asked) and request.command == GetConf("Robot")):
-                request = await posted.next()
+            request = await posted.wait_for_request()
+            while not (isinstance(request, CommandReceived) and request.command == GetConf("Robot")):
+                request = await posted.wait_for_request()
             request.client.deliver([STATUS])
-            await greeted(in_)
+            await read_greeting(in_)
             assert await in_.readline() == line_from_report(STATUS)
             other_out.write(INIT)
-            (await posted.client()).deliver([STATUS])
-            await greeted(other_in)
+            (await posted.wait_for_client()).deliver([STATUS])
+            await read_greeting(other_in)
             assert await other_in.readline() == line_from_report(STATUS)
             out.close()
             other_out.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_client_when_it_reads_nothing_misses_sensor_cycles_and_then_is_cut_off() -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-            deaf = await connect_deaf(server)
+            deaf = await connect_without_reading(server)
             await asyncio.get_running_loop().sock_sendall(deaf, INIT)
-            client = await posted.client()
-            left = asyncio.create_task(posted.next())
+            client = await posted.wait_for_client()
+            left = asyncio.create_task(posted.wait_for_request())
             for _ in range(2000):  # 16 MB of cycles: only so many are kept
                 client.deliver(80 * [STATUS])
                 await asyncio.sleep(0)
@@ -204,45 +204,45 @@ def test_client_when_it_reads_nothing_misses_sensor_cycles_and_then_is_cut_off()
                 await asyncio.sleep(0)
                 if left.done():
                     break
-            assert await left == Left(client)
+            assert await left == ClientDisconnected(client)
             deaf.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_client_when_another_reads_nothing_is_served() -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-            deaf = await connect_deaf(server)
+            deaf = await connect_without_reading(server)
             await asyncio.get_running_loop().sock_sendall(deaf, INIT)
-            stuck = await posted.client()
+            stuck = await posted.wait_for_client()
             reader, writer = await connect(server)
-            await greeted(reader)
+            await read_greeting(reader)
             writer.write(INIT)
-            client = await posted.client()
+            client = await posted.wait_for_client()
             for i in range(300):
                 stuck.deliver(80 * [STATUS])
-                client.deliver([Result(float(i), "Step", "Clock")])
+                client.deliver([CommandResult(float(i), "Step", "Clock")])
                 assert f"{{Time {i}.0000}}".encode() in await reader.readline()
             writer.close()
             deaf.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_status_when_the_dialect_is_udk_is_in_its_form() -> None:
-    async def scene() -> None:
-        posted = Posted()
+    async def scenario() -> None:
+        posted = PostRecorder()
         async with serve_control(
             HOST, 0, greeting=GREETING, post=posted, dialect=Dialect.UDK
         ) as server:
             reader, writer = await connect(server)
             await reader.readline()
             writer.write(b"GETSTARTPOSES\r\n")
-            (await posted.client()).deliver([VehicleStatus(1.5, 99)])
+            (await posted.wait_for_client()).deliver([VehicleStatus(1.5, 99)])
             line = await reader.readline()
             writer.close()
         assert line.startswith(b"STA {Time 1.5000} {Battery 99} {Type GroundVehicle}")
 
-    play(scene())
+    run_scenario(scenario())

@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.camera_conf import camera_from_pairs
+from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.decide import Decision
-from catoptra_server.transports.zmq_stream_facts import effect_records, facts_of, placement
+from catoptra_server.effects.decide import EffectDecision
+from catoptra_server.transports.zmq_stream_facts import records_from_decisions, build_server_info, transform_from_pose
 from helpers.configs import FIELD, OMNI_ROBOT
 
 
 def test_facts_when_of_the_shipped_robot_hold_its_camera() -> None:
     robot, world = read_robot(OMNI_ROBOT)[0], read_world(FIELD)[0]
-    facts = facts_of((robot,), world, clock="realtime", plans={robot.class_name: "traced"})
+    facts = build_server_info((robot,), world, clock="realtime", plans={robot.class_name: "traced"})
     assert robot.omni_camera is not None
     camera = facts.cameras[robot.class_name, robot.omni_camera.name]
     assert camera.plan == "traced"
-    assert camera_from_pairs(camera.law)[0].width_px == 360
+    assert omni_camera_from_pairs(camera.camera_model)[0].width_px == 360
     assert facts.class_names == (robot.class_name,)
     assert facts.landmarks == world.landmarks
-    assert [start.name for start in facts.starts] == [start.name for start in world.starts]
+    assert [start.name for start in facts.start_poses] == [start.name for start in world.starts]
 
 
 def test_placement_when_turned_lists_the_rotation_row_by_row() -> None:
-    sent = placement(Pose.from_rpy((1.0, 2.0, 3.0), (0.0, 0.0, 1.5)))
+    sent = transform_from_pose(Pose.from_rpy((1.0, 2.0, 3.0), (0.0, 0.0, 1.5)))
     assert sent.position_m == (1.0, 2.0, 3.0)
     assert sent.rotation[1] < -0.9 < 0.9 < sent.rotation[3]
 
 
 def test_effects_when_sent_say_what_each_that_runs_took() -> None:
     decisions = (
-        Decision("OwnBody", True, 80.0, 0.5, "px", "it is seen"),
-        Decision("Vignetting", True, 9.0, 0.5, "grey levels", "the rim"),
-        Decision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),
+        EffectDecision("OwnBody", True, 80.0, 0.5, "px", "it is seen"),
+        EffectDecision("Vignetting", True, 9.0, 0.5, "grey levels", "the rim"),
+        EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),
     )
-    sent = effect_records(decisions, {"trace": 7.0, "Vignetting": 1.5})
-    assert [(one.name, one.is_on, one.ms) for one in sent] == [
+    sent = records_from_decisions(decisions, {"trace": 7.0, "Vignetting": 1.5})
+    assert [(one.name, one.enabled, one.duration_ms) for one in sent] == [
         ("OwnBody", True, None),
         ("Vignetting", True, 1.5),
         ("Bloom", False, None),

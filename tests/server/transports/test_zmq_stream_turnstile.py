@@ -13,68 +13,68 @@ from pathlib import Path
 import pytest
 
 from catoptra_server.transports import zmq_stream_turnstile
-from catoptra_server.transports.zmq_stream_turnstile import Turnstile, listening_socket
-from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, play
-from helpers.zmtp import GREETING, MORE, READY, frame
+from catoptra_server.transports.zmq_stream_turnstile import ConnectionGuard, create_listener
+from helpers.loopback import HOST, SMALL_BUFFER_BYTES, Streams, run_scenario
+from helpers.zmtp import GREETING, MORE, READY, zmtp_frame
 
 HELLO = GREETING + READY
 
 
-class WithoutDescriptors:
+class ExhaustedListener:
     """A listening socket whose system has no descriptor for the first connection."""
 
     def __init__(self) -> None:
-        self._listener = listening_socket(HOST, 0)
+        self._listener = create_listener(HOST, 0)
         self.fileno = self._listener.fileno
         self.getsockname = self._listener.getsockname
         self.close = self._listener.close
-        self.refused = 0
+        self.num_failed = 0
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
-        if not self.refused:
-            self.refused += 1
+        if not self.num_failed:
+            self.num_failed += 1
             raise OSError(errno.EMFILE, "Too many open files")
         return self._listener.accept()
 
 
-Listener = socket.socket | WithoutDescriptors
+Listener = socket.socket | ExhaustedListener
 
 
 @dataclass
-class Gate:
+class GuardedPort:
     """An open turnstile: its port, and the connections that come out of it inside."""
 
     port: int
-    came: asyncio.Queue[Streams]
+    accepted: asyncio.Queue[Streams]
 
 
 @asynccontextmanager
-async def turnstile(folder: Path, listener: Listener | None = None) -> AsyncIterator[Gate]:
+async def open_guard(folder: Path, listener: Listener | None = None) -> AsyncIterator[GuardedPort]:
     came: asyncio.Queue[Streams] = asyncio.Queue()
     path = str(folder / "inside")
     server = await asyncio.start_unix_server(lambda *ends: came.put_nowait(ends), path)
-    port_is_ours = listener or listening_socket(HOST, 0)
-    gate = Turnstile(port_is_ours, path)
+    port_is_ours = listener or create_listener(HOST, 0)
+    gate = ConnectionGuard(port_is_ours, path)
     try:
-        yield Gate(port_is_ours.getsockname()[1], came)
+        yield GuardedPort(port_is_ours.getsockname()[1], came)
     finally:
         gate.close()
         server.close()
 
 
 @contextmanager
-def outside(port: int) -> Iterator[socket.socket]:
+def connect_client(port: int) -> Iterator[socket.socket]:
     """Connect without blocking the loop."""
     with socket.create_connection((HOST, port)) as end:
         end.setblocking(False)
         yield end
 
 
-async def passed(folder: Path, sent: bytes) -> bytes:
+async def relay(folder: Path, sent: bytes) -> bytes:
     """Return what of some bytes reached the inside before the connection was ended."""
-    async with turnstile(folder) as gate:
-        with outside(gate.port) as end:
-            reader, writer = await gate.came.get()
+    async with open_guard(folder) as gate:
+        with connect_client(gate.port) as end:
+            reader, writer = await gate.accepted.get()
             await asyncio.get_running_loop().sock_sendall(end, sent)
             got = await reader.read()
             writer.close()
@@ -82,13 +82,13 @@ async def passed(folder: Path, sent: bytes) -> bytes:
 
 
 def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
-    async def scene() -> None:
+    async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        up = HELLO + 3000 * frame(bytes(range(250)))
+        up = HELLO + 3000 * zmtp_frame(bytes(range(250)))
         down = bytes(range(256)) * 16_000
-        async with turnstile(tmp_path) as gate:
-            with outside(gate.port) as end:
-                reader, writer = await gate.came.get()
+        async with open_guard(tmp_path) as gate:
+            with connect_client(gate.port) as end:
+                reader, writer = await gate.accepted.get()
                 sending = asyncio.create_task(loop.sock_sendall(end, up))
                 writer.write(down)
                 assert await reader.readexactly(len(up)) == up
@@ -99,56 +99,56 @@ def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: 
                 writer.close()
         assert got == down
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_its_message_has_too_many_parts_is_ended(tmp_path: Path) -> None:
-    async def scene() -> None:
-        assert await passed(tmp_path, HELLO + 1000 * frame(b"part", MORE)) == b""
+    async def scenario() -> None:
+        assert await relay(tmp_path, HELLO + 1000 * zmtp_frame(b"part", MORE)) == b""
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_not_of_zmtp_3_is_ended(tmp_path: Path) -> None:
-    async def scene() -> None:
-        assert await passed(tmp_path, b"GET / HTTP/1.1\r\n".ljust(100)) == b""
+    async def scenario() -> None:
+        assert await relay(tmp_path, b"GET / HTTP/1.1\r\n".ljust(100)) == b""
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_the_client_leaves_is_ended_after_its_last_bytes(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with turnstile(tmp_path) as gate:
-            with outside(gate.port) as end:
-                reader, writer = await gate.came.get()
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as gate:
+            with connect_client(gate.port) as end:
+                reader, writer = await gate.accepted.get()
                 end.send(HELLO)
             assert await reader.read() == HELLO
             writer.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_the_inside_ends_it_is_ended(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with turnstile(tmp_path) as gate:
-            with outside(gate.port) as end:
-                _, writer = await gate.came.get()
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as gate:
+            with connect_client(gate.port) as end:
+                _, writer = await gate.accepted.get()
                 writer.write(b"last words")
                 writer.close()
                 loop = asyncio.get_running_loop()
                 assert await loop.sock_recv(end, 100) == b"last words"
                 assert await loop.sock_recv(end, 100) == b""
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_client_when_it_reads_nothing_holds_the_inside_back(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with turnstile(tmp_path) as gate:
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as gate:
             with socket.socket() as deaf:
                 deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
                 deaf.connect((HOST, gate.port))
-                _, writer = await gate.came.get()
+                _, writer = await gate.accepted.get()
                 writer.transport.set_write_buffer_limits(0)
                 block, given = bytes(1_000_000), 0
                 # It ends when the block stays here; the kernel holds a few megabytes at most.
@@ -160,7 +160,7 @@ def test_client_when_it_reads_nothing_holds_the_inside_back(tmp_path: Path) -> N
                 assert given < 100
                 writer.transport.abort()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_there_are_enough_is_closed_and_the_others_stay(
@@ -168,45 +168,45 @@ def test_connection_when_there_are_enough_is_closed_and_the_others_stay(
 ) -> None:
     monkeypatch.setattr(zmq_stream_turnstile, "MOST_CONNECTIONS", 1)
 
-    async def scene() -> None:
+    async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        async with turnstile(tmp_path) as gate:
-            with outside(gate.port) as first:
-                reader, writer = await gate.came.get()
-                with outside(gate.port) as second:
+        async with open_guard(tmp_path) as gate:
+            with connect_client(gate.port) as first:
+                reader, writer = await gate.accepted.get()
+                with connect_client(gate.port) as second:
                     assert await loop.sock_recv(second, 1) == b""
                 first.send(HELLO)
                 assert await reader.readexactly(len(HELLO)) == HELLO
             assert await reader.read() == b""
-            with outside(gate.port):  # a place is free again
-                _, other = await gate.came.get()
+            with connect_client(gate.port):  # a place is free again
+                _, other = await gate.accepted.get()
             for end in (writer, other):
                 end.close()
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_nobody_is_inside_is_closed(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with turnstile(tmp_path) as gate:
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as gate:
             (tmp_path / "inside").unlink()
-            with outside(gate.port) as end:
+            with connect_client(gate.port) as end:
                 assert await asyncio.get_running_loop().sock_recv(end, 1) == b""
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connections_when_the_turnstile_closes_are_ended(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with turnstile(tmp_path) as gate:
+    async def scenario() -> None:
+        async with open_guard(tmp_path) as gate:
             end = socket.create_connection((HOST, gate.port))
-            reader, writer = await gate.came.get()
+            reader, writer = await gate.accepted.get()
         assert await reader.read() == b""
         writer.close()
         with end:
             assert end.recv(1) == b""
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_connection_when_descriptors_are_short_is_let_in_later(
@@ -214,17 +214,17 @@ def test_connection_when_descriptors_are_short_is_let_in_later(
 ) -> None:
     monkeypatch.setattr(zmq_stream_turnstile, "_ACCEPT_AGAIN_S", 0.0)
 
-    async def scene() -> None:
-        listener = WithoutDescriptors()
-        async with turnstile(tmp_path, listener) as gate:
-            with outside(gate.port):
-                _, writer = await gate.came.get()
+    async def scenario() -> None:
+        listener = ExhaustedListener()
+        async with open_guard(tmp_path, listener) as gate:
+            with connect_client(gate.port):
+                _, writer = await gate.accepted.get()
                 writer.close()
-        assert listener.refused == 1
+        assert listener.num_failed == 1
 
-    play(scene())
+    run_scenario(scenario())
 
 
 def test_host_when_unknown_raises_os_error_that_names_it() -> None:
     with pytest.raises(OSError, match=r"stream port no\.such\.host\.invalid:5005: "):
-        listening_socket("no.such.host.invalid", 5005)
+        create_listener("no.such.host.invalid", 5005)

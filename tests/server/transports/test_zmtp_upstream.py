@@ -5,36 +5,36 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_server.transports.zmtp_upstream import MOST_PARTS, UpstreamParts
-from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, frame
+from catoptra_server.transports.zmtp_upstream import MAX_PARTS, ZmtpPartCounter
+from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
 
-PART = frame(b"part", MORE)
-LAST = frame(b"last")
-PING = frame(b"\x04PING\0\0", COMMAND)
+PART = zmtp_frame(b"part", MORE)
+LAST = zmtp_frame(b"last")
+PING = zmtp_frame(b"\x04PING\0\0", COMMAND)
 
 GOOD = {
     "a message": LAST,
-    "empty messages": 100 * frame(b""),
-    "as many parts as may be": (MOST_PARTS - 1) * PART + LAST,
+    "empty messages": 100 * zmtp_frame(b""),
+    "as many parts as may be": (MAX_PARTS - 1) * PART + LAST,
     "many messages of several parts": 100 * (PART + PART + LAST),
-    "long lengths": 100 * (frame(bytes(300), LONG | MORE) + frame(b"", LONG)),
-    "a body that looks like parts": frame(PART * 20, LONG),
+    "long lengths": 100 * (zmtp_frame(bytes(300), LONG | MORE) + zmtp_frame(b"", LONG)),
+    "a body that looks like parts": zmtp_frame(PART * 20, LONG),
     "commands between parts": 3 * (PART + PING) + LAST,
     "many commands": 100 * PING,
 }
 BAD = {
-    "a part too many": MOST_PARTS * PART,
-    "empty parts": MOST_PARTS * frame(b"", MORE),
-    "long parts": MOST_PARTS * frame(bytes(300), LONG | MORE),
-    "parts hidden behind commands": MOST_PARTS * (PING + PART),
-    "parts after good messages": 5 * (PART + LAST) + MOST_PARTS * PART,
-    "a command with more": frame(b"\x04PING\0\0", COMMAND | MORE),
+    "a part too many": MAX_PARTS * PART,
+    "empty parts": MAX_PARTS * zmtp_frame(b"", MORE),
+    "long parts": MAX_PARTS * zmtp_frame(bytes(300), LONG | MORE),
+    "parts hidden behind commands": MAX_PARTS * (PING + PART),
+    "parts after good messages": 5 * (PART + LAST) + MAX_PARTS * PART,
+    "a command with more": zmtp_frame(b"\x04PING\0\0", COMMAND | MORE),
 }
 PIECES = {"whole": 10_000_000, "by 7 bytes": 7, "byte by byte": 1}
 
 
-def feed(data: bytes, piece_bytes: int) -> None:
-    parts = UpstreamParts()
+def feed_pieces(data: bytes, piece_bytes: int) -> None:
+    parts = ZmtpPartCounter()
     for at in range(0, len(data), piece_bytes):
         parts.feed(data[at : at + piece_bytes])
 
@@ -42,19 +42,19 @@ def feed(data: bytes, piece_bytes: int) -> None:
 @pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
 @pytest.mark.parametrize("said", GOOD.values(), ids=GOOD)
 def test_messages_when_they_end_pass(said: bytes, piece_bytes: int) -> None:
-    feed(GREETING + READY + said, piece_bytes)
+    feed_pieces(GREETING + READY + said, piece_bytes)
 
 
 @pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
 @pytest.mark.parametrize("said", BAD.values(), ids=BAD)
 def test_message_when_it_has_too_many_parts_raises(said: bytes, piece_bytes: int) -> None:
     with pytest.raises(RemoteProtocolError, match="parts"):
-        feed(GREETING + READY + said, piece_bytes)
+        feed_pieces(GREETING + READY + said, piece_bytes)
 
 
 def test_message_when_it_has_too_many_parts_raises_before_its_bytes_are_passed() -> None:
-    parts = UpstreamParts()
-    parts.feed(GREETING + READY + (MOST_PARTS - 1) * PART)
+    parts = ZmtpPartCounter()
+    parts.feed(GREETING + READY + (MAX_PARTS - 1) * PART)
     with pytest.raises(RemoteProtocolError, match="more than 8 parts"):
         parts.feed(PART[:2])
 
@@ -69,4 +69,4 @@ OTHER_GREETINGS = {
 @pytest.mark.parametrize("greeting", OTHER_GREETINGS.values(), ids=OTHER_GREETINGS)
 def test_greeting_when_not_of_zmtp_3_raises(greeting: bytes) -> None:
     with pytest.raises(RemoteProtocolError, match="no greeting of ZMTP 3"):
-        feed(greeting, 64)
+        feed_pieces(greeting, 64)

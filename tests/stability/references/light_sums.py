@@ -62,7 +62,7 @@ def curve_rows() -> list[dict[str, Any]]:
 
 
 def sum_rows() -> list[dict[str, Any]]:
-    """Return the cases of LightScale: red has the samples, green is full, blue is dark."""
+    """Return the cases of SrgbScale: red has the samples, green is full, blue is dark."""
     values = [
         case(name, {"red": red, "samples": samples}, exact=greys, tolerance=GREY)
         for name, (red, samples) in SAMPLES.items()

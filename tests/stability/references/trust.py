@@ -7,7 +7,7 @@ from typing import Any
 
 from mpmath import erfc, findroot, gammainc, log, matrix, mp, mpf, sqrt
 
-from catoptra_client.localization import Gate, mean_interval
+from catoptra_client.localization import ValidationGate, chi_square_mean_interval
 from stability.references.angles import PI, wrapped
 from stability.references.motion import relative
 from stability.references.writing import case, float64_case, refusal, write
@@ -18,14 +18,14 @@ def threshold(size: int, share: Any) -> Any:
     if size == 2:
         return -2 * log(share)
     with mp.workdps(60):
-        near = Gate(float(share)).threshold(1)
+        near = ValidationGate(float(share)).threshold(1)
         return findroot(lambda x: log(erfc(sqrt(x / 2)) / share), mpf(near))
 
 
 def interval(size: int, runs: int, confidence: Any) -> list[Any]:
     """Return both ends of the mean's interval."""
     freedom = size * runs
-    near = mean_interval(size, runs, confidence=float(confidence))
+    near = chi_square_mean_interval(size, runs, confidence=float(confidence))
     with mp.workdps(60):
         tails = (1 - confidence) / 2, (1 + confidence) / 2
         return [

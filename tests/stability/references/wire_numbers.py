@@ -97,7 +97,7 @@ def read_rows() -> list[dict[str, Any]]:
 
 
 def angle_rows() -> list[dict[str, Any]]:
-    """Return the cases of unreal_angle."""
+    """Return the cases of truncate_to_unreal_units."""
     values = {"pi": math.pi, "3.14159": 3.14159, "minus": -0.01745, "zero": 0.0, "1e-320": 1e-320}
     return [
         *(

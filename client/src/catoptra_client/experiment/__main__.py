@@ -20,14 +20,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from catoptra_client.experiment.camera_pictures import Drawing, camera_pictures
-from catoptra_client.experiment.remote_server import named_address
-from catoptra_client.experiment.results import write_results
+from catoptra_client.experiment.camera_pictures import FigureSource, collect_camera_figures
+from catoptra_client.experiment.remote_server import parse_server_address
+from catoptra_client.experiment.results import write_experiment_results
 from catoptra_client.experiment.server_process import ServerAddress
 from catoptra_client.experiment.session import (
-    Plan,
+    ExperimentConfig,
     SetupResult,
-    Snapshot,
+    DetectorSnapshot,
     run_setup,
     train_classifier,
 )
@@ -38,11 +38,11 @@ from catoptra_protocol.errors import CatoptraError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment; 0 = done and every claim holds, 1 = it failed or one does not."""
     parsed = _parser().parse_args(arguments)
-    plan = _plan(parsed)
+    plan = _experiment_config(parsed)
     console = Console()
     try:
-        plan.output.mkdir(parents=True, exist_ok=True)
-        return _run(plan, Drawing(parsed.pictures), console)
+        plan.output_folder.mkdir(parents=True, exist_ok=True)
+        return _run(plan, FigureSource(parsed.pictures), console)
     except (CatoptraError, OSError) as error:
         Console(stderr=True).print(
             f"experiment: {error}", style="red", markup=False, soft_wrap=True
@@ -50,54 +50,54 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
-def _run(plan: Plan, drawing: Drawing, console: Console) -> int:
+def _run(config: ExperimentConfig, figure_source: FigureSource, console: Console) -> int:
     timing: dict[str, float] = {}
-    results, snapshot = _drives(plan, console, timing)
-    with _timed("pictures of the camera", timing):
-        pictures, camera_numbers = camera_pictures(plan, drawing)
-    with _timed("report", timing):
-        report = write_results(
-            plan,
+    results, snapshot = _run_drives(config, console, timing)
+    with _measure_time("pictures of the camera", timing):
+        pictures, camera_numbers = collect_camera_figures(config, figure_source)
+    with _measure_time("report", timing):
+        report = write_experiment_results(
+            config,
             results,
             pictures,
             snapshot=snapshot,
-            camera_numbers=camera_numbers,
+            camera_metrics=camera_numbers,
             timing_s=timing,
             subtitle=f"Run on {time.strftime('%Y-%m-%d')}, {platform.machine()}, "
-            f"Python {platform.python_version()}, {plan.runs} runs a set-up, seed {plan.seed}.",
+            f"Python {platform.python_version()}, {config.num_runs} runs a set-up, seed {config.seed}.",
         )
-    return _conclude(plan, report, console)
+    return _print_claims(config, report, console)
 
 
-def _drives(
-    plan: Plan, console: Console, timing: dict[str, float]
-) -> tuple[list[SetupResult], Snapshot | None]:
+def _run_drives(
+    config: ExperimentConfig, console: Console, timing: dict[str, float]
+) -> tuple[list[SetupResult], DetectorSnapshot | None]:
     """Train and drive under progress bars."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    for name, address in plan.servers.items():
+    for name, address in config.remote_servers.items():
         console.print(f"{name}: server at {address.host}:{address.control_port}", markup=False)
     with Progress(*columns, TimeElapsedColumn(), console=console) as progress:
-        steps = {s.name: plan.runs * (len(s.route) - 1) for s in plan.setups}
+        steps = {s.name: config.num_runs * (len(s.route) - 1) for s in config.setups}
         tasks = {name: progress.add_task(f"{name}: steps", total=n) for name, n in steps.items()}
-        tasks["train"] = progress.add_task("train: labelled frames", total=plan.training_frames)
+        tasks["train"] = progress.add_task("train: labelled frames", total=config.num_training_frames)
 
         def advance(name: str) -> None:
             progress.advance(tasks[name])
 
         classifier, snapshot = None, None
-        if SIM in plan.setups:
-            with _timed("training", timing):
-                classifier, snapshot = train_classifier(plan, advance)
+        if SIM in config.setups:
+            with _measure_time("training", timing):
+                classifier, snapshot = train_classifier(config, advance)
         results = []
-        for setup in plan.setups:
-            with _timed(f"{setup.name} drives", timing):
-                results.append(run_setup(plan, setup, classifier, advance))
+        for setup in config.setups:
+            with _measure_time(f"{setup.name} drives", timing):
+                results.append(run_setup(config, setup, classifier, advance))
         return results, snapshot
 
 
-def _conclude(plan: Plan, report: Path, console: Console) -> int:
+def _print_claims(config: ExperimentConfig, report: Path, console: Console) -> int:
     """Print the claims and where the report is."""
-    claims = json.loads((plan.output / "summary.json").read_text(encoding="utf-8"))["claims"]
+    claims = json.loads((config.output_folder / "summary.json").read_text(encoding="utf-8"))["claims"]
     table = Table("claim of the paper", "measured here", "holds")
     for claim in claims:
         verdict = "[green]yes" if claim["holds"] else "[red]no"
@@ -108,10 +108,10 @@ def _conclude(plan: Plan, report: Path, console: Console) -> int:
 
 
 @contextmanager
-def _timed(name: str, timing: dict[str, float]) -> Iterator[None]:
+def _measure_time(name: str, timing_s: dict[str, float]) -> Iterator[None]:
     begin = time.monotonic()
     yield
-    timing[name] = time.monotonic() - begin
+    timing_s[name] = time.monotonic() - begin
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -124,12 +124,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--training-frames", type=int, default=30)
     parser.add_argument("--renderer", choices=["auto", "trace", "raster"], default="auto")
     parser.add_argument(
-        "--server", type=_named, action="append", default=[],
+        "--server", type=_parse_server_argument, action="append", default=[],
         metavar="SETUP=HOST[:CONTROL[:IMAGE]]",
         help="use this lockstep server for a set-up instead of starting one",
     )  # fmt: skip
     parser.add_argument(
-        "--pictures", choices=[d.value for d in Drawing], default=Drawing.HERE.value,
+        "--pictures", choices=[d.value for d in FigureSource], default=FigureSource.LOCAL.value,
         help="who draws the camera's: the server installed here, somebody else into DIR, nobody",
     )  # fmt: skip
     parser.add_argument(
@@ -138,24 +138,24 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _plan(parsed: argparse.Namespace) -> Plan:
+def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     wanted = tuple(s for s in SETUPS if parsed.setup in (s.name, "both"))
-    return Plan(
-        configs=parsed.configs,
-        output=parsed.output,
+    return ExperimentConfig(
+        config_folder=parsed.configs,
+        output_folder=parsed.output,
         setups=wanted,
-        runs=max(1, parsed.runs),
+        num_runs=max(1, parsed.runs),
         seed=parsed.seed,
-        training_frames=max(1, parsed.training_frames),
+        num_training_frames=max(1, parsed.training_frames),
         server_arguments=("--renderer", parsed.renderer),
-        servers=dict(parsed.server),
-        patience_s=parsed.patience,
+        remote_servers=dict(parsed.server),
+        timeout_s=parsed.patience,
     )
 
 
-def _named(text: str) -> tuple[str, ServerAddress]:
+def _parse_server_argument(text: str) -> tuple[str, ServerAddress]:
     try:
-        return named_address(text)
+        return parse_server_address(text)
     except CatoptraError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

@@ -15,70 +15,70 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from catoptra_client.experiment.report import Picture
-from catoptra_client.experiment.session import Plan
+from catoptra_client.experiment.report import ReportFigure
+from catoptra_client.experiment.session import ExperimentConfig
 from catoptra_protocol.errors import CatoptraError
 
-Pictures = tuple[list[Picture], dict[str, Any]]
+CameraFigures = tuple[list[ReportFigure], dict[str, Any]]
 
-_AGAIN_AFTER_S = 0.2
+_POLL_INTERVAL_S = 0.2
 
 
-class Drawing(Enum):
+class FigureSource(Enum):
     """Who draws the pictures of the camera."""
 
-    HERE = "here"
-    ELSEWHERE = "elsewhere"
-    NOBODY = "nobody"
+    LOCAL = "here"
+    EXTERNAL = "elsewhere"
+    NONE = "nobody"
 
 
-def camera_pictures(plan: Plan, drawing: Drawing) -> Pictures:
+def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> CameraFigures:
     """Return the pictures that are in the plan's output, and the numbers that go with them."""
-    match drawing:
-        case Drawing.HERE:
-            _draw(plan)
-        case Drawing.ELSEWHERE:
-            _await(plan.output / "figures.json", patience_s=plan.patience_s)
-        case Drawing.NOBODY:
+    match source:
+        case FigureSource.LOCAL:
+            _draw_figures(config)
+        case FigureSource.EXTERNAL:
+            _wait_for_file(config.output_folder / "figures.json", timeout_s=config.timeout_s)
+        case FigureSource.NONE:
             return [], {}
-    return read_pictures(plan.output)
+    return read_camera_figures(config.output_folder)
 
 
-def read_pictures(folder: Path) -> Pictures:
+def read_camera_figures(folder: Path) -> CameraFigures:
     """Return what figures.json of a folder lists."""
     drawn = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
-    return [_picture(entry) for entry in drawn["figures"]], drawn["numbers"]
+    return [_report_figure(entry) for entry in drawn["figures"]], drawn["numbers"]
 
 
-def _picture(entry: dict[str, str]) -> Picture:
+def _report_figure(entry: dict[str, str]) -> ReportFigure:
     title = f"{entry['title']} (the paper's {entry['figure']})"
-    return Picture(entry["file"], title, entry["caption"], entry["alt"])
+    return ReportFigure(entry["file"], title, entry["caption"], entry["alt"])
 
 
-def _draw(plan: Plan) -> None:
+def _draw_figures(config: ExperimentConfig) -> None:
     """Have the server's own command draw faces, cube, mirrors and comparisons."""
     command = [
-        *(sys.executable, "-m", "catoptra_server.figures", "--output", str(plan.output)),
-        *("--robot", str(plan.robot_file("p2at_omni.ini")), "--world", str(plan.world)),
-        *("--rings-world", str(plan.world_file("incidence_rings.ini"))),
+        *(sys.executable, "-m", "catoptra_server.figures", "--output", str(config.output_folder)),
+        *("--robot", str(config.robot_file("p2at_omni.ini")), "--world", str(config.field_world_file)),
+        *("--rings-world", str(config.world_file("incidence_rings.ini"))),
     ]
     if subprocess.run(command, check=False).returncode != 0:
         raise CatoptraError("the pictures of the camera could not be drawn: see the lines above")
 
 
-def _await(
+def _wait_for_file(
     file: Path,
     *,
-    patience_s: float,
+    timeout_s: float,
     clock: Callable[[], float] = time.monotonic,
-    rest: Callable[[float], None] = time.sleep,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> None:
-    deadline_s = clock() + patience_s
+    deadline_s = clock() + timeout_s
     while not (file.is_file() and file.stat().st_size):
         if clock() >= deadline_s:
             raise CatoptraError(
                 f"nobody drew the pictures of the camera: {file} did not come within "
-                f"{patience_s:g} s. Draw them with python -m catoptra_server.figures, or leave "
+                f"{timeout_s:g} s. Draw them with python -m catoptra_server.figures, or leave "
                 "them out: --pictures nobody"
             )
-        rest(_AGAIN_AFTER_S)
+        sleep(_POLL_INTERVAL_S)

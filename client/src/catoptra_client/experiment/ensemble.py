@@ -8,19 +8,19 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from catoptra_client.experiment.replay import (
-    Trace,
-    acceptance_share,
-    first_acceptance_after_drought,
+    FilterRun,
+    acceptance_rate,
+    find_relock_step,
 )
 
 # The paper counts steps from 1; row 0 of a trace is the start. The robot reaches the first corner
 # at the end of step 23; steps 85 to 100 are the diagonal.
-_DIAGONAL = slice(85, 101)
+_DIAGONAL_STEPS = slice(85, 101)
 _FIRST_STEPS = slice(1, 6)
 
 
 @dataclass(frozen=True, slots=True)
-class RunFigures:
+class RunMetrics:
     """The figures of one run. Shares are None where no landmark was seen."""
 
     seed: int
@@ -40,24 +40,24 @@ class RunFigures:
     ekf_worse_in_first_5_steps: bool
 
 
-def run_figures(trace: Trace) -> RunFigures:
+def compute_run_metrics(filter_run: FilterRun) -> RunMetrics:
     """Return the figures of one run."""
-    estimate, odometry = trace.estimate_error_m, trace.odometry_error_m
-    return RunFigures(
-        seed=trace.seed,
+    estimate, odometry = filter_run.estimate_error_m, filter_run.odometry_error_m
+    return RunMetrics(
+        seed=filter_run.seed,
         odometry_max_m=float(odometry.max()),
         odometry_steps_above_1m=int((odometry > 1.0).sum()),
         ekf_max_m=float(estimate.max()),
         ekf_mean_m=float(estimate[1:].mean()),
-        ekf_mean_on_diagonal_m=float(estimate[_DIAGONAL].mean()),
+        ekf_mean_on_diagonal_m=float(estimate[_DIAGONAL_STEPS].mean()),
         ekf_max_after_step_30_m=float(estimate[31:].max()),
-        accepted_steps_1_to_8=acceptance_share(trace, 1, 8),
-        accepted_steps_9_to_22=acceptance_share(trace, 9, 22),
-        accepted_steps_23_to_40=acceptance_share(trace, 23, 40),
-        accepted_steps_41_to_100=acceptance_share(trace, 41, 100),
-        relock_step=first_acceptance_after_drought(trace),
-        longest_rejection_streak=int(trace.streak.max()),
-        windowed_nis_max=float(trace.windowed_nis.max()),
+        accepted_steps_1_to_8=acceptance_rate(filter_run, 1, 8),
+        accepted_steps_9_to_22=acceptance_rate(filter_run, 9, 22),
+        accepted_steps_23_to_40=acceptance_rate(filter_run, 23, 40),
+        accepted_steps_41_to_100=acceptance_rate(filter_run, 41, 100),
+        relock_step=find_relock_step(filter_run),
+        longest_rejection_streak=int(filter_run.rejection_streak.max()),
+        windowed_nis_max=float(filter_run.windowed_nis.max()),
         ekf_worse_in_first_5_steps=bool(
             estimate[_FIRST_STEPS].mean() > odometry[_FIRST_STEPS].mean()
         ),
@@ -65,30 +65,30 @@ def run_figures(trace: Trace) -> RunFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class SummaryStatistics:
     """Median, mean, and the 5 % and 95 % quantiles over the `count` seeds that have a value."""
 
     median: float
     mean: float
-    low: float
-    high: float
+    p05: float
+    p95: float
     count: int
 
 
-def spread(values: Sequence[float | int | bool | None]) -> Spread | None:
+def summary_statistics(values: Sequence[float | int | bool | None]) -> SummaryStatistics | None:
     """Return the spread of the values that are there; None if none is."""
     present = [float(value) for value in values if value is not None]
     if not present:
         return None
     low, median, high = np.quantile(present, [0.05, 0.5, 0.95])
-    return Spread(float(median), float(np.mean(present)), float(low), float(high), len(present))
+    return SummaryStatistics(float(median), float(np.mean(present)), float(low), float(high), len(present))
 
 
-def summary(traces: Sequence[Trace]) -> dict[str, object]:
+def summarise_runs(filter_runs: Sequence[FilterRun]) -> dict[str, object]:
     """Return every run's figures and their spread, ready for JSON."""
-    runs = [asdict(run_figures(trace)) for trace in traces]
+    runs = [asdict(compute_run_metrics(trace)) for trace in filter_runs]
     keys = [key for key in runs[0] if key != "seed"]
-    spreads = {key: spread([run[key] for run in runs]) for key in keys}
+    spreads = {key: summary_statistics([run[key] for run in runs]) for key in keys}
     return {
         "seeds": [run["seed"] for run in runs],
         "spread": {key: asdict(value) if value else None for key, value in spreads.items()},
@@ -96,14 +96,14 @@ def summary(traces: Sequence[Trace]) -> dict[str, object]:
     }
 
 
-def error_bands(traces: Sequence[Trace], *, of_odometry: bool) -> np.ndarray[tuple[int, int]]:
+def error_quantiles(filter_runs: Sequence[FilterRun], *, of_odometry: bool) -> np.ndarray[tuple[int, int]]:
     """Return the (3, steps + 1) 5 %, 50 % and 95 % quantiles of the position error in metres."""
-    errors = [t.odometry_error_m if of_odometry else t.estimate_error_m for t in traces]
+    errors = [t.odometry_error_m if of_odometry else t.estimate_error_m for t in filter_runs]
     bands: np.ndarray[tuple[int, int]] = np.quantile(np.array(errors), [0.05, 0.5, 0.95], axis=0)
     return bands
 
 
-def typical(traces: Sequence[Trace]) -> int:
+def median_run_index(filter_runs: Sequence[FilterRun]) -> int:
     """Return the index of the run whose largest error is the median one: the run to show."""
-    order = np.argsort([trace.estimate_error_m.max() for trace in traces])
+    order = np.argsort([trace.estimate_error_m.max() for trace in filter_runs])
     return int(order[(len(order) - 1) // 2])

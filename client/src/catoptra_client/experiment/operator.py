@@ -12,7 +12,7 @@ from catoptra_client.experiment.route import Waypoint
 from catoptra_protocol.optics.numerics import wrap_angle
 
 # Nearer than this a waypoint is reached: what is left is a turn on the spot.
-_REACHED_M = 0.05
+_POSITION_TOLERANCE_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +33,18 @@ class WheelCommand:
     duration_s: float
 
 
-def command_towards(target: Waypoint, here: Waypoint, chassis: Chassis) -> WheelCommand:
+def wheel_command_towards(target: Waypoint, pose: Waypoint, chassis: Chassis) -> WheelCommand:
     """Return the arc to a waypoint, or the turn on the spot to its heading if it is reached."""
-    dx, dy = target.x_m - here.x_m, target.y_m - here.y_m
+    dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
     chord_m = math.hypot(dx, dy)
-    if chord_m < _REACHED_M:
-        return _arc(0.0, wrap_angle(target.yaw_rad - here.yaw_rad), chassis)
-    half_turn = wrap_angle(math.atan2(dy, dx) - here.yaw_rad)
+    if chord_m < _POSITION_TOLERANCE_M:
+        return _arc_command(0.0, wrap_angle(target.yaw_rad - pose.yaw_rad), chassis)
+    half_turn = wrap_angle(math.atan2(dy, dx) - pose.yaw_rad)
     arc_m = chord_m * half_turn / math.sin(half_turn) if abs(half_turn) > 1e-9 else chord_m
-    return _arc(arc_m, 2.0 * half_turn, chassis)
+    return _arc_command(arc_m, 2.0 * half_turn, chassis)
 
 
-def _arc(distance_m: float, turn_rad: float, chassis: Chassis) -> WheelCommand:
+def _arc_command(distance_m: float, turn_rad: float, chassis: Chassis) -> WheelCommand:
     """Return the wheel speeds for an arc, as fast as four fifths of the motor's speed allow."""
     swing_m = 0.5 * turn_rad * chassis.wheel_separation_m
     left_rad = (distance_m + swing_m) / chassis.wheel_radius_m

@@ -11,39 +11,39 @@ import time
 from collections.abc import Callable
 
 from catoptra_client.experiment.server_process import ServerAddress
-from catoptra_client.robot import Robot
+from catoptra_client.robot import RobotClient
 from catoptra_protocol.errors import ConnectionLostError, DomainError
 
-_CONTROL_PORT = 3000
-_IMAGE_PORT = 5003
-_NAMED = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
+_DEFAULT_CONTROL_PORT = 3000
+_DEFAULT_IMAGE_PORT = 5003
+_SERVER_PATTERN = re.compile(r"(\w+)=([^\s:=]+)(?::(\d{1,5}))?(?::(\d{1,5}))?", re.ASCII)
 # A container's name is known to others a moment after it starts.
-_AGAIN_AFTER_S = 0.2
+_POLL_INTERVAL_S = 0.2
 
 
-def named_address(text: str) -> tuple[str, ServerAddress]:
+def parse_server_address(text: str) -> tuple[str, ServerAddress]:
     """Return the set-up and address in `sim=host`, `sim=host:3000` or `sim=host:3000:5003`."""
-    found = _NAMED.fullmatch(text)
+    found = _SERVER_PATTERN.fullmatch(text)
     if found is None:
         raise DomainError(f"a server is NAME=HOST[:CONTROL[:IMAGE]], sim=localhost, not {text!r}")
-    control, image = found[3] or _CONTROL_PORT, found[4] or _IMAGE_PORT
+    control, image = found[3] or _DEFAULT_CONTROL_PORT, found[4] or _DEFAULT_IMAGE_PORT
     return found[1], ServerAddress(found[2], int(control), int(image))
 
 
-def answering(
+def wait_for_server(
     address: ServerAddress,
     *,
-    patience_s: float,
+    timeout_s: float,
     clock: Callable[[], float] = time.monotonic,
-    rest: Callable[[float], None] = time.sleep,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> ServerAddress:
     """Return the address once its control port greets. Raises ConnectionLostError in the end."""
-    deadline_s = clock() + patience_s
+    deadline_s = clock() + timeout_s
     while True:
         try:
-            Robot.connect(address.host, address.control_port).close()
+            RobotClient.connect(address.host, address.control_port).close()
             return address
         except ConnectionLostError:
             if clock() >= deadline_s:
                 raise
-        rest(_AGAIN_AFTER_S)
+        sleep(_POLL_INTERVAL_S)

@@ -13,7 +13,7 @@ from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ReportFigure:
     """A PNG file with its caption."""
 
     file: str
@@ -27,19 +27,19 @@ class Claim:
     """One statement of the experiment: what was expected, what was measured, whether it holds."""
 
     text: str
-    measured: str
-    holds: bool
+    measurement: str
+    is_confirmed: bool
 
 
-def write_report(
+def write_html_report(
     folder: Path,
     *,
     subtitle: str,
-    runs: int,
+    num_runs: int,
     claims: Sequence[Claim],
-    camera: Sequence[Picture],
-    landmarks: Sequence[Picture],
-    drive: Sequence[Picture],
+    camera_figures: Sequence[ReportFigure],
+    landmark_figures: Sequence[ReportFigure],
+    drive_figures: Sequence[ReportFigure],
     summary: Mapping[str, Any],
     timing: str,
 ) -> Path:
@@ -47,11 +47,11 @@ def write_report(
     template = resources.files("catoptra_client.experiment").joinpath("report.html")
     text = Template(template.read_text(encoding="utf-8")).substitute(
         subtitle=html.escape(subtitle),
-        runs=runs,
-        claims=_claims_table(claims),
-        camera_figures=_figures(folder, camera),
-        landmark_figures=_figures(folder, landmarks),
-        drive_figures=_figures(folder, drive),
+        runs=num_runs,
+        claims=_claim_table(claims),
+        camera_figures=_figure_elements(folder, camera_figures),
+        landmark_figures=_figure_elements(folder, landmark_figures),
+        drive_figures=_figure_elements(folder, drive_figures),
         measurement_table=_measurement_table(summary["setups"]),
         filter_tables=_filter_tables(summary["setups"]),
         timing=html.escape(timing),
@@ -61,29 +61,29 @@ def write_report(
     return report
 
 
-def _figures(folder: Path, pictures: Sequence[Picture]) -> str:
-    return "\n".join(_figure(folder, picture) for picture in pictures)
+def _figure_elements(folder: Path, figures: Sequence[ReportFigure]) -> str:
+    return "\n".join(_figure_element(folder, picture) for picture in figures)
 
 
-def _figure(folder: Path, picture: Picture) -> str:
-    data = base64.b64encode((folder / picture.file).read_bytes()).decode()
+def _figure_element(folder: Path, figure: ReportFigure) -> str:
+    data = base64.b64encode((folder / figure.file).read_bytes()).decode()
     return (
-        f'<figure><img alt="{html.escape(picture.alt)}" src="data:image/png;base64,{data}">'
-        f"<figcaption><strong>{html.escape(picture.title)}.</strong> "
-        f"{html.escape(picture.caption)}</figcaption></figure>"
+        f'<figure><img alt="{html.escape(figure.alt)}" src="data:image/png;base64,{data}">'
+        f"<figcaption><strong>{html.escape(figure.title)}.</strong> "
+        f"{html.escape(figure.caption)}</figcaption></figure>"
     )
 
 
-def _claims_table(claims: Sequence[Claim]) -> str:
+def _claim_table(claims: Sequence[Claim]) -> str:
     rows = "".join(
-        f"<tr><td>{html.escape(claim.text)}</td><td>{html.escape(claim.measured)}</td>"
-        f'<td class="{"yes" if claim.holds else "no"}">{"yes" if claim.holds else "no"}</td></tr>'
+        f"<tr><td>{html.escape(claim.text)}</td><td>{html.escape(claim.measurement)}</td>"
+        f'<td class="{"yes" if claim.is_confirmed else "no"}">{"yes" if claim.is_confirmed else "no"}</td></tr>'
         for claim in claims
     )
     return f"<table><tr><th>Claim</th><th>Measured</th><th>Holds</th></tr>{rows}</table>"
 
 
-_FIGURE_NAMES = {
+_METRIC_LABELS = {
     "odometry_max_m": "largest odometry error, m",
     "odometry_steps_above_1m": "steps with odometry error above 1 m",
     "ekf_max_m": "largest EKF error, m",
@@ -110,18 +110,18 @@ def _filter_table(setup: Mapping[str, Any]) -> str:
     head = "".join(f'<th class="n">{html.escape(f["title"])}</th>' for f in filters.values())
     rows = "".join(
         f"<tr><td>{name}</td>"
-        + "".join(f'<td class="n">{_spread(f["spread"][key])}</td>' for f in filters.values())
+        + "".join(f'<td class="n">{_format_statistics(f["spread"][key])}</td>' for f in filters.values())
         + "</tr>"
-        for key, name in _FIGURE_NAMES.items()
+        for key, name in _METRIC_LABELS.items()
     )
     title = html.escape(setup["title"])
     return f"<h3>{title}</h3><table><tr><th></th>{head}</tr>{rows}</table>"
 
 
-def _spread(spread: Mapping[str, float] | None) -> str:
-    if spread is None:
+def _format_statistics(statistics: Mapping[str, float] | None) -> str:
+    if statistics is None:
         return "none"
-    return f"{spread['median']:.3g} [{spread['low']:.3g}, {spread['high']:.3g}]"
+    return f"{statistics['median']:.3g} [{statistics['low']:.3g}, {statistics['high']:.3g}]"
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:
@@ -133,18 +133,18 @@ def _measurement_table(setups: Mapping[str, Any]) -> str:
     )
 
 
-def _measurement_row(name: str, measured: Mapping[str, Any]) -> str:
+def _measurement_row(name: str, metrics: Mapping[str, Any]) -> str:
     shares = ", ".join(
         f"{row['from_m']:g}-{row['to_m']:g} m: {row['share']:.0%}"
-        for row in measured["beacons_measured_by_distance"]
+        for row in metrics["beacons_measured_by_distance"]
     )
-    range_ = _rms(measured["range_error_m"], scale=1e3, unit="mm", decimals=0)
-    bearing = _rms(measured["bearing_error_deg"], scale=1.0, unit="°", decimals=2)
+    range_ = _format_rms(metrics["range_error_m"], scale=1e3, unit="mm", decimals=0)
+    bearing = _format_rms(metrics["bearing_error_deg"], scale=1.0, unit="°", decimals=2)
     return (
-        f"<tr><td>{html.escape(name)}</td><td class='n'>{measured['measurements']}</td>"
+        f"<tr><td>{html.escape(name)}</td><td class='n'>{metrics['measurements']}</td>"
         f"<td class='n'>{range_}</td><td class='n'>{bearing}</td><td>{shares}</td></tr>"
     )
 
 
-def _rms(quantiles: Mapping[str, float], *, scale: float, unit: str, decimals: int) -> str:
+def _format_rms(quantiles: Mapping[str, float], *, scale: float, unit: str, decimals: int) -> str:
     return f"{scale * quantiles['rms']:.{decimals}f} {unit}" if quantiles else "none"

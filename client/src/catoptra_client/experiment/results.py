@@ -8,90 +8,90 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from catoptra_client.experiment.claims import paper_claims
-from catoptra_client.experiment.ensemble import summary, typical
-from catoptra_client.experiment.measurements import measurement_figures
-from catoptra_client.experiment.pictures.classifier_view import draw_classifier_view
-from catoptra_client.experiment.pictures.errors import draw_ensemble, draw_errors
+from catoptra_client.experiment.claims import evaluate_claims
+from catoptra_client.experiment.ensemble import summarise_runs, median_run_index
+from catoptra_client.experiment.measurements import compute_measurement_metrics
+from catoptra_client.experiment.pictures.classifier_view import draw_classifier_output
+from catoptra_client.experiment.pictures.errors import draw_error_ensemble, draw_position_errors
 from catoptra_client.experiment.pictures.overview import draw_overview
 from catoptra_client.experiment.pictures.trajectories import draw_trajectories
-from catoptra_client.experiment.report import Picture, write_report
-from catoptra_client.experiment.session import Plan, SetupResult, Snapshot
+from catoptra_client.experiment.report import ReportFigure, write_html_report
+from catoptra_client.experiment.session import ExperimentConfig, SetupResult, DetectorSnapshot
 from catoptra_client.experiment.setups import FILTERS, PAPER_FILTER
 
 
-def write_results(
-    plan: Plan,
+def write_experiment_results(
+    config: ExperimentConfig,
     results: Sequence[SetupResult],
-    camera_pictures: Sequence[Picture],
+    camera_figures: Sequence[ReportFigure],
     *,
-    snapshot: Snapshot | None,
-    camera_numbers: dict[str, Any],
+    snapshot: DetectorSnapshot | None,
+    camera_metrics: dict[str, Any],
     timing_s: dict[str, float],
     subtitle: str,
 ) -> Path:
     """Write summary.json and report.html; return the report's path."""
-    numbers = summarise(plan, results)
-    drives = draw_drives(plan, results)
+    numbers = summarise_experiment(config, results)
+    drives = draw_drive_figures(config, results)
     if snapshot is not None:
-        _draw_overview(plan, results, snapshot)
-    document = {**numbers, "camera": camera_numbers, "timing_s": timing_s}
+        _draw_overview(config, results, snapshot)
+    document = {**numbers, "camera": camera_metrics, "timing_s": timing_s}
     text = json.dumps(document, indent=2, allow_nan=False)
-    (plan.output / "summary.json").write_text(text + "\n", encoding="utf-8")
-    return write_report(
-        plan.output,
+    (config.output_folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    return write_html_report(
+        config.output_folder,
         subtitle=subtitle,
-        runs=plan.runs,
-        claims=paper_claims(numbers["setups"]),
-        camera=camera_pictures,
-        landmarks=[] if snapshot is None else [_draw_classifier(plan, snapshot)],
-        drive=drives,
+        num_runs=config.num_runs,
+        claims=evaluate_claims(numbers["setups"]),
+        camera_figures=camera_figures,
+        landmark_figures=[] if snapshot is None else [_draw_classifier(config, snapshot)],
+        drive_figures=drives,
         summary=numbers,
         timing="Time used: " + ", ".join(f"{k} {v:.0f} s" for k, v in timing_s.items()) + ".",
     )
 
 
-def summarise(plan: Plan, results: Sequence[SetupResult]) -> dict[str, Any]:
+def summarise_experiment(config: ExperimentConfig, results: Sequence[SetupResult]) -> dict[str, Any]:
     """Return everything that summary.json holds of the drives."""
     setups = {
         result.setup.name: {
             "title": result.setup.title,
-            "landmarks": result.setup.sighting.value,
-            "measurements": measurement_figures(result.recordings, plan.landmarks),
+            "landmarks": result.setup.measurement_source.value,
+            "measurements": compute_measurement_metrics(result.drive_logs, config.landmarks),
             "filters": {
-                f.name: {"title": f.title, **summary(result.traces[f.name])} for f in FILTERS
+                f.name: {"title": f.title, **summarise_runs(result.filter_runs[f.name])} for f in FILTERS
             },
         }
         for result in results
     }
-    claims = [asdict(claim) for claim in paper_claims(setups)]
-    return {"seed": plan.seed, "runs": plan.runs, "setups": setups, "claims": claims}
+    claims = [asdict(claim) for claim in evaluate_claims(setups)]
+    return {"seed": config.seed, "runs": config.num_runs, "setups": setups, "claims": claims}
 
 
-def draw_drives(plan: Plan, results: Sequence[SetupResult]) -> list[Picture]:
+def draw_drive_figures(config: ExperimentConfig, results: Sequence[SetupResult]) -> list[ReportFigure]:
     """Draw trajectories and errors of the typical run of each set-up, and the ensembles."""
     chosen = []
     for result in results:
-        traces = result.traces[PAPER_FILTER.name]
-        index = typical(traces)
-        chosen.append((result, result.recordings[index], traces[index]))
+        traces = result.filter_runs[PAPER_FILTER.name]
+        index = median_run_index(traces)
+        chosen.append((result, result.drive_logs[index], traces[index]))
     maps = [(f"{r.setup.name}, run {t.seed}", recording, t) for r, recording, t in chosen]
-    draw_trajectories(plan.output / "trajectories.png", maps, plan.landmarks)
-    draw_errors(
-        plan.output / "errors.png", [(f"{r.setup.name}, run {t.seed}", t) for r, _, t in chosen]
+    draw_trajectories(config.output_folder / "trajectories.png", maps, config.landmarks)
+    draw_position_errors(
+        config.output_folder / "errors.png", [(f"{r.setup.name}, run {t.seed}", t) for r, _, t in chosen]
     )
-    draw_ensemble(
-        plan.output / "ensemble.png",
-        [(f"{r.setup.name}, {plan.runs} runs", r.traces[PAPER_FILTER.name]) for r in results],
+    draw_error_ensemble(
+        config.output_folder / "ensemble.png",
+        [(f"{r.setup.name}, {config.num_runs} runs", r.filter_runs[PAPER_FILTER.name]) for r in results],
     )
     return [
-        Picture(
+        ReportFigure(
             "trajectories.png",
             "Self-localisation on the field (the paper's Figure 12)",
             "The run whose largest error is the median one. The open circle is the start.",
             "Maps of the true path, the path by odometry alone and the filter's estimate",
         ),
-        Picture(
+        ReportFigure(
             "errors.png",
             "Distance between true and estimated place (the paper's Figure 13)",
             "The bars count the landmarks that the validation gate accepted (up) and rejected "
@@ -99,7 +99,7 @@ def draw_drives(plan: Plan, results: Sequence[SetupResult]) -> list[Picture]:
             "odometry and rejects, until the turn at the first corner (step 24) widens its belief.",
             "Position error over the steps for odometry and filter",
         ),
-        Picture(
+        ReportFigure(
             "ensemble.png",
             "The same over all seeds",
             "Median and the band from 5 % to 95 % of the runs, the paper's filter.",
@@ -108,11 +108,11 @@ def draw_drives(plan: Plan, results: Sequence[SetupResult]) -> list[Picture]:
     ]
 
 
-def _draw_classifier(plan: Plan, snapshot: Snapshot) -> Picture:
-    draw_classifier_view(
-        plan.output / "classifier.png", snapshot.frame, snapshot.detector, snapshot.view
+def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> ReportFigure:
+    draw_classifier_output(
+        config.output_folder / "classifier.png", snapshot.rgb, snapshot.detector, snapshot.stages
     )
-    return Picture(
+    return ReportFigure(
         "classifier.png",
         "What the classifier sees",
         "A frame as it came over TCP, its cylinder, and the pixels whose likelihood ratio passes "
@@ -122,15 +122,15 @@ def _draw_classifier(plan: Plan, snapshot: Snapshot) -> Picture:
     )
 
 
-def _draw_overview(plan: Plan, results: Sequence[SetupResult], snapshot: Snapshot) -> None:
+def _draw_overview(config: ExperimentConfig, results: Sequence[SetupResult], snapshot: DetectorSnapshot) -> None:
     """Draw the one picture that tells the story: frame, bearings, path."""
     result = results[0]
-    traces = result.traces[PAPER_FILTER.name]
-    index = typical(traces)
+    traces = result.filter_runs[PAPER_FILTER.name]
+    index = median_run_index(traces)
     draw_overview(
-        plan.output / "overview.png",
-        snapshot.frame,
+        config.output_folder / "overview.png",
+        snapshot.rgb,
         snapshot.detector,
-        view=snapshot.view,
-        drive=(result.recordings[index], traces[index]),
+        stages=snapshot.stages,
+        logged_run=(result.drive_logs[index], traces[index]),
     )

@@ -17,46 +17,46 @@ from catoptra_client.landmarks.detection import Detection
 from catoptra_client.landmarks.detector import (
     DEFAULT_CYLINDER,
     Detector,
-    View,
+    DetectionStages,
     detect,
-    look,
+    detect_with_stages,
     make_detector,
 )
-from catoptra_client.landmarks.histogram import Histogram, histogram_from_pixels, merged, spread
-from catoptra_client.landmarks.labelling import IGNORED, Margins, label_frame
+from catoptra_client.landmarks.histogram import Histogram, histogram_from_pixels, merge_histograms, smooth_histogram
+from catoptra_client.landmarks.labelling import IGNORE_LABEL, LabelMargins, label_frame
 from catoptra_client.landmarks.storage import load_classifier, save_classifier
-from catoptra_client.landmarks.training import TrainingHistograms, counted, no_training, train
+from catoptra_client.landmarks.training import TrainingHistograms, add_labelled_frame, empty_training_histograms, train
 from catoptra_client.landmarks.viewpoint import Viewpoint, world_from_mirror
 
 __all__ = [
     "COLOUR_CODES",
     "DEFAULT_CYLINDER",
     "DEFAULT_THETA",
-    "IGNORED",
+    "IGNORE_LABEL",
     "NO_COLOUR",
     "Blob",
     "ColourClassifier",
     "Detection",
     "Detector",
     "Histogram",
-    "Margins",
+    "LabelMargins",
     "TrainingHistograms",
-    "View",
+    "DetectionStages",
     "Viewpoint",
     "blobs_from_labels",
     "classifier_from_histograms",
-    "counted",
+    "add_labelled_frame",
     "detect",
     "histogram_from_pixels",
     "label_frame",
     "label_image",
     "load_classifier",
-    "look",
+    "detect_with_stages",
     "make_detector",
-    "merged",
-    "no_training",
+    "merge_histograms",
+    "empty_training_histograms",
     "save_classifier",
-    "spread",
+    "smooth_histogram",
     "train",
     "world_from_mirror",
 ]

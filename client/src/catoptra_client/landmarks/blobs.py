@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_client.landmarks.classifier import COLOUR_CODES
-from catoptra_client.landmarks.histogram import Bytes
+from catoptra_client.landmarks.histogram import UInt8Array
 
 # On one thread the default takes three times as long. Measured in
 # tests/cost/questions/detection_time.py.
-_ALGORITHM = cv2.CCL_GRANA
+_CCL_ALGORITHM = cv2.CCL_GRANA
 
 Ints = npt.NDArray[np.int32]
 
@@ -28,7 +28,7 @@ class Blob:
     """
 
     colour: str
-    pixels: int
+    num_pixels: int
     column: float
     row: float
     left: float
@@ -47,31 +47,31 @@ class Blob:
         return self.bottom - self.top
 
 
-def blobs_from_labels(labels: Bytes, *, min_pixels: int) -> tuple[Blob, ...]:
+def blobs_from_labels(labels: UInt8Array, *, min_pixels: int) -> tuple[Blob, ...]:
     """Return the blobs of (rows, columns) colour codes that have at least `min_pixels`."""
     found = [
         blob
         for colour, code in COLOUR_CODES.items()
-        for blob in _blobs_of(colour, cv2.inRange(labels, code, code))
+        for blob in _find_blobs(colour, cv2.inRange(labels, code, code))
     ]
-    return tuple(blob for blob in found if blob.pixels >= min_pixels)
+    return tuple(blob for blob in found if blob.num_pixels >= min_pixels)
 
 
-def _blobs_of(colour: str, mask: Bytes) -> list[Blob]:
+def _find_blobs(colour: str, mask: UInt8Array) -> list[Blob]:
     count, regions, stats, centroids = cv2.connectedComponentsWithStatsWithAlgorithm(
-        mask, 8, cv2.CV_32S, _ALGORITHM
+        mask, 8, cv2.CV_32S, _CCL_ALGORITHM
     )
     blobs: dict[int, Blob] = {}
     for i in range(1, count):  # 0 is the background
         left, top, width, height, pixels = stats[i].tolist()
         column, row = (centroids[i] + 0.5).tolist()
         blobs[i] = Blob(colour, pixels, column, row, left, left + width, top, top + height)
-    for first, last in _seam_pairs(np.asarray(regions)):
-        _join(blobs, first, last, columns=mask.shape[1])
+    for first, last in _find_seam_pairs(np.asarray(regions)):
+        _join_across_seam(blobs, first, last, columns=mask.shape[1])
     return list({id(blob): blob for blob in blobs.values()}.values())
 
 
-def _seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
+def _find_seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
     """Yield pairs of regions in the first and the last column that touch, diagonals included."""
     first, last = regions[:, 0], regions[:, -1]
     if not (first.any() and last.any()):
@@ -86,7 +86,7 @@ def _seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
     yield from sorted(pair for pair in pairs if all(pair))
 
 
-def _join(blobs: dict[int, Blob], first: int, last: int, *, columns: int) -> None:
+def _join_across_seam(blobs: dict[int, Blob], first: int, last: int, *, columns: int) -> None:
     """Let both names stand for one blob: the last column's, continued by the first column's.
 
     A region that already runs around the whole turn, or is joined already, stays as it is.
@@ -94,16 +94,16 @@ def _join(blobs: dict[int, Blob], first: int, last: int, *, columns: int) -> Non
     head, tail = blobs[last], blobs[first]
     if head is tail:
         return
-    joined = _united(head, tail if tail.right > columns else _shifted(tail, columns))
+    joined = _merge(head, tail if tail.right > columns else _shift(tail, columns))
     for name, blob in blobs.items():
         if blob is head or blob is tail:
             blobs[name] = joined
 
 
-def _shifted(blob: Blob, columns: int) -> Blob:
+def _shift(blob: Blob, columns: int) -> Blob:
     return Blob(
         blob.colour,
-        blob.pixels,
+        blob.num_pixels,
         blob.column + columns,
         blob.row,
         blob.left + columns,
@@ -113,9 +113,9 @@ def _shifted(blob: Blob, columns: int) -> Blob:
     )
 
 
-def _united(one: Blob, other: Blob) -> Blob:
-    pixels = one.pixels + other.pixels
-    share = other.pixels / pixels
+def _merge(one: Blob, other: Blob) -> Blob:
+    pixels = one.num_pixels + other.num_pixels
+    share = other.num_pixels / pixels
     return Blob(
         one.colour,
         pixels,

@@ -24,12 +24,12 @@ class Detection:
     range_m: float
     bearing_rad: float
     covariance: Floats
-    pixels: int
+    num_pixels: int
     has_range: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class PolarMeasurement:
     """A point seen from the viewpoint: level range, azimuth, their sigmas, the height it is at."""
 
     range_m: float
@@ -38,30 +38,30 @@ class Sighting:
     azimuth_sigma_rad: float
 
 
-def detection(
-    name: str, kind: str, sighting: Sighting, *, viewpoint: Viewpoint, pixels: int
+def detection_from_measurement(
+    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
 ) -> Detection:
     """Return a sighting with a range as a detection seen from the robot's origin."""
-    polar = np.array([sighting.range_m, sighting.azimuth_rad])
+    polar = np.array([measurement.range_m, measurement.azimuth_rad])
     range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
-    variances = np.square([sighting.range_sigma_m, sighting.azimuth_sigma_rad])
+    variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
     covariance = jacobian @ np.diag(variances) @ jacobian.T
-    return Detection(name, kind, range_m, bearing, _frozen(covariance), pixels, True)
+    return Detection(name, kind, range_m, bearing, _freeze(covariance), num_pixels, True)
 
 
-def bearing_detection(
-    name: str, kind: str, sighting: Sighting, *, viewpoint: Viewpoint, pixels: int
+def bearing_detection_from_measurement(
+    name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
 ) -> Detection:
     """Return a sighting whose range is only a guess as a bearing alone.
 
     The guess serves to move the bearing from the viewpoint to the robot's origin, with its own
     uncertainty.
     """
-    guess = detection(name, kind, sighting, viewpoint=viewpoint, pixels=pixels)
+    guess = detection_from_measurement(name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels)
     covariance = np.diag([0.0, float(guess.covariance[1, 1])])
-    return Detection(name, kind, 0.0, guess.bearing_rad, _frozen(covariance), pixels, False)
+    return Detection(name, kind, 0.0, guess.bearing_rad, _freeze(covariance), num_pixels, False)
 
 
-def _frozen(array: Floats) -> Floats:
+def _freeze(array: Floats) -> Floats:
     array.setflags(write=False)
     return array

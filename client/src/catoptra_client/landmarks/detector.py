@@ -11,15 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from catoptra_client.landmarks.beacons import beacon_candidates
+from catoptra_client.landmarks.beacons import find_beacon_candidates
 from catoptra_client.landmarks.blobs import Blob, blobs_from_labels
 from catoptra_client.landmarks.classifier import ColourClassifier, label_image
-from catoptra_client.landmarks.detection import Detection, bearing_detection, detection
-from catoptra_client.landmarks.goals import goal_candidates
-from catoptra_client.landmarks.histogram import Bytes
-from catoptra_client.landmarks.sightings import Candidate, Eye, refuse_lookalikes
+from catoptra_client.landmarks.detection import Detection, bearing_detection_from_measurement, detection_from_measurement
+from catoptra_client.landmarks.goals import find_goal_candidates
+from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.sightings import Candidate, CylinderView, require_distinct_colours
 from catoptra_client.landmarks.viewpoint import Viewpoint
-from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, unwarp, unwarp_map
+from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, unwarp, make_unwarp_map
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.camera import OmniCamera
 
@@ -36,25 +36,25 @@ MIN_BLOB_PIXELS = 4
 class Detector:
     """Everything that does not change from frame to frame."""
 
-    eye: Eye
-    mapping: UnwarpMap
+    view: CylinderView
+    unwarp_map: UnwarpMap
     classifier: ColourClassifier
     landmarks: tuple[Landmark, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class DetectionStages:
     """What the detector saw in one frame, step by step.
 
     cylinder (rows, columns, 3) RGB; labels (rows, columns) colour codes; unused: blobs of landmark
     colours that are part of no landmark.
     """
 
-    cylinder: Bytes
-    labels: Bytes
+    cylinder: UInt8Array
+    labels: UInt8Array
     blobs: tuple[Blob, ...]
     detections: tuple[Detection, ...]
-    unused: tuple[Blob, ...]
+    unused_blobs: tuple[Blob, ...]
 
 
 def make_detector(
@@ -69,44 +69,44 @@ def make_detector(
 
     Raises DomainError for two landmarks that look the same.
     """
-    refuse_lookalikes(landmarks)
-    eye = Eye(camera, cylinder, viewpoint)
-    return Detector(eye, unwarp_map(camera, cylinder), classifier, tuple(landmarks))
+    require_distinct_colours(landmarks)
+    eye = CylinderView(camera, cylinder, viewpoint)
+    return Detector(eye, make_unwarp_map(camera, cylinder), classifier, tuple(landmarks))
 
 
-def detect(detector: Detector, frame: Bytes) -> tuple[Detection, ...]:
+def detect(detector: Detector, frame: UInt8Array) -> tuple[Detection, ...]:
     """Return the landmarks in an omnidirectional (h, w, 3) RGB frame."""
-    return look(detector, frame).detections
+    return detect_with_stages(detector, frame).detections
 
 
-def look(detector: Detector, frame: Bytes) -> View:
+def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages:
     """Return the landmarks in an omnidirectional (h, w, 3) RGB frame, and how they were found."""
-    cylinder = unwarp(frame, detector.mapping)
+    cylinder = unwarp(frame, detector.unwarp_map)
     labels = label_image(detector.classifier, cylinder)
     blobs = blobs_from_labels(labels, min_pixels=MIN_BLOB_PIXELS)
-    found = identify(detector, blobs)
+    found = select_candidates(detector, blobs)
     used = {id(blob) for candidate in found for blob in candidate.blobs}
     unused = tuple(blob for blob in blobs if id(blob) not in used)
-    return View(cylinder, labels, blobs, tuple(_detection(detector, c) for c in found), unused)
+    return DetectionStages(cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in found), unused)
 
 
-def identify(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:
+def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:
     """Return the best candidate of each landmark, no blob in two of them; beacons choose first."""
-    eye, landmarks = detector.eye, detector.landmarks
+    eye, landmarks = detector.view, detector.landmarks
     beacons = [landmark for landmark in landmarks if landmark.kind == "beacon"]
     goals = [landmark for landmark in landmarks if landmark.kind == "goal"]
-    chosen = _largest([c for row in beacons for c in beacon_candidates(eye, row, blobs)])
+    chosen = _select_largest([c for row in beacons for c in find_beacon_candidates(eye, row, blobs)])
     taken = {id(blob) for candidate in chosen for blob in candidate.blobs}
     free = [blob for blob in blobs if id(blob) not in taken]
-    return chosen + _largest([c for row in goals for c in goal_candidates(eye, row, free)])
+    return chosen + _select_largest([c for row in goals for c in find_goal_candidates(eye, row, free)])
 
 
-def _largest(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _select_largest(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates from the largest down, without those whose name or blob is taken."""
     chosen: list[Candidate] = []
     names: set[str] = set()
     taken: set[int] = set()
-    for candidate in sorted(candidates, key=lambda c: -c.pixels):
+    for candidate in sorted(candidates, key=lambda c: -c.num_pixels):
         parts = {id(blob) for blob in candidate.blobs}
         if candidate.landmark.name not in names and not parts & taken:
             chosen.append(candidate)
@@ -115,13 +115,13 @@ def _largest(candidates: Sequence[Candidate]) -> list[Candidate]:
     return chosen
 
 
-def _detection(detector: Detector, candidate: Candidate) -> Detection:
-    make = detection if candidate.has_range else bearing_detection
-    landmark, viewpoint = candidate.landmark, detector.eye.viewpoint
+def _make_detection(detector: Detector, candidate: Candidate) -> Detection:
+    make = detection_from_measurement if candidate.has_range else bearing_detection_from_measurement
+    landmark, viewpoint = candidate.landmark, detector.view.viewpoint
     return make(
         landmark.name,
         landmark.kind,
-        candidate.sighting,
+        candidate.measurement,
         viewpoint=viewpoint,
-        pixels=candidate.pixels,
+        num_pixels=candidate.num_pixels,
     )

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 
-Bytes = npt.NDArray[np.uint8]
+UInt8Array = npt.NDArray[np.uint8]
 Counts = npt.NDArray[np.int64]
 
 # 8 grey levels a bin: some five times a camera's noise (1.4 levels at mid-grey), and a table that
@@ -17,9 +17,9 @@ Counts = npt.NDArray[np.int64]
 DEFAULT_BINS = 32
 _ALLOWED_BINS = (2, 4, 8, 16, 32, 64)
 # Any sum of two totals fits int64: nothing wraps before it is looked at.
-LARGEST_TOTAL = 2**62
+MAX_TOTAL = 2**62
 # How often `spread` counts a pixel: 1 + 2 + 1 along each of three axes.
-_SPREAD_WEIGHT = 64
+_KERNEL_SUM = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,14 +57,14 @@ def empty_histogram(bins: int = DEFAULT_BINS) -> Histogram:
     return Histogram(np.zeros((bins, bins, bins), dtype=np.int64))
 
 
-def histogram_from_pixels(pixels: Bytes, bins: int = DEFAULT_BINS) -> Histogram:
+def histogram_from_pixels(pixels: UInt8Array, bins: int = DEFAULT_BINS) -> Histogram:
     """Return the histogram of (..., 3) RGB uint8 pixels."""
     _check_bins(bins)
     index = bin_index(pixels, bins).ravel()
     return Histogram(np.bincount(index, minlength=bins**3).reshape(bins, bins, bins))
 
 
-def merged(first: Histogram, second: Histogram) -> Histogram:
+def merge_histograms(first: Histogram, second: Histogram) -> Histogram:
     """Return the histogram of both sets of pixels together."""
     if first.bins != second.bins:
         raise DomainError(f"histograms of {first.bins} and {second.bins} bins do not add up")
@@ -72,13 +72,13 @@ def merged(first: Histogram, second: Histogram) -> Histogram:
     return Histogram(first.counts + second.counts)
 
 
-def spread(histogram: Histogram) -> Histogram:
+def smooth_histogram(histogram: Histogram) -> Histogram:
     """Return the histogram with each pixel shared out over the neighbouring bins as 1 : 2 : 1.
 
     For training on few frames: a shade between two that were seen is then seen too. Counts stay
     integers, 64 for each pixel; at the border the share beyond it stays in the border bin.
     """
-    _check_total(_SPREAD_WEIGHT * histogram.total)
+    _check_total(_KERNEL_SUM * histogram.total)
     counts = histogram.counts
     for axis in range(3):
         padded = np.pad(counts, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge")
@@ -89,7 +89,7 @@ def spread(histogram: Histogram) -> Histogram:
     return Histogram(counts)
 
 
-def bin_index(pixels: Bytes, bins: int) -> npt.NDArray[np.intp]:
+def bin_index(pixels: UInt8Array, bins: int) -> npt.NDArray[np.intp]:
     """Return the (...) index into a flattened histogram of (..., 3) RGB uint8 pixels."""
     if pixels.dtype != np.uint8 or pixels.shape[-1:] != (3,):
         raise DomainError(f"RGB pixels are uint8 (..., 3), not {pixels.dtype} {pixels.shape}")
@@ -100,7 +100,7 @@ def bin_index(pixels: Bytes, bins: int) -> npt.NDArray[np.intp]:
 
 
 def _check_total(total: float) -> None:
-    if total > LARGEST_TOTAL:
+    if total > MAX_TOTAL:
         raise DomainError(f"a histogram holds at most 2^62 pixels, not {total:.3g}")
 
 

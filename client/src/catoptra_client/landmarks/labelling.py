@@ -15,18 +15,18 @@ import cv2
 import numpy as np
 
 from catoptra_client.landmarks.classifier import COLOUR_CODES, NO_COLOUR
-from catoptra_client.landmarks.histogram import Bytes
-from catoptra_client.landmarks.surfaces import Rays, surface_codes
+from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.landmarks.surfaces import Rays, nearest_surface_codes
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools
 
-IGNORED = 255
+IGNORE_LABEL = 255
 
 
 @dataclass(frozen=True, slots=True)
-class Margins:
+class LabelMargins:
     """How far, in pixels, colours are eroded and neg keeps from landmarks.
 
     1 px: the reach of a renderer's pixel filter. 3 px: as far as defocus and a pose wrong by some
@@ -42,25 +42,25 @@ def label_frame(
     landmarks: Sequence[Landmark],
     *,
     world_from_mirror: Pose,
-    margins: Margins = Margins(),
-) -> Bytes:
+    margins: LabelMargins = LabelMargins(),
+) -> UInt8Array:
     """Return (h, w) labels: a colour's code, NO_COLOUR for neg, IGNORED; floor at world z = 0."""
-    direction, seen = direction_from_pixel(camera, pixel_centres(camera)[:, :, 0])
-    directions = world_from_mirror.directions(direction).reshape(-1, 3)
+    direction, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    directions = world_from_mirror.rotate_directions(direction).reshape(-1, 3)
     rays = Rays(world_from_mirror.translation, directions)
-    codes = np.where(seen, surface_codes(rays, landmarks).reshape(seen.shape), NO_COLOUR)
-    labels = np.full(seen.shape, IGNORED, dtype=np.uint8)
-    labels[_eroded(~_dilated(codes != NO_COLOUR, margins.clearance_px) & seen, 1)] = NO_COLOUR
+    codes = np.where(seen, nearest_surface_codes(rays, landmarks).reshape(seen.shape), NO_COLOUR)
+    labels = np.full(seen.shape, IGNORE_LABEL, dtype=np.uint8)
+    labels[_erode(~_dilate(codes != NO_COLOUR, margins.clearance_px) & seen, 1)] = NO_COLOUR
     for code in COLOUR_CODES.values():
-        labels[_eroded(codes == code, margins.erosion_px)] = code
+        labels[_erode(codes == code, margins.erosion_px)] = code
     return labels
 
 
-def _eroded(mask: Bools, margin_px: int) -> Bools:
-    return ~_dilated(~mask, margin_px)
+def _erode(mask: Bools, margin_px: int) -> Bools:
+    return ~_dilate(~mask, margin_px)
 
 
-def _dilated(mask: Bools, margin_px: int) -> Bools:
+def _dilate(mask: Bools, margin_px: int) -> Bools:
     size = 2 * margin_px + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     return np.asarray(cv2.dilate(mask.astype(np.uint8), kernel), dtype=np.bool_)

@@ -69,14 +69,14 @@ def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool
     return (t, True) if t < math.inf else (0.0, False)
 
 
-def theta_sigma(
+def incidence_angle_sigma(
     camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
 ) -> tuple[float, bool]:
     """Return the sigma of a point's incidence angle, from that of its image radius.
 
     Undefined for a point that the mirror does not reflect.
     """
-    t, seen = _seen(camera, range_m, drop_m)
+    t, seen = _visible_half_angle(camera, range_m, drop_m)
     if not seen:
         return 0.0, False
     slope_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_slope(np.array(t)))
@@ -91,7 +91,7 @@ def range_sigma(
     sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Undefined at the horizon, for a point that the
     mirror does not reflect, and where it is too large for float64.
     """
-    sigma_rad, seen = theta_sigma(camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px)
+    sigma_rad, seen = incidence_angle_sigma(camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px)
     if not seen or drop_m == 0.0:
         return 0.0, False
     distance_m = math.hypot(drop_m, range_m)
@@ -107,7 +107,7 @@ def azimuth_sigma(
     Undefined straight below, where there is no azimuth, and for a point that the mirror does not
     reflect.
     """
-    t, seen = _seen(camera, range_m, drop_m)
+    t, seen = _visible_half_angle(camera, range_m, drop_m)
     radius_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_from_t(np.array(t)))
     sigma_rad = sigma_px / radius_px if seen and radius_px > 0.0 else math.inf
     return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
@@ -118,6 +118,6 @@ def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> b
     return math.atan2(abs(drop_m), range_m) > HORIZON_SIGMAS * sigma_rad
 
 
-def _seen(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
+def _visible_half_angle(camera: OmniCamera, range_m: float, drop_m: float) -> tuple[float, bool]:
     t, defined = half_angle_from_range(range_m, drop_m=drop_m)
     return (t, True) if defined and t < camera.mirror.t_limit else (0.0, False)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from catoptra_client.landmarks.blobs import Blob
-from catoptra_client.landmarks.detection import Sighting
+from catoptra_client.landmarks.detection import PolarMeasurement
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.errors import DomainError
@@ -16,23 +16,23 @@ from catoptra_protocol.optics.numerics import wrap_angle
 
 
 @dataclass(frozen=True, slots=True)
-class Eye:
+class CylinderView:
     """What a row and a column mean: camera, cylinder, and the viewpoint's place on the robot."""
 
     camera: OmniCamera
     cylinder: CylinderGeometry
     viewpoint: Viewpoint
 
-    def drop_m(self, landmark: Landmark, share: float) -> float:
+    def drop_m(self, landmark: Landmark, fraction: float) -> float:
         """Return how far below the viewpoint a height lies, given as a share of the band's."""
         band_m = landmark.band_top_m - landmark.band_bottom_m
-        return self.viewpoint.height_m - (landmark.band_bottom_m + share * band_m)
+        return self.viewpoint.height_m - (landmark.band_bottom_m + fraction * band_m)
 
-    def azimuth(self, column: float) -> float:
+    def azimuth_from_column(self, column: float) -> float:
         """Return the wrapped azimuth of a column, which may lie beyond the picture's width."""
         return wrap_angle(self.cylinder.azimuth_from_column(column))
 
-    def is_cut(self, blob: Blob) -> bool:
+    def touches_edge(self, blob: Blob) -> bool:
         """Return whether a blob touches the picture's upper or lower edge and may go on beyond."""
         return blob.top <= 0.0 or blob.bottom >= self.cylinder.rows
 
@@ -43,16 +43,16 @@ class Candidate:
 
     landmark: Landmark
     blobs: tuple[Blob, ...]
-    sighting: Sighting
+    measurement: PolarMeasurement
     has_range: bool
 
     @property
-    def pixels(self) -> int:
+    def num_pixels(self) -> int:
         """Return the pixels of all its blobs."""
-        return sum(blob.pixels for blob in self.blobs)
+        return sum(blob.num_pixels for blob in self.blobs)
 
 
-def refuse_lookalikes(landmarks: Iterable[Landmark]) -> None:
+def require_distinct_colours(landmarks: Iterable[Landmark]) -> None:
     """Raise DomainError if two landmarks have the same kind and colours, or a beacon only one."""
     seen: dict[tuple[str, str, str], str] = {}
     for landmark in landmarks:

@@ -12,8 +12,8 @@ import numpy as np
 
 from catoptra_client.landmarks.classifier import ColourClassifier, classifier_from_histograms
 from catoptra_client.landmarks.histogram import Histogram
-from catoptra_protocol.errors import ConfigError, DomainError, Where
-from catoptra_protocol.landmarks import COLOURS
+from catoptra_protocol.errors import ConfigError, DomainError, SourceLocation
+from catoptra_protocol.landmarks import BAND_COLOURS
 
 SCHEMA = "catoptra-colour-classifier"
 SCHEMA_VERSION = 1
@@ -21,7 +21,7 @@ SCHEMA_VERSION = 1
 
 def save_classifier(classifier: ColourClassifier, path: Path) -> None:
     """Write a classifier. The file gets exactly this name."""
-    histograms = {colour: classifier.positives[colour].counts for colour in COLOURS}
+    histograms = {colour: classifier.positives[colour].counts for colour in BAND_COLOURS}
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -37,27 +37,27 @@ def load_classifier(path: Path) -> ColourClassifier:
     """Read a classifier. Raises ConfigError that names the file and what is wrong with it."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return _classifier({name: stored[name] for name in stored.files}, path)
+            return _parse_classifier({name: stored[name] for name in stored.files}, path)
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, TypeError) as error:
-        raise _wrong(path, "file", str(path), f"a readable .npz ({error})") from error
+        raise _config_error(path, "file", str(path), f"a readable .npz ({error})") from error
 
 
-def _classifier(stored: dict[str, np.ndarray], path: Path) -> ColourClassifier:
-    missing = {"schema", "version", "theta", "neg", *COLOURS} - set(stored)
+def _parse_classifier(entries: dict[str, np.ndarray], path: Path) -> ColourClassifier:
+    missing = {"schema", "version", "theta", "neg", *BAND_COLOURS} - set(entries)
     if missing:
-        raise _wrong(path, "entries", ", ".join(sorted(stored)), f"also {sorted(missing)}")
-    if str(stored["schema"]) != SCHEMA:
-        raise _wrong(path, "schema", str(stored["schema"]), SCHEMA)
-    if str(stored["version"]) != str(SCHEMA_VERSION):
+        raise _config_error(path, "entries", ", ".join(sorted(entries)), f"also {sorted(missing)}")
+    if str(entries["schema"]) != SCHEMA:
+        raise _config_error(path, "schema", str(entries["schema"]), SCHEMA)
+    if str(entries["version"]) != str(SCHEMA_VERSION):
         expected = f"{SCHEMA_VERSION}; train it anew with this version of Catoptra"
-        raise _wrong(path, "version", str(stored["version"]), expected)
+        raise _config_error(path, "version", str(entries["version"]), expected)
     try:
-        positives = {colour: Histogram(stored[colour]) for colour in COLOURS}
-        negative, theta = Histogram(stored["neg"]), float(stored["theta"])
+        positives = {colour: Histogram(entries[colour]) for colour in BAND_COLOURS}
+        negative, theta = Histogram(entries["neg"]), float(entries["theta"])
         return classifier_from_histograms(positives, negative, theta=theta)
     except DomainError as error:
-        raise _wrong(path, "histograms", "unusable", str(error)) from error
+        raise _config_error(path, "histograms", "unusable", str(error)) from error
 
 
-def _wrong(path: Path, key: str, value: str, expected: str) -> ConfigError:
-    return ConfigError(Where(str(path)), key=key, value=value, expected=expected)
+def _config_error(path: Path, key: str, value: str, expected: str) -> ConfigError:
+    return ConfigError(SourceLocation(str(path)), key=key, value=value, expected=expected)

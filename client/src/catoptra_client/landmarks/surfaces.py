@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_client.landmarks.classifier import COLOUR_CODES, NO_COLOUR
-from catoptra_client.landmarks.histogram import Bytes
+from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Bools, Floats
 
 # The white post below a beacon's band: a landmark's, but of no landmark colour.
-WHITE = 1 + max(COLOUR_CODES.values())
+WHITE_CODE = 1 + max(COLOUR_CODES.values())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,23 +34,23 @@ class Rays:
 class Hits:
     """Where rays meet a surface: distance (n,) along the direction, inf where not; code (n,)."""
 
-    distance: Floats
-    code: Bytes
+    distances: Floats
+    codes: UInt8Array
 
 
-def surface_codes(rays: Rays, landmarks: Iterable[Landmark]) -> Bytes:
+def nearest_surface_codes(rays: Rays, landmarks: Iterable[Landmark]) -> UInt8Array:
     """Return (n,) codes of what each ray meets first: a colour's, WHITE, or NO_COLOUR."""
     nearest = np.full(len(rays.directions), math.inf)
     codes = np.full(len(rays.directions), NO_COLOUR, dtype=np.uint8)
     for landmark in landmarks:
-        for hits in _SURFACES[landmark.kind](rays, landmark):
-            nearer = hits.distance < nearest
-            nearest = np.where(nearer, hits.distance, nearest)
-            codes = np.where(nearer, hits.code, codes)
+        for hits in _INTERSECTIONS[landmark.kind](rays, landmark):
+            nearer = hits.distances < nearest
+            nearest = np.where(nearer, hits.distances, nearest)
+            codes = np.where(nearer, hits.codes, codes)
     return codes
 
 
-def _beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
+def _intersect_beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
     to_axis = np.array([landmark.x_m, landmark.y_m]) - rays.origin[:2]
     level = rays.directions[:, :2]
     # Solve |s level - to_axis| = radius for the nearer s.
@@ -65,16 +65,16 @@ def _beacon(rays: Rays, landmark: Landmark) -> list[Hits]:
     meets &= (height >= 0.0) & (height <= landmark.band_top_m)
     code = _band_code(landmark, height)
     side = Hits(np.where(meets, distance, math.inf), code)
-    return [side, _lid(rays, landmark)]
+    return [side, _intersect_cap(rays, landmark)]
 
 
-def _band_code(landmark: Landmark, height: Floats) -> Bytes:
+def _band_code(landmark: Landmark, height: Floats) -> UInt8Array:
     lower, upper = COLOUR_CODES[landmark.lower_colour], COLOUR_CODES[landmark.upper_colour]
-    coloured = np.where(height < landmark.band_middle_m, lower, upper)
-    return np.where(height < landmark.band_bottom_m, WHITE, coloured).astype(np.uint8)
+    coloured = np.where(height < landmark.band_centre_m, lower, upper)
+    return np.where(height < landmark.band_bottom_m, WHITE_CODE, coloured).astype(np.uint8)
 
 
-def _lid(rays: Rays, landmark: Landmark) -> Hits:
+def _intersect_cap(rays: Rays, landmark: Landmark) -> Hits:
     """Return where rays meet the lid, seen only from above."""
     drop = -landmark.band_top_m - rays.origin[2]
     falls = rays.directions[:, 2] > 0.0
@@ -86,31 +86,31 @@ def _lid(rays: Rays, landmark: Landmark) -> Hits:
     return Hits(np.where(meets, distance, math.inf), code)
 
 
-def _goal(rays: Rays, landmark: Landmark) -> list[Hits]:
+def _intersect_goal(rays: Rays, landmark: Landmark) -> list[Hits]:
     half = 0.5 * landmark.width_m
     back = landmark.x_m + math.copysign(landmark.depth_m, landmark.x_m)
     depths = (min(landmark.x_m, back), max(landmark.x_m, back))
     widths = (landmark.y_m - half, landmark.y_m + half)
     boards = [(0, back, widths), (1, widths[0], depths), (1, widths[1], depths)]
-    return [_board(rays, landmark, axis, at_m, span) for axis, at_m, span in boards]
+    return [_intersect_board(rays, landmark, axis, at_m, span) for axis, at_m, span in boards]
 
 
-def _board(
-    rays: Rays, landmark: Landmark, axis: int, at_m: float, span: tuple[float, float]
+def _intersect_board(
+    rays: Rays, landmark: Landmark, axis: int, position_m: float, span: tuple[float, float]
 ) -> Hits:
     """Return where rays meet an upright board: at `at_m` of an axis, over a span of the other."""
     along = rays.directions[:, axis]
-    distance = (at_m - rays.origin[axis]) / np.where(along == 0.0, math.nan, along)
+    distance = (position_m - rays.origin[axis]) / np.where(along == 0.0, math.nan, along)
     reach = np.where(distance > 0.0, distance, 0.0)
     points = rays.origin + reach[:, None] * rays.directions
     across, height = points[:, 1 - axis], -points[:, 2]
-    meets = (reach > 0.0) & _within(across, *span) & _within(height, 0.0, landmark.band_top_m)
+    meets = (reach > 0.0) & _is_within(across, *span) & _is_within(height, 0.0, landmark.band_top_m)
     code = _band_code(landmark, height)
     return Hits(np.where(meets, reach, math.inf), code)
 
 
-def _within(values: Floats, low: float, high: float) -> Bools:
+def _is_within(values: Floats, low: float, high: float) -> Bools:
     return (values >= low) & (values <= high)
 
 
-_SURFACES: dict[str, Callable[[Rays, Landmark], list[Hits]]] = {"beacon": _beacon, "goal": _goal}
+_INTERSECTIONS: dict[str, Callable[[Rays, Landmark], list[Hits]]] = {"beacon": _intersect_beacon, "goal": _intersect_goal}

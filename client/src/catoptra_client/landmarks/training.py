@@ -14,12 +14,12 @@ from catoptra_client.landmarks.classifier import (
 )
 from catoptra_client.landmarks.histogram import (
     DEFAULT_BINS,
-    Bytes,
+    UInt8Array,
     Histogram,
     empty_histogram,
     histogram_from_pixels,
-    merged,
-    spread,
+    merge_histograms,
+    smooth_histogram,
 )
 from catoptra_protocol.errors import DomainError
 
@@ -32,28 +32,28 @@ class TrainingHistograms:
     negative: Histogram
 
 
-def no_training(bins: int = DEFAULT_BINS) -> TrainingHistograms:
+def empty_training_histograms(bins: int = DEFAULT_BINS) -> TrainingHistograms:
     """Return the histograms before the first frame."""
     return TrainingHistograms(
         {colour: empty_histogram(bins) for colour in COLOUR_CODES}, empty_histogram(bins)
     )
 
 
-def counted(so_far: TrainingHistograms, frame: Bytes, *, labels: Bytes) -> TrainingHistograms:
+def add_labelled_frame(histograms: TrainingHistograms, frame: UInt8Array, *, labels: UInt8Array) -> TrainingHistograms:
     """Return the histograms with one more frame: (h, w, 3) RGB and its (h, w) labels."""
     if frame.shape != (*labels.shape, 3):
         raise DomainError(f"labels {labels.shape} do not belong to a frame {frame.shape}")
-    bins = so_far.negative.bins
+    bins = histograms.negative.bins
 
-    def more(histogram: Histogram, code: int) -> Histogram:
-        return merged(histogram, histogram_from_pixels(frame[labels == code], bins))
+    def accumulate(histogram: Histogram, code: int) -> Histogram:
+        return merge_histograms(histogram, histogram_from_pixels(frame[labels == code], bins))
 
-    positives = {c: more(so_far.positives[c], code) for c, code in COLOUR_CODES.items()}
-    return TrainingHistograms(positives, more(so_far.negative, NO_COLOUR))
+    positives = {c: accumulate(histograms.positives[c], code) for c, code in COLOUR_CODES.items()}
+    return TrainingHistograms(positives, accumulate(histograms.negative, NO_COLOUR))
 
 
 def train(
-    labelled_frames: Iterable[tuple[Bytes, Bytes]],
+    labelled_frames: Iterable[tuple[UInt8Array, UInt8Array]],
     *,
     theta: float = DEFAULT_THETA,
     bins: int = DEFAULT_BINS,
@@ -63,8 +63,8 @@ def train(
     Counts are shared with the neighbouring bins (`spread`): some twenty frames do not show every
     shade of a cylinder under its lights.
     """
-    histograms = no_training(bins)
+    histograms = empty_training_histograms(bins)
     for frame, labels in labelled_frames:
-        histograms = counted(histograms, frame, labels=labels)
-    positives = {colour: spread(histogram) for colour, histogram in histograms.positives.items()}
-    return classifier_from_histograms(positives, spread(histograms.negative), theta=theta)
+        histograms = add_labelled_frame(histograms, frame, labels=labels)
+    positives = {colour: smooth_histogram(histogram) for colour, histogram in histograms.positives.items()}
+    return classifier_from_histograms(positives, smooth_histogram(histograms.negative), theta=theta)

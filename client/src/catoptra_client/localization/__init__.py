@@ -1,18 +1,18 @@
 """Localisation: an extended Kalman filter over the pose, as functions on immutable beliefs.
 
-One step: `predict` with the control from odometry, `update` with each landmark seen, `observe` what
+One step: `predict` with the control from odometry, `update` with each landmark seen, `update_health` what
 became of them. Source: Schmits & Visser 2009, Eqs. 4-6.
 """
 
 from catoptra_client.localization.belief import Belief
-from catoptra_client.localization.consistency import mean_interval, nees
-from catoptra_client.localization.ekf import Reason, Update, predict, update
-from catoptra_client.localization.gate import OPEN_GATE, PAPER_GATE, Gate
+from catoptra_client.localization.consistency import chi_square_mean_interval, nees
+from catoptra_client.localization.ekf import UpdateStatus, MeasurementUpdate, predict, update
+from catoptra_client.localization.gate import OPEN_GATE, PAPER_GATE, ValidationGate
 from catoptra_client.localization.landmark_map import (
     LandmarkMap,
     LandmarkPosition,
-    landmark_map,
-    position_of,
+    make_landmark_map,
+    find_landmark_position,
 )
 from catoptra_client.localization.measurement import (
     BearingOnly,
@@ -20,7 +20,7 @@ from catoptra_client.localization.measurement import (
     RangeBearing,
     measurement_from_detection,
 )
-from catoptra_client.localization.monitor import FilterHealth, Recovery, observe, recovered
+from catoptra_client.localization.monitor import FilterHealth, Recovery, update_health, apply_recovery
 from catoptra_client.localization.motion import Control, MotionNoise
 from catoptra_client.localization.odometry import OdometryPose, control_from_odometry
 
@@ -31,24 +31,24 @@ __all__ = [
     "Belief",
     "Control",
     "FilterHealth",
-    "Gate",
+    "ValidationGate",
     "LandmarkMap",
     "LandmarkPosition",
     "Measurement",
     "MotionNoise",
     "OdometryPose",
     "RangeBearing",
-    "Reason",
+    "UpdateStatus",
     "Recovery",
-    "Update",
+    "MeasurementUpdate",
     "control_from_odometry",
-    "landmark_map",
-    "mean_interval",
+    "make_landmark_map",
+    "chi_square_mean_interval",
     "measurement_from_detection",
     "nees",
-    "observe",
-    "position_of",
+    "update_health",
+    "find_landmark_position",
     "predict",
-    "recovered",
+    "apply_recovery",
     "update",
 ]

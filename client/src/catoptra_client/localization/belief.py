@@ -11,9 +11,9 @@ from catoptra_protocol.optics.numerics import Floats, wrap_angle
 
 # Rounding of products leaves eigenvalues of a few eps times the largest; 1e-12 is some 4500 eps,
 # far above that and far below any variance a robot's sensors can tell from zero.
-_NEGATIVE_TOLERANCE = 1e-12
+_ROUNDING_TOLERANCE = 1e-12
 # The square root of the smallest number of full precision.
-_SMALLEST_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
+_MIN_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +41,8 @@ class Belief:
             raise DomainError(
                 f"a covariance is symmetric and has no negative variance: {covariance.tolist()}"
             )
-        _keep(self, "mean", mean)
-        _keep(self, "covariance", _symmetric(covariance))
+        _set_frozen_array(self, "mean", mean)
+        _set_frozen_array(self, "covariance", _symmetrize(covariance))
 
 
 def is_positive_semidefinite(covariance: Floats) -> bool:
@@ -50,24 +50,24 @@ def is_positive_semidefinite(covariance: Floats) -> bool:
 
     Both past rounding, and asked of the correlations, so that metres do not hide radians.
     """
-    _, correlation, possible = correlations(covariance)
-    return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE_TOLERANCE)
+    _, correlation, possible = sigmas_and_correlations(covariance)
+    return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_ROUNDING_TOLERANCE)
 
 
-def square_root(covariance: Floats) -> Floats:
+def covariance_square_root(covariance: Floats) -> Floats:
     """Return B (n, n) with B B^T = covariance. Domain: positive semidefinite, rank may be low.
 
     By the eigenvectors of the correlations: a Cholesky factor needs full rank, which P = 0 has not.
     Eigenvalues that rounding made negative are taken as the zeros that they stand for.
     """
-    sigma, correlation, _ = correlations(covariance)
+    sigma, correlation, _ = sigmas_and_correlations(covariance)
     values, vectors = np.linalg.eigh(correlation)
     with np.errstate(under="ignore"):  # what is below 1e-308 is zero
         root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
-def correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
+def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
     """Return sigmas (n,), correlations (n, n), and whether they can be those of a covariance.
 
     They cannot if a variance is negative, or zero beside a covariance that is not, if a correlation
@@ -76,30 +76,30 @@ def correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
     """
     variances = np.diagonal(covariance)
     sigma = np.sqrt(np.maximum(variances, 0.0))
-    sigma[sigma < _SMALLEST_SIGMA] = 0.0
+    sigma[sigma < _MIN_SIGMA] = 0.0
     certain = sigma == 0.0
-    scale = np.where(certain, _SMALLEST_SIGMA, sigma)
+    scale = np.where(certain, _MIN_SIGMA, sigma)
     with np.errstate(over="ignore", under="ignore"):
         correlation = covariance / scale / scale[:, None]
-    if not (variances.min() >= 0.0 and _are_correlations(correlation)):
+    if not (variances.min() >= 0.0 and _is_correlation_matrix(correlation)):
         return sigma, np.zeros_like(correlation), False
     correlation[certain | certain[:, None]] = 0.0
     return sigma, correlation, True
 
 
-def _are_correlations(matrix: Floats) -> bool:
+def _is_correlation_matrix(matrix: Floats) -> bool:
     """Return whether no number exceeds 1 and the (n, n) matrix is symmetric, past rounding."""
-    if not np.abs(matrix).max() <= 1.0 + _NEGATIVE_TOLERANCE:
+    if not np.abs(matrix).max() <= 1.0 + _ROUNDING_TOLERANCE:
         return False
-    return bool(np.abs(matrix - matrix.T).max() <= _NEGATIVE_TOLERANCE)
+    return bool(np.abs(matrix - matrix.T).max() <= _ROUNDING_TOLERANCE)
 
 
-def _symmetric(covariance: Floats) -> Floats:
+def _symmetrize(covariance: Floats) -> Floats:
     with np.errstate(under="ignore"):  # half of the smallest number is zero
         symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
     return symmetric
 
 
-def _keep(belief: Belief, name: str, array: Floats) -> None:
+def _set_frozen_array(belief: Belief, name: str, array: Floats) -> None:
     array.setflags(write=False)
     object.__setattr__(belief, name, array)

@@ -11,17 +11,17 @@ from statistics import NormalDist
 
 import numpy as np
 
-from catoptra_client.localization.belief import Belief, correlations
+from catoptra_client.localization.belief import Belief, sigmas_and_correlations
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats, angle_difference
 
 # Of unit variances, rank is plain to see whatever the units: below this only rounding is left.
-_SMALLEST_EIGENVALUE = 1e-12
+_MIN_EIGENVALUE = 1e-12
 # Up to here the series is summed: some hundred terms a step. Above, Wilson & Hilferty's cube root
 # is within 2e-6 of it.
-_SUMMED_FREEDOM = 1000
+_MAX_SERIES_DOF = 1000
 # Nearer to 0 or 1 the series' own rounding, 1e-13, would tell.
-_CONFIDENCE = (1e-6, 1.0 - 1e-6)
+_CONFIDENCE_RANGE = (1e-6, 1.0 - 1e-6)
 
 
 def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
@@ -33,8 +33,8 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     truth = np.asarray(true_pose, dtype=np.float64)
     if truth.shape != (3,) or not np.isfinite(truth).all():
         raise DomainError(f"a true pose (x, y, phi) has three finite numbers: {truth}")
-    sigma, correlation, _ = correlations(belief.covariance)
-    regular = (sigma > 0.0).all() and np.linalg.eigvalsh(correlation)[0] >= _SMALLEST_EIGENVALUE
+    sigma, correlation, _ = sigmas_and_correlations(belief.covariance)
+    regular = (sigma > 0.0).all() and np.linalg.eigvalsh(correlation)[0] >= _MIN_EIGENVALUE
     if not regular:
         return 0.0, False
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
@@ -45,32 +45,32 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     return (value, True) if math.isfinite(value) else (0.0, False)
 
 
-def mean_interval(size: int, runs: int, *, confidence: float = 0.95) -> tuple[float, float]:
+def chi_square_mean_interval(dof: int, num_runs: int, *, confidence: float = 0.95) -> tuple[float, float]:
     """Return the two-sided interval of the mean of `runs` chi-square values of `size` freedoms.
 
     Holds to 2e-6 relative. Domain: at least one freedom, confidence in 1e-6 .. 1 - 1e-6.
     """
-    freedom = size * runs
-    if freedom < 1 or not _CONFIDENCE[0] <= confidence <= _CONFIDENCE[1]:
-        raise DomainError(f"no interval for {size} x {runs} freedoms at {confidence!r}")
+    freedom = dof * num_runs
+    if freedom < 1 or not _CONFIDENCE_RANGE[0] <= confidence <= _CONFIDENCE_RANGE[1]:
+        raise DomainError(f"no interval for {dof} x {num_runs} freedoms at {confidence!r}")
     tail = 0.5 * (1.0 - confidence)
-    return _quantile(freedom, tail) / runs, _quantile(freedom, 1.0 - tail) / runs
+    return _chi_square_quantile(freedom, tail) / num_runs, _chi_square_quantile(freedom, 1.0 - tail) / num_runs
 
 
-def _quantile(freedom: int, share: float) -> float:
+def _chi_square_quantile(dof: int, probability: float) -> float:
     """Return the number below which a share of chi-square values lies."""
-    if freedom > _SUMMED_FREEDOM:
-        return _wilson_hilferty(freedom, NormalDist().inv_cdf(share))
+    if dof > _MAX_SERIES_DOF:
+        return _wilson_hilferty(dof, NormalDist().inv_cdf(probability))
     # All quantiles down to a tail of 5e-7 lie below mean + 10 standard deviations + 30.
-    low, high = 0.0, freedom + 10.0 * math.sqrt(2.0 * freedom) + 30.0
+    low, high = 0.0, dof + 10.0 * math.sqrt(2.0 * dof) + 30.0
     while low < (middle := 0.5 * (low + high)) < high:
-        low, high = (middle, high) if _share_below(freedom, middle) < share else (low, middle)
+        low, high = (middle, high) if _chi_square_cdf(dof, middle) < probability else (low, middle)
     return middle
 
 
-def _share_below(freedom: int, value: float) -> float:
+def _chi_square_cdf(dof: int, value: float) -> float:
     """Return the chi-square distribution by its series of positive terms: nothing cancels."""
-    a, x = 0.5 * freedom, 0.5 * value
+    a, x = 0.5 * dof, 0.5 * value
     term = math.exp(a * math.log(x) - x - math.lgamma(a + 1.0))
     total, n = term, 1.0
     while term > 1e-17 * total:
@@ -79,7 +79,7 @@ def _share_below(freedom: int, value: float) -> float:
     return total
 
 
-def _wilson_hilferty(freedom: int, normal: float) -> float:
+def _wilson_hilferty(dof: int, normal_quantile: float) -> float:
     """Return the chi-square quantile that belongs to a standard normal one."""
-    spread = 2.0 / (9.0 * freedom)
-    return float(freedom * (1.0 - spread + normal * spread**0.5) ** 3)
+    spread = 2.0 / (9.0 * dof)
+    return float(dof * (1.0 - spread + normal_quantile * spread**0.5) ** 3)

@@ -15,40 +15,40 @@ from enum import StrEnum
 
 import numpy as np
 
-from catoptra_client.localization.belief import Belief, is_positive_semidefinite, square_root
-from catoptra_client.localization.gate import Gate
+from catoptra_client.localization.belief import Belief, is_positive_semidefinite, covariance_square_root
+from catoptra_client.localization.gate import ValidationGate
 from catoptra_client.localization.landmark_map import LandmarkPosition
-from catoptra_client.localization.measurement import Measurement, expect, is_finite, residual
+from catoptra_client.localization.measurement import Measurement, predict_measurement, is_finite, compute_innovation
 from catoptra_client.localization.motion import (
     Control,
     MotionNoise,
     control_covariance,
-    jacobian_by_control,
-    jacobian_by_pose,
-    moved,
+    jacobian_wrt_control,
+    jacobian_wrt_pose,
+    propagate_pose,
 )
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 
 # A robot that believes itself nearer to a landmark than a beacon's radius (0.05 m) would stand in
 # it: the bearing says nothing there, and its linearisation less.
-NEAREST_LANDMARK_M = 0.05
+MIN_LANDMARK_RANGE_M = 0.05
 
 
-class Reason(StrEnum):
+class UpdateStatus(StrEnum):
     """Why a measurement was taken or refused, in words for a log."""
 
     ACCEPTED = "inside the validation gate"
     OUTSIDE_GATE = "outside the validation gate"
     NOT_FINITE = "the measurement has a number that is not finite"
-    NOISE_NOT_A_COVARIANCE = "the measurement's covariance is not positive semidefinite"
+    INVALID_NOISE_COVARIANCE = "the measurement's covariance is not positive semidefinite"
     AT_LANDMARK = "the landmark stands at the believed position: no bearing is defined"
     SINGULAR = "belief and measurement are both certain: the innovation covariance is singular"
-    TOO_LARGE = "the numbers are too large for float64"
+    OVERFLOW = "the numbers are too large for float64"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Update:
+class MeasurementUpdate:
     """What became of one measurement.
 
     belief: the new one, or the old one itself if the measurement was refused. innovation (n,),
@@ -56,20 +56,20 @@ class Update:
     """
 
     belief: Belief
-    reason: Reason
+    status: UpdateStatus
     innovation: Floats
     innovation_covariance: Floats
-    distance_squared: float
+    nis: float
 
     @property
-    def accepted(self) -> bool:
+    def is_accepted(self) -> bool:
         """Return whether the measurement entered the belief."""
-        return self.reason is Reason.ACCEPTED
+        return self.status is UpdateStatus.ACCEPTED
 
     @property
-    def was_compared(self) -> bool:
+    def has_innovation(self) -> bool:
         """Return whether the measurement was sound enough to be put before the gate."""
-        return self.reason in (Reason.ACCEPTED, Reason.OUTSIDE_GATE)
+        return self.status in (UpdateStatus.ACCEPTED, UpdateStatus.OUTSIDE_GATE)
 
 
 def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
@@ -82,49 +82,49 @@ def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
         return belief
     M = control_covariance(control, noise)  # diagonal
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        G = jacobian_by_pose(belief.mean, control)
-        V = jacobian_by_control(belief.mean, control)
-        B = np.hstack((G @ square_root(belief.covariance), V @ np.sqrt(M)))
-        mean, covariance = moved(belief.mean, control), B @ B.T
+        G = jacobian_wrt_pose(belief.mean, control)
+        V = jacobian_wrt_control(belief.mean, control)
+        B = np.hstack((G @ covariance_square_root(belief.covariance), V @ np.sqrt(M)))
+        mean, covariance = propagate_pose(belief.mean, control), B @ B.T
     if not _all_finite(mean, covariance):
         raise DomainError(f"{control} leads out of what float64 can hold from {belief.mean}")
     return Belief(mean, covariance)
 
 
 def update(
-    belief: Belief, measurement: Measurement, *, landmark: LandmarkPosition, gate: Gate
-) -> Update:
+    belief: Belief, measurement: Measurement, *, landmark: LandmarkPosition, gate: ValidationGate
+) -> MeasurementUpdate:
     """Return the belief after one measurement of a landmark, or the reason why it was refused."""
     if not is_finite(measurement):
-        return _refused(belief, Reason.NOT_FINITE)
-    expected, defined = expect(belief.mean, landmark)
-    if not defined or expected.range_m < NEAREST_LANDMARK_M:
-        return _refused(belief, Reason.AT_LANDMARK)
-    innovation, H, R = residual(measurement, expected)
+        return _reject(belief, UpdateStatus.NOT_FINITE)
+    expected, defined = predict_measurement(belief.mean, landmark)
+    if not defined or expected.range_m < MIN_LANDMARK_RANGE_M:
+        return _reject(belief, UpdateStatus.AT_LANDMARK)
+    innovation, H, R = compute_innovation(measurement, expected)
     if not is_positive_semidefinite(R):
-        return _refused(belief, Reason.NOISE_NOT_A_COVARIANCE)
+        return _reject(belief, UpdateStatus.INVALID_NOISE_COVARIANCE)
     # What is below 1e-308 is zero; what is too large is looked for where it would enter.
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        return _gated(belief, innovation, H, R, gate)
+        return _gate_and_correct(belief, innovation, H, R, gate)
 
 
-def _gated(belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: Gate) -> Update:
+def _gate_and_correct(belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: ValidationGate) -> MeasurementUpdate:
     """Return the update with sound numbers: put them before the gate, then take them in."""
     S = H @ belief.covariance @ H.T + R
     if not _all_finite(S):
-        return _refused(belief, Reason.TOO_LARGE)
+        return _reject(belief, UpdateStatus.OVERFLOW)
     L, regular = _cholesky(S)
     if not regular:
-        return _refused(belief, Reason.SINGULAR)
+        return _reject(belief, UpdateStatus.SINGULAR)
     distance_squared = float(np.square(np.linalg.solve(L, innovation)).sum())
     if not math.isfinite(distance_squared):
-        return _refused(belief, Reason.TOO_LARGE)
+        return _reject(belief, UpdateStatus.OVERFLOW)
     if distance_squared > gate.threshold(innovation.size):
-        return Update(belief, Reason.OUTSIDE_GATE, innovation, S, distance_squared)
-    corrected, finite = _corrected(belief, innovation, H, R, L)
+        return MeasurementUpdate(belief, UpdateStatus.OUTSIDE_GATE, innovation, S, distance_squared)
+    corrected, finite = _correct(belief, innovation, H, R, L)
     if not finite:
-        return _refused(belief, Reason.TOO_LARGE)
-    return Update(corrected, Reason.ACCEPTED, innovation, S, distance_squared)
+        return _reject(belief, UpdateStatus.OVERFLOW)
+    return MeasurementUpdate(corrected, UpdateStatus.ACCEPTED, innovation, S, distance_squared)
 
 
 def _cholesky(S: Floats) -> tuple[Floats, bool]:
@@ -140,7 +140,7 @@ def _cholesky(S: Floats) -> tuple[Floats, bool]:
     return L, bool((np.square(np.diagonal(L)) > floor).all())
 
 
-def _corrected(
+def _correct(
     belief: Belief, innovation: Floats, H: Floats, R: Floats, L: Floats
 ) -> tuple[Belief, bool]:
     """Return the belief moved by its gain, and whether it is finite (else it is the old one).
@@ -149,8 +149,8 @@ def _corrected(
     (I - K H) P (I - K H)^T + K R K^T.
     """
     K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
-    root = square_root(belief.covariance)
-    B = np.hstack((root - K @ (H @ root), K @ square_root(R)))
+    root = covariance_square_root(belief.covariance)
+    B = np.hstack((root - K @ (H @ root), K @ covariance_square_root(R)))
     mean, covariance = belief.mean + K @ innovation, B @ B.T
     if not _all_finite(mean, covariance):
         return belief, False
@@ -161,5 +161,5 @@ def _all_finite(*arrays: Floats) -> bool:
     return all(bool(np.isfinite(array).all()) for array in arrays)
 
 
-def _refused(belief: Belief, reason: Reason) -> Update:
-    return Update(belief, reason, np.zeros(0), np.zeros((0, 0)), 0.0)
+def _reject(belief: Belief, status: UpdateStatus) -> MeasurementUpdate:
+    return MeasurementUpdate(belief, status, np.zeros(0), np.zeros((0, 0)), 0.0)

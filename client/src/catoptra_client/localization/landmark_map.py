@@ -34,17 +34,17 @@ class LandmarkPosition:
 LandmarkMap = Mapping[str, LandmarkPosition]
 
 
-def landmark_map(landmarks: Iterable[Landmark]) -> LandmarkMap:
+def make_landmark_map(landmarks: Iterable[Landmark]) -> LandmarkMap:
     """Return the read-only map from name to position of rows of the landmark file."""
     return MappingProxyType(
         {row.name: LandmarkPosition(row.name, row.x_m, row.y_m) for row in landmarks}
     )
 
 
-def position_of(known: LandmarkMap, name: str) -> LandmarkPosition:
+def find_landmark_position(landmark_map: LandmarkMap, name: str) -> LandmarkPosition:
     """Return the position of a named landmark. Raises DomainError that lists the known names."""
     try:
-        return known[name]
+        return landmark_map[name]
     except KeyError:
-        names = ", ".join(sorted(known)) or "none"
+        names = ", ".join(sorted(landmark_map)) or "none"
         raise DomainError(f"no landmark {name!r} in the map; it has: {names}") from None

@@ -52,7 +52,7 @@ def measurement_from_detection(detection: Detection) -> Measurement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Expectation:
+class PredictedMeasurement:
     """What a pose predicts of a landmark: range, bearing, and their derivative H (2, 3) by pose."""
 
     range_m: float
@@ -60,7 +60,7 @@ class Expectation:
     jacobian: Floats
 
 
-def expect(pose: Floats, landmark: LandmarkPosition) -> tuple[Expectation, bool]:
+def predict_measurement(pose: Floats, landmark: LandmarkPosition) -> tuple[PredictedMeasurement, bool]:
     """Return what a (3,) pose predicts of a landmark, and whether that is defined.
 
     Undefined where the landmark stands at the robot itself: bearing and H have no limit there. H
@@ -70,24 +70,24 @@ def expect(pose: Floats, landmark: LandmarkPosition) -> tuple[Expectation, bool]
     rho = math.hypot(dx, dy)
     # The reciprocal of a smaller range overflows: 1 / 2.3e-308 still fits.
     if not np.finfo(np.float64).tiny < rho < math.inf:
-        return Expectation(0.0, 0.0, np.zeros((2, 3))), False
+        return PredictedMeasurement(0.0, 0.0, np.zeros((2, 3))), False
     cx, cy = dx / rho, dy / rho
     jacobian = np.array([[-cx, -cy, 0.0], [cy / rho, -cx / rho, -1.0]])
     bearing_rad = angle_difference(math.atan2(dy, dx), float(pose[2]))
-    return Expectation(rho, bearing_rad, jacobian), True
+    return PredictedMeasurement(rho, bearing_rad, jacobian), True
 
 
-def residual(measurement: Measurement, expected: Expectation) -> tuple[Floats, Floats, Floats]:
+def compute_innovation(measurement: Measurement, predicted: PredictedMeasurement) -> tuple[Floats, Floats, Floats]:
     """Return innovation (n,), H (n, 3) and R (n, n); n = 2, or 1 for a bearing alone.
 
     The bearing's difference is wrapped.
     """
-    turn = angle_difference(measurement.bearing_rad, expected.bearing_rad)
+    turn = angle_difference(measurement.bearing_rad, predicted.bearing_rad)
     if isinstance(measurement, BearingOnly):
         noise = np.array([[measurement.variance_rad2]])
-        return np.array([turn]), expected.jacobian[1:], noise
-    innovation = np.array([measurement.range_m - expected.range_m, turn])
-    return innovation, expected.jacobian, measurement.covariance
+        return np.array([turn]), predicted.jacobian[1:], noise
+    innovation = np.array([measurement.range_m - predicted.range_m, turn])
+    return innovation, predicted.jacobian, measurement.covariance
 
 
 def is_finite(measurement: Measurement) -> bool:

@@ -17,7 +17,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
 
 # S'(a) = sum over n >= 1 of (-1)^n 2n / (2n + 1)! a^(2n-1). Ten terms reach 1e-18 at |a| = 1.
-_SLOPE_COEFFICIENTS = tuple((-1.0) ** n * 2 * n / math.factorial(2 * n + 1) for n in range(1, 11))
+_DERIVATIVE_COEFFICIENTS = tuple((-1.0) ** n * 2 * n / math.factorial(2 * n + 1) for n in range(1, 11))
 # The closed form of S' loses a relative 3 eps / a^2; from 1 rad on that is rounding.
 _SERIES_LIMIT_RAD = 1.0
 
@@ -58,18 +58,18 @@ def chord_over_arc(half_turn_rad: float) -> float:
     return math.sin(half_turn_rad) / half_turn_rad if half_turn_rad else 1.0
 
 
-def chord_over_arc_slope(half_turn_rad: float) -> float:
+def chord_over_arc_derivative(half_turn_rad: float) -> float:
     """Return dS/da = (a cos(a) - sin(a)) / a^2, by its series where the two terms cancel."""
     a = half_turn_rad
     if abs(a) >= _SERIES_LIMIT_RAD:
         return (math.cos(a) - math.sin(a) / a) / a
     total = 0.0
-    for coefficient in reversed(_SLOPE_COEFFICIENTS):
+    for coefficient in reversed(_DERIVATIVE_COEFFICIENTS):
         total = total * a * a + coefficient
     return total * a
 
 
-def moved(pose: Floats, control: Control) -> Floats:
+def propagate_pose(pose: Floats, control: Control) -> Floats:
     """Return the (3,) pose (x, y, phi) after one control; phi wrapped."""
     half_turn = 0.5 * control.turn_rad
     chord = control.distance_m * chord_over_arc(half_turn)
@@ -83,7 +83,7 @@ def moved(pose: Floats, control: Control) -> Floats:
     )
 
 
-def jacobian_by_pose(pose: Floats, control: Control) -> Floats:
+def jacobian_wrt_pose(pose: Floats, control: Control) -> Floats:
     """Return G (3, 3), the derivative of `moved` by the (3,) pose."""
     half_turn = 0.5 * control.turn_rad
     chord = control.distance_m * chord_over_arc(half_turn)
@@ -97,10 +97,10 @@ def jacobian_by_pose(pose: Floats, control: Control) -> Floats:
     )
 
 
-def jacobian_by_control(pose: Floats, control: Control) -> Floats:
+def jacobian_wrt_control(pose: Floats, control: Control) -> Floats:
     """Return V (3, 2), the derivative of `moved` by (v, delta phi)."""
     a = 0.5 * control.turn_rad
-    ratio, slope = chord_over_arc(a), chord_over_arc_slope(a)
+    ratio, slope = chord_over_arc(a), chord_over_arc_derivative(a)
     cos_h, sin_h = math.cos(pose[2] + a), math.sin(pose[2] + a)
     half_v = 0.5 * control.distance_m
     return np.array(

@@ -18,7 +18,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors.law import CentralMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 
-_TINY = float(np.finfo(np.float64).tiny)
+_MIN_NORMAL = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class OmniCamera:
     centre_px: tuple[float, float]
     horizon_radius_px: float
     rim_rad: float
-    up_azimuth_rad: float = 0.0
+    image_up_azimuth_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -46,10 +46,10 @@ class OmniCamera:
             raise DomainError(
                 f"the 90-degree circle needs a radius > 0: {self.horizon_radius_px!r}"
             )
-        if not all(map(math.isfinite, (*self.centre_px, self.up_azimuth_rad))):
+        if not all(map(math.isfinite, (*self.centre_px, self.image_up_azimuth_rad))):
             raise DomainError(
                 "the image centre and the azimuth that points up must be finite: "
-                f"{self.centre_px!r}, {self.up_azimuth_rad!r}"
+                f"{self.centre_px!r}, {self.image_up_azimuth_rad!r}"
             )
         if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
             limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
@@ -69,13 +69,13 @@ class OmniCamera:
         return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
 
 
-def camera_with_rim_inscribed(
+def camera_with_inscribed_rim(
     mirror: CentralMirror,
     *,
     width_px: int,
     height_px: int,
     rim_rad: float,
-    up_azimuth_rad: float = 0.0,
+    image_up_azimuth_rad: float = 0.0,
 ) -> OmniCamera:
     """Return the camera whose rim circle touches the nearer image borders."""
     t = math.tan(0.5 * rim_rad)
@@ -88,7 +88,7 @@ def camera_with_rim_inscribed(
         centre_px=(0.5 * width_px, 0.5 * height_px),
         horizon_radius_px=0.5 * min(width_px, height_px) / rim_ratio,
         rim_rad=rim_rad,
-        up_azimuth_rad=up_azimuth_rad,
+        image_up_azimuth_rad=image_up_azimuth_rad,
     )
 
 
@@ -99,22 +99,22 @@ def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
     Two forms, one for each hemisphere, so that neither cancels. Invalid, with 0 for a value: a zero
     vector, the antipode, what is not finite, and what is nearer to the antipode than 1e-308 rad.
     """
-    x, y, z = _components(direction)
-    return _half_angle_tangent(np.hypot(x, y), z)
+    x, y, z = _scale_components(direction)
+    return _half_angle_tangent_from_rho_z(np.hypot(x, y), z)
 
 
-def _half_angle_tangent(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
+def _half_angle_tangent_from_rho_z(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
     """Return t of directions at a distance rho from the axis and a height z, and validity."""
     norm = np.hypot(rho, z)
     lower = z >= 0.0
     numerator = np.where(lower, rho, norm - z)
     denominator = np.where(lower, norm + z, rho)
     # At most 2 over the smallest normal number: finite.
-    valid = denominator >= _TINY
+    valid = denominator >= _MIN_NORMAL
     return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
 
 
-def _components(direction: Floats) -> tuple[Floats, Floats, Floats]:
+def _scale_components(direction: Floats) -> tuple[Floats, Floats, Floats]:
     """Return x, y, z of (..., 3) directions over the largest of them: no square can overflow.
 
     Zero where a direction is not finite.
@@ -134,9 +134,9 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
     pixel is the image centre, never a NaN.
     """
-    x, y, z = _components(direction)
+    x, y, z = _scale_components(direction)
     rho = np.hypot(x, y)
-    t, defined = _half_angle_tangent(rho, z)
+    t, defined = _half_angle_tangent_from_rho_z(rho, z)
     valid = defined & (t <= camera.rim_t)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
         np.where(valid, t, 0.0)
@@ -145,7 +145,7 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     rho = np.where(rho > 0.0, rho, 1.0)
     x = radius_px * (x / rho)
     y = radius_px * (y / rho)
-    ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
     u = camera.centre_px[0] + sa * x - ca * y
     v = camera.centre_px[1] - ca * x - sa * y
     return np.stack((u, v), axis=-1), valid
@@ -159,7 +159,7 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     """
     pixel = np.asarray(pixel, dtype=np.float64)
     # Far beside the rim nothing is seen, and a square may overflow; a comparison with NaN is false.
-    near = _near_rim(camera, pixel)
+    near = _is_near_rim(camera, pixel)
     pixel = np.where(near[..., None], pixel, camera.centre_px)
     du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
     dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
@@ -172,14 +172,14 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     # right.
     ratio = np.where(ratio > 0.0, ratio, 1.0)
     sine = 2.0 * t / one_plus
-    ca, sa = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
     x = sine * ((sa * du - ca * dv) / ratio)
     y = sine * ((-ca * du - sa * dv) / ratio)
     z = (1.0 - t) * (1.0 + t) / one_plus
     return np.stack((x, y, z), axis=-1), valid
 
 
-def _near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
+def _is_near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
     """Return which (..., 2) pixels lie in the square of twice the rim's size around the centre."""
     # Halves, because a difference may overflow.
     half_u = np.abs(0.5 * pixel[..., 0] - 0.5 * camera.centre_px[0])
@@ -187,7 +187,7 @@ def _near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
     return np.asarray(np.maximum(half_u, half_v) <= camera.rim_radius_px)
 
 
-class PixelGrid(Protocol):
+class ImageSize(Protocol):
     """Any camera's picture, as far as its size."""
 
     @property
@@ -199,14 +199,14 @@ class PixelGrid(Protocol):
         """Return the number of rows."""
 
 
-def pixel_centres(camera: PixelGrid, samples: int = 1) -> Floats:
+def pixel_sample_positions(camera: ImageSize, samples_per_side: int = 1) -> Floats:
     """Return (height, width, samples^2, 2) positions of a regular sample grid in each pixel."""
-    offsets = (np.arange(samples) + 0.5) / samples
+    offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side
     u = np.arange(camera.width_px)[:, None] + offsets
     v = np.arange(camera.height_px)[:, None] + offsets
     grid_v, grid_u = np.broadcast_arrays(v[:, None, :, None], u[None, :, None, :])
     grid = np.stack((grid_u, grid_v), axis=-1)
-    return grid.reshape(camera.height_px, camera.width_px, samples * samples, 2)
+    return grid.reshape(camera.height_px, camera.width_px, samples_per_side * samples_per_side, 2)
 
 
 def opencv_from_pixel(pixel: Floats) -> Floats:

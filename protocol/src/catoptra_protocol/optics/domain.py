@@ -16,12 +16,12 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools
 
 
-def require(inside: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None:
+def require_domain(valid_mask: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None:
     """Raise DomainError unless all is inside; it names the first value that is not.
 
     inside: (...) mask. values: (...) or (..., n) what was asked. expected: the domain, in words.
     """
-    mask = np.asarray(inside, dtype=bool)
+    mask = np.asarray(valid_mask, dtype=bool)
     if mask.all():
         return
     first = tuple(int(i) for i in np.unravel_index(np.argmin(mask), mask.shape))
@@ -30,7 +30,7 @@ def require(inside: npt.ArrayLike, values: npt.ArrayLike, expected: str) -> None
     raise DomainError(f"{value}{place} is outside the domain: {expected}", mask)
 
 
-def squarable(values: npt.NDArray[np.floating[Any]]) -> Bools:
+def has_finite_square(values: npt.NDArray[np.floating[Any]]) -> Bools:
     """Return which values have a finite square, and some more of the same size beside it."""
     most = 0.25 * math.sqrt(float(np.finfo(np.asarray(values).dtype).max))
     return np.asarray(np.abs(values) <= most)

@@ -76,20 +76,20 @@ class Pose:
     def __matmul__(self, child_from_grandchild: Pose) -> Pose:
         """Return parent_from_grandchild."""
         rotation = self.rotation @ child_from_grandchild.rotation
-        return Pose(rotation, self.points(child_from_grandchild.translation))
+        return Pose(rotation, self.transform_points(child_from_grandchild.translation))
 
     def inverse(self) -> Pose:
         """Return child_from_parent."""
         return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
-    def points(self, points_in_child: Floats) -> Floats:
+    def transform_points(self, points_in_child: Floats) -> Floats:
         """Return (..., 3) points in the parent's frame."""
         return points_in_child @ self.rotation.T + self.translation
 
-    def directions(self, directions_in_child: Floats) -> Floats:
+    def rotate_directions(self, directions_in_child: Floats) -> Floats:
         """Return (..., 3) directions in the parent's frame."""
         return directions_in_child @ self.rotation.T
 
-    def rpy(self) -> tuple[float, float, float]:
+    def to_rpy(self) -> tuple[float, float, float]:
         """Return (roll, pitch, yaw) in radians."""
         return rpy_from_rotation(self.rotation)

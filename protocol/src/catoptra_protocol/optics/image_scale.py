@@ -16,7 +16,7 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
-_RADII = 129
+_NUM_RINGS = 129
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,26 +28,26 @@ class ImageScale:
     """
 
     t: Floats
-    along: Floats
-    across: Floats
-    weight: Floats
+    radial: Floats
+    tangential: Floats
+    area_weight: Floats
 
     @property
     def max_px_per_rad(self) -> float:
         """Return the largest scale, in any direction."""
-        return float(np.maximum(self.along, self.across).max())
+        return float(np.maximum(self.radial, self.tangential).max())
 
     @property
     def rms_px_per_rad(self) -> float:
         """Return the rms over the image and all directions."""
-        mean = 0.5 * (np.square(self.along) + np.square(self.across))
-        return math.sqrt(float(mean @ self.weight))
+        mean = 0.5 * (np.square(self.radial) + np.square(self.tangential))
+        return math.sqrt(float(mean @ self.area_weight))
 
 
-def image_scale(camera: OmniCamera) -> ImageScale:
+def compute_image_scale(camera: OmniCamera) -> ImageScale:
     """Return the scales of the rings that the image shows, from the innermost to the outermost."""
     nearest, farthest = visible_radii_px(camera)
-    radius_px = np.linspace(nearest, farthest, _RADII)
+    radius_px = np.linspace(nearest, farthest, _NUM_RINGS)
     horizon_px = camera.horizon_radius_px
     if nearest < horizon_px < farthest:
         # The side faces' middles are there: their texels are the largest.

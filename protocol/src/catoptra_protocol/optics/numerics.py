@@ -37,9 +37,9 @@ def angle_difference(angle_rad: float, from_rad: float) -> float:
     return wrap_angle(wrap_angle(angle_rad) - wrap_angle(from_rad))
 
 
-def angle_between(from_rad: float, to_rad: float, *, share: float) -> float:
+def interpolate_angle(from_rad: float, to_rad: float, *, fraction: float) -> float:
     """Return the wrapped angle at a share of the shorter way: the mean of two angles at one half.
 
     Of opposite angles the way is to the right. Raises DomainError for angles that are not finite.
     """
-    return wrap_angle(wrap_angle(from_rad) + share * angle_difference(to_rad, from_rad))
+    return wrap_angle(wrap_angle(from_rad) + fraction * angle_difference(to_rad, from_rad))

@@ -15,15 +15,15 @@ UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
 
 def metres_from_uu(length_uu: float) -> float:
     """Return a length in metres from Unreal units."""
-    return _finite(length_uu) / UU_PER_METRE
+    return _require_finite(length_uu) / UU_PER_METRE
 
 
 def radians_from_uu(angle_uu: float) -> float:
     """Return an angle in radians from Unreal rotation units."""
-    return _finite(angle_uu) / UU_PER_RADIAN
+    return _require_finite(angle_uu) / UU_PER_RADIAN
 
 
-def _finite(value_uu: float) -> float:
+def _require_finite(value_uu: float) -> float:
     """Return the value; DomainError if it is no number."""
     if not math.isfinite(value_uu):
         raise DomainError(f"{value_uu!r} Unreal units are no length and no angle")

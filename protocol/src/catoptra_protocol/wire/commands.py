@@ -2,7 +2,7 @@
 
 Here are those that spawn, ask and step; `commands_drive` moves, `commands_set` sets up. To add one:
 write its class beside those most like it (word, fields, `from_message`, `blocks`), then its line in
-the `Command` union and in `COMMANDS`, and its row in `states.py`. Reading is total: what a client
+the `Command` union and in `COMMAND_PARSERS`, and its row in `states.py`. Reading is total: what a client
 left out or wrote badly becomes None, 0 or an empty text, never an error.
 """
 
@@ -20,12 +20,12 @@ from catoptra_protocol.wire.commands_drive import (
     LinkCommand,
     MisPkg,
     MultiDrive,
-    Order,
+    ControlOrder,
     drive_from_message,
 )
 from catoptra_protocol.wire.commands_set import Set, SetViewports, Trace, set_from_message
 from catoptra_protocol.wire.grammar import Message, Pairs, format_line
-from catoptra_protocol.wire.numbers import Vector, exact
+from catoptra_protocol.wire.numbers import Vector3, format_exact
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,24 +39,24 @@ class Init:
 
     class_name: str
     name: str | None = None
-    location_m: Vector | None = None
-    rotation_rad: Vector = (0.0, 0.0, 0.0)
+    location_m: Vector3 | None = None
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     start: str | None = None
 
     @classmethod
     def from_message(cls, message: Message) -> Init:
         """Return the command of a parsed line."""
         return cls(
-            class_name=fields.name(message, "ClassName") or "",
-            name=fields.name(message, "Name"),
-            location_m=_location(message),
-            rotation_rad=fields.vector(message, "Rotation") or (0.0, 0.0, 0.0),
-            start=fields.name(message, "Start"),
+            class_name=fields.read_name(message, "ClassName") or "",
+            name=fields.read_name(message, "Name"),
+            location_m=_read_location(message),
+            rotation_rad=fields.read_vector(message, "Rotation") or (0.0, 0.0, 0.0),
+            start=fields.read_name(message, "Start"),
         )
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(
+        return fields.format_pairs(
             ("ClassName", self.class_name),
             ("Name", self.name),
             ("Location", self.location_m),
@@ -77,11 +77,11 @@ class GetConf:
     @classmethod
     def from_message(cls, message: Message) -> GetConf:
         """Return the command of a parsed line."""
-        return cls(fields.name(message, "Type") or "", fields.name(message, "Name"))
+        return cls(fields.read_name(message, "Type") or "", fields.read_name(message, "Name"))
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(("Type", self.type), ("Name", self.name))
+        return fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +96,11 @@ class GetGeo:
     @classmethod
     def from_message(cls, message: Message) -> GetGeo:
         """Return the command of a parsed line."""
-        return cls(fields.name(message, "Type") or "", fields.name(message, "Name"))
+        return cls(fields.read_name(message, "Type") or "", fields.read_name(message, "Name"))
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(("Type", self.type), ("Name", self.name))
+        return fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class GetStartPoses:
         """Return the command; its parameters, if any, say nothing."""
         return cls()
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return no blocks."""
         return ()
 
@@ -130,11 +130,11 @@ class Step:
     @classmethod
     def from_message(cls, message: Message) -> Step:
         """Return the command of a parsed line; without a time it asks for 0 s."""
-        return cls(fields.number(message, "Time") or 0.0)
+        return cls(fields.read_number(message, "Time") or 0.0)
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return (("Time", exact(self.time_s)),)
+        return (("Time", format_exact(self.time_s)),)
 
 
 Command = (
@@ -152,7 +152,7 @@ Command = (
     | Step
 )
 
-COMMANDS: dict[str, Callable[[Message], Command]] = {
+COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "INIT": Init.from_message,
     "DRIVE": drive_from_message,
     "MULTIDRIVE": MultiDrive.from_message,
@@ -169,26 +169,26 @@ COMMANDS: dict[str, Callable[[Message], Command]] = {
 
 def command_from_message(message: Message) -> Command | None:
     """Return the command of a message; None for an unknown word, which is to be ignored."""
-    reader = COMMANDS.get(message.word)
+    reader = COMMAND_PARSERS.get(message.word)
     return reader(message) if reader else None
 
 
 def line_from_command(command: Command) -> bytes:
     """Return the line of a command, numbers exact. Raises LocalProtocolError if it has none."""
-    return format_line(command.WORD, command.blocks())
+    return format_line(command.WORD, command.to_pairs())
 
 
-def _location(message: Message) -> Vector | None:
+def _read_location(message: Message) -> Vector3 | None:
     """Return the Location, or the {X} {Y} {Z} that GameBots takes in its place."""
-    location = fields.vector(message, "Location")
+    location = fields.read_vector(message, "Location")
     if location is not None:
         return location
-    x, y, z = (fields.number(message, key) for key in ("X", "Y", "Z"))
+    x, y, z = (fields.read_number(message, key) for key in ("X", "Y", "Z"))
     return None if x is None and y is None and z is None else (x or 0.0, y or 0.0, z or 0.0)
 
 
 __all__ = [
-    "COMMANDS",
+    "COMMAND_PARSERS",
     "Command",
     "Drive",
     "DriveJoints",
@@ -200,7 +200,7 @@ __all__ = [
     "LinkCommand",
     "MisPkg",
     "MultiDrive",
-    "Order",
+    "ControlOrder",
     "Set",
     "SetViewports",
     "Step",

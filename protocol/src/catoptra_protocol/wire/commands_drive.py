@@ -7,12 +7,12 @@ from enum import IntEnum
 from typing import ClassVar
 
 from catoptra_protocol.wire import command_fields as fields
-from catoptra_protocol.wire.grammar import Message, Pairs, groups
+from catoptra_protocol.wire.grammar import Message, Pairs, split_groups
 from catoptra_protocol.wire.limits import MAX_NAME_CHARS
-from catoptra_protocol.wire.numbers import exact, number_from_text
+from catoptra_protocol.wire.numbers import format_exact, number_from_text
 
 
-class Order(IntEnum):
+class ControlOrder(IntEnum):
     """What the value of a joint's command means; the relative forms add to what is."""
 
     ANGLE = 0
@@ -43,16 +43,16 @@ class Drive:
     def from_message(cls, message: Message) -> Drive:
         """Return the command of a parsed line."""
         return cls(
-            left=fields.number(message, "Left"),
-            right=fields.number(message, "Right"),
-            normalized=fields.boolean(message, "Normalized") or False,
-            light=fields.boolean(message, "Light"),
-            flip=fields.boolean(message, "Flip"),
+            left=fields.read_number(message, "Left"),
+            right=fields.read_number(message, "Right"),
+            normalized=fields.read_boolean(message, "Normalized") or False,
+            light=fields.read_boolean(message, "Light"),
+            flip=fields.read_boolean(message, "Flip"),
         )
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(
+        return fields.format_pairs(
             ("Left", self.left),
             ("Right", self.right),
             ("Normalized", self.normalized or None),
@@ -70,7 +70,7 @@ class JointCommand:
 
     name: str
     value: float | None = None
-    order: int = Order.ANGLE
+    order: int = ControlOrder.ANGLE
     steer: float | None = None
 
 
@@ -85,13 +85,13 @@ class DriveJoints:
     @classmethod
     def from_message(cls, message: Message) -> DriveJoints:
         """Return the command of a parsed line; the blocks of a lone joint may precede its name."""
-        named = groups(message, "Name")
+        named = split_groups(message, "Name")
         runs = [message] if len(named) == 1 else named
-        return cls(tuple(map(_joint_command, runs)))
+        return cls(tuple(map(_read_joint, runs)))
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return tuple(pair for joint in self.joints for pair in _joint_blocks(joint))
+        return tuple(pair for joint in self.joints for pair in _joint_pairs(joint))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +108,9 @@ class MultiDrive:
         named = (pair for pair in message.pairs if pair[0])
         return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in named))
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return tuple((name, exact(value)) for name, value in self.joints)
+        return tuple((name, format_exact(value)) for name, value in self.joints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class LinkCommand:
 
     link: int
     value: float | None = None
-    order: int = Order.ANGLE
+    order: int = ControlOrder.ANGLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,53 +136,53 @@ class MisPkg:
     @classmethod
     def from_message(cls, message: Message) -> MisPkg:
         """Return the command of a parsed line; UDK spells the sequence out."""
-        sequence = fields.number(message, "Seq")
+        sequence = fields.read_number(message, "Seq")
         return cls(
-            name=fields.name(message, "Name") or "",
-            links=tuple(_link_command(group) for group in groups(message, "Link")),
-            gripper=fields.number(message, "Gripper"),
-            sequence=fields.number(message, "Sequence") if sequence is None else sequence,
+            name=fields.read_name(message, "Name") or "",
+            links=tuple(_read_link(group) for group in split_groups(message, "Link")),
+            gripper=fields.read_number(message, "Gripper"),
+            sequence=fields.read_number(message, "Sequence") if sequence is None else sequence,
         )
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        links = (pair for link in self.links for pair in _link_blocks(link))
-        head = fields.given(("Name", self.name))
-        return (*head, *links, *fields.given(("Gripper", self.gripper), ("Seq", self.sequence)))
+        links = (pair for link in self.links for pair in _link_pairs(link))
+        head = fields.format_pairs(("Name", self.name))
+        return (*head, *links, *fields.format_pairs(("Gripper", self.gripper), ("Seq", self.sequence)))
 
 
 def drive_from_message(message: Message) -> Drive | DriveJoints:
     """Return what a DRIVE says: of joints if it names one and speaks of no side."""
     sides = (message.get("Left"), message.get("Right"))
-    if fields.name(message, "Name") and sides == (None, None):
+    if fields.read_name(message, "Name") and sides == (None, None):
         return DriveJoints.from_message(message)
     return Drive.from_message(message)
 
 
-def _joint_command(group: Message) -> JointCommand:
+def _read_joint(group: Message) -> JointCommand:
     return JointCommand(
-        name=fields.name(group, "Name") or "",
-        value=fields.number(group, "Value"),
-        order=fields.integer(group, "Order") or 0,
-        steer=fields.number(group, "Steer"),
+        name=fields.read_name(group, "Name") or "",
+        value=fields.read_number(group, "Value"),
+        order=fields.read_integer(group, "Order") or 0,
+        steer=fields.read_number(group, "Steer"),
     )
 
 
-def _joint_blocks(joint: JointCommand) -> Pairs:
+def _joint_pairs(joint: JointCommand) -> Pairs:
     order = int(joint.order) or None  # the default needs no block
-    return fields.given(
+    return fields.format_pairs(
         ("Name", joint.name), ("Steer", joint.steer), ("Order", order), ("Value", joint.value)
     )
 
 
-def _link_command(group: Message) -> LinkCommand:
+def _read_link(group: Message) -> LinkCommand:
     return LinkCommand(
-        link=fields.integer(group, "Link") or 0,
-        value=fields.number(group, "Value"),
-        order=fields.integer(group, "Order") or 0,
+        link=fields.read_integer(group, "Link") or 0,
+        value=fields.read_number(group, "Value"),
+        order=fields.read_integer(group, "Order") or 0,
     )
 
 
-def _link_blocks(link: LinkCommand) -> Pairs:
+def _link_pairs(link: LinkCommand) -> Pairs:
     order = int(link.order) or None  # the reference's default needs no block
-    return fields.given(("Link", link.link), ("Value", link.value), ("Order", order))
+    return fields.format_pairs(("Link", link.link), ("Value", link.value), ("Order", order))

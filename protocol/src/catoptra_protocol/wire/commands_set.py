@@ -9,7 +9,7 @@ from catoptra_protocol.wire import command_fields as fields
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.numbers import number_from_text, numbers_from_text
 
-_VIEWPORTS = 4
+_NUM_VIEWPORTS = 4
 _FOV_OPCODES = ("FOV", "ZOOM")
 
 
@@ -32,16 +32,16 @@ class Set:
     def from_message(cls, message: Message) -> Set:
         """Return the command of a parsed line."""
         return cls(
-            type=fields.name(message, "Type") or "",
-            name=fields.name(message, "Name"),
-            opcode=fields.name(message, "Opcode"),
+            type=fields.read_name(message, "Type") or "",
+            name=fields.read_name(message, "Name"),
+            opcode=fields.read_name(message, "Opcode"),
             params=message.get("Params"),
-            fov_rad=fields.number(message, "FOV"),
+            fov_rad=fields.read_number(message, "FOV"),
         )
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(
+        return fields.format_pairs(
             ("Type", self.type),
             ("Name", self.name),
             ("Opcode", self.opcode),
@@ -49,11 +49,11 @@ class Set:
             ("FOV", self.fov_rad),
         )
 
-    def numbers(self) -> tuple[float, ...]:
+    def numeric_params(self) -> tuple[float, ...]:
         """Return the parameters as numbers: x,y,z,roll,pitch,yaw of an INS's POSE."""
         return numbers_from_text(self.params or "")
 
-    def wanted_fov_rad(self) -> float | None:
+    def parse_fov_rad(self) -> float | None:
         """Return the field of view asked for in either form; 0 means the default, None none."""
         if self.fov_rad is None and (self.opcode or "").upper() in _FOV_OPCODES:
             return number_from_text(self.params or "")
@@ -70,18 +70,18 @@ class SetViewports:
     WORD: ClassVar[str] = "SET"
 
     config: str | None = None
-    cameras: tuple[str | None, ...] = (None,) * _VIEWPORTS
+    cameras: tuple[str | None, ...] = (None,) * _NUM_VIEWPORTS
 
     @classmethod
     def from_message(cls, message: Message) -> SetViewports:
         """Return the command of a parsed line."""
-        cameras = (fields.name(message, f"Viewport{i + 1}") for i in range(_VIEWPORTS))
-        return cls(fields.name(message, "Config"), tuple(cameras))
+        cameras = (fields.read_name(message, f"Viewport{i + 1}") for i in range(_NUM_VIEWPORTS))
+        return cls(fields.read_name(message, "Config"), tuple(cameras))
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
         viewports = ((f"Viewport{i + 1}", camera) for i, camera in enumerate(self.cameras))
-        return fields.given(("Type", "Viewports"), ("Config", self.config), *viewports)
+        return fields.format_pairs(("Type", "Viewports"), ("Config", self.config), *viewports)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Trace:
 
     WORD: ClassVar[str] = "TRACE"
 
-    on: bool = False
+    enabled: bool = False
     interval_s: float | None = None
     colour: str | None = None
 
@@ -98,14 +98,14 @@ class Trace:
     def from_message(cls, message: Message) -> Trace:
         """Return the command of a parsed line."""
         return cls(
-            on=fields.boolean(message, "On") or False,
-            interval_s=fields.number(message, "Interval"),
-            colour=fields.name(message, "Color"),
+            enabled=fields.read_boolean(message, "On") or False,
+            interval_s=fields.read_number(message, "Interval"),
+            colour=fields.read_name(message, "Color"),
         )
 
-    def blocks(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return the blocks to send."""
-        return fields.given(("On", self.on), ("Interval", self.interval_s), ("Color", self.colour))
+        return fields.format_pairs(("On", self.enabled), ("Interval", self.interval_s), ("Color", self.colour))
 
 
 def set_from_message(message: Message) -> Set | SetViewports:

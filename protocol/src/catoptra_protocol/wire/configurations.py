@@ -13,7 +13,7 @@ from typing import ClassVar
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
-from catoptra_protocol.wire.numbers import boolean, fixed, unreal_angle
+from catoptra_protocol.wire.numbers import format_boolean, format_fixed_point, truncate_to_unreal_units
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Configuration:
     def from_message(cls, message: Message) -> Configuration:
         """Return the configuration of a parsed line."""
         others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
-        return cls(fields.text(message, "Type"), others)
+        return cls(fields.read_text(message, "Type"), others)
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line; none in UDK if it says nothing."""
         says_something = any(name.lower() != "name" for name, _ in self.pairs)
         if dialect is Dialect.UDK and not says_something:
@@ -58,7 +58,7 @@ class VehicleConfiguration:
     steering_type: str = "SkidSteered"
     vehicle_type: str = "GroundVehicle"
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
         type_, name = ("Type", self.vehicle_type), ("Name", self.name)
         is_udk = dialect is Dialect.UDK
@@ -66,11 +66,11 @@ class VehicleConfiguration:
         pairs = (
             *((name, type_) if is_udk else (type_, name)),
             ("SteeringType", self.steering_type),
-            ("Mass", fixed(self.mass_kg)),
-            ("MaxSpeed", fixed(self.max_speed_rad_s)),
-            ("MaxTorque", fixed(self.max_torque)),
-            ("MaxFrontSteer", fixed(self.max_front_steer_rad, decimals)),
-            ("MaxRearSteer", fixed(self.max_rear_steer_rad, decimals)),
+            ("Mass", format_fixed_point(self.mass_kg)),
+            ("MaxSpeed", format_fixed_point(self.max_speed_rad_s)),
+            ("MaxTorque", format_fixed_point(self.max_torque)),
+            ("MaxFrontSteer", format_fixed_point(self.max_front_steer_rad, decimals)),
+            ("MaxRearSteer", format_fixed_point(self.max_rear_steer_rad, decimals)),
         )
         return (Message(self.WORD, pairs),)
 
@@ -89,21 +89,21 @@ class RangeScannerConfiguration:
     panning: bool = True
     tilting: bool = False
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
         if is_udk:
-            resolution_rad, fov_rad = unreal_angle(resolution_rad), unreal_angle(fov_rad)
-        return _conf(
+            resolution_rad, fov_rad = truncate_to_unreal_units(resolution_rad), truncate_to_unreal_units(fov_rad)
+        return _conf_messages(
             "RangeScanner",
             self.name,
-            ("MaxRange", fixed(self.max_range_m)),
-            ("MinRange", fixed(self.min_range_m)),
-            ("Resolution", fixed(resolution_rad)),
-            ("Fov", fixed(fov_rad)),
-            ("Panning" if is_udk else "Paning", boolean(self.panning)),
-            ("Tilting", boolean(self.tilting)),
+            ("MaxRange", format_fixed_point(self.max_range_m)),
+            ("MinRange", format_fixed_point(self.min_range_m)),
+            ("Resolution", format_fixed_point(resolution_rad)),
+            ("Fov", format_fixed_point(fov_rad)),
+            ("Panning" if is_udk else "Paning", format_boolean(self.panning)),
+            ("Tilting", format_boolean(self.tilting)),
         )
 
 
@@ -120,22 +120,22 @@ class SonarConfiguration:
     scan_interval_s: float = 0.2
     max_angle_of_incidence_rad: float = 0.1745329252  # with the next two: UDK's DefaultUSAR.ini
     traces_per_cone: int = 16
-    number_of_cones: int = 10
+    num_cones: int = 10
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
-        ranges = (("MaxRange", fixed(self.max_range_m)), ("MinRange", fixed(self.min_range_m)))
+        ranges = (("MaxRange", format_fixed_point(self.max_range_m)), ("MinRange", format_fixed_point(self.min_range_m)))
         if dialect is Dialect.UDK:
-            return _conf("Sonar", self.name, *ranges, *self._udk())
-        return _conf("Sonar", self.name, *ranges, ("BeamAngle", fixed(self.beam_angle_rad)))
+            return _conf_messages("Sonar", self.name, *ranges, *self._udk_pairs())
+        return _conf_messages("Sonar", self.name, *ranges, ("BeamAngle", format_fixed_point(self.beam_angle_rad)))
 
-    def _udk(self) -> Pairs:
+    def _udk_pairs(self) -> Pairs:
         return (
-            ("ScanInterval", fixed(self.scan_interval_s)),
-            ("beamAngle", fixed(self.beam_angle_rad)),
-            ("maxAngleOfIncidence", fixed(self.max_angle_of_incidence_rad)),
+            ("ScanInterval", format_fixed_point(self.scan_interval_s)),
+            ("beamAngle", format_fixed_point(self.beam_angle_rad)),
+            ("maxAngleOfIncidence", format_fixed_point(self.max_angle_of_incidence_rad)),
             ("tracesPerCone", str(self.traces_per_cone)),
-            ("numberOfCones", str(self.number_of_cones)),
+            ("numberOfCones", str(self.num_cones)),
         )
 
 
@@ -148,9 +148,9 @@ class EncoderConfiguration:
     name: str
     resolution_rad: float
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        return _conf("Encoder", self.name, ("Resolution", fixed(self.resolution_rad)))
+        return _conf_messages("Encoder", self.name, ("Resolution", format_fixed_point(self.resolution_rad)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,15 +163,15 @@ class OdometryConfiguration:
     scan_interval_s: float
     encoder_resolution_rad: float
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        interval = ("ScanInterval", fixed(self.scan_interval_s))
-        resolution = ("EncoderResolution", fixed(self.encoder_resolution_rad))
-        return _conf("Odometry", self.name, interval, resolution)
+        interval = ("ScanInterval", format_fixed_point(self.scan_interval_s))
+        resolution = ("EncoderResolution", format_fixed_point(self.encoder_resolution_rad))
+        return _conf_messages("Odometry", self.name, interval, resolution)
 
 
 @dataclass(frozen=True, slots=True)
-class IntervalConfiguration:
+class ScanIntervalConfiguration:
     """A sensor of which only the period is told: GroundTruth, INS and whatever has no more."""
 
     WORD: ClassVar[str] = "CONF"
@@ -180,9 +180,9 @@ class IntervalConfiguration:
     name: str
     scan_interval_s: float
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        return _conf(self.type, self.name, ("ScanInterval", fixed(self.scan_interval_s, 2)))
+        return _conf_messages(self.type, self.name, ("ScanInterval", format_fixed_point(self.scan_interval_s, 2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,13 +194,13 @@ class TouchConfiguration:
     name: str
     diameter_m: float
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        return _conf("Touch", self.name, ("Diameter", fixed(self.diameter_m)))
+        return _conf_messages("Touch", self.name, ("Diameter", format_fixed_point(self.diameter_m)))
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
+class TextureRegion:
     """Where a camera's picture lies in the picture that is served, in pixels."""
 
     x: int
@@ -220,32 +220,32 @@ class CameraConfiguration:
     min_fov_deg: float
     max_fov_deg: float
     fov_deg: float
-    tile: Tile | None = None
-    others: Pairs = ()
+    texture_region: TextureRegion | None = None
+    extra_pairs: Pairs = ()
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
-        is_tiled = dialect is Dialect.UDK and self.tile is not None
-        tile = _tile_pairs(self.tile) if is_tiled and self.tile else ()
-        return _conf("Camera", self.name, *tile, *self._fovs(), *self.others)
+        is_tiled = dialect is Dialect.UDK and self.texture_region is not None
+        tile = _texture_region_pairs(self.texture_region) if is_tiled and self.texture_region else ()
+        return _conf_messages("Camera", self.name, *tile, *self._fov_pairs(), *self.extra_pairs)
 
-    def _fovs(self) -> Pairs:
+    def _fov_pairs(self) -> Pairs:
         return (
-            ("CameraDefFov", fixed(self.default_fov_deg)),
-            ("CameraMinFov", fixed(self.min_fov_deg)),
-            ("CameraMaxFov", fixed(self.max_fov_deg)),
-            ("CameraFov", fixed(self.fov_deg)),
+            ("CameraDefFov", format_fixed_point(self.default_fov_deg)),
+            ("CameraMinFov", format_fixed_point(self.min_fov_deg)),
+            ("CameraMaxFov", format_fixed_point(self.max_fov_deg)),
+            ("CameraFov", format_fixed_point(self.fov_deg)),
         )
 
 
-def _conf(type_: str, name: str, *pairs: tuple[str, str]) -> tuple[Message, ...]:
+def _conf_messages(type_: str, name: str, *pairs: tuple[str, str]) -> tuple[Message, ...]:
     return (Message("CONF", (("Type", type_), ("Name", name), *pairs)),)
 
 
-def _tile_pairs(tile: Tile) -> Pairs:
+def _texture_region_pairs(region: TextureRegion) -> Pairs:
     return (
-        ("TextureOffsetX", str(tile.x)),
-        ("TextureOffsetY", str(tile.y)),
-        ("TextureResolutionX", str(tile.width)),
-        ("TextureResolutionY", str(tile.height)),
+        ("TextureOffsetX", str(region.x)),
+        ("TextureOffsetY", str(region.y)),
+        ("TextureResolutionX", str(region.width)),
+        ("TextureResolutionY", str(region.height)),
     )

@@ -17,7 +17,7 @@ from catoptra_protocol.wire.reports import (
     line_from_report,
     report_from_message,
 )
-from catoptra_protocol.wire.states import SERVED, ControlState
+from catoptra_protocol.wire.states import TRANSITIONS, ControlState
 
 
 class ControlServer:
@@ -53,16 +53,16 @@ class ControlServer:
         if self._state is ControlState.ACCEPTED:
             raise LocalProtocolError("greet the client before reading from it")
         commands = (command_from_message(parse_message(x)) for x in self._reader.receive(data))
-        return [command for command in commands if command is not None and self._serves(command)]
+        return [command for command in commands if command is not None and self._advance_state(command)]
 
-    def refuse_init(self) -> None:
+    def reject_init(self) -> None:
         """Tell that no robot was spawned (unknown class or start): the client may INIT again."""
         if self._state is not ControlState.SPAWNED:
             raise LocalProtocolError(f"there is no INIT to refuse in state {self._state.name}")
         self._state = ControlState.GREETED
 
-    def _serves(self, command: Command) -> bool:
-        after = SERVED[self._state].get(type(command))
+    def _advance_state(self, command: Command) -> bool:
+        after = TRANSITIONS[self._state].get(type(command))
         self._state = after or self._state
         return after is not None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import Enum
 
 from catoptra_protocol.wire.grammar import Pairs
-from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.numbers import format_fixed_point
 
 
 class Dialect(Enum):
@@ -21,7 +21,7 @@ class Dialect(Enum):
 
 # UDK's source appends these blocks without a space before them: GEO's mount and all of a camera's
 # CONF behind its name. Seen in real captures; SPEC-NOTES.md, Dialect.
-UDK_GLUED = frozenset(
+UDK_BLOCKS_WITHOUT_SPACE = frozenset(
     {
         "Mount",
         "TextureOffsetX",
@@ -36,8 +36,8 @@ UDK_GLUED = frozenset(
 )
 
 
-def udk_time(time_s: float | None, dialect: Dialect) -> Pairs:
+def udk_time_pairs(time_s: float | None, dialect: Dialect) -> Pairs:
     """Return the Time of readings that UT2004 sends without one: UDK's, if it is known."""
     if dialect is not Dialect.UDK or time_s is None:
         return ()
-    return (("Time", fixed(time_s)),)
+    return (("Time", format_fixed_point(time_s)),)

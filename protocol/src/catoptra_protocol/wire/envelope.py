@@ -23,33 +23,33 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 # A request holds a few numbers and names of at most 256 characters.
 MAX_REQUEST_BYTES = 8 * 1024
 # The largest answer lists landmarks: a thousand of 300 bytes each fit.
-MAX_ANSWER_BYTES = 512 * 1024
+MAX_REPLY_BYTES = 512 * 1024
 # Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.
 _MAX_ITEMS = 2048
 _MAX_FIELDS = 128
-_LARGEST_WHOLE = 2**63 - 1
-_SHOWN = 80  # characters of a wrong value that an error quotes
+_MAX_INT = 2**63 - 1
+_MAX_QUOTED_CHARS = 80  # characters of a wrong value that an error quotes
 
-Fields = Mapping[str, Any]  # Any: what msgpack can hold, before it is checked
-Reader = Callable[[Any, str], Any]
+FieldMap = Mapping[str, Any]  # Any: what msgpack can hold, before it is checked
+FieldReader = Callable[[Any, str], Any]
 _T = TypeVar("_T")
 
 
-def packed(kind: str, message: Any) -> bytes:
+def pack(kind: str, message: Any) -> bytes:
     """Return the bytes of a dataclass, its kind first. Raises LocalProtocolError if not finite."""
-    fields = {"kind": kind, **_plain_fields(message)}
-    data: bytes = msgpack.packb(fields, default=_plain)
+    fields = {"kind": kind, **_fields_from_dataclass(message)}
+    data: bytes = msgpack.packb(fields, default=_msgpack_default)
     return data
 
 
-def unpacked(data: bytes, limit_bytes: int) -> Fields:
+def unpack(data: bytes, max_bytes: int) -> FieldMap:
     """Return the map that bytes hold. Raises RemoteProtocolError if they hold anything else."""
-    if len(data) > limit_bytes:
-        raise RemoteProtocolError(f"a message of {len(data)} bytes: at most {limit_bytes} are read")
+    if len(data) > max_bytes:
+        raise RemoteProtocolError(f"a message of {len(data)} bytes: at most {max_bytes} are read")
     try:
         fields = msgpack.unpackb(
             data,
-            max_str_len=limit_bytes,
+            max_str_len=max_bytes,
             max_bin_len=0,
             max_ext_len=0,
             max_array_len=_MAX_ITEMS,
@@ -57,136 +57,136 @@ def unpacked(data: bytes, limit_bytes: int) -> Fields:
         )
     except (ValueError, msgpack.UnpackException) as error:
         said = str(error) or type(error).__name__
-        raise RemoteProtocolError(f"no msgpack that is read here: {said[:_SHOWN]}") from error
+        raise RemoteProtocolError(f"no msgpack that is read here: {said[:_MAX_QUOTED_CHARS]}") from error
     if not isinstance(fields, dict):
-        raise _wrong("the message", fields, "a map of field names")
+        raise _field_error("the message", fields, "a map of field names")
     return fields
 
 
-def read(form: type[_T], fields: Fields, path: str = "") -> _T:
+def dataclass_from_fields(dataclass_type: type[_T], fields: FieldMap, path: str = "") -> _T:
     """Return a dataclass from the fields of a map; each of them is checked."""
     values = {}
-    key: Any = form  # a class can be hashed, which type[T] does not promise
-    for name, reader in _readers(key).items():
+    key: Any = dataclass_type  # a class can be hashed, which type[T] does not promise
+    for name, reader in _field_readers(key).items():
         if name in fields:
             values[name] = reader(fields[name], f"{path}.{name}" if path else name)
-        elif name not in _late_fields(key):
-            raise RemoteProtocolError(f"{path or form.__name__} without the field {name!r}")
-    return form(**values)
+        elif name not in _optional_fields(key):
+            raise RemoteProtocolError(f"{path or dataclass_type.__name__} without the field {name!r}")
+    return dataclass_type(**values)
 
 
-def read_text(fields: Fields, name: str) -> str:
+def read_str_field(fields: FieldMap, name: str) -> str:
     """Return a field that is a text; for what must be known before the form is."""
     if name not in fields:
         raise RemoteProtocolError(f"a message without the field {name!r}")
-    text: str = _text(fields[name], name)
+    text: str = _read_str(fields[name], name)
     return text
 
 
 @cache
-def _readers(form: Any) -> dict[str, Reader]:
+def _field_readers(dataclass_type: Any) -> dict[str, FieldReader]:
     """Return how each field of a dataclass is read."""
-    hints = get_type_hints(form)
-    return {field.name: _reader(hints[field.name]) for field in dataclasses.fields(form)}
+    hints = get_type_hints(dataclass_type)
+    return {field.name: _reader_for_type(hints[field.name]) for field in dataclasses.fields(dataclass_type)}
 
 
 @cache
-def _late_fields(form: Any) -> frozenset[str]:
+def _optional_fields(dataclass_type: Any) -> frozenset[str]:
     """Return the fields that have a default: older peers do not know them."""
-    fields = dataclasses.fields(form)
+    fields = dataclasses.fields(dataclass_type)
     return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
 
 
-def _reader(hint: Any) -> Reader:
+def _reader_for_type(hint: Any) -> FieldReader:
     """Return how a value of a type is read."""
     origin, parts = get_origin(hint), get_args(hint)
-    if hint in _SIMPLE:
-        return _SIMPLE[hint]
+    if hint in _SCALAR_READERS:
+        return _SCALAR_READERS[hint]
     if origin is types.UnionType:
-        return _optional(_reader(parts[0]))
+        return _optional_reader(_reader_for_type(parts[0]))
     if origin is tuple:
-        return _list(_reader(parts[0]), None if parts[1] is Ellipsis else len(parts))
+        return _list_reader(_reader_for_type(parts[0]), None if parts[1] is Ellipsis else len(parts))
     if origin is dict:
-        return _map(_reader(parts[1]))
+        return _map_reader(_reader_for_type(parts[1]))
     if issubclass(hint, Enum):
-        return _choice(hint)
+        return _enum_reader(hint)
     form: type[Any] = hint
     assert dataclasses.is_dataclass(form), f"no way to read {form}"
-    return lambda value, path: read(form, _fields(value, path), path)
+    return lambda value, path: dataclass_from_fields(form, _read_map(value, path), path)
 
 
-def _optional(reader: Reader) -> Reader:
+def _optional_reader(reader: FieldReader) -> FieldReader:
     return lambda value, path: None if value is None else reader(value, path)
 
 
-def _list(reader: Reader, length: int | None) -> Reader:
+def _list_reader(reader: FieldReader, length: int | None) -> FieldReader:
     def items(value: Any, path: str) -> tuple[Any, ...]:
         if not isinstance(value, list) or length not in (None, len(value)):
-            raise _wrong(path, value, "a list" if length is None else f"a list of {length}")
+            raise _field_error(path, value, "a list" if length is None else f"a list of {length}")
         return tuple(reader(item, f"{path}[{index}]") for index, item in enumerate(value))
 
     return items
 
 
-def _map(reader: Reader) -> Reader:
+def _map_reader(reader: FieldReader) -> FieldReader:
     def entries(value: Any, path: str) -> dict[str, Any]:
-        fields = _fields(value, path)
+        fields = _read_map(value, path)
         return {key: reader(entry, f"{path}.{key}") for key, entry in fields.items()}
 
     return entries
 
 
-def _choice(enum: type[Enum]) -> Reader:
+def _enum_reader(enum: type[Enum]) -> FieldReader:
     def member(value: Any, path: str) -> Enum:
         for one in enum:
             if one.value == value:
                 return one
-        raise _wrong(path, value, "one of " + ", ".join(str(one.value) for one in enum))
+        raise _field_error(path, value, "one of " + ", ".join(str(one.value) for one in enum))
 
     return member
 
 
-def _fields(value: Any, path: str) -> Fields:
+def _read_map(value: Any, path: str) -> FieldMap:
     if not (isinstance(value, dict) and all(isinstance(key, str) for key in value)):
-        raise _wrong(path, value, "a map of field names")
+        raise _field_error(path, value, "a map of field names")
     return value
 
 
-def _number(value: Any, path: str) -> float:
+def _read_float(value: Any, path: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _wrong(path, value, "a finite number")
+        raise _field_error(path, value, "a finite number")
     return float(value)
 
 
-def _whole(value: Any, path: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST_WHOLE:
-        raise _wrong(path, value, "a whole number of 63 bits")
+def _read_int(value: Any, path: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _MAX_INT:
+        raise _field_error(path, value, "a whole number of 63 bits")
     return value
 
 
-def _text(value: Any, path: str) -> str:
+def _read_str(value: Any, path: str) -> str:
     if not isinstance(value, str):
-        raise _wrong(path, value, "a text")
+        raise _field_error(path, value, "a text")
     return value
 
 
-def _boolean(value: Any, path: str) -> bool:
+def _read_bool(value: Any, path: str) -> bool:
     if not isinstance(value, bool):
-        raise _wrong(path, value, "true or false")
+        raise _field_error(path, value, "true or false")
     return value
 
 
-_SIMPLE: dict[Any, Reader] = {float: _number, int: _whole, str: _text, bool: _boolean}
+_SCALAR_READERS: dict[Any, FieldReader] = {float: _read_float, int: _read_int, str: _read_str, bool: _read_bool}
 
 
-def _plain(value: Any) -> Any:
+def _msgpack_default(value: Any) -> Any:
     """Return what msgpack can write of a value that it does not know."""
     if isinstance(value, Enum):
         return value.value
-    return _plain_fields(value)
+    return _fields_from_dataclass(value)
 
 
-def _plain_fields(message: Any) -> dict[str, Any]:
+def _fields_from_dataclass(message: Any) -> dict[str, Any]:
     fields = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
     for name, value in fields.items():
         if isinstance(value, float) and not math.isfinite(value):
@@ -194,5 +194,5 @@ def _plain_fields(message: Any) -> dict[str, Any]:
     return fields
 
 
-def _wrong(path: str, value: Any, expected: str) -> RemoteProtocolError:
-    return RemoteProtocolError(f"{path}: {repr(value)[:_SHOWN]}: expected {expected}")
+def _field_error(path: str, value: Any, expected: str) -> RemoteProtocolError:
+    return RemoteProtocolError(f"{path}: {repr(value)[:_MAX_QUOTED_CHARS]}: expected {expected}")

@@ -10,78 +10,78 @@ import math
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.wire.grammar import Message
-from catoptra_protocol.wire.numbers import Vector, boolean_from_text
+from catoptra_protocol.wire.numbers import Vector3, boolean_from_text
 
-_SHOWN = 200  # characters of a bad line that an error quotes
+_MAX_QUOTED_CHARS = 200  # characters of a bad line that an error quotes
 
 
-def text(message: Message, name: str) -> str:
+def read_text(message: Message, name: str) -> str:
     """Return a field that must be there."""
     value = message.get(name)
     if value is None:
-        raise RemoteProtocolError(f"{message.word} without {{{name}}}: {_shown(message)}")
+        raise RemoteProtocolError(f"{message.word} without {{{name}}}: {_quote(message)}")
     return value
 
 
-def number(message: Message, name: str) -> float:
+def read_number(message: Message, name: str) -> float:
     """Return a finite number."""
-    return _number(message, name, text(message, name))
+    return _parse_number(message, name, read_text(message, name))
 
 
-def optional_number(message: Message, name: str) -> float | None:
+def read_optional_number(message: Message, name: str) -> float | None:
     """Return a finite number; None where the field is missing."""
-    return None if message.get(name) is None else number(message, name)
+    return None if message.get(name) is None else read_number(message, name)
 
 
-def integer(message: Message, name: str, default: int | None = None) -> int:
+def read_integer(message: Message, name: str, default: int | None = None) -> int:
     """Return a whole number; the default, if there is one, where the field is missing."""
     if default is not None and message.get(name) is None:
         return default
-    return int(number(message, name))
+    return int(read_number(message, name))
 
 
-def numbers(message: Message, name: str) -> tuple[float, ...]:
+def read_numbers(message: Message, name: str) -> tuple[float, ...]:
     """Return finite numbers separated by commas, as many as there are."""
-    parts = text(message, name).split(",")
-    return tuple(_number(message, name, part) for part in parts)
+    parts = read_text(message, name).split(",")
+    return tuple(_parse_number(message, name, part) for part in parts)
 
 
-def boolean(message: Message, name: str) -> bool:
+def read_boolean(message: Message, name: str) -> bool:
     """Return a boolean; False where the field is missing."""
     return boolean_from_text(message.get(name) or "")
 
 
-def vector(message: Message, name: str) -> Vector:
+def read_vector(message: Message, name: str) -> Vector3:
     """Return three finite numbers, separated by commas."""
-    value = text(message, name)
+    value = read_text(message, name)
     parts = value.split(",")
     if len(parts) != 3:
-        raise _wrong(message, name, value, "three numbers x,y,z")
-    x, y, z = (_number(message, name, part) for part in parts)
+        raise _field_error(message, name, value, "three numbers x,y,z")
+    x, y, z = (_parse_number(message, name, part) for part in parts)
     return x, y, z
 
 
-def vectors(message: Message, **values: str) -> tuple[Vector, ...]:
+def parse_vectors(message: Message, **values: str) -> tuple[Vector3, ...]:
     """Return vectors that came without names of their own; the names given here are for errors."""
     named = Message(message.word, tuple(values.items()))
-    return tuple(vector(named, name) for name in values)
+    return tuple(read_vector(named, name) for name in values)
 
 
-def _number(message: Message, name: str, value: str) -> float:
+def _parse_number(message: Message, name: str, value: str) -> float:
     try:
         number = float(value)
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise _wrong(message, name, value, "a finite number")
+        raise _field_error(message, name, value, "a finite number")
     return number
 
 
-def _wrong(message: Message, name: str, value: str, expected: str) -> RemoteProtocolError:
+def _field_error(message: Message, name: str, value: str, expected: str) -> RemoteProtocolError:
     return RemoteProtocolError(
-        f"{message.word}: {{{name} {value[:_SHOWN]}}}: expected {expected}: {_shown(message)}"
+        f"{message.word}: {{{name} {value[:_MAX_QUOTED_CHARS]}}}: expected {expected}: {_quote(message)}"
     )
 
 
-def _shown(message: Message) -> str:
-    return str(message)[:_SHOWN]
+def _quote(message: Message) -> str:
+    return str(message)[:_MAX_QUOTED_CHARS]

@@ -14,7 +14,7 @@ from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.items import items_from_message, messages_from_items
 from catoptra_protocol.wire.mission_package import MissionPackageGeometry
-from catoptra_protocol.wire.numbers import Vector, fixed, vector
+from catoptra_protocol.wire.numbers import Vector3, format_fixed_point, format_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,26 +22,26 @@ class GeometryItem:
     """One sensor: its place (roll, pitch, yaw) in the frame of its mount; HARD is the chassis."""
 
     name: str
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
     mount: str = "HARD"
 
     @classmethod
     def from_message(cls, message: Message) -> GeometryItem:
         """Return the item of a message that holds its four fields."""
         return cls(
-            name=fields.text(message, "Name"),
-            location_m=fields.vector(message, "Location"),
-            rotation_rad=fields.vector(message, "Orientation"),
-            mount=fields.text(message, "Mount"),
+            name=fields.read_text(message, "Name"),
+            location_m=fields.read_vector(message, "Location"),
+            rotation_rad=fields.read_vector(message, "Orientation"),
+            mount=fields.read_text(message, "Mount"),
         )
 
-    def pairs(self, decimals: int) -> Pairs:
+    def to_pairs(self, decimals: int) -> Pairs:
         """Return the item's four pairs."""
         return (
             ("Name", self.name),
-            ("Location", vector(self.location_m, decimals)),
-            ("Orientation", vector(self.rotation_rad, decimals)),
+            ("Location", format_vector(self.location_m, decimals)),
+            ("Orientation", format_vector(self.rotation_rad, decimals)),
             ("Mount", self.mount),
         )
 
@@ -56,16 +56,16 @@ class Geometry:
     items: tuple[GeometryItem, ...] = ()
     name: str | None = None
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line: in UDK to the centimetre, and none without items."""
         type_ = ("Type", self.type)
         if dialect is Dialect.UDK:
-            pairs = tuple(pair for item in self.items for pair in item.pairs(2))
+            pairs = tuple(pair for item in self.items for pair in item.to_pairs(2))
             return (Message(self.WORD, (type_, *pairs)),) if pairs else ()
         if not self.items:
             named = () if self.name is None else (("Name", self.name),)
             return (Message(self.WORD, (type_, *named)),)
-        items = (item.pairs(4) for item in self.items)
+        items = (item.to_pairs(4) for item in self.items)
         return messages_from_items(self.WORD, (type_,), items, dialect)
 
 
@@ -76,8 +76,8 @@ class VehicleGeometry:
     WORD: ClassVar[str] = "GEO"
 
     name: str
-    dimensions_m: Vector
-    cog_m: Vector
+    dimensions_m: Vector3
+    centre_of_gravity_m: Vector3
     wheel_radius_m: float
     wheel_separation_m: float
     wheel_base_m: float
@@ -87,25 +87,25 @@ class VehicleGeometry:
     def from_message(cls, message: Message) -> VehicleGeometry:
         """Return the robot's geometry of a parsed line."""
         return cls(
-            name=fields.text(message, "Name"),
-            dimensions_m=fields.vector(message, "Dimensions"),
-            cog_m=fields.vector(message, "COG"),
-            wheel_radius_m=fields.number(message, "WheelRadius"),
-            wheel_separation_m=fields.number(message, "WheelSeparation"),
-            wheel_base_m=fields.number(message, "WheelBase"),
-            vehicle_type=fields.text(message, "Type"),
+            name=fields.read_text(message, "Name"),
+            dimensions_m=fields.read_vector(message, "Dimensions"),
+            centre_of_gravity_m=fields.read_vector(message, "COG"),
+            wheel_radius_m=fields.read_number(message, "WheelRadius"),
+            wheel_separation_m=fields.read_number(message, "WheelSeparation"),
+            wheel_base_m=fields.read_number(message, "WheelBase"),
+            vehicle_type=fields.read_text(message, "Type"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
         pairs = (
             ("Type", self.vehicle_type),
             ("Name", self.name),
-            ("Dimensions", vector(self.dimensions_m)),
-            ("COG", vector(self.cog_m)),
-            ("WheelRadius", fixed(self.wheel_radius_m)),
-            ("WheelSeparation", fixed(self.wheel_separation_m)),
-            ("WheelBase", fixed(self.wheel_base_m)),
+            ("Dimensions", format_vector(self.dimensions_m)),
+            ("COG", format_vector(self.centre_of_gravity_m)),
+            ("WheelRadius", format_fixed_point(self.wheel_radius_m)),
+            ("WheelSeparation", format_fixed_point(self.wheel_separation_m)),
+            ("WheelBase", format_fixed_point(self.wheel_base_m)),
         )
         return (Message(self.WORD, pairs),)
 
@@ -120,5 +120,5 @@ def geometry_from_message(
         return MissionPackageGeometry.from_message(message)
     placed = [x for x in items_from_message(message) if x.get("Location") is not None]
     items = tuple(GeometryItem.from_message(item) for item in placed)
-    type_ = fields.text(message, "Type")
+    type_ = fields.read_text(message, "Type")
     return Geometry(type_, items, name=None if items else message.get("Name"))

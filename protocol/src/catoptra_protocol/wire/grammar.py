@@ -39,7 +39,7 @@ class Message:
 
     def __str__(self) -> str:
         """Return the line for a log: whatever cannot be printed is escaped."""
-        text = " ".join((self.word, *map(_block, self.pairs)))
+        text = " ".join((self.word, *map(_format_block, self.pairs)))
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
@@ -52,15 +52,15 @@ def parse_message(line: str) -> Message:
     """
     word = line.partition("{")[0].strip(" ").partition(" ")[0].upper()
     blocks = (block.strip(" ") for block in _BLOCK.findall(line))
-    return Message(word, tuple(_pair(block) for block in blocks if block))
+    return Message(word, tuple(_parse_block(block) for block in blocks if block))
 
 
 def format_line(
-    word: str, pairs: Iterable[tuple[str, str]] = (), glued: frozenset[str] = frozenset()
+    word: str, pairs: Iterable[tuple[str, str]] = (), without_space: frozenset[str] = frozenset()
 ) -> bytes:
     """Return the line with CR LF. Raises LocalProtocolError for text that would break it.
 
-    A space goes before each block, except before those with a name in `glued`.
+    A space goes before each block, except before those with a name in `without_space`.
     """
     pairs = tuple(pairs)
     for name, value in (("", word), *pairs):
@@ -69,7 +69,7 @@ def format_line(
                 f"{word}: {{{name} {value}}} cannot be sent: names must be free of spaces, "
                 "names and values of braces and line ends"
             )
-    blocks = (("" if pair[0] in glued else " ") + _block(pair) for pair in pairs)
+    blocks = (("" if pair[0] in without_space else " ") + _format_block(pair) for pair in pairs)
     text = "".join((word, *blocks)) + "\r\n"
     try:
         return text.encode(ENCODING)
@@ -77,12 +77,12 @@ def format_line(
         raise LocalProtocolError(f"{word}: {text!r} is not Latin-1 text") from error
 
 
-def words(value: str) -> list[str]:
+def split_words(value: str) -> list[str]:
     """Return the words of a value that holds several, separated by spaces."""
     return [word for word in value.split(" ") if word]
 
 
-def groups(message: Message, key: str) -> list[Message]:
+def split_groups(message: Message, key: str) -> list[Message]:
     """Return the runs of blocks that each begin with this name; what precedes the first is none."""
     found: list[list[tuple[str, str]]] = []
     for pair in message.pairs:
@@ -101,35 +101,35 @@ class LineReader:
 
     def __init__(self) -> None:
         self._line = bytearray()
-        self._overlong = False
+        self._is_overlong = False
 
     def receive(self, data: bytes) -> list[str]:
         """Return the lines that these bytes end, without their ends; blank ones are nothing."""
         *ended, rest = _LINE_END.split(data)
-        lines = [self._end_of_line(piece) for piece in ended]
-        self._keep(rest)
+        lines = [self._finish_line(piece) for piece in ended]
+        self._append(rest)
         return [line for line in lines if line]
 
-    def _end_of_line(self, piece: bytes) -> str:
-        self._keep(piece)
+    def _finish_line(self, piece: bytes) -> str:
+        self._append(piece)
         line = self._line.decode(ENCODING)
         self._line.clear()
-        self._overlong = False
+        self._is_overlong = False
         return line
 
-    def _keep(self, piece: bytes) -> None:
-        self._overlong = self._overlong or len(self._line) + len(piece) > MAX_LINE_BYTES
-        if self._overlong:
+    def _append(self, piece: bytes) -> None:
+        self._is_overlong = self._is_overlong or len(self._line) + len(piece) > MAX_LINE_BYTES
+        if self._is_overlong:
             self._line.clear()
         else:
             self._line += piece
 
 
-def _pair(block: str) -> tuple[str, str]:
+def _parse_block(block: str) -> tuple[str, str]:
     name, _, value = block.partition(" ")
     return (name, value.strip(" ")) if value else ("", name)
 
 
-def _block(pair: tuple[str, str]) -> str:
+def _format_block(pair: tuple[str, str]) -> str:
     name, value = pair
     return f"{{{name} {value}}}" if name else f"{{{value}}}"

@@ -8,8 +8,8 @@ from typing import ClassVar
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import Message, words
-from catoptra_protocol.wire.numbers import Vector, vector
+from catoptra_protocol.wire.grammar import Message, split_words
+from catoptra_protocol.wire.numbers import Vector3, format_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +26,12 @@ class Greeting:
     def from_message(cls, message: Message) -> Greeting:
         """Return the greeting of a parsed line."""
         return cls(
-            game_type=fields.text(message, "Gametype"),
-            level=fields.text(message, "Level"),
-            time_limit=fields.integer(message, "TimeLimit", default=0),
+            game_type=fields.read_text(message, "Gametype"),
+            level=fields.read_text(message, "Level"),
+            time_limit=fields.read_integer(message, "TimeLimit", default=0),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
         limit = str(self.time_limit)
         pairs = (("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit))
@@ -43,8 +43,8 @@ class StartPose:
     """A named pose of the world file, in the world frame; roll, pitch, yaw."""
 
     name: str
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,18 +59,18 @@ class StartPoses:
     def from_message(cls, message: Message) -> StartPoses:
         """Return the poses of a parsed line, whose second block starts with the first name."""
         blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
-        found = words(" ".join(" ".join(pair) for pair in blocks[:1]))
-        if len(found) != 3 * fields.integer(message, "StartPoses"):
+        found = split_words(" ".join(" ".join(pair) for pair in blocks[:1]))
+        if len(found) != 3 * fields.read_integer(message, "StartPoses"):
             raise RemoteProtocolError(
-                f"NFO {{StartPoses {fields.text(message, 'StartPoses')}}}: expected three words "
+                f"NFO {{StartPoses {fields.read_text(message, 'StartPoses')}}}: expected three words "
                 f"(name x,y,z r,p,y) a pose, not {len(found)} in all"
             )
         triples = zip(found[::3], found[1::3], found[2::3], strict=True)
-        return cls(tuple(_start_pose(message, *triple) for triple in triples))
+        return cls(tuple(_parse_start_pose(message, *triple) for triple in triples))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        said = [word for pose in self.poses for word in _words(pose)]
+        said = [word for pose in self.poses for word in _format_start_pose(pose)]
         block = ((said[0], " ".join(said[1:])),) if said else ()
         return (Message(self.WORD, (("StartPoses", str(len(self.poses))), *block)),)
 
@@ -81,11 +81,11 @@ def greeting_from_message(message: Message) -> Greeting | StartPoses:
     return StartPoses.from_message(message) if is_poses else Greeting.from_message(message)
 
 
-def _words(pose: StartPose) -> tuple[str, str, str]:
+def _format_start_pose(pose: StartPose) -> tuple[str, str, str]:
     if not pose.name or " " in pose.name:
         raise LocalProtocolError(f"NFO: start pose {pose.name!r}: the name must be one word")
-    return pose.name, vector(pose.location_m), vector(pose.rotation_rad)
+    return pose.name, format_vector(pose.location_m), format_vector(pose.rotation_rad)
 
 
-def _start_pose(message: Message, name: str, location: str, rotation: str) -> StartPose:
-    return StartPose(name, *fields.vectors(message, Location=location, Orientation=rotation))
+def _parse_start_pose(message: Message, name: str, location: str, rotation: str) -> StartPose:
+    return StartPose(name, *fields.parse_vectors(message, Location=location, Orientation=rotation))

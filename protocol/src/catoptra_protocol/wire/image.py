@@ -16,9 +16,9 @@ from catoptra_protocol.wire.limits import MAX_IMAGE_PAYLOAD_BYTES, MAX_IMAGE_SID
 
 _FRAME_HEADER = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")
-_RECTANGLE = struct.Struct(">4I")
+_REGION = struct.Struct(">4I")
 _REQUEST_START = re.compile(rb"[OU]")
-_REQUEST_BYTES = {ord("O"): 2, ord("U"): 1 + _RECTANGLE.size}
+_REQUEST_LENGTHS = {ord("O"): 2, ord("U"): 1 + _REGION.size}
 
 
 class ImageType(IntEnum):
@@ -53,12 +53,12 @@ JPEG_QUALITY: dict[ImageType, int] = {
 
 
 @dataclass(frozen=True, slots=True)
-class WholeFrame:
+class FullFrameRequest:
     """A request for the whole picture: `OK`."""
 
 
 @dataclass(frozen=True, slots=True)
-class SubFrame:
+class RegionRequest:
     """A request for a rectangle of the picture, in pixels: `U` and 16 bytes.
 
     Nothing says that it lies inside the picture: SPEC.md 7.3.
@@ -70,9 +70,9 @@ class SubFrame:
     height: int
 
 
-ImageRequest = WholeFrame | SubFrame
+ImageRequest = FullFrameRequest | RegionRequest
 
-_WHOLE_FRAME = WholeFrame()
+_FULL_FRAME_REQUEST = FullFrameRequest()
 
 
 class ImageRequestReader:
@@ -85,25 +85,25 @@ class ImageRequestReader:
     """
 
     def __init__(self) -> None:
-        self._begun = b""
+        self._pending = b""
 
     def receive(self, data: bytes) -> list[ImageRequest]:
         """Return the requests that these bytes complete."""
-        data = self._begun + data
+        data = self._pending + data
         requests: list[ImageRequest] = []
         position = 0
         while start := _REQUEST_START.search(data, position):
-            begin, position = start.start(), start.start() + _REQUEST_BYTES[start[0][0]]
+            begin, position = start.start(), start.start() + _REQUEST_LENGTHS[start[0][0]]
             if position > len(data):
-                self._begun = data[begin:]
+                self._pending = data[begin:]
                 return requests
-            requests += _request(data[begin:position])
-        self._begun = b""
+            requests += _parse_request(data[begin:position])
+        self._pending = b""
         return requests
 
 
 @dataclass(frozen=True, slots=True)
-class WireFrame:
+class EncodedFrame:
     """A frame as it came: its payload is a JPEG stream, or a RAW header and rows of B, G, R."""
 
     image_type: ImageType
@@ -120,7 +120,7 @@ class ImageFrameReader:
         self._buffer = bytearray()
         self._max_payload_bytes = max_payload_bytes
 
-    def receive(self, data: bytes) -> list[WireFrame]:
+    def receive(self, data: bytes) -> list[EncodedFrame]:
         """Return the frames that these bytes complete.
 
         Raises RemoteProtocolError for an unknown type or a payload beyond the limit, as soon as its
@@ -128,23 +128,23 @@ class ImageFrameReader:
         """
         self._buffer += data
         frames = []
-        while (frame := self._next()) is not None:
+        while (frame := self._next_frame()) is not None:
             frames.append(frame)
         return frames
 
-    def _next(self) -> WireFrame | None:
+    def _next_frame(self) -> EncodedFrame | None:
         if len(self._buffer) < _FRAME_HEADER.size:
             return None
-        image_type, length = self._header()
+        image_type, length = self._read_header()
         end = _FRAME_HEADER.size + length
         if len(self._buffer) < end:
             return None
         with memoryview(self._buffer) as view:
             payload = bytes(view[_FRAME_HEADER.size : end])
         del self._buffer[:end]  # moves the start of a bytearray, not its bytes
-        return WireFrame(image_type, payload)
+        return EncodedFrame(image_type, payload)
 
-    def _header(self) -> tuple[ImageType, int]:
+    def _read_header(self) -> tuple[ImageType, int]:
         image_type, length = _FRAME_HEADER.unpack_from(self._buffer)
         if image_type > max(ImageType):
             raise RemoteProtocolError(
@@ -157,29 +157,29 @@ class ImageFrameReader:
         return ImageType(image_type), length
 
 
-def image_request() -> bytes:
+def encode_full_frame_request() -> bytes:
     """Return the request for one whole frame."""
     return b"OK"
 
 
-def frame_header(image_type: ImageType, payload_length: int) -> bytes:
+def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
     """Return the 5 bytes before a payload."""
     if not 0 <= payload_length <= 0xFFFFFFFF:
         raise LocalProtocolError(f"a payload of {payload_length} bytes does not fit its header")
     return _FRAME_HEADER.pack(image_type, payload_length)
 
 
-def raw_header(width: int, height: int) -> bytes:
+def encode_raw_header(width: int, height: int) -> bytes:
     """Return the 4 bytes before the rows of a RAW picture.
 
-    Rows follow top first, pixels as B, G, R, each row padded to `raw_pitch(width)` bytes.
+    Rows follow top first, pixels as B, G, R, each row padded to `raw_row_pitch(width)` bytes.
     """
     if not (0 <= width <= MAX_IMAGE_SIDE_PX and 0 <= height <= MAX_IMAGE_SIDE_PX):
         raise LocalProtocolError(f"a RAW picture of {width} x {height} px does not fit its header")
     return _RAW_HEADER.pack(width, height)
 
 
-def raw_pitch(width: int) -> int:
+def raw_row_pitch(width: int) -> int:
     """Return the bytes of a RAW row: 3 a pixel, rounded up to a multiple of 4 as FreeImage does.
 
     Some clients take it to be 3 * width: serve widths divisible by 4.
@@ -187,7 +187,7 @@ def raw_pitch(width: int) -> int:
     return (3 * width + 3) // 4 * 4
 
 
-def raw_size(payload: bytes) -> tuple[int, int, int]:
+def parse_raw_size(payload: bytes) -> tuple[int, int, int]:
     """Return (width, height, pitch) of a RAW payload; rows may be padded or not.
 
     Raises RemoteProtocolError if header and length disagree.
@@ -195,17 +195,17 @@ def raw_size(payload: bytes) -> tuple[int, int, int]:
     if len(payload) < _RAW_HEADER.size:
         raise RemoteProtocolError(f"RAW frame of {len(payload)} bytes: its header alone has 4")
     width, height = _RAW_HEADER.unpack_from(payload)
-    for pitch in (raw_pitch(width), 3 * width):
+    for pitch in (raw_row_pitch(width), 3 * width):
         if len(payload) == _RAW_HEADER.size + height * pitch:
             return width, height, pitch
     raise RemoteProtocolError(
         f"RAW frame of {width} x {height} px in {len(payload)} bytes: expected "
-        f"{_RAW_HEADER.size + height * raw_pitch(width)}"
+        f"{_RAW_HEADER.size + height * raw_row_pitch(width)}"
     )
 
 
-def _request(data: bytes) -> list[ImageRequest]:
+def _parse_request(data: bytes) -> list[ImageRequest]:
     """Return what a complete sequence that began with O or U asks for: one request or none."""
     if data[:1] == b"U":
-        return [SubFrame(*_RECTANGLE.unpack_from(data, 1))]
-    return [_WHOLE_FRAME] if data == b"OK" else []
+        return [RegionRequest(*_REGION.unpack_from(data, 1))]
+    return [_FULL_FRAME_REQUEST] if data == b"OK" else []

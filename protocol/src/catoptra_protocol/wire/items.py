@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import Message, Pairs, groups, words
+from catoptra_protocol.wire.grammar import Message, Pairs, split_groups, split_words
 
 
 def messages_from_items(
@@ -19,21 +19,21 @@ def messages_from_items(
     """Return the lines that list items, each of them pairs of which the first is its Name."""
     if dialect is Dialect.UDK:
         return tuple(Message(word, (*head, *item)) for item in items)
-    return (Message(word, (*head, *map(_one_block, items))),)
+    return (Message(word, (*head, *map(_merge_into_block, items))),)
 
 
 def items_from_message(message: Message) -> list[Message]:
     """Return the items of a line in either form, each as a message of its own."""
-    runs = groups(message, "Name")
-    if len(runs) == 1 and len(words(runs[0].pairs[0][1])) == 1:
+    runs = split_groups(message, "Name")
+    if len(runs) == 1 and len(split_words(runs[0].pairs[0][1])) == 1:
         return [message]  # its fields may precede its name
     if not runs:
         says_something = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
         return [message] if says_something else []
-    return [_item(run) for run in runs]
+    return [_expand_block(run) for run in runs]
 
 
-def _one_block(item: Pairs) -> tuple[str, str]:
+def _merge_into_block(item: Pairs) -> tuple[str, str]:
     for _, value in item:
         if not value or " " in value:
             raise LocalProtocolError(f"{value!r} cannot be sent in a block: it must be one word")
@@ -41,10 +41,10 @@ def _one_block(item: Pairs) -> tuple[str, str]:
     return name, " ".join((first, *(f"{key} {value}" for key, value in others)))
 
 
-def _item(run: Message) -> Message:
+def _expand_block(run: Message) -> Message:
     """Return the fields of a run of blocks: of its first alone, if that holds several."""
     (key, value), *_ = run.pairs
-    name, *rest = words(value)
+    name, *rest = split_words(value)
     if not rest:
         return run
     return Message(run.word, ((key, name), *zip(rest[::2], rest[1::2], strict=False)))

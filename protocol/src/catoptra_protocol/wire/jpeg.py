@@ -11,19 +11,19 @@ from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.wire.limits import MAX_IMAGE_PIXELS
 
 _START_OF_IMAGE = b"\xff\xd8"
-_LENGTH = struct.Struct(">H")
-_FRAME = struct.Struct(">HBHH")  # length, bits a sample, height, width
+_SEGMENT_LENGTH = struct.Struct(">H")
+_FRAME_HEADER = struct.Struct(">HBHH")  # length, bits a sample, height, width
 # SOF0 to SOF15 without the three markers between them that are no frames: DHT, JPG, DAC.
-_STARTS_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
-def jpeg_size(payload: bytes) -> tuple[int, int]:
+def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
     """Return (width, height) in pixels.
 
     Raises RemoteProtocolError if the stream announces none, or more pixels than we accept.
     """
     try:
-        width, height = _announced_size(payload)
+        width, height = _find_frame_size(payload)
     except struct.error as error:
         raise RemoteProtocolError(
             f"JPEG frame of {len(payload)} bytes that ends before it tells its size"
@@ -35,20 +35,20 @@ def jpeg_size(payload: bytes) -> tuple[int, int]:
     return width, height
 
 
-def _announced_size(payload: bytes) -> tuple[int, int]:
+def _find_frame_size(payload: bytes) -> tuple[int, int]:
     """Return (width, height) of the first start of frame; struct.error where the bytes end."""
     if not payload.startswith(_START_OF_IMAGE):
         raise RemoteProtocolError(f"JPEG frame that starts with {payload[:2]!r}: that is no JPEG")
     position = len(_START_OF_IMAGE)
     while True:
-        marker, position = _marker(payload, position)
-        if marker in _STARTS_OF_FRAME:
-            _, _, height, width = _FRAME.unpack_from(payload, position)
+        marker, position = _read_marker(payload, position)
+        if marker in _START_OF_FRAME_MARKERS:
+            _, _, height, width = _FRAME_HEADER.unpack_from(payload, position)
             return width, height
-        position += _LENGTH.unpack_from(payload, position)[0]
+        position += _SEGMENT_LENGTH.unpack_from(payload, position)[0]
 
 
-def _marker(payload: bytes, position: int) -> tuple[int, int]:
+def _read_marker(payload: bytes, position: int) -> tuple[int, int]:
     """Return the marker at a position, and the position behind it; fill bytes may precede it."""
     start = position
     while payload[position : position + 1] == b"\xff":

@@ -11,11 +11,11 @@ from typing import ClassVar
 
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import Message, Pairs, groups
-from catoptra_protocol.wire.numbers import Vector, fixed, vector
+from catoptra_protocol.wire.grammar import Message, Pairs, split_groups
+from catoptra_protocol.wire.numbers import Vector3, format_fixed_point, format_vector
 
-_TYPE = "MisPkg"
-CHASSIS = -1  # the parent of a link that sits on the robot itself
+_TYPE_NAME = "MisPkg"
+CHASSIS_LINK = -1  # the parent of a link that sits on the robot itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +26,10 @@ class LinkStatus:
     value: float
     torque: float = 0.0
 
-    def pairs(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return its blocks; UDK knows no torque and leaves the last one out."""
-        torque = fixed(self.torque, 2)
-        return ("Link", str(self.link)), ("Value", fixed(self.value)), ("Torque", torque)
+        torque = format_fixed_point(self.torque, 2)
+        return ("Link", str(self.link)), ("Value", format_fixed_point(self.value)), ("Torque", torque)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +46,16 @@ class MissionPackageStatus:
     def from_message(cls, message: Message) -> MissionPackageStatus:
         """Return the status of a parsed line."""
         return cls(
-            time_s=fields.number(message, "Time"),
-            name=fields.text(message, "Name"),
-            links=tuple(_link_status(group) for group in groups(message, "Link")),
+            time_s=fields.read_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            links=tuple(_parse_link_status(group) for group in split_groups(message, "Link")),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
         is_udk = dialect is Dialect.UDK
-        head = (("Time", fixed(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
-        links = (pair for link in self.links for pair in link.pairs()[: 2 if is_udk else 3])
+        head = (("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
+        links = (pair for link in self.links for pair in link.to_pairs()[: 2 if is_udk else 3])
         return (Message("ASTA" if is_udk else self.WORD, (*head, *links)),)
 
 
@@ -66,17 +66,17 @@ class LinkConfiguration:
     link: int
     max_speed: float
     max_torque: float
-    range: tuple[float, float] | None = None
+    limits: tuple[float, float] | None = None
     joint_type: str = "Revolute"
 
-    def pairs(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return its blocks."""
-        least, most = ("1", "0") if self.range is None else (fixed(x, 2) for x in self.range)
+        least, most = ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
         return (
             ("Link", str(self.link)),
             ("JointType", self.joint_type),
-            ("MaxSpeed", fixed(self.max_speed, 2)),
-            ("MaxTorque", fixed(self.max_torque, 2)),
+            ("MaxSpeed", format_fixed_point(self.max_speed, 2)),
+            ("MaxTorque", format_fixed_point(self.max_torque, 2)),
             ("MinRange", least),
             ("MaxRange", most),
         )
@@ -91,10 +91,10 @@ class MissionPackageConfiguration:
     name: str
     links: tuple[LinkConfiguration, ...]
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        links = (pair for link in self.links for pair in link.pairs())
-        return (Message(self.WORD, (("Type", _TYPE), ("Name", self.name), *links)),)
+        links = (pair for link in self.links for pair in link.to_pairs())
+        return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,26 +103,26 @@ class LinkGeometry:
 
     link: int
     parent_link: int
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
 
     @classmethod
     def from_message(cls, message: Message) -> LinkGeometry:
         """Return the link of a message that holds its four fields."""
         return cls(
-            link=fields.integer(message, "Link"),
-            parent_link=fields.integer(message, "ParentLink"),
-            location_m=fields.vector(message, "Location"),
-            rotation_rad=fields.vector(message, "Orientation"),
+            link=fields.read_integer(message, "Link"),
+            parent_link=fields.read_integer(message, "ParentLink"),
+            location_m=fields.read_vector(message, "Location"),
+            rotation_rad=fields.read_vector(message, "Orientation"),
         )
 
-    def pairs(self) -> Pairs:
+    def to_pairs(self) -> Pairs:
         """Return its blocks."""
         return (
             ("Link", str(self.link)),
             ("ParentLink", str(self.parent_link)),
-            ("Location", vector(self.location_m)),
-            ("Orientation", vector(self.rotation_rad)),
+            ("Location", format_vector(self.location_m)),
+            ("Orientation", format_vector(self.rotation_rad)),
         )
 
 
@@ -138,16 +138,16 @@ class MissionPackageGeometry:
     @classmethod
     def from_message(cls, message: Message) -> MissionPackageGeometry:
         """Return the geometry of a parsed line."""
-        links = map(LinkGeometry.from_message, groups(message, "Link"))
-        return cls(fields.text(message, "Name"), tuple(links))
+        links = map(LinkGeometry.from_message, split_groups(message, "Link"))
+        return cls(fields.read_text(message, "Name"), tuple(links))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        links = (pair for link in self.links for pair in link.pairs())
-        return (Message(self.WORD, (("Type", _TYPE), ("Name", self.name), *links)),)
+        links = (pair for link in self.links for pair in link.to_pairs())
+        return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 
 
-def _link_status(group: Message) -> LinkStatus:
+def _parse_link_status(group: Message) -> LinkStatus:
     """Return the status of a link's blocks; some servers print no torque."""
-    torque = fields.optional_number(group, "Torque") or 0.0
-    return LinkStatus(fields.integer(group, "Link"), fields.number(group, "Value"), torque)
+    torque = fields.read_optional_number(group, "Torque") or 0.0
+    return LinkStatus(fields.read_integer(group, "Link"), fields.read_number(group, "Value"), torque)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.dialect import Dialect, udk_time
+from catoptra_protocol.wire.dialect import Dialect, udk_time_pairs
 from catoptra_protocol.wire.grammar import Message, Pairs
-from catoptra_protocol.wire.numbers import Vector, fixed, vector
+from catoptra_protocol.wire.numbers import Vector3, format_fixed_point, format_vector
 from catoptra_protocol.wire.readings_gps import GpsReading
 from catoptra_protocol.wire.readings_items import (
     EncoderReadings,
@@ -25,7 +25,7 @@ from catoptra_protocol.wire.readings_items import (
     VictimPart,
     VictimReading,
 )
-from catoptra_protocol.wire.readings_range import RangeScan, SonarReadings
+from catoptra_protocol.wire.readings_range import RangeScanReading, SonarReadings
 
 _TWO_PI = 2.0 * math.pi
 
@@ -48,14 +48,14 @@ class OdometryReading:
     @classmethod
     def from_message(cls, message: Message) -> OdometryReading:
         """Return the reading of a parsed line."""
-        name, pose = fields.text(message, "Name"), fields.vector(message, "Pose")
-        return cls(name, *pose, time_s=fields.optional_number(message, "Time"))
+        name, pose = fields.read_text(message, "Name"), fields.read_vector(message, "Pose")
+        return cls(name, *pose, time_s=fields.read_optional_number(message, "Time"))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
-        pose = vector((self.x_m, self.y_m, self.yaw_rad))
+        pose = format_vector((self.x_m, self.y_m, self.yaw_rad))
         own: Pairs = (("Type", "Odometry"), ("Name", self.name), ("Pose", pose))
-        return (Message(self.WORD, (*udk_time(self.time_s, dialect), *own)),)
+        return (Message(self.WORD, (*udk_time_pairs(self.time_s, dialect), *own)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,28 +68,28 @@ class InsReading:
     WORD: ClassVar[str] = "SEN"
 
     name: str
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
     time_s: float | None = None
 
     @classmethod
     def from_message(cls, message: Message) -> InsReading:
         """Return the reading of a parsed line."""
         return cls(
-            name=fields.text(message, "Name"),
-            location_m=fields.vector(message, "Location"),
-            rotation_rad=fields.vector(message, "Orientation"),
-            time_s=fields.optional_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            location_m=fields.read_vector(message, "Location"),
+            rotation_rad=fields.read_vector(message, "Orientation"),
+            time_s=fields.read_optional_number(message, "Time"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects but for time and the range of the angles."""
         pairs = (
-            *udk_time(self.time_s, dialect),
+            *udk_time_pairs(self.time_s, dialect),
             ("Type", "INS"),
             ("Name", self.name),
-            ("Location", vector(self.location_m, 2)),
-            ("Orientation", _angles(self.rotation_rad, 2, dialect)),
+            ("Location", format_vector(self.location_m, 2)),
+            ("Orientation", _format_angles(self.rotation_rad, 2, dialect)),
         )
         return (Message(self.WORD, pairs),)
 
@@ -106,38 +106,38 @@ class GroundTruthReading:
 
     time_s: float
     name: str
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
     decimals: int = 2
 
     @classmethod
     def from_message(cls, message: Message) -> GroundTruthReading:
         """Return the reading of a parsed line, with the number of decimals that it shows."""
-        first = fields.text(message, "Location").partition(",")[0]
+        first = fields.read_text(message, "Location").partition(",")[0]
         return cls(
-            time_s=fields.number(message, "Time"),
-            name=fields.text(message, "Name"),
-            location_m=fields.vector(message, "Location"),
-            rotation_rad=fields.vector(message, "Orientation"),
+            time_s=fields.read_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            location_m=fields.read_vector(message, "Location"),
+            rotation_rad=fields.read_vector(message, "Orientation"),
             decimals=len(first.partition(".")[2]),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
         decimals = max(self.decimals, 3) if dialect is Dialect.UDK else self.decimals
         pairs = (
-            ("Time", fixed(self.time_s)),
+            ("Time", format_fixed_point(self.time_s)),
             ("Type", "GroundTruth"),
             ("Name", self.name),
-            ("Location", vector(self.location_m, decimals)),
-            ("Orientation", _angles(self.rotation_rad, decimals, dialect)),
+            ("Location", format_vector(self.location_m, decimals)),
+            ("Orientation", _format_angles(self.rotation_rad, decimals, dialect)),
         )
         return (Message(self.WORD, pairs),)
 
 
 Reading = (
     SonarReadings
-    | RangeScan
+    | RangeScanReading
     | InsReading
     | OdometryReading
     | EncoderReadings
@@ -152,13 +152,13 @@ Reading = (
 
 def reading_from_message(message: Message) -> Reading | None:
     """Return the reading of a SEN line; None for a sensor that we do not know."""
-    reader = _SENSORS.get(fields.text(message, "Type").lower())
+    reader = _READING_PARSERS.get(fields.read_text(message, "Type").lower())
     return reader(message) if reader else None
 
 
-_SENSORS: dict[str, Callable[[Message], Reading]] = {
+_READING_PARSERS: dict[str, Callable[[Message], Reading]] = {
     "sonar": SonarReadings.from_message,
-    "rangescanner": RangeScan.from_message,
+    "rangescanner": RangeScanReading.from_message,
     "ins": InsReading.from_message,
     "odometry": OdometryReading.from_message,
     "encoder": EncoderReadings.from_message,
@@ -171,14 +171,14 @@ _SENSORS: dict[str, Callable[[Message], Reading]] = {
 }
 
 
-def _angles(angles_rad: Vector, decimals: int, dialect: Dialect) -> str:
+def _format_angles(angles_rad: Vector3, decimals: int, dialect: Dialect) -> str:
     """Return the angles as a dialect prints them: UT2004 in [0, 2 pi), UDK as they are."""
     if dialect is Dialect.UDK:
-        return vector(angles_rad, decimals)
-    return vector(map(_positive_angle, angles_rad), decimals)
+        return format_vector(angles_rad, decimals)
+    return format_vector(map(_wrap_to_positive, angles_rad), decimals)
 
 
-def _positive_angle(angle_rad: float) -> float:
+def _wrap_to_positive(angle_rad: float) -> float:
     """Return the angle in [0, 2 pi): the remainder of a tiny negative one rounds up to 2 pi."""
     wrapped = angle_rad % _TWO_PI
     return 0.0 if wrapped >= _TWO_PI else wrapped
@@ -190,7 +190,7 @@ __all__ = [
     "GroundTruthReading",
     "InsReading",
     "OdometryReading",
-    "RangeScan",
+    "RangeScanReading",
     "Reading",
     "RfidReading",
     "SonarReadings",

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.wire import fields
-from catoptra_protocol.wire.dialect import Dialect, udk_time
+from catoptra_protocol.wire.dialect import Dialect, udk_time_pairs
 from catoptra_protocol.wire.grammar import Message, Pairs
 from catoptra_protocol.wire.items import items_from_message, messages_from_items
-from catoptra_protocol.wire.numbers import Vector, boolean, fixed, vector
+from catoptra_protocol.wire.numbers import Vector3, format_boolean, format_fixed_point, format_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +25,12 @@ class EncoderReadings:
     def from_message(cls, message: Message) -> EncoderReadings:
         """Return the readings of a parsed line, in either dialect."""
         items = items_from_message(message)
-        named = ((fields.text(item, "Name"), fields.integer(item, "Tick")) for item in items)
-        return cls(tuple(named), fields.optional_number(message, "Time"))
+        named = ((fields.read_text(item, "Name"), fields.read_integer(item, "Tick")) for item in items)
+        return cls(tuple(named), fields.read_optional_number(message, "Time"))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, or in UDK a line each."""
-        head = (*udk_time(self.time_s, dialect), ("Type", "Encoder"))
+        head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Encoder"))
         items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
 
@@ -50,20 +50,20 @@ class TachometerReading:
     def from_message(cls, message: Message) -> TachometerReading:
         """Return the reading of a parsed line; UDK's first one may hold no wheels."""
         return cls(
-            time_s=fields.number(message, "Time"),
-            name=fields.text(message, "Name"),
-            velocities_rad_s=_optional_numbers(message, "Vel"),
-            positions_rad=_optional_numbers(message, "Pos"),
+            time_s=fields.read_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            velocities_rad_s=_read_optional_numbers(message, "Vel"),
+            positions_rad=_read_optional_numbers(message, "Pos"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
         pairs = (
-            ("Time", fixed(self.time_s)),
+            ("Time", format_fixed_point(self.time_s)),
             ("Type", "Tachometer"),
             ("Name", self.name),
-            ("Vel", vector(self.velocities_rad_s)),
-            ("Pos", vector(self.positions_rad)),
+            ("Vel", format_vector(self.velocities_rad_s)),
+            ("Pos", format_vector(self.positions_rad)),
         )
         return (Message(self.WORD, tuple(pair for pair in pairs if pair[1])),)
 
@@ -81,13 +81,13 @@ class TouchReadings:
     def from_message(cls, message: Message) -> TouchReadings:
         """Return the readings of a parsed line, in either dialect."""
         items = items_from_message(message)
-        named = ((fields.text(item, "Name"), fields.boolean(item, "Touch")) for item in items)
-        return cls(tuple(named), fields.optional_number(message, "Time"))
+        named = ((fields.read_text(item, "Name"), fields.read_boolean(item, "Touch")) for item in items)
+        return cls(tuple(named), fields.read_optional_number(message, "Time"))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, or in UDK a line each."""
-        head = (*udk_time(self.time_s, dialect), ("Type", "Touch"))
-        items = ((("Name", name), ("Touch", boolean(is_on))) for name, is_on in self.items)
+        head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Touch"))
+        items = ((("Name", name), ("Touch", format_boolean(is_on))) for name, is_on in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
 
 
@@ -106,15 +106,15 @@ class RfidReading:
         """Return the reading of a parsed line."""
         ids = (value for name, value in message.pairs if name.lower() == "id")
         return cls(
-            time_s=fields.number(message, "Time"),
-            name=fields.text(message, "Name"),
-            ids=tuple(fields.integer(Message("SEN", (("ID", value),)), "ID") for value in ids),
+            time_s=fields.read_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            ids=tuple(fields.read_integer(Message("SEN", (("ID", value),)), "ID") for value in ids),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
         ids = (("ID", str(number)) for number in self.ids)
-        head = (("Time", fixed(self.time_s)), ("Type", "RFID"), ("Name", self.name))
+        head = (("Time", format_fixed_point(self.time_s)), ("Type", "RFID"), ("Name", self.name))
         return (Message(self.WORD, (*head, *ids)),)
 
 
@@ -123,7 +123,7 @@ class VictimPart:
     """A part of a victim in sight, and where it is relative to the sensor."""
 
     name: str
-    location_m: Vector
+    location_m: Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,32 +141,32 @@ class VictimReading:
     def from_message(cls, message: Message) -> VictimReading:
         """Return the reading of a parsed line: without a status if there are parts, or a name."""
         return cls(
-            time_s=fields.optional_number(message, "Time"),
+            time_s=fields.read_optional_number(message, "Time"),
             name=message.get("Name") or "",
             status=message.get("Status") or "",
-            parts=tuple(_victim_parts(message)),
+            parts=tuple(_parse_victim_parts(message)),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, the same in both dialects."""
-        time = () if self.time_s is None else (("Time", fixed(self.time_s)),)
+        time = () if self.time_s is None else (("Time", format_fixed_point(self.time_s)),)
         head = (*time, ("Type", "VictSensor"), ("Name", self.name))
         status = (("Status", self.status),) if self.status else ()
         parts = (pair for part in self.parts for pair in _part_pairs(part))
         return (Message(self.WORD, (*head, *status, *parts)),)
 
 
-def _optional_numbers(message: Message, name: str) -> tuple[float, ...]:
-    return () if message.get(name) is None else fields.numbers(message, name)
+def _read_optional_numbers(message: Message, name: str) -> tuple[float, ...]:
+    return () if message.get(name) is None else fields.read_numbers(message, name)
 
 
 def _part_pairs(part: VictimPart) -> Pairs:
-    return ("PartName", part.name), ("Location", vector(part.location_m, 2))
+    return ("PartName", part.name), ("Location", format_vector(part.location_m, 2))
 
 
-def _victim_parts(message: Message) -> list[VictimPart]:
+def _parse_victim_parts(message: Message) -> list[VictimPart]:
     """Return each PartName with the Location behind it."""
     names = [value for name, value in message.pairs if name.lower() == "partname"]
     places = [value for name, value in message.pairs if name.lower() == "location"]
     located = zip(names, places, strict=False)
-    return [VictimPart(name, *fields.vectors(message, Location=place)) for name, place in located]
+    return [VictimPart(name, *fields.parse_vectors(message, Location=place)) for name, place in located]

@@ -9,11 +9,11 @@ from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message
 from catoptra_protocol.wire.items import items_from_message, messages_from_items
-from catoptra_protocol.wire.numbers import fixed, unreal_angle, vector
+from catoptra_protocol.wire.numbers import format_fixed_point, truncate_to_unreal_units, format_vector
 
 
 @dataclass(frozen=True, slots=True)
-class RangeScan:
+class RangeScanReading:
     """A scan: ranges from the robot's right to its left, `resolution_rad` apart, ends included."""
 
     WORD: ClassVar[str] = "SEN"
@@ -25,29 +25,29 @@ class RangeScan:
     ranges_m: tuple[float, ...]
 
     @classmethod
-    def from_message(cls, message: Message) -> RangeScan:
+    def from_message(cls, message: Message) -> RangeScanReading:
         """Return the reading of a parsed line."""
         return cls(
-            time_s=fields.number(message, "Time"),
-            name=fields.text(message, "Name"),
-            resolution_rad=fields.number(message, "Resolution"),
-            fov_rad=fields.number(message, "FOV"),
-            ranges_m=fields.numbers(message, "Range"),
+            time_s=fields.read_number(message, "Time"),
+            name=fields.read_text(message, "Name"),
+            resolution_rad=fields.read_number(message, "Resolution"),
+            fov_rad=fields.read_number(message, "FOV"),
+            ranges_m=fields.read_numbers(message, "Range"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line: UT2004 has 2 decimals in Time and 4 in Range, UDK the reverse."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
         if is_udk:
-            resolution_rad, fov_rad = unreal_angle(resolution_rad), unreal_angle(fov_rad)
+            resolution_rad, fov_rad = truncate_to_unreal_units(resolution_rad), truncate_to_unreal_units(fov_rad)
         pairs = (
-            ("Time", fixed(self.time_s, 4 if is_udk else 2)),
+            ("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)),
             ("Type", "RangeScanner"),
             ("Name", self.name),
-            ("Resolution", fixed(resolution_rad)),
-            ("FOV", fixed(fov_rad)),
-            ("Range", vector(self.ranges_m, 2 if is_udk else 4)),
+            ("Resolution", format_fixed_point(resolution_rad)),
+            ("FOV", format_fixed_point(fov_rad)),
+            ("Range", format_vector(self.ranges_m, 2 if is_udk else 4)),
         )
         return (Message(self.WORD, pairs),)
 
@@ -65,11 +65,11 @@ class SonarReadings:
     def from_message(cls, message: Message) -> SonarReadings:
         """Return the readings of a parsed line, in either dialect."""
         items = items_from_message(message)
-        named = ((fields.text(item, "Name"), fields.number(item, "Range")) for item in items)
-        return cls(fields.number(message, "Time"), tuple(named))
+        named = ((fields.read_text(item, "Name"), fields.read_number(item, "Range")) for item in items)
+        return cls(fields.read_number(message, "Time"), tuple(named))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line, or lines."""
-        head = (("Time", fixed(self.time_s)), ("Type", "Sonar"))
-        items = ((("Name", name), ("Range", fixed(range_m))) for name, range_m in self.items)
+        head = (("Time", format_fixed_point(self.time_s)), ("Type", "Sonar"))
+        items = ((("Name", name), ("Range", format_fixed_point(range_m))) for name, range_m in self.items)
         return messages_from_items(self.WORD, head, items, dialect)

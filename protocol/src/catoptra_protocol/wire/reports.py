@@ -15,15 +15,15 @@ from catoptra_protocol.wire.configurations import (
     CameraConfiguration,
     Configuration,
     EncoderConfiguration,
-    IntervalConfiguration,
+    ScanIntervalConfiguration,
     OdometryConfiguration,
     RangeScannerConfiguration,
     SonarConfiguration,
-    Tile,
+    TextureRegion,
     TouchConfiguration,
     VehicleConfiguration,
 )
-from catoptra_protocol.wire.dialect import UDK_GLUED, Dialect
+from catoptra_protocol.wire.dialect import UDK_BLOCKS_WITHOUT_SPACE, Dialect
 from catoptra_protocol.wire.geometry import (
     Geometry,
     GeometryItem,
@@ -52,7 +52,7 @@ from catoptra_protocol.wire.readings import (
     GroundTruthReading,
     InsReading,
     OdometryReading,
-    RangeScan,
+    RangeScanReading,
     Reading,
     RfidReading,
     SonarReadings,
@@ -65,7 +65,7 @@ from catoptra_protocol.wire.readings import (
 from catoptra_protocol.wire.results import (
     CameraFov,
     CameraResult,
-    Result,
+    CommandResult,
     Viewport,
     ViewportsResult,
     result_from_message,
@@ -80,7 +80,7 @@ AnyConfiguration = (
     | SonarConfiguration
     | EncoderConfiguration
     | OdometryConfiguration
-    | IntervalConfiguration
+    | ScanIntervalConfiguration
     | TouchConfiguration
     | CameraConfiguration
     | MissionPackageConfiguration
@@ -96,14 +96,14 @@ Report = (
     | Geometry
     | VehicleGeometry
     | MissionPackageGeometry
-    | Result
+    | CommandResult
     | CameraResult
     | ViewportsResult
 )
 
-Reader = Callable[[Message], Report | None]
+ReportParser = Callable[[Message], Report | None]
 
-_GLUED = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_GLUED}
+_BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOCKS_WITHOUT_SPACE}
 
 
 def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes:
@@ -111,7 +111,7 @@ def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes
 
     Raises LocalProtocolError if it has none, or one longer than clients can read.
     """
-    return b"".join(_line(message, dialect) for message in report.messages(dialect))
+    return b"".join(_encode_line(message, dialect) for message in report.to_messages(dialect))
 
 
 def report_from_message(message: Message) -> Report | None:
@@ -119,12 +119,12 @@ def report_from_message(message: Message) -> Report | None:
 
     Raises RemoteProtocolError naming the field that a known one lacks or spells wrongly.
     """
-    reader = _READERS.get(message.word)
+    reader = _REPORT_PARSERS.get(message.word)
     return reader(message) if reader else None
 
 
-def _line(message: Message, dialect: Dialect) -> bytes:
-    line = format_line(message.word, message.pairs, _GLUED[dialect])
+def _encode_line(message: Message, dialect: Dialect) -> bytes:
+    line = format_line(message.word, message.pairs, _BLOCKS_WITHOUT_SPACE[dialect])
     if len(line) > MAX_SERVER_LINE_BYTES:
         raise LocalProtocolError(
             f"a line of {len(line)} bytes ({line[:80]!r}...): clients read at most "
@@ -133,7 +133,7 @@ def _line(message: Message, dialect: Dialect) -> bytes:
     return line
 
 
-_READERS: dict[str, Reader] = {
+_REPORT_PARSERS: dict[str, ReportParser] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,
@@ -158,7 +158,7 @@ __all__ = [
     "Greeting",
     "GroundTruthReading",
     "InsReading",
-    "IntervalConfiguration",
+    "ScanIntervalConfiguration",
     "LinkConfiguration",
     "LinkGeometry",
     "LinkStatus",
@@ -167,18 +167,18 @@ __all__ = [
     "MissionPackageStatus",
     "OdometryConfiguration",
     "OdometryReading",
-    "RangeScan",
+    "RangeScanReading",
     "RangeScannerConfiguration",
     "Reading",
     "Report",
-    "Result",
+    "CommandResult",
     "RfidReading",
     "SonarConfiguration",
     "SonarReadings",
     "StartPose",
     "StartPoses",
     "TachometerReading",
-    "Tile",
+    "TextureRegion",
     "TouchConfiguration",
     "TouchReadings",
     "VehicleConfiguration",

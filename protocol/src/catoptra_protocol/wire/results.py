@@ -10,20 +10,20 @@ from typing import ClassVar
 
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import Message, Pairs, groups
-from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.grammar import Message, Pairs, split_groups
+from catoptra_protocol.wire.numbers import format_fixed_point
 
-OK = "OK"
-FAILED = "Failed"
-DISABLED = "Disabled"  # a viewport that shows nothing, by wish
-MISSING = "None"  # a viewport that was to show a camera that is not there
+STATUS_OK = "OK"
+STATUS_FAILED = "Failed"
+CAMERA_DISABLED = "Disabled"  # a viewport that shows nothing, by wish
+CAMERA_MISSING = "None"  # a viewport that was to show a camera that is not there
 
-_STEP = "Step"
-VIEWPORTS = 4
+_STEP_TYPE = "Step"
+NUM_VIEWPORTS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class CommandResult:
     """What became of a SET, or of our STEP, which is answered in UDK's dialect too."""
 
     WORD: ClassVar[str] = "RES"
@@ -31,23 +31,23 @@ class Result:
     time_s: float
     type: str
     name: str
-    status: str = OK
+    status: str = STATUS_OK
 
     @classmethod
-    def from_message(cls, message: Message) -> Result:
+    def from_message(cls, message: Message) -> CommandResult:
         """Return the result of a parsed line."""
         return cls(
-            time_s=fields.number(message, "Time"),
-            type=fields.text(message, "Type"),
+            time_s=fields.read_number(message, "Time"),
+            type=fields.read_text(message, "Type"),
             name=message.get("Name") or "",
-            status=fields.text(message, "Status"),
+            status=fields.read_text(message, "Status"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line; none in UDK, but of STEP. Without a name there is no block for it."""
         named = (("Name", self.name),) if self.name else ()
-        is_step = self.type == _STEP
-        head = (("Time", fixed(self.time_s, 4 if is_step else 2)), ("Type", self.type))
+        is_step = self.type == _STEP_TYPE
+        head = (("Time", format_fixed_point(self.time_s, 4 if is_step else 2)), ("Type", self.type))
         pairs = (*head, *named, ("Status", self.status))
         is_silent = dialect is Dialect.UDK and not is_step
         return () if is_silent else (Message(self.WORD, pairs),)
@@ -59,7 +59,7 @@ class CameraFov:
 
     name: str
     fov_rad: float
-    status: str = OK
+    status: str = STATUS_OK
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +74,13 @@ class CameraResult:
     @classmethod
     def from_message(cls, message: Message) -> CameraResult:
         """Return the result of a parsed line."""
-        cameras = (_camera_fov(group) for group in groups(message, "Name"))
-        return cls(fields.number(message, "Time"), tuple(cameras))
+        cameras = (_parse_camera_fov(group) for group in split_groups(message, "Name"))
+        return cls(fields.read_number(message, "Time"), tuple(cameras))
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line; none in UDK."""
         cameras = (pair for camera in self.cameras for pair in _camera_pairs(camera))
-        pairs = (*_head(self.time_s, "Camera"), *cameras)
+        pairs = (*_time_and_type_pairs(self.time_s, "Camera"), *cameras)
         return () if dialect is Dialect.UDK else (Message(self.WORD, pairs),)
 
 
@@ -88,8 +88,8 @@ class CameraResult:
 class Viewport:
     """What a quarter of the picture shows: a camera's name, `Disabled` or `None`."""
 
-    camera: str = DISABLED
-    status: str = OK
+    camera: str = CAMERA_DISABLED
+    status: str = STATUS_OK
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,49 +100,49 @@ class ViewportsResult:
 
     time_s: float
     config: str
-    viewports: tuple[Viewport, ...] = (Viewport(),) * VIEWPORTS
-    status: str = OK
+    viewports: tuple[Viewport, ...] = (Viewport(),) * NUM_VIEWPORTS
+    status: str = STATUS_OK
 
     @classmethod
     def from_message(cls, message: Message) -> ViewportsResult:
         """Return the result of a parsed line; a status follows what it speaks of."""
-        keys = [f"Viewport{i + 1}" for i in range(VIEWPORTS)]
-        shown = (group for key in keys for group in groups(message, key)[:1])
-        viewports = (Viewport(x.pairs[0][1], x.get("Status") or OK) for x in shown)
+        keys = [f"Viewport{i + 1}" for i in range(NUM_VIEWPORTS)]
+        shown = (group for key in keys for group in split_groups(message, key)[:1])
+        viewports = (Viewport(x.pairs[0][1], x.get("Status") or STATUS_OK) for x in shown)
         return cls(
-            time_s=fields.number(message, "Time"),
-            config=fields.text(message, "Config"),
+            time_s=fields.read_number(message, "Time"),
+            config=fields.read_text(message, "Config"),
             viewports=tuple(viewports),
-            status=fields.text(message, "Status"),
+            status=fields.read_text(message, "Status"),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line; none in UDK."""
-        pairs = [*_head(self.time_s, "Viewports"), ("Config", self.config)]
+        pairs = [*_time_and_type_pairs(self.time_s, "Viewports"), ("Config", self.config)]
         pairs.append(("Status", self.status))
         for i, viewport in enumerate(self.viewports):
             pairs += [(f"Viewport{i + 1}", viewport.camera), ("Status", viewport.status)]
         return () if dialect is Dialect.UDK else (Message(self.WORD, tuple(pairs)),)
 
 
-def result_from_message(message: Message) -> Result | CameraResult | ViewportsResult:
+def result_from_message(message: Message) -> CommandResult | CameraResult | ViewportsResult:
     """Return what a RES line says, in the form of its type; a plain one if it failed as a whole."""
     if message.get("Config") is not None:
         return ViewportsResult.from_message(message)
     if message.get("FOV") is not None:
         return CameraResult.from_message(message)
-    return Result.from_message(message)
+    return CommandResult.from_message(message)
 
 
-def _head(time_s: float, type_: str) -> Pairs:
-    return ("Time", fixed(time_s, 2)), ("Type", type_)
+def _time_and_type_pairs(time_s: float, type_: str) -> Pairs:
+    return ("Time", format_fixed_point(time_s, 2)), ("Type", type_)
 
 
 def _camera_pairs(camera: CameraFov) -> Pairs:
-    fov = fixed(camera.fov_rad)
+    fov = format_fixed_point(camera.fov_rad)
     return ("Name", camera.name), ("FOV", fov), ("Status", camera.status)
 
 
-def _camera_fov(group: Message) -> CameraFov:
-    name, fov_rad = fields.text(group, "Name"), fields.number(group, "FOV")
-    return CameraFov(name, fov_rad, fields.text(group, "Status"))
+def _parse_camera_fov(group: Message) -> CameraFov:
+    name, fov_rad = fields.read_text(group, "Name"), fields.read_number(group, "FOV")
+    return CameraFov(name, fov_rad, fields.read_text(group, "Status"))

@@ -34,7 +34,7 @@ class ControlState(Enum):
 
 # The commands served in a state, and the state that follows. What is missing here is dropped in
 # silence: a command that needs a robot, or a second INIT (undefined in the reference).
-SERVED: dict[ControlState, dict[type[Command], ControlState]] = {
+TRANSITIONS: dict[ControlState, dict[type[Command], ControlState]] = {
     ControlState.ACCEPTED: {},
     ControlState.GREETED: {
         Init: ControlState.SPAWNED,

@@ -9,9 +9,9 @@ from typing import ClassVar
 from catoptra_protocol.wire import fields
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.grammar import Message, Pairs
-from catoptra_protocol.wire.numbers import boolean, fixed, is_number
+from catoptra_protocol.wire.numbers import format_boolean, format_fixed_point, is_number
 
-_OWN = frozenset(
+_STANDARD_BLOCKS = frozenset(
     ("time", "type", "battery", "view", "frontsteer", "rearsteer", "lighttoggle", "lightintensity")
 )
 
@@ -36,40 +36,40 @@ class VehicleStatus:
     def from_message(cls, message: Message) -> VehicleStatus:
         """Return the status of a parsed line; UDK's has no View. Further numbers are joints."""
         return cls(
-            time_s=fields.number(message, "Time"),
-            battery_s=fields.integer(message, "Battery"),
-            vehicle_type=fields.text(message, "Type"),
-            light=fields.boolean(message, "LightToggle"),
-            view=fields.integer(message, "View", default=-1),
-            joints=tuple(_joints(message)),
+            time_s=fields.read_number(message, "Time"),
+            battery_s=fields.read_integer(message, "Battery"),
+            vehicle_type=fields.read_text(message, "Type"),
+            light=fields.read_boolean(message, "LightToggle"),
+            view=fields.read_integer(message, "View", default=-1),
+            joints=tuple(_parse_joints(message)),
         )
 
-    def messages(self, dialect: Dialect) -> tuple[Message, ...]:
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Return the line."""
-        pairs = self._udk() if dialect is Dialect.UDK else self._ut2004()
+        pairs = self._udk_pairs() if dialect is Dialect.UDK else self._ut2004_pairs()
         return (Message(self.WORD, pairs),)
 
-    def _ut2004(self) -> Pairs:
+    def _ut2004_pairs(self) -> Pairs:
         """Return blocks of which every one is needed by some client."""
         return (
             ("Type", self.vehicle_type),
-            ("Time", fixed(self.time_s, 2)),
-            ("FrontSteer", fixed(0.0)),
-            ("RearSteer", fixed(0.0)),
+            ("Time", format_fixed_point(self.time_s, 2)),
+            ("FrontSteer", format_fixed_point(0.0)),
+            ("RearSteer", format_fixed_point(0.0)),
             *self._joint_pairs(),
-            ("LightToggle", boolean(self.light)),
+            ("LightToggle", format_boolean(self.light)),
             ("LightIntensity", "100" if self.light else "0"),
             ("Battery", str(int(self.battery_s))),
             ("View", str(self.view)),
         )
 
-    def _udk(self) -> Pairs:
+    def _udk_pairs(self) -> Pairs:
         """Return the blocks of UDK, where the intensity is that of a light that is on or not."""
         return (
-            ("Time", fixed(self.time_s)),
+            ("Time", format_fixed_point(self.time_s)),
             ("Battery", str(int(self.battery_s))),
             ("Type", self.vehicle_type),
-            ("LightToggle", boolean(self.light)),
+            ("LightToggle", format_boolean(self.light)),
             ("LightIntensity", "100"),
             ("FrontSteer", "0"),
             ("RearSteer", "0"),
@@ -77,10 +77,10 @@ class VehicleStatus:
         )
 
     def _joint_pairs(self) -> Pairs:
-        return tuple((name, fixed(angle_rad)) for name, angle_rad in self.joints)
+        return tuple((name, format_fixed_point(angle_rad)) for name, angle_rad in self.joints)
 
 
-def _joints(message: Message) -> Iterator[tuple[str, float]]:
+def _parse_joints(message: Message) -> Iterator[tuple[str, float]]:
     for name, value in message.pairs:
-        if name and name.lower() not in _OWN and is_number(value):
-            yield name, fields.number(Message(message.word, ((name, value),)), name)
+        if name and name.lower() not in _STANDARD_BLOCKS and is_number(value):
+            yield name, fields.read_number(Message(message.word, ((name, value),)), name)

@@ -10,18 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from catoptra_protocol.wire.numbers import Vector
-from catoptra_protocol.wire.stream_requests import Encoding
+from catoptra_protocol.wire.numbers import Vector3
+from catoptra_protocol.wire.stream_requests import ImageEncoding
 
-Rotation = tuple[float, float, float, float, float, float, float, float, float]
+RotationRows = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class Transform:
     """A rigid transform parent_from_child: the child's origin, and rotation (3, 3) row by row."""
 
-    position_m: Vector
-    rotation: Rotation
+    position_m: Vector3
+    rotation: RotationRows
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +33,12 @@ class EffectRecord:
     """
 
     name: str
-    is_on: bool
+    enabled: bool
     bound: float
     threshold: float
     unit: str
     reason: str
-    ms: float | None = None
+    duration_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class FrameHeader:
     """Everything that is known of the picture in the next part.
 
     error_bound_px: how far off any outline may be; bound: that and its parts by name.
-    time_s, world_from_robot: of the exposure. camera_law: the pairs of CONF, None where no camera
+    time_s, world_from_robot: of the exposure. camera_model: the pairs of CONF, None where no camera
     is shown. age_s: from the exposure to the sending. missed: frames drawn for others and not sent
     to this subscriber, in all. dropped: frames of its own that it did not take. error_bound_px and
     plan: None where unknown. effects: of those that the robot's file names, in optical order.
@@ -61,19 +61,19 @@ class FrameHeader:
     camera: str
     sequence: int
     time_s: float
-    world_from_robot: Placement
-    robot_from_mirror: Placement | None
-    camera_law: dict[str, str] | None
+    world_from_robot: Transform
+    robot_from_mirror: Transform | None
+    camera_model: dict[str, str] | None
     plan: str | None
     error_bound_px: float | None
     stage_ms: dict[str, float]
-    encoding: Encoding
+    encoding: ImageEncoding
     width_px: int
     height_px: int
     age_s: float
-    missed: int
-    dropped: int
-    bound: dict[str, float] | None = None
+    missed_frames: int
+    dropped_frames: int
+    error_bounds: dict[str, float] | None = None
     effects: tuple[EffectRecord, ...] = ()
 
     def __str__(self) -> str:
@@ -84,7 +84,7 @@ class FrameHeader:
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class Ok:
     """It was done."""
 
     KIND: ClassVar[str] = "done"
@@ -93,7 +93,7 @@ class Done:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class Error:
     """It was not done, and why. id 0: what came could not be read so far."""
 
     KIND: ClassVar[str] = "refused"
@@ -103,7 +103,7 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True)
-class Reported:
+class SensorReports:
     """Lines of the control protocol: what the robot's sensors read."""
 
     KIND: ClassVar[str] = "reported"
@@ -113,7 +113,7 @@ class Reported:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraIs:
+class CameraReply:
     """A camera's law, as the pairs of CONF, where its viewpoint sits, and how it is drawn."""
 
     KIND: ClassVar[str] = "camera"
@@ -121,8 +121,8 @@ class CameraIs:
     id: int
     class_name: str
     camera: str
-    camera_law: dict[str, str]
-    robot_from_mirror: Placement
+    camera_model: dict[str, str]
+    robot_from_mirror: Transform
     plan: str | None
 
 
@@ -149,7 +149,7 @@ class LandmarkRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class LandmarksAre:
+class LandmarksReply:
     """All landmarks of the world, in the world frame. time_s: when a camera saw them so."""
 
     KIND: ClassVar[str] = "landmarks"
@@ -160,26 +160,26 @@ class LandmarksAre:
 
 
 @dataclass(frozen=True, slots=True)
-class StartRecord:
+class StartPoseRecord:
     """One named start pose."""
 
     name: str
-    location_m: Vector
-    rotation_rad: Vector
+    location_m: Vector3
+    rotation_rad: Vector3
 
 
 @dataclass(frozen=True, slots=True)
-class StartsAre:
+class StartPosesReply:
     """All named start poses."""
 
     KIND: ClassVar[str] = "starts"
 
     id: int
-    starts: tuple[StartRecord, ...]
+    start_poses: tuple[StartPoseRecord, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class StatusIs:
+class StatusReply:
     """What the server is: its world, the classes it can spawn, its clock; whom it serves."""
 
     KIND: ClassVar[str] = "status"
@@ -190,22 +190,22 @@ class StatusIs:
     world: str
     class_names: tuple[str, ...]
     clock: str
-    clients: int
+    num_clients: int
     has_robot: bool
-    sent: int
+    sent_frames: int
 
 
 @dataclass(frozen=True, slots=True)
-class PlanStep:
+class PlanAlternative:
     """Another plan: how far off its outlines may be, and what a frame is expected to take."""
 
     plan: str
-    error_px: float
+    error_bound_px: float
     cost_ms: float
 
 
 @dataclass(frozen=True, slots=True)
-class PlanIs:
+class PlanReply:
     """How a camera is drawn from now on, and what a little more or less would cost.
 
     max_error_px, budget_ms: what is asked, 0 = not. keeps_word: whether that is kept. error_px and
@@ -220,17 +220,17 @@ class PlanIs:
     max_error_px: float
     budget_ms: float
     plan: str
-    keeps_word: bool
-    error_px: float | None
-    bound: dict[str, float] | None
+    target_met: bool
+    error_bound_px: float | None
+    error_bounds: dict[str, float] | None
     cost_ms: float | None
-    median_ms: float | None
-    better: PlanStep | None
-    cheaper: PlanStep | None
+    median_frame_ms: float | None
+    more_accurate: PlanAlternative | None
+    faster: PlanAlternative | None
 
 
 @dataclass(frozen=True, slots=True)
-class Pulse:
+class Heartbeat:
     """The server lives; sent to every client it knows, whatever the drawing does."""
 
     KIND: ClassVar[str] = "pulse"
@@ -238,15 +238,15 @@ class Pulse:
     version: int
 
 
-Answer = (
-    FrameHeader | Done | Refused | Reported | CameraIs | LandmarksAre
-    | StartsAre | StatusIs | PlanIs | Pulse
+Reply = (
+    FrameHeader | Ok | Error | SensorReports | CameraReply | LandmarksReply
+    | StartPosesReply | StatusReply | PlanReply | Heartbeat
 )  # fmt: skip
 
-ANSWERS: dict[str, type[Answer]] = {
+REPLIES: dict[str, type[Reply]] = {
     form.KIND: form
     for form in (
-        *(FrameHeader, Done, Refused, Reported, CameraIs),
-        *(LandmarksAre, StartsAre, StatusIs, PlanIs, Pulse),
+        *(FrameHeader, Ok, Error, SensorReports, CameraReply),
+        *(LandmarksReply, StartPosesReply, StatusReply, PlanReply, Heartbeat),
     )
 }

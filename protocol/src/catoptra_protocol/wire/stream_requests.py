@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
-from catoptra_protocol.wire.numbers import Vector
+from catoptra_protocol.wire.numbers import Vector3
 
 
-class Encoding(Enum):
+class ImageEncoding(Enum):
     """What the picture's part is: rows of R, G, B bytes without padding, or a file of this kind."""
 
     RAW = "raw"
@@ -23,7 +23,7 @@ class Encoding(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class AskFrame:
+class GetFrameRequest:
     """Ask for the newest frame not sent yet; an empty name takes the camera that is shown."""
 
     KIND: ClassVar[str] = "ask_frame"
@@ -31,11 +31,11 @@ class AskFrame:
     id: int
     robot: str
     camera: str
-    encoding: Encoding
+    encoding: ImageEncoding
 
 
 @dataclass(frozen=True, slots=True)
-class AskSpawn:
+class SpawnRequest:
     """Ask for a robot, at a location or at a named start; location goes before start."""
 
     KIND: ClassVar[str] = "ask_spawn"
@@ -43,13 +43,13 @@ class AskSpawn:
     id: int
     class_name: str
     name: str | None
-    location_m: Vector | None
-    rotation_rad: Vector
+    location_m: Vector3 | None
+    rotation_rad: Vector3
     start: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class AskDrive:
+class DriveRequest:
     """Set wheel speeds in rad/s, or in percent if normalized; None leaves a side as it is."""
 
     KIND: ClassVar[str] = "ask_drive"
@@ -61,7 +61,7 @@ class AskDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class AskStep:
+class StepRequest:
     """Advance a lockstep clock."""
 
     KIND: ClassVar[str] = "ask_step"
@@ -71,7 +71,7 @@ class AskStep:
 
 
 @dataclass(frozen=True, slots=True)
-class AskReset:
+class ResetRequest:
     """Take this client's robot out of the world, so that it can be spawned anew."""
 
     KIND: ClassVar[str] = "ask_reset"
@@ -80,7 +80,7 @@ class AskReset:
 
 
 @dataclass(frozen=True, slots=True)
-class AskReadings:
+class GetReadingsRequest:
     """Ask for the newest reading of each of the robot's sensors."""
 
     KIND: ClassVar[str] = "ask_readings"
@@ -89,7 +89,7 @@ class AskReadings:
 
 
 @dataclass(frozen=True, slots=True)
-class AskCamera:
+class GetCameraRequest:
     """Ask for the law of a camera; an empty name takes the first."""
 
     KIND: ClassVar[str] = "ask_camera"
@@ -99,10 +99,10 @@ class AskCamera:
 
 
 @dataclass(frozen=True, slots=True)
-class AskLandmarks:
+class GetLandmarksRequest:
     """Ask where the world's landmarks truly are; with a robot or camera, what that camera sees.
 
-    robot, camera: as in AskFrame; both None: what is seen is not asked.
+    robot, camera: as in GetFrameRequest; both None: what is seen is not asked.
     """
 
     KIND: ClassVar[str] = "ask_landmarks"
@@ -113,7 +113,7 @@ class AskLandmarks:
 
 
 @dataclass(frozen=True, slots=True)
-class AskStarts:
+class GetStartPosesRequest:
     """Ask for the named start poses."""
 
     KIND: ClassVar[str] = "ask_starts"
@@ -122,7 +122,7 @@ class AskStarts:
 
 
 @dataclass(frozen=True, slots=True)
-class AskStatus:
+class GetStatusRequest:
     """Ask what this server is and what it is doing."""
 
     KIND: ClassVar[str] = "ask_status"
@@ -131,7 +131,7 @@ class AskStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class AskPlan:
+class SetAccuracyRequest:
     """Ask how this client's robot's omnidirectional camera is drawn; or have it drawn otherwise.
 
     An empty camera takes the robot's. max_error_px: how far off any outline may be. budget_ms: how
@@ -147,13 +147,13 @@ class AskPlan:
 
 
 Request = (
-    AskFrame | AskSpawn | AskDrive | AskStep | AskReset
-    | AskReadings | AskCamera | AskLandmarks | AskStarts | AskStatus | AskPlan
+    GetFrameRequest | SpawnRequest | DriveRequest | StepRequest | ResetRequest
+    | GetReadingsRequest | GetCameraRequest | GetLandmarksRequest | GetStartPosesRequest | GetStatusRequest | SetAccuracyRequest
 )  # fmt: skip
 REQUESTS: dict[str, type[Request]] = {
     form.KIND: form
     for form in (
-        *(AskFrame, AskSpawn, AskDrive, AskStep, AskReset),
-        *(AskReadings, AskCamera, AskLandmarks, AskStarts, AskStatus, AskPlan),
+        *(GetFrameRequest, SpawnRequest, DriveRequest, StepRequest, ResetRequest),
+        *(GetReadingsRequest, GetCameraRequest, GetLandmarksRequest, GetStartPosesRequest, GetStatusRequest, SetAccuracyRequest),
     )
 }

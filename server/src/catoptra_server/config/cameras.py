@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.mounting import mount_of
-from catoptra_server.config.settings import Settings
-from catoptra_server.robot.description import CameraDescription
+from catoptra_server.config.mounting import read_mount
+from catoptra_server.config.settings import SectionReader
+from catoptra_server.robot.description import PerspectiveCameraDescription
 
 _CLASSES = ("robotcamera", "usarcamera", "camera")
 # What a flat picture can still show.
-_WIDEST_RAD = 3.0
+_MAX_FOV_RAD = 3.0
 
 
-def is_camera(struct: Settings) -> bool:
+def is_perspective_camera(item: SectionReader) -> bool:
     """Return whether an item is an ordinary camera's."""
-    return struct.text("ItemClass").rpartition(".")[2].lower() in _CLASSES
+    return item.get_str("ItemClass").rpartition(".")[2].lower() in _CLASSES
 
 
-def read_camera(file: IniFile, robot: Settings, struct: Settings) -> CameraDescription:
+def read_perspective_camera(file: IniFile, robot: SectionReader, item: SectionReader) -> PerspectiveCameraDescription:
     """Return the camera of an item; its class's section says what UDK's does: radians."""
-    section = file.section(struct.text("ItemClass"))
-    least = section.number("CameraMinFOV", 0.3491, at_least=0.01, at_most=_WIDEST_RAD)
-    most = section.number("CameraMaxFOV", 2.0944, at_least=least, at_most=_WIDEST_RAD)
-    return CameraDescription(
-        name=struct.word("ItemName"),
-        mount=mount_of(robot, struct),
-        width_px=section.integer("ResolutionX", 320, at_least=1, at_most=8192),
-        height_px=section.integer("ResolutionY", 240, at_least=1, at_most=8192),
-        fov_rad=section.number(
-            "CameraFOV", min(max(1.3963, least), most), at_least=least, at_most=most
+    section = file.get_section(item.get_str("ItemClass"))
+    least = section.get_float("CameraMinFOV", 0.3491, min_value=0.01, max_value=_MAX_FOV_RAD)
+    most = section.get_float("CameraMaxFOV", 2.0944, min_value=least, max_value=_MAX_FOV_RAD)
+    return PerspectiveCameraDescription(
+        name=item.get_wire_name("ItemName"),
+        mount=read_mount(robot, item),
+        width_px=section.get_int("ResolutionX", 320, min_value=1, max_value=8192),
+        height_px=section.get_int("ResolutionY", 240, min_value=1, max_value=8192),
+        fov_rad=section.get_float(
+            "CameraFOV", min(max(1.3963, least), most), min_value=least, max_value=most
         ),
         min_fov_rad=least,
         max_fov_rad=most,

@@ -6,29 +6,29 @@ that several effects may share. An effect without a mode is not simulated, and n
 
 from __future__ import annotations
 
-from catoptra_server.config.settings import Settings
-from catoptra_server.effects import EFFECTS
-from catoptra_server.effects.effect import EffectWishes, Kind, Mode, Wish
+from catoptra_server.config.settings import SectionReader
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import EffectSettings, EffectType, EffectMode, EffectSetting
 
-_MODES = [mode.value for mode in Mode]
+_MODES = [mode.value for mode in EffectMode]
 
 
-def read_effects(section: Settings) -> EffectWishes:
+def read_effect_settings(section: SectionReader) -> EffectSettings:
     """Return the effects that a section names, in optical order."""
-    wishes = [_wish(section, kind) for kind in EFFECTS]
-    return EffectWishes(
+    wishes = [_read_effect_setting(section, kind) for kind in EFFECT_TYPES]
+    return EffectSettings(
         tuple(wish for wish in wishes if wish is not None),
-        threshold_grey_levels=section.number("EffectThreshold", 0.5, at_least=0.0, at_most=255.0),
-        threshold_px=section.number("EffectThresholdPx", 0.5, at_least=0.0, at_most=1000.0),
+        threshold_grey_levels=section.get_float("EffectThreshold", 0.5, min_value=0.0, max_value=255.0),
+        threshold_px=section.get_float("EffectThresholdPx", 0.5, min_value=0.0, max_value=1000.0),
     )
 
 
-def _wish(section: Settings, kind: Kind) -> Wish | None:
+def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
     """Return the wish for an effect; its numbers are checked whether it has a mode or not."""
     values = {
-        p.field: section.number(p.key, p.default, at_least=p.at_least, at_most=p.at_most)
+        p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
         for p in kind.parameters
     }
-    if not section.has(kind.name):
+    if not section.has_key(kind.name):
         return None
-    return Wish(kind.make(**values), Mode(section.choice(kind.name, _MODES)))
+    return EffectSetting(kind.factory(**values), EffectMode(section.get_choice(kind.name, _MODES)))

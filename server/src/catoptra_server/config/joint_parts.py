@@ -14,18 +14,18 @@ from collections.abc import Sequence
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.units import metres_from_uu
-from catoptra_server.config.settings import Settings, Vector
+from catoptra_server.config.settings import SectionReader, Vector
 from catoptra_server.robot.mission_package import (
-    ON_CHASSIS,
+    CHASSIS_PARENT,
     LinkDescription,
     MissionPackageDescription,
 )
 
 log = logging.getLogger(__name__)
 
-_HINGES = ("kdhinge", "khinge")
+_HINGE_CLASSES = ("kdhinge", "khinge")
 # What a part looks like and how the engine fastens it: without meaning here, but no mistake.
-_OF_THE_ENGINE = (
+_IGNORED_KEYS = (
     "PartClass",
     "DrawScale3D",
     "bSteeringLocked",
@@ -38,71 +38,71 @@ _OF_THE_ENGINE = (
 )
 
 
-def read_joint_parts(robot: Settings) -> MissionPackageDescription | None:
+def read_joint_parts(robot: SectionReader) -> MissionPackageDescription | None:
     """Return the hinges of a robot's section, in order; None without any."""
-    parts = robot.structs("JointParts")
+    parts = robot.get_structs("JointParts")
     hinges = [part for part in parts if _is_hinge(part)]
     if not hinges:
         return None
-    _refuse_same(hinges)
-    links = tuple(_link(robot, part, hinges[:number]) for number, part in enumerate(hinges))
+    _require_unique_names(hinges)
+    links = tuple(_read_link(robot, part, hinges[:number]) for number, part in enumerate(hinges))
     return MissionPackageDescription("JointParts", links)
 
 
-def _is_hinge(part: Settings) -> bool:
-    for key in _OF_THE_ENGINE:
-        part.text(key, "")
-    class_ = part.text("JointClass").rpartition(".")[2].lower()
-    if class_ not in _HINGES:
-        log.info("%s: %s is no hinge: it has no joint here", part.where, part.text("PartName", ""))
-        part.pass_over()
-    return class_ in _HINGES
+def _is_hinge(part: SectionReader) -> bool:
+    for key in _IGNORED_KEYS:
+        part.get_str(key, "")
+    class_ = part.get_str("JointClass").rpartition(".")[2].lower()
+    if class_ not in _HINGE_CLASSES:
+        log.info("%s: %s is no hinge: it has no joint here", part.where, part.get_str("PartName", ""))
+        part.ignore_all()
+    return class_ in _HINGE_CLASSES
 
 
-def _refuse_same(parts: Sequence[Settings]) -> None:
+def _require_unique_names(parts: Sequence[SectionReader]) -> None:
     taken: set[str] = set()
     for part in parts:
-        name = part.word("PartName").lower()
+        name = part.get_wire_name("PartName").lower()
         if name in taken:
-            raise part.complain("PartName", expected="a name that no other joint has")
+            raise part.make_error("PartName", expected="a name that no other joint has")
         taken.add(name)
 
 
-def _link(robot: Settings, part: Settings, before: Sequence[Settings]) -> LinkDescription:
+def _read_link(robot: SectionReader, part: SectionReader, previous: Sequence[SectionReader]) -> LinkDescription:
     """Return the joint of a part; its parent is a hinge further up in the list, or the chassis.
 
     The file's places and axes are those of parts aligned with the chassis, a link's those of its
     parent's joint.
     """
-    name = part.text("Parent", "").lower()
-    numbers = [n for n, one in enumerate(before) if one.text("PartName").lower() == name]
-    joint = Pose.from_rpy(_place(robot, part), _turned_to(part))
+    name = part.get_str("Parent", "").lower()
+    numbers = [n for n, one in enumerate(previous) if one.get_str("PartName").lower() == name]
+    joint = Pose.from_rpy(_read_position(robot, part), _rpy_from_axis(part))
     if numbers:
-        carrier = Pose.from_rpy((0.0, 0.0, 0.0), _turned_to(before[numbers[0]]))
+        carrier = Pose.from_rpy((0.0, 0.0, 0.0), _rpy_from_axis(previous[numbers[0]]))
         joint = carrier.inverse() @ joint
     x, y, z = (float(value) for value in joint.translation)
     return LinkDescription(
-        name=part.word("PartName"),
-        parent=numbers[0] + 1 if numbers else ON_CHASSIS,
+        name=part.get_wire_name("PartName"),
+        parent=numbers[0] + 1 if numbers else CHASSIS_PARENT,
         position_m=(x, y, z),
-        rotation_rad=joint.rpy(),
-        max_speed_rad_s=robot.number("MotorSpeed", 0.1745, at_least=0.0, at_most=100.0),
-        max_torque=robot.number("MotorTorque", 20.0, at_least=0.0),
-        min_rad=part.number("MinRange", 1.0),
-        max_rad=part.number("MaxRange", 0.0),
+        rotation_rad=joint.to_rpy(),
+        max_speed_rad_s=robot.get_float("MotorSpeed", 0.1745, min_value=0.0, max_value=100.0),
+        max_torque=robot.get_float("MotorTorque", 20.0, min_value=0.0),
+        min_rad=part.get_float("MinRange", 1.0),
+        max_rad=part.get_float("MaxRange", 0.0),
     )
 
 
-def _place(robot: Settings, part: Settings) -> Vector:
-    x, y, z = part.vector("ParentPos", (0.0, 0.0, 0.0))
-    if robot.boolean("bMountByUU", False):
+def _read_position(robot: SectionReader, part: SectionReader) -> Vector:
+    x, y, z = part.get_vector("ParentPos", (0.0, 0.0, 0.0))
+    if robot.get_bool("bMountByUU", False):
         return metres_from_uu(x), metres_from_uu(y), metres_from_uu(z)
     return x, y, z
 
 
-def _turned_to(part: Settings) -> Vector:
+def _rpy_from_axis(part: SectionReader) -> Vector:
     """Return roll, pitch, yaw of a frame whose z is the hinge's axis; a flipper's is y."""
-    x, y, z = part.vector("ParentAxis", (0.0, 1.0, 0.0))
+    x, y, z = part.get_vector("ParentAxis", (0.0, 1.0, 0.0))
     if not any((x, y, z)):
-        raise part.complain("ParentAxis", expected="a direction that is not zero")
+        raise part.make_error("ParentAxis", expected="a direction that is not zero")
     return 0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)

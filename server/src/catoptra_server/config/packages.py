@@ -11,9 +11,9 @@ import logging
 from dataclasses import replace
 
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.settings import Settings
+from catoptra_server.config.settings import SectionReader
 from catoptra_server.robot.mission_package import (
-    KNOWN_PACKAGES,
+    STANDARD_PACKAGES,
     LinkDescription,
     MissionPackageDescription,
 )
@@ -21,36 +21,36 @@ from catoptra_server.robot.mission_package import (
 log = logging.getLogger(__name__)
 
 
-def read_packages(file: IniFile, robot: Settings) -> tuple[MissionPackageDescription, ...]:
+def read_mission_packages(file: IniFile, robot: SectionReader) -> tuple[MissionPackageDescription, ...]:
     """Return the packages of a robot's section that have joints."""
-    found = (_package(file, struct) for struct in robot.structs("MisPkgs"))
+    found = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
     return tuple(package for package in found if package is not None)
 
 
-def _package(file: IniFile, struct: Settings) -> MissionPackageDescription | None:
-    name, class_ = struct.word("PkgName"), struct.text("PkgClass")
-    section = file.section(class_)
-    if section.has("Links"):
-        links = tuple(_link(link) for link in section.structs("Links"))
+def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescription | None:
+    name, class_ = struct.get_wire_name("PkgName"), struct.get_str("PkgClass")
+    section = file.get_section(class_)
+    if section.has_key("Links"):
+        links = tuple(_read_link(link) for link in section.get_structs("Links"))
     else:
-        known = KNOWN_PACKAGES.get(class_.rpartition(".")[2].lower())
+        known = STANDARD_PACKAGES.get(class_.rpartition(".")[2].lower())
         if known is None:
             # The omni camera's pillar is one: it has no joints.
             log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
             return None
         links = known.links
-    location = struct.vector("Location", links[0].position_m)
+    location = struct.get_vector("Location", links[0].position_m)
     return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
 
 
-def _link(link: Settings) -> LinkDescription:
+def _read_link(link: SectionReader) -> LinkDescription:
     return LinkDescription(
-        name=link.word("Name"),
-        parent=int(link.number("Parent", -1.0, at_least=-1.0, at_most=64.0)),
-        position_m=link.vector("Position", (0.0, 0.0, 0.0)),
-        rotation_rad=link.vector("Direction", (0.0, 0.0, 0.0)),
-        max_speed_rad_s=link.number("MaxSpeed", 0.17, at_least=0.0, at_most=100.0),
-        max_torque=link.number("MaxTorque", 20.0, at_least=0.0),
-        min_rad=link.number("MinRange", 1.0),
-        max_rad=link.number("MaxRange", 0.0),
+        name=link.get_wire_name("Name"),
+        parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
+        position_m=link.get_vector("Position", (0.0, 0.0, 0.0)),
+        rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
+        max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
+        max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
+        min_rad=link.get_float("MinRange", 1.0),
+        max_rad=link.get_float("MaxRange", 0.0),
     )

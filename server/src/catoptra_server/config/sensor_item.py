@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from catoptra_server.config.settings import Settings
+from catoptra_server.config.settings import SectionReader
 from catoptra_server.robot.mount import Mount
 
 
@@ -12,20 +12,20 @@ from catoptra_server.robot.mount import Mount
 class SensorItem:
     """One item: its struct, where it is mounted, and the section of its class."""
 
-    struct: Settings
+    struct: SectionReader
     name: str
     mount: Mount
-    section: Settings
+    section: SectionReader
 
     @property
     def interval_s(self) -> float:
         """Return the period of its class."""
-        return self.section.number("ScanInterval", 0.2, at_least=0.01, at_most=60.0)
+        return self.section.get_float("ScanInterval", 0.2, min_value=0.01, max_value=60.0)
 
-    def number(self, key: str, default: float, at_most: float = 1e4) -> float:
+    def get_float(self, key: str, default: float, max_value: float = 1e4) -> float:
         """Return a number of its class that is not negative."""
-        return self.section.number(key, default, at_least=0.0, at_most=at_most)
+        return self.section.get_float(key, default, min_value=0.0, max_value=max_value)
 
-    def is_timed(self, default: bool) -> bool:
+    def has_timestamp(self, default: bool) -> bool:
         """Return whether UDK's readings of its class carry a time. Others than these always do."""
-        return self.section.boolean("bWithTimeStamp", default)
+        return self.section.get_bool("bWithTimeStamp", default)

@@ -5,7 +5,7 @@
     [USARBotAPI.MultiView]         CameraTileX, CameraTileY, CameraWidth, CameraHeight
 
 UDK keeps them in the file that has its robots; they may stand in a robot's file here, too. What a
-file does not say is not in its `Said`, so that one can go over another.
+file does not say is not in its `ServerOptions`, so that one can go over another.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from typing import TypedDict
 from catoptra_protocol.errors import DomainError, LocalProtocolError
 from catoptra_protocol.wire.image import ImageType
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.settings import Settings
-from catoptra_server.imaging.multi_view import TileLayout, multi_view
+from catoptra_server.config.settings import SectionReader
+from catoptra_server.imaging.multi_view import TileLayout, multi_view_layout
 
 _BOT_SERVER = "USARBotAPI.BotServer"
 _IMAGE_SERVER = "USARBotAPI.UPISImageServer"
 _MULTI_VIEW = "USARBotAPI.MultiView"
-SECTIONS = (_BOT_SERVER, _IMAGE_SERVER, _MULTI_VIEW)
+SERVER_SECTIONS = (_BOT_SERVER, _IMAGE_SERVER, _MULTI_VIEW)
 
-_LAST_PORT = 65535
+_MAX_PORT = 65535
 # Of a clock of 50 ticks a second: a picture a minute is the least that makes sense.
-MOST_SKIPPED = 3000
+MAX_FRAME_SKIP = 3000
 # UDK's own, for what its section leaves out.
-_TILES = {"CameraTileX": 2, "CameraTileY": 2, "CameraWidth": 320, "CameraHeight": 240}
+_MULTI_VIEW_DEFAULTS = {"CameraTileX": 2, "CameraTileY": 2, "CameraWidth": 320, "CameraHeight": 240}
 
 
-class Said(TypedDict, total=False):
+class ServerOptions(TypedDict, total=False):
     """What is said of a server, by a file or a command line, under the names of the settings."""
 
     control_port: int
-    most_controllers: int
+    max_connections: int
     has_images: bool
     image_port: int
     image_type: ImageType
@@ -48,12 +48,12 @@ class Said(TypedDict, total=False):
 class ServerSettings:
     """What holds, with what holds where nothing is said.
 
-    Port 0 = any free one. most_controllers: control connections at once, None = any number.
+    Port 0 = any free one. max_connections: control connections at once, None = any number.
     frame_skip: ticks between two pictures of the screen. multi_view: the screen's tiles, if any.
     """
 
     control_port: int = 3000
-    most_controllers: int | None = None
+    max_connections: int | None = None
     has_images: bool = True
     image_port: int = 5003
     image_type: ImageType = ImageType.GOOD
@@ -62,66 +62,66 @@ class ServerSettings:
     multi_view: TileLayout | None = None
 
 
-def settings_of(*said: Said) -> ServerSettings:
+def resolve_settings(*layers: ServerOptions) -> ServerSettings:
     """Return what holds after several have spoken; the last word counts."""
-    together = Said()
-    for one in said:
+    together = ServerOptions()
+    for one in layers:
         together.update(one)
     return ServerSettings(**together)
 
 
-def read_server(file: IniFile) -> Said:
+def read_server_options(file: IniFile) -> ServerOptions:
     """Return what a file says of the server. Raises ConfigError with file, line and key."""
-    said = Said()
-    _read_bot_server(file.section(_BOT_SERVER), said)
-    _read_image_server(file.section(_IMAGE_SERVER), said)
-    if file.has(_MULTI_VIEW):
-        said["multi_view"] = _tiles(file.section(_MULTI_VIEW))
+    said = ServerOptions()
+    _read_bot_server(file.get_section(_BOT_SERVER), said)
+    _read_image_server(file.get_section(_IMAGE_SERVER), said)
+    if file.has_section(_MULTI_VIEW):
+        said["multi_view"] = _read_multi_view(file.get_section(_MULTI_VIEW))
     return said
 
 
-def _read_bot_server(section: Settings, said: Said) -> None:
-    if _says(section, "ListenPort"):
-        said["control_port"] = section.integer("ListenPort", at_most=_LAST_PORT)
-    if _says(section, "MaxConnections"):
-        said["most_controllers"] = section.integer("MaxConnections", at_least=1)
+def _read_bot_server(section: SectionReader, options: ServerOptions) -> None:
+    if _has_key(section, "ListenPort"):
+        options["control_port"] = section.get_int("ListenPort", max_value=_MAX_PORT)
+    if _has_key(section, "MaxConnections"):
+        options["max_connections"] = section.get_int("MaxConnections", min_value=1)
 
 
-def _read_image_server(section: Settings, said: Said) -> None:
-    if _says(section, "bEnableImageServer"):
-        said["has_images"] = section.boolean("bEnableImageServer", True)
-    if _says(section, "ListenPort"):
-        said["image_port"] = section.integer("ListenPort", at_most=_LAST_PORT)
-    if _says(section, "FrameSkip"):
-        said["frame_skip"] = section.integer("FrameSkip", at_least=1, at_most=MOST_SKIPPED)
-    if _says(section, "LegacyMode"):
-        said["legacy_images"] = section.boolean("LegacyMode", False)
-    if _says(section, "ImageType"):
-        said["image_type"] = _image_type(section)
+def _read_image_server(section: SectionReader, options: ServerOptions) -> None:
+    if _has_key(section, "bEnableImageServer"):
+        options["has_images"] = section.get_bool("bEnableImageServer", True)
+    if _has_key(section, "ListenPort"):
+        options["image_port"] = section.get_int("ListenPort", max_value=_MAX_PORT)
+    if _has_key(section, "FrameSkip"):
+        options["frame_skip"] = section.get_int("FrameSkip", min_value=1, max_value=MAX_FRAME_SKIP)
+    if _has_key(section, "LegacyMode"):
+        options["legacy_images"] = section.get_bool("LegacyMode", False)
+    if _has_key(section, "ImageType"):
+        options["image_type"] = _read_image_type(section)
 
 
-def _says(section: Settings, key: str) -> bool:
+def _has_key(section: SectionReader, key: str) -> bool:
     """Return whether a section has a key, which is then known."""
-    section.text(key, "")
-    return section.has(key)
+    section.get_str(key, "")
+    return section.has_key(key)
 
 
-def _image_type(section: Settings) -> ImageType:
+def _read_image_type(section: SectionReader) -> ImageType:
     try:
-        return ImageType.from_text(section.text("ImageType"))
+        return ImageType.from_text(section.get_str("ImageType"))
     except LocalProtocolError as error:
         expected = "RAW, SUPER, GOOD, NORMAL, FAIR, BAD, or 0 to 5"
-        raise section.complain("ImageType", expected=expected) from error
+        raise section.make_error("ImageType", expected=expected) from error
 
 
-def _tiles(section: Settings) -> TileLayout:
+def _read_multi_view(section: SectionReader) -> TileLayout:
     columns, rows, width, height = (
-        section.integer(key, default, at_least=1, at_most=_LAST_PORT)
-        for key, default in _TILES.items()
+        section.get_int(key, default, min_value=1, max_value=_MAX_PORT)
+        for key, default in _MULTI_VIEW_DEFAULTS.items()
     )
     try:
-        return multi_view(columns, rows, width_px=width, height_px=height)
+        return multi_view_layout(columns, rows, width_px=width, height_px=height)
     except DomainError as error:
-        raise section.complain(
+        raise section.make_error(
             "CameraTileX", expected=f"smaller or fewer tiles: {error}"
         ) from error

@@ -8,33 +8,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from catoptra_protocol.errors import ConfigError, Where
+from catoptra_protocol.errors import ConfigError, SourceLocation
 
-SHIPPED = Path(__file__).parents[1] / "configs"
+BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 
-Kind = Literal["robots", "worlds"]
+FileKind = Literal["robots", "worlds"]
 
 
-def shipped_files(kind: Kind) -> tuple[Path, ...]:
+def bundled_files(kind: FileKind) -> tuple[Path, ...]:
     """Return the ini files of a kind that come with the server, by name."""
-    return tuple(sorted((SHIPPED / kind).glob("*.ini")))
+    return tuple(sorted((BUNDLED_FOLDER / kind).glob("*.ini")))
 
 
-def configuration_file(kind: Kind, text: str) -> Path:
+def find_configuration(kind: FileKind, path_or_name: str) -> Path:
     """Return the file that a command line means: a path, or the bare name of a shipped one.
 
     A path need not exist: who reads it complains. Raises ConfigError for a name that is not there.
     """
-    path = Path(text)
+    path = Path(path_or_name)
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
-    shipped = {file.stem: file for file in shipped_files(kind)}
-    if text not in shipped:
+    shipped = {file.stem: file for file in bundled_files(kind)}
+    if path_or_name not in shipped:
         known = ", ".join(shipped)
         raise ConfigError(
-            Where(text),
+            SourceLocation(path_or_name),
             key="file",
-            value=text,
+            value=path_or_name,
             expected=f"an ini file, or one of the {kind} that come with the server: {known}",
         )
-    return shipped[text]
+    return shipped[path_or_name]

@@ -12,13 +12,13 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from catoptra_protocol.errors import ConfigError, Where
+from catoptra_protocol.errors import ConfigError, SourceLocation
 
 _OPERATORS = "+.-!"
 # Not str.splitlines, which also ends a line at form feeds and U+2028: editors do not count those.
 _LINE_END = re.compile(r"\r\n|\r|\n")
 # A file larger than this is no ini file; the largest real one (UT2004's) has 60 kB.
-_LARGEST_FILE_BYTES = 4 * 1024 * 1024
+_MAX_FILE_BYTES = 4 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Entry:
     key: str
     value: str
     operator: str
-    where: Where
+    where: SourceLocation
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,30 +36,30 @@ class Section:
     """One `[name]` with its entries, in the order of the file."""
 
     name: str
-    where: Where
+    where: SourceLocation
     entries: tuple[Entry, ...]
 
 
 def read_sections(path: Path) -> tuple[Section, ...]:
     """Return the sections of a file. Raises ConfigError with file and line."""
-    where = Where(str(path))
+    where = SourceLocation(str(path))
     try:
         size = path.stat().st_size
-        data = path.read_bytes() if size <= _LARGEST_FILE_BYTES else None
+        data = path.read_bytes() if size <= _MAX_FILE_BYTES else None
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise ConfigError(
             where, key="file", value=str(path), expected=f"a readable ini file ({error})"
         ) from error
     if data is None:
         raise ConfigError(where, key="file", value=f"{size} bytes", expected="at most 4 MiB")
-    return parse_sections(_decoded(data, file=str(path)), file=str(path))
+    return parse_sections(_decode(data, file=str(path)), file=str(path))
 
 
-def _decoded(data: bytes, *, file: str) -> str:
+def _decode(data: bytes, *, file: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        where = Where(file, data.count(b"\n", 0, error.start) + 1)
+        where = SourceLocation(file, data.count(b"\n", 0, error.start) + 1)
         byte = repr(data[error.start : error.end])
         raise ConfigError(where, key="file", value=byte, expected="UTF-8 text") from error
 
@@ -69,21 +69,21 @@ def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
     sections: list[Section] = []
     entries: list[Entry] = []
     for number, raw in enumerate(_LINE_END.split(text), 1):
-        where, line = Where(file, number), without_comment(raw).strip()
+        where, line = SourceLocation(file, number), strip_comment(raw).strip()
         if not line:
             continue
         if line.startswith("["):
             entries = []
-            sections.append(_section(line, where, entries))
+            sections.append(_parse_section(line, where, entries))
         elif not sections:
             raise ConfigError(where, key="line", value=line, expected="a [Package.Class] first")
         else:
-            entries.append(_entry(line, where))
+            entries.append(_parse_entry(line, where))
             sections[-1] = Section(sections[-1].name, sections[-1].where, tuple(entries))
     return tuple(sections)
 
 
-def without_comment(line: str) -> str:
+def strip_comment(line: str) -> str:
     """Return the line up to its comment; a ; inside quotes is text."""
     quoted = False
     for i, character in enumerate(line):
@@ -94,14 +94,14 @@ def without_comment(line: str) -> str:
     return line
 
 
-def _section(line: str, where: Where, entries: list[Entry]) -> Section:
+def _parse_section(line: str, where: SourceLocation, entries: list[Entry]) -> Section:
     name = line[1:-1].strip()
     if not line.endswith("]") or not name:
         raise ConfigError(where, key="section", value=line, expected="[Package.Class]")
     return Section(name, where, tuple(entries))
 
 
-def _entry(line: str, where: Where) -> Entry:
+def _parse_entry(line: str, where: SourceLocation) -> Entry:
     key, equals, value = line.partition("=")
     key = key.strip()
     operator = key[:1] if key[:1] in _OPERATORS else ""
@@ -111,7 +111,7 @@ def _entry(line: str, where: Where) -> Entry:
     return Entry(key, value.strip(), operator, where)
 
 
-def struct_members(value: str) -> list[tuple[str, str]] | None:
+def parse_struct(value: str) -> list[tuple[str, str]] | None:
     """Return the (name, text) members of a struct literal, or None if the text is none.
 
     What follows the closing bracket is ignored: a real file has `'was y=-1.2` there.
@@ -142,7 +142,7 @@ def struct_members(value: str) -> list[tuple[str, str]] | None:
     return None
 
 
-def plain_text(value: str) -> str:
+def unquote(value: str) -> str:
     """Return a value without its quotes, or the name inside class'...'."""
     if len(value) >= 2 and value[0] == value[-1] == '"':
         return value[1:-1]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.landmarks import COLOURS, Landmark, read_landmarks
+from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import (
     Greeting,
@@ -25,7 +25,7 @@ from catoptra_protocol.wire.reports import (
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.settings import Settings, Vector
+from catoptra_server.config.settings import SectionReader, Vector
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.description import (
     Box,
@@ -52,196 +52,196 @@ from catoptra_server.scene.description import (
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
 # Sizes and places beyond this (metres) are slips of a pen: a float32 there has steps of 8 mm.
-_LARGEST_M = 1e5
+_MAX_LENGTH_M = 1e5
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
     """Return the world of a file, and the file for its unknown keys. Raises ConfigError."""
     file = IniFile(path)
-    section = file.section(_SECTION)
-    if not file.has(_SECTION):
-        raise section.complain("section", expected=f"a section [{_SECTION}]")
-    name = section.text("Name", path.stem)
-    starts = tuple(_start(start) for start in section.structs("PlayerStarts"))
-    _refuse_unsayable(section, "Name", Greeting("", name))
-    _refuse_unsayable(section, "PlayerStarts", _poses(starts))
-    tags, victims = section.structs("RfidTags"), section.structs("Victims")
+    section = file.get_section(_SECTION)
+    if not file.has_section(_SECTION):
+        raise section.make_error("section", expected=f"a section [{_SECTION}]")
+    name = section.get_str("Name", path.stem)
+    starts = tuple(_read_start(start) for start in section.get_structs("PlayerStarts"))
+    _require_sendable(section, "Name", Greeting("", name))
+    _require_sendable(section, "PlayerStarts", _make_start_poses(starts))
+    tags, victims = section.get_structs("RfidTags"), section.get_structs("Victims")
     world = World(
         name=name,
-        items=tuple(_items(section, path.parent)),
-        landmarks=_landmarks(section, path.parent),
-        lights=tuple(_light(light) for light in section.structs("Lights")),
+        items=tuple(_read_items(section, path.parent)),
+        landmarks=_load_landmarks(section, path.parent),
+        lights=tuple(_read_light(light) for light in section.get_structs("Lights")),
         starts=starts,
-        background=_colour(section, "Background", (0, 0, 0)),
-        landmark_albedos=_landmark_albedos(file.section(_LANDMARK_COLOURS)),
-        tags=tuple(RfidTag(s.integer("ID"), _place(s, "Position")) for s in tags),
-        victims=tuple(Victim(s.word("Name"), _place(s, "Position")) for s in victims),
-        gps_origin=_gps_origin(section),
+        background=_read_colour(section, "Background", (0, 0, 0)),
+        landmark_albedos=_read_landmark_albedos(file.get_section(_LANDMARK_COLOURS)),
+        rfid_tags=tuple(RfidTag(s.get_int("ID"), _read_position(s, "Position")) for s in tags),
+        victims=tuple(Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims),
+        gps_origin=_read_gps_origin(section),
     )
     if not world.items and not world.landmarks:
-        raise section.complain("Boxes", expected="at least one thing to see: Boxes, Meshes, ...")
+        raise section.make_error("Boxes", expected="at least one thing to see: Boxes, Meshes, ...")
     return world, file
 
 
-def _refuse_unsayable(section: Settings, key: str, report: Report) -> None:
+def _require_sendable(section: SectionReader, key: str, report: Report) -> None:
     """Refuse what no line of the protocol can carry, before a client asks for it."""
     try:
         line_from_report(report)
     except LocalProtocolError as error:
-        raise section.complain(key, expected=f"what can be sent to clients ({error})") from error
+        raise section.make_error(key, expected=f"what can be sent to clients ({error})") from error
 
 
-def _landmarks(section: Settings, folder: Path) -> tuple[Landmark, ...]:
-    is_named = section.text("Landmarks", "")
-    return read_landmarks(section.file("Landmarks", folder)) if is_named else ()
+def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...]:
+    is_named = section.get_str("Landmarks", "")
+    return read_landmarks(section.get_path("Landmarks", folder)) if is_named else ()
 
 
-def _landmark_albedos(section: Settings) -> dict[str, Rgb]:
+def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
     defaults = {"cyan": (0, 170, 220), "magenta": (225, 35, 140), "yellow": (245, 215, 25)}
-    return {name: _colour(section, name, defaults[name]) for name in COLOURS}
+    return {name: _read_colour(section, name, defaults[name]) for name in BAND_COLOURS}
 
 
-def _box(item: Settings, folder: Path) -> Shape:
-    return Box(item.vector("Size", at_least=1e-6, at_most=_LARGEST_M))
+def _read_box(item: SectionReader, folder: Path) -> Shape:
+    return Box(item.get_vector("Size", min_value=1e-6, max_value=_MAX_LENGTH_M))
 
 
-def _cylinder(item: Settings, folder: Path) -> Shape:
+def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
     return Cylinder(
-        radius_m=_length(item, "Radius"),
-        height_m=_length(item, "Height"),
-        sectors=item.integer("Sectors", 48, at_least=3, at_most=4096),
+        radius_m=_read_length(item, "Radius"),
+        height_m=_read_length(item, "Height"),
+        sectors=item.get_int("Sectors", 48, min_value=3, max_value=4096),
     )
 
 
-def _rectangle(item: Settings, folder: Path) -> Shape:
-    size, repeat = item.struct("Size"), item.vector("Repeat", (1.0, 1.0, 0.0), at_most=_LARGEST_M)
-    return Rectangle(size_m=(_length(size, "X"), _length(size, "Y")), repeat=repeat[:2])
+def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
+    size, repeat = item.get_struct("Size"), item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=_MAX_LENGTH_M)
+    return Rectangle(size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2])
 
 
-def _ring(item: Settings, folder: Path) -> Shape:
-    inner = item.number("InnerRadius", at_least=0.0, at_most=_LARGEST_M)
+def _read_ring(item: SectionReader, folder: Path) -> Shape:
+    inner = item.get_float("InnerRadius", min_value=0.0, max_value=_MAX_LENGTH_M)
     return Ring(
         inner_radius_m=inner,
-        outer_radius_m=item.number("OuterRadius", at_least=inner + 1e-6, at_most=2 * _LARGEST_M),
-        sectors=item.integer("Sectors", 96, at_least=3, at_most=4096),
+        outer_radius_m=item.get_float("OuterRadius", min_value=inner + 1e-6, max_value=2 * _MAX_LENGTH_M),
+        sectors=item.get_int("Sectors", 96, min_value=3, max_value=4096),
     )
 
 
-def _sphere_band(item: Settings, folder: Path) -> Shape:
-    lower = item.number("From", at_least=0.0, at_most=180.0)
+def _read_sphere_band(item: SectionReader, folder: Path) -> Shape:
+    lower = item.get_float("From", min_value=0.0, max_value=180.0)
     return SphereBand(
-        radius_m=_length(item, "Radius"),
+        radius_m=_read_length(item, "Radius"),
         from_rad=math.radians(lower),
-        to_rad=math.radians(item.number("To", at_least=lower, at_most=180.0)),
-        sectors=item.integer("Sectors", 360, at_least=3, at_most=4096),
-        rings=item.integer("Rings", 1, at_least=1, at_most=4096),
+        to_rad=math.radians(item.get_float("To", min_value=lower, max_value=180.0)),
+        sectors=item.get_int("Sectors", 360, min_value=3, max_value=4096),
+        rings=item.get_int("Rings", 1, min_value=1, max_value=4096),
     )
 
 
-def _mesh(item: Settings, folder: Path) -> Shape:
+def _read_mesh(item: SectionReader, folder: Path) -> Shape:
     return MeshFile(
-        path=item.file("File", folder),
-        scale=item.number("Scale", 1.0, at_least=1e-9, at_most=1e9),
-        up=item.choice("Up", ["y", "z"], "z"),
+        path=item.get_path("File", folder),
+        scale=item.get_float("Scale", 1.0, min_value=1e-9, max_value=1e9),
+        up=item.get_choice("Up", ["y", "z"], "z"),
     )
 
 
-def _length(item: Settings, key: str) -> float:
-    return item.number(key, at_least=1e-6, at_most=_LARGEST_M)
+def _read_length(item: SectionReader, key: str) -> float:
+    return item.get_float(key, min_value=1e-6, max_value=_MAX_LENGTH_M)
 
 
-def _place(item: Settings, key: str, default: Vector | None = None) -> Vector:
-    return item.vector(key, default, at_least=-_LARGEST_M, at_most=_LARGEST_M)
+def _read_position(item: SectionReader, key: str, default: Vector | None = None) -> Vector:
+    return item.get_vector(key, default, min_value=-_MAX_LENGTH_M, max_value=_MAX_LENGTH_M)
 
 
-_SHAPES: dict[str, Callable[[Settings, Path], Shape]] = {
-    "Boxes": _box,
-    "Cylinders": _cylinder,
-    "Rectangles": _rectangle,
-    "Rings": _ring,
-    "SphereBands": _sphere_band,
-    "Meshes": _mesh,
+_SHAPE_READERS: dict[str, Callable[[SectionReader, Path], Shape]] = {
+    "Boxes": _read_box,
+    "Cylinders": _read_cylinder,
+    "Rectangles": _read_rectangle,
+    "Rings": _read_ring,
+    "SphereBands": _read_sphere_band,
+    "Meshes": _read_mesh,
 }
 
 
-def _items(section: Settings, folder: Path) -> list[Item]:
+def _read_items(section: SectionReader, folder: Path) -> list[Item]:
     items = []
-    for key, shape in _SHAPES.items():
-        for number, struct in enumerate(section.structs(key), 1):
-            items.append(_item(struct, shape(struct, folder), f"{key}{number}", folder))
+    for key, shape in _SHAPE_READERS.items():
+        for number, struct in enumerate(section.get_structs(key), 1):
+            items.append(_read_item(struct, shape(struct, folder), f"{key}{number}", folder))
     return items
 
 
-def _item(struct: Settings, shape: Shape, default_name: str, folder: Path) -> Item:
-    position = _place(struct, "Position", (0.0, 0.0, 0.0))
-    pose = Pose.from_rpy(position, struct.vector("Direction", (0.0, 0.0, 0.0)))
+def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: Path) -> Item:
+    position = _read_position(struct, "Position", (0.0, 0.0, 0.0))
+    pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
     own_look = (
-        isinstance(shape, MeshFile) and not struct.has("Colour") and not struct.has("Texture")
+        isinstance(shape, MeshFile) and not struct.has_key("Colour") and not struct.has_key("Texture")
     )
-    material = None if own_look else _material(struct, folder)
-    name, casts_shadows = struct.text("Name", default_name), struct.boolean("CastShadow", True)
+    material = None if own_look else _read_material(struct, folder)
+    name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
     return Item(name, shape, pose, material, casts_shadows)
 
 
-def _material(struct: Settings, folder: Path) -> Material:
-    texture = struct.file("Texture", folder) if struct.text("Texture", "") else None
+def _read_material(struct: SectionReader, folder: Path) -> Material:
+    texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
     white = (255, 255, 255)
     return Material(
-        albedo=_colour(struct, "Colour", white if texture else (128, 128, 128)),
+        albedo=_read_colour(struct, "Colour", white if texture else (128, 128, 128)),
         texture=texture,
-        unlit=struct.boolean("Unlit", False),
+        unlit=struct.get_bool("Unlit", False),
     )
 
 
-def _colour(settings: Settings, key: str, default: tuple[int, int, int]) -> Rgb:
+def _read_colour(settings: SectionReader, key: str, default: tuple[int, int, int]) -> Rgb:
     """Return linear light of a colour in sRGB bytes."""
-    rgb = settings.vector(key, default, members="RGB", at_least=0.0, at_most=255.0)
+    rgb = settings.get_vector(key, default, members="RGB", min_value=0.0, max_value=255.0)
     r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
     return float(r), float(g), float(b)
 
 
-def _light(struct: Settings) -> Light:
-    brightness = struct.number("Brightness", 1.0, at_least=0.0, at_most=1e6)
+def _read_light(struct: SectionReader) -> Light:
+    brightness = struct.get_float("Brightness", 1.0, min_value=0.0, max_value=1e6)
 
-    def shone(key: str, default: tuple[int, int, int]) -> Rgb:
-        r, g, b = _colour(struct, key, default)
+    def read_radiance(key: str, default: tuple[int, int, int]) -> Rgb:
+        r, g, b = _read_colour(struct, key, default)
         return brightness * r, brightness * g, brightness * b
 
-    match struct.choice("Type", ["Hemisphere", "Directional", "Point"]):
+    match struct.get_choice("Type", ["Hemisphere", "Directional", "Point"]):
         case "Hemisphere":
-            return HemisphereLight(shone("Up", (255, 255, 255)), shone("Down", (128, 128, 128)))
+            return HemisphereLight(read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128)))
         case "Directional":
-            direction = np.asarray(struct.vector("Direction"))
+            direction = np.asarray(struct.get_vector("Direction"))
             length = float(np.linalg.norm(direction))
             if length == 0.0:
-                raise struct.complain("Direction", expected="a direction that is not zero")
+                raise struct.make_error("Direction", expected="a direction that is not zero")
             x, y, z = direction / length
             return DirectionalLight(
-                (float(x), float(y), float(z)), shone("Colour", (255, 255, 255))
+                (float(x), float(y), float(z)), read_radiance("Colour", (255, 255, 255))
             )
         case _:
-            return PointLight(_place(struct, "Position"), shone("Colour", (255, 255, 255)))
+            return PointLight(_read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255)))
 
 
-def _start(struct: Settings) -> StartPlace:
+def _read_start(struct: SectionReader) -> StartPlace:
     return StartPlace(
-        struct.word("Tag"),
-        _place(struct, "Location"),
-        struct.vector("Rotation", (0.0, 0.0, 0.0)),
+        struct.get_wire_name("Tag"),
+        _read_position(struct, "Location"),
+        struct.get_vector("Rotation", (0.0, 0.0, 0.0)),
     )
 
 
-def _gps_origin(section: Settings) -> GpsOrigin | None:
+def _read_gps_origin(section: SectionReader) -> GpsOrigin | None:
     """Return where on Earth the origin is: GpsOrigin=(Latitude=..,Longitude=..), degrees."""
-    structs = section.structs("GpsOrigin")
+    structs = section.get_structs("GpsOrigin")
     if not structs:
         return None
     struct = structs[-1]
     return GpsOrigin(
-        struct.number("Latitude", at_least=-89.0, at_most=89.0),
-        struct.number("Longitude", at_least=-180.0, at_most=180.0),
+        struct.get_float("Latitude", min_value=-89.0, max_value=89.0),
+        struct.get_float("Longitude", min_value=-180.0, max_value=180.0),
     )
 
 
-def _poses(starts: tuple[StartPlace, ...]) -> StartPoses:
+def _make_start_poses(starts: tuple[StartPlace, ...]) -> StartPoses:
     return StartPoses(tuple(StartPose(s.name, s.location_m, s.rotation_rad) for s in starts))

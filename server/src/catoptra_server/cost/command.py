@@ -18,13 +18,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.cost.document import read_document, write_document
-from catoptra_server.cost.marked_block import write_block
-from catoptra_server.cost.report import report, short_table
-from catoptra_server.cost.study import Order, measure
-from catoptra_server.cost.telling import draw_numbers
+from catoptra_server.cost.document import read_cost_results, write_cost_results
+from catoptra_server.cost.marked_block import replace_block
+from catoptra_server.cost.report import format_cost_report, format_summary_table
+from catoptra_server.cost.study import CostStudyConfig, run_cost_study
+from catoptra_server.cost.telling import write_result_plots
 
-EXIT_CANNOT_MEASURE = 2
+EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,21 +35,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed.output.mkdir(parents=True, exist_ok=True)
         if not parsed.tell:
             with _progress(console) as progress:
-                write_document(measure(_order(parsed), progress), parsed.output / "cost.json")
-        _tell(parsed)
+                write_cost_results(run_cost_study(_study_config(parsed), progress), parsed.output / "cost.json")
+        _write_report(parsed)
     except (CatoptraError, OSError) as error:
         console.print(f"catoptra-server cost: {error}", style="red", markup=False, soft_wrap=True)
-        return EXIT_CANNOT_MEASURE
+        return EXIT_FAILURE
     console.print(f"report: {_report_path(parsed)}", markup=False, highlight=False)
     return 0
 
 
-def _tell(parsed: argparse.Namespace) -> None:
-    document = read_document(parsed.output / "cost.json")
-    draw_numbers(document, parsed.output)
-    _report_path(parsed).write_text(report(document), encoding="utf-8")
+def _write_report(parsed: argparse.Namespace) -> None:
+    document = read_cost_results(parsed.output / "cost.json")
+    write_result_plots(document, parsed.output)
+    _report_path(parsed).write_text(format_cost_report(document), encoding="utf-8")
     if parsed.readme:
-        write_block(parsed.readme, "cost", short_table(document))
+        replace_block(parsed.readme, "cost", format_summary_table(document))
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
@@ -57,25 +57,25 @@ def _report_path(parsed: argparse.Namespace) -> Path:
     return chosen
 
 
-def _order(parsed: argparse.Namespace) -> Order:
-    return Order(
-        robot=parsed.robot,
-        worlds=tuple(parsed.world),
+def _study_config(parsed: argparse.Namespace) -> CostStudyConfig:
+    return CostStudyConfig(
+        robot_file=parsed.robot,
+        world_files=tuple(parsed.world),
         size_px=parsed.size,
         is_quick=parsed.quick,
-        output=parsed.output,
+        output_folder=parsed.output,
         date=time.strftime("%Y-%m-%d"),
-        machine=_machine(parsed.machine),
+        machine=_machine_description(parsed.machine),
     )
 
 
-def _machine(said: str) -> str:
-    processors = f"{len(os.sched_getaffinity(0))} processors ({_processor()})"
+def _machine_description(remark: str) -> str:
+    processors = f"{len(os.sched_getaffinity(0))} processors ({_processor_name()})"
     told = f"{platform.machine()} with {processors}, Python {platform.python_version()}"
-    return f"{told}, {said}" if said else told
+    return f"{told}, {remark}" if remark else told
 
 
-def _processor() -> str:
+def _processor_name() -> str:
     """Return the processor's name, as Linux tells it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -104,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--robot", type=Path, required=True, metavar="FILE", help="robot ini with a mirror camera")
     add("--world", type=Path, required=True, action="append", metavar="FILE",
         help="world ini; frame rates are measured in all given, all else in the first")  # fmt: skip
-    add("--size", type=_size, default=360, metavar="N", help="of the square picture (default 360)")
+    add("--size", type=_image_size, default=360, metavar="N", help="of the square picture (default 360)")
     add("--quick", action="store_true", help="fewer steps and frames: within a minute")
     add("--output", type=Path, default=Path("out/cost"), metavar="DIR",
         help="where cost.json and the pictures go (default out/cost)")  # fmt: skip
@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _size(text: str) -> int:
+def _image_size(text: str) -> int:
     size = int(text)
     if not 16 <= size <= 4096:
         raise argparse.ArgumentTypeError(f"a picture is 16 to 4096 px wide here, not {size}")

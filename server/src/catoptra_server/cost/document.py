@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
 
-VERSION = 1
-Row = TypeVar("Row")
+FORMAT_VERSION = 1
+RowT = TypeVar("RowT")
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class StudyConditions:
     """What was measured on what. rounds: frames of each step; poses: places they are seen from."""
 
     date: str
@@ -29,13 +29,13 @@ class Conditions:
     world: str
     size_px: int
     is_quick: bool
-    rounds: int
-    poses: int
+    num_rounds: int
+    num_poses: int
     reference_samples: int
 
 
 @dataclass(frozen=True, slots=True)
-class StepCost:
+class LevelCost:
     """A step of the ladder: what it is, what it costs, how far off it is.
 
     polygons: 0 = per pixel. bound_*: of plan/error_bound. rmse in grey levels, psnr_db, ssim:
@@ -44,13 +44,13 @@ class StepCost:
 
     name: str
     renderer: str
-    polygons: int
+    num_polygons: int
     samples: int
     face_size_px: int
     is_key: bool
-    robot_lines: str
-    ms: float
-    processor_ms: float
+    robot_ini: str
+    wall_ms: float
+    cpu_ms: float
     stage_ms: dict[str, float]
     bound_max_px: float
     bound_rms_px: float
@@ -58,18 +58,18 @@ class StepCost:
     rmse: float
     psnr_db: float
     ssim: float
-    is_on_front: bool
+    is_on_pareto_front: bool
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonRow:
     """A polygon mirror's displacement at the paper's size, measured and by the reference table."""
 
-    polygons: int
+    num_polygons: int
     sectors: int
     rings: int
     interpolation: str
-    covered: float
+    coverage: float
     rms_px: float
     max_px: float
     reference_rms_px: float
@@ -85,16 +85,16 @@ class FrameRate:
 
     world: str
     renderer: str
-    carries: str
-    polygons: int
+    payload: str
+    num_polygons: int
     fps: float
-    ms: float
-    processor_ms: float
+    wall_ms: float
+    cpu_ms: float
     stage_ms: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class LandmarkRow:
+class LocalizationRow:
     """What the frames of a step are worth: landmarks found while driving, and where they put it.
 
     found: share of the beacons within reach that were measured. *_rms_*: of the measurements.
@@ -102,90 +102,90 @@ class LandmarkRow:
     noises are honest.
     """
 
-    step: str
-    frames: int
-    found: float
-    found_near: float
+    level: str
+    num_frames: int
+    detection_rate: float
+    near_detection_rate: float
     bearing_rms_deg: float
     range_rms_m: float
     ekf_mean_m: float
     ekf_max_m: float
-    honest_ekf_mean_m: float
-    honest_ekf_max_m: float
+    consistent_ekf_mean_m: float
+    consistent_ekf_max_m: float
 
 
 @dataclass(frozen=True, slots=True)
-class Landmarks:
+class LocalizationAccuracy:
     """The client's part. renderer: that it was measured through; odometry_max_m: without eyes."""
 
-    runs: int
-    steps_a_run: int
+    num_runs: int
+    steps_per_run: int
     odometry_max_m: float
-    rows: tuple[LandmarkRow, ...]
+    rows: tuple[LocalizationRow, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Document:
+class CostResults:
     """All that the study knows."""
 
-    conditions: Conditions
-    steps: tuple[StepCost, ...]
-    polygons: tuple[PolygonRow, ...]
+    conditions: StudyConditions
+    levels: tuple[LevelCost, ...]
+    polygon_rows: tuple[PolygonRow, ...]
     frame_rates: tuple[FrameRate, ...]
-    landmarks: Landmarks | None = None
+    localization: LocalizationAccuracy | None = None
 
 
-def write_document(document: Document, path: Path) -> None:
+def write_cost_results(results: CostResults, path: Path) -> None:
     """Write cost.json. JSON has no infinity: the PSNR of equal pictures is null."""
-    text = json.dumps({"version": VERSION, **_finite(asdict(document))}, indent=2)
+    text = json.dumps({"version": FORMAT_VERSION, **_replace_non_finite(asdict(results))}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _finite(value: Any) -> Any:
+def _replace_non_finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
+        return {key: _replace_non_finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(part) for part in value]
+        return [_replace_non_finite(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def read_document(path: Path) -> Document:
+def read_cost_results(path: Path) -> CostResults:
     """Return what cost.json holds. Raises CatoptraError for a file that is not one."""
     try:
         read = json.loads(path.read_text(encoding="utf-8"))
-        return _document(read)
+        return _parse_results(read)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CatoptraError(
-            f"{path}: not a cost.json of version {VERSION} ({error!r}): measure anew with "
+            f"{path}: not a cost.json of version {FORMAT_VERSION} ({error!r}): measure anew with "
             "catoptra-server cost"
         ) from error
 
 
-def _document(read: dict[str, Any]) -> Document:
-    if read["version"] != VERSION:
-        raise ValueError(f"version {read['version']}")
-    return Document(
-        conditions=_row(Conditions, read["conditions"]),
-        steps=tuple(_row(StepCost, row) for row in read["steps"]),
-        polygons=tuple(_row(PolygonRow, row) for row in read["polygons"]),
-        frame_rates=tuple(_row(FrameRate, row) for row in read["frame_rates"]),
-        landmarks=_landmarks(read["landmarks"]) if read.get("landmarks") else None,
+def _parse_results(entries: dict[str, Any]) -> CostResults:
+    if entries["version"] != FORMAT_VERSION:
+        raise ValueError(f"version {entries['version']}")
+    return CostResults(
+        conditions=_parse_row(StudyConditions, entries["conditions"]),
+        levels=tuple(_parse_row(LevelCost, row) for row in entries["steps"]),
+        polygon_rows=tuple(_parse_row(PolygonRow, row) for row in entries["polygons"]),
+        frame_rates=tuple(_parse_row(FrameRate, row) for row in entries["frame_rates"]),
+        localization=_parse_localization(entries["landmarks"]) if entries.get("landmarks") else None,
     )
 
 
-def _landmarks(read: dict[str, Any]) -> Landmarks:
-    rows = tuple(_row(LandmarkRow, row) for row in read["rows"])
-    return _row(Landmarks, read | {"rows": rows})
+def _parse_localization(entries: dict[str, Any]) -> LocalizationAccuracy:
+    rows = tuple(_parse_row(LocalizationRow, row) for row in entries["rows"])
+    return _parse_row(LocalizationAccuracy, entries | {"rows": rows})
 
 
-def _row(kind: type[Row], read: Any) -> Row:
+def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
     """Return a row; unknown keys are left out, missing ones fail."""
-    if not isinstance(read, dict):
-        raise TypeError(f"{kind.__name__} is {read!r}")
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type] # all are dataclasses
-    known = {key: value for key, value in read.items() if key in names}
+    if not isinstance(entry, dict):
+        raise TypeError(f"{row_class.__name__} is {entry!r}")
+    names = {field.name for field in fields(row_class)}  # type: ignore[arg-type] # all are dataclasses
+    known = {key: value for key, value in entry.items() if key in names}
     for key in (key for key, value in known.items() if value is None):
         known[key] = math.inf if key == "psnr_db" else math.nan
     if "renderers" in known:
         known["renderers"] = tuple(known["renderers"])
-    return kind(**known)
+    return row_class(**known)

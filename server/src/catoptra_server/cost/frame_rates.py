@@ -14,23 +14,23 @@ from dataclasses import dataclass
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.cost.document import FrameRate
-from catoptra_server.cost.ladder import COUNTS, Step
-from catoptra_server.cost.stopwatch import Draw, Took, in_turns
-from catoptra_server.cost.subject import Subject
-from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderWish, Surface
-from catoptra_server.random_streams import RandomStream
-from catoptra_server.render.renderer import Exposure, View
+from catoptra_server.cost.ladder import POLYGON_COUNTS, AccuracyLevel
+from catoptra_server.cost.stopwatch import DrawFunction, RenderTiming, time_round_robin
+from catoptra_server.cost.subject import StudySubject
+from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderSettings, MirrorSurface
+from catoptra_server.random_streams import RandomSource
+from catoptra_server.render.renderer import CameraState, View
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.description import DriveBase, RangeScannerDescription
 from catoptra_server.robot.mount import Mount
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
-from catoptra_server.sensors.sensor import Moment
-from catoptra_server.sensors.sight import Surroundings
+from catoptra_server.sensors.sensor import SensorContext
+from catoptra_server.sensors.sight import SensorEnvironment
 
-NO_CAMERA, SCANNER, EXACT = "no camera", "LMS200", "per pixel"
+NO_CAMERA, SCANNER, PER_PIXEL = "no camera", "LMS200", "per pixel"
 # The least that UT2004's window came in, at its own field of view.
-SCREEN = PerspectiveCamera(640, 480, 0.5 * math.pi)
+PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
 # The paper's pictures have no more: it knows no supersampling.
 _SAMPLES = 1
 _LMS200 = RangeScannerDescription(
@@ -46,97 +46,97 @@ _LMS200 = RangeScannerDescription(
 
 
 @dataclass(frozen=True, slots=True)
-class _Load:
+class _Payload:
     """What a robot carries, and what a frame of it draws or casts beside the screen."""
 
-    carries: str
-    polygons: int
+    name: str
+    num_polygons: int
     stage: str
-    draw: Callable[[Exposure], object]
+    render: Callable[[CameraState], object]
 
 
 def measure_frame_rates(
-    subject: Subject,
+    subject: StudySubject,
     drive: DriveBase,
-    kind: RendererKind,
+    renderer_kind: RendererKind,
     *,
-    rounds: int,
+    num_rounds: int,
     on_round: Callable[[], None],
 ) -> tuple[FrameRate, ...]:
     """Return a row for each load, drawn by one renderer, in turns."""
-    renderer = subject.renderers[kind]
-    screen = renderer.prepare_perspective(SCREEN, _SAMPLES)
-    cameras = {name: _camera(subject, kind, surface) for name, surface in _surfaces().items()}
+    renderer = subject.renderers[renderer_kind]
+    screen = renderer.prepare_perspective(PERSPECTIVE_VIEW, _SAMPLES)
+    cameras = {name: _prepare_camera(subject, renderer_kind, surface) for name, surface in _surfaces().items()}
     try:
-        loads = (*_loads(cameras), _scanner(subject, drive))
-        draws = [_whole(screen, load, subject) for load in loads]
-        took = in_turns(draws, rounds=rounds, on_round=on_round)
+        loads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
+        draws = [_draw_function(screen, load, subject) for load in loads]
+        took = time_round_robin(draws, num_rounds=num_rounds, on_round=on_round)
     finally:
         for view in (screen, *cameras.values()):
             view.close()
     rows = zip(loads, took, strict=True)
-    return tuple(_row(subject.world.name, kind, load, time) for load, time in rows)
+    return tuple(_frame_rate_row(subject.world.name, renderer_kind, load, time) for load, time in rows)
 
 
-def _surfaces() -> dict[str, Surface]:
-    polygons: dict[str, Surface] = {str(count): split_for(count) for count in COUNTS}
-    return polygons | {EXACT: PerPixel()}
+def _surfaces() -> dict[str, MirrorSurface]:
+    polygons: dict[str, MirrorSurface] = {str(count): tessellation_from_polygon_count(count) for count in POLYGON_COUNTS}
+    return polygons | {PER_PIXEL: PerPixel()}
 
 
-def _camera(subject: Subject, kind: RendererKind, surface: Surface) -> View:
-    return subject.prepare(Step("", kind, RenderWish(surface, _SAMPLES)))
+def _prepare_camera(subject: StudySubject, renderer_kind: RendererKind, surface: MirrorSurface) -> View:
+    return subject.prepare_view(AccuracyLevel("", renderer_kind, RenderSettings(surface, _SAMPLES)))
 
 
-def _loads(cameras: dict[str, View]) -> Iterator[_Load]:
-    yield _Load(NO_CAMERA, 0, "camera", lambda exposure: None)
+def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
+    yield _Payload(NO_CAMERA, 0, "camera", lambda exposure: None)
     for name, view in cameras.items():
-        yield _Load(name, int(name) if name.isdigit() else 0, "camera", view.draw)
+        yield _Payload(name, int(name) if name.isdigit() else 0, "camera", view.render)
 
 
-def _scanner(subject: Subject, drive: DriveBase) -> _Load:
-    sensor = RangeScannerSensor(_LMS200, drive, RandomStream.of(0, "cost", "LMS200"))
-    around = Surroundings(EmbreeRayCaster(subject.scene))
+def _scanner_payload(subject: StudySubject, drive: DriveBase) -> _Payload:
+    sensor = RangeScannerSensor(_LMS200, drive, RandomSource.from_names(0, "cost", "LMS200"))
+    around = SensorEnvironment(EmbreeRayCaster(subject.scene))
 
-    def scan(exposure: Exposure) -> object:
-        return sensor.reading(Moment(0.0, 0, exposure.world_from_mirror, around))
+    def scan(camera_state: CameraState) -> object:
+        return sensor.read(SensorContext(0.0, 0, camera_state.world_from_mirror, around))
 
-    return _Load(SCANNER, 0, "scanner", scan)
+    return _Payload(SCANNER, 0, "scanner", scan)
 
 
-def _whole(screen: View, load: _Load, subject: Subject) -> Draw:
+def _draw_function(perspective_view: View, payload: _Payload, subject: StudySubject) -> DrawFunction:
     """Return what draws the screen and the load, and tells how long each took."""
-    exposures = subject.exposures
+    exposures = subject.camera_states
 
-    def draw(number: int) -> dict[str, float]:
+    def draw_frame(number: int) -> dict[str, float]:
         exposure = exposures[number % len(exposures)]
         begin = time.perf_counter()
-        screen.draw(exposure)
+        perspective_view.render(exposure)
         middle = time.perf_counter()
-        load.draw(exposure)
+        payload.render(exposure)
         end = time.perf_counter()
-        return {"screen": 1e3 * (middle - begin), load.stage: 1e3 * (end - middle)}
+        return {"screen": 1e3 * (middle - begin), payload.stage: 1e3 * (end - middle)}
 
-    return draw
+    return draw_frame
 
 
-def _row(world: str, kind: RendererKind, load: _Load, took: Took) -> FrameRate:
+def _frame_rate_row(world: str, renderer_kind: RendererKind, payload: _Payload, timing: RenderTiming) -> FrameRate:
     return FrameRate(
         world=world,
-        renderer=kind.value,
-        carries=load.carries,
-        polygons=load.polygons,
-        fps=1e3 / took.ms,
-        ms=took.ms,
-        processor_ms=took.processor_ms,
-        stage_ms=took.stage_ms,
+        renderer=renderer_kind.value,
+        payload=payload.name,
+        num_polygons=payload.num_polygons,
+        fps=1e3 / timing.wall_ms,
+        wall_ms=timing.wall_ms,
+        cpu_ms=timing.cpu_ms,
+        stage_ms=timing.stage_ms,
     )
 
 
-def spread_over_polygons(rows: tuple[FrameRate, ...], *, least: int) -> float:
+def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> float:
     """Return how much more the dearest frame takes than the cheapest, as a share.
 
     Of processor time, which others on the machine disturb less; among the rows with at least so
     many polygons. Domain: there is one.
     """
-    times = [row.processor_ms for row in rows if row.polygons >= least]
+    times = [row.cpu_ms for row in rows if row.num_polygons >= min_polygons]
     return max(times) / min(times) - 1.0

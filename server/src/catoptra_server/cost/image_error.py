@@ -31,11 +31,11 @@ class ImageError:
     ssim: float
 
 
-def image_error(pairs: Sequence[tuple[Image, Image]], counted: Bools) -> ImageError:
+def compute_image_error(pairs: Sequence[tuple[Image, Image]], mask: Bools) -> ImageError:
     """Return the error of (picture, reference) pairs together, over (h, w) counted pixels."""
-    squares = [np.mean(np.square(difference(*pair))[counted]) for pair in pairs]
+    squares = [np.mean(np.square(signed_difference(*pair))[mask]) for pair in pairs]
     rmse = math.sqrt(float(np.mean(squares)))
-    ssim = float(np.mean([ssim_map(*pair)[counted].mean() for pair in pairs]))
+    ssim = float(np.mean([ssim_map(*pair)[mask].mean() for pair in pairs]))
     return ImageError(rmse, psnr_db(rmse), ssim)
 
 
@@ -44,25 +44,25 @@ def psnr_db(rmse: float) -> float:
     return 20.0 * math.log10(_PEAK / rmse) if rmse > 0.0 else math.inf
 
 
-def difference(picture: Image, reference: Image) -> Floats:
+def signed_difference(image: Image, reference: Image) -> Floats:
     """Return (h, w, 3) signed differences in grey levels."""
-    return picture.astype(np.float64) - reference
+    return image.astype(np.float64) - reference
 
 
-def ssim_map(picture: Image, reference: Image) -> Floats:
+def ssim_map(image: Image, reference: Image) -> Floats:
     """Return (h, w) structural similarities, 1 where the neighbourhoods are the same."""
-    x, y = picture @ _LUMA, reference @ _LUMA
-    mean_x, mean_y = _blurred(x), _blurred(y)
-    variance_x = _blurred(x * x) - mean_x**2
-    variance_y = _blurred(y * y) - mean_y**2
-    covariance = _blurred(x * y) - mean_x * mean_y
+    x, y = image @ _LUMA, reference @ _LUMA
+    mean_x, mean_y = _blur(x), _blur(y)
+    variance_x = _blur(x * x) - mean_x**2
+    variance_y = _blur(y * y) - mean_y**2
+    covariance = _blur(x * y) - mean_x * mean_y
     brightness = (2.0 * mean_x * mean_y + _C1) / (mean_x**2 + mean_y**2 + _C1)
     structure = (2.0 * covariance + _C2) / (variance_x + variance_y + _C2)
     similar: Floats = brightness * structure
     return similar
 
 
-def _blurred(values: Floats) -> Floats:
+def _blur(values: Floats) -> Floats:
     size = (_WINDOW_PX, _WINDOW_PX)
     blurred: Floats = cv2.GaussianBlur(values, size, _SIGMA_PX, borderType=cv2.BORDER_REFLECT_101)
     return blurred

@@ -7,7 +7,7 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 
 
-def write_block(path: Path, name: str, text: str) -> None:
+def replace_block(path: Path, name: str, text: str) -> None:
     """Replace what stands between `<!-- name: begin ... -->` and `<!-- name: end -->`.
 
     Raises CatoptraError for a file without these marks.

@@ -13,14 +13,14 @@ import math
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.cost.document import PolygonRow
-from catoptra_server.cost.ladder import SQUARE_SPLITS, WIDE_SPLITS
-from catoptra_server.cost.subject import camera_of_size
-from catoptra_server.figures.polygon_measure import polygon_error
+from catoptra_server.cost.ladder import SQUARE_TESSELLATIONS, WIDE_TESSELLATIONS
+from catoptra_server.cost.subject import resize_camera
+from catoptra_server.figures.polygon_measure import measure_polygon_error
 from catoptra_server.figures.subject import PAPER_SIZE_PX
-from catoptra_server.scene.mirror_mesh import Interpolation, PolygonSplit
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 
 # rms and largest displacement in px by (sectors, rings): position, then UV.
-REFERENCE_PX = {
+REFERENCE_DISPLACEMENT_PX = {
     (4, 4): ((39.6, 91.8), (37.5, 91.3)),
     (8, 8): ((9.706, 21.28), (11.3, 24.6)),
     (16, 16): ((2.422, 5.251), (2.95, 7.28)),
@@ -34,25 +34,25 @@ REFERENCE_PX = {
 }
 
 
-def polygon_table(camera: OmniCamera) -> tuple[PolygonRow, ...]:
+def measure_polygon_rows(camera: OmniCamera) -> tuple[PolygonRow, ...]:
     """Return the rows of all splits in both ways, of a camera's mirror at the paper's size."""
-    small = camera_of_size(camera, PAPER_SIZE_PX)
+    small = resize_camera(camera, PAPER_SIZE_PX)
     return tuple(
-        _row(small, PolygonSplit(sectors, rings, way))
+        _polygon_row(small, Tessellation(sectors, rings, way))
         for way in Interpolation
-        for sectors, rings in (*SQUARE_SPLITS, *WIDE_SPLITS)
+        for sectors, rings in (*SQUARE_TESSELLATIONS, *WIDE_TESSELLATIONS)
     )
 
 
-def _row(camera: OmniCamera, split: PolygonSplit) -> PolygonRow:
-    error = polygon_error(camera, split)
-    rms_px, max_px = reference_px(camera, split)
+def _polygon_row(camera: OmniCamera, tessellation: Tessellation) -> PolygonRow:
+    error = measure_polygon_error(camera, tessellation)
+    rms_px, max_px = reference_displacement_px(camera, tessellation)
     return PolygonRow(
-        polygons=split.polygons,
-        sectors=split.sectors,
-        rings=split.rings,
-        interpolation=split.interpolation.value,
-        covered=error.covered,
+        num_polygons=tessellation.num_polygons,
+        sectors=tessellation.sectors,
+        rings=tessellation.rings,
+        interpolation=tessellation.interpolation.value,
+        coverage=error.coverage,
         rms_px=error.rms_px,
         max_px=error.max_px,
         reference_rms_px=rms_px,
@@ -60,24 +60,24 @@ def _row(camera: OmniCamera, split: PolygonSplit) -> PolygonRow:
     )
 
 
-def reference_px(camera: OmniCamera, split: PolygonSplit) -> tuple[float, float]:
+def reference_displacement_px(camera: OmniCamera, tessellation: Tessellation) -> tuple[float, float]:
     """Return rms and largest displacement of the reference; 0 for another mirror than its own."""
     mirror = camera.mirror
     is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, 11.546)
     if not is_paper or not math.isclose(camera.rim_rad, math.radians(120.0)):
         return 0.0, 0.0
-    position, uv = REFERENCE_PX[split.sectors, split.rings]
-    return position if split.interpolation is Interpolation.POSITION else uv
+    position, uv = REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
+    return position if tessellation.interpolation is Interpolation.POSITION else uv
 
 
-def tolerance(row: PolygonRow) -> tuple[float, float]:
+def relative_tolerances(row: PolygonRow) -> tuple[float, float]:
     """Return the shares by which rms and largest may differ from the reference."""
     return (0.15, 0.15) if row.interpolation == Interpolation.UV.value else (0.03, 0.05)
 
 
-def agrees(row: PolygonRow) -> bool:
+def is_within_tolerance(row: PolygonRow) -> bool:
     """Return whether a row lies within the reference's tolerance."""
-    rms, largest = tolerance(row)
+    rms, largest = relative_tolerances(row)
     return math.isclose(row.rms_px, row.reference_rms_px, rel_tol=rms) and math.isclose(
         row.max_px, row.reference_max_px, rel_tol=largest
     )

@@ -5,106 +5,106 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_server.cost.document import StepCost
-from catoptra_server.cost.image_error import ImageError, image_error
-from catoptra_server.cost.ladder import Step, robot_lines
-from catoptra_server.cost.pareto import LEAST_GAIN, pareto_front
-from catoptra_server.cost.stopwatch import Draw, Took, in_turns
-from catoptra_server.cost.subject import Subject
+from catoptra_server.cost.document import LevelCost
+from catoptra_server.cost.image_error import ImageError, compute_image_error
+from catoptra_server.cost.ladder import AccuracyLevel, level_robot_ini
+from catoptra_server.cost.pareto import MIN_GAIN, pareto_front
+from catoptra_server.cost.stopwatch import DrawFunction, RenderTiming, time_round_robin
+from catoptra_server.cost.subject import StudySubject
 from catoptra_server.plan.error_bound import error_bound
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, View
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class MeasuredLevel:
     """A step's cost and its first frame, for the pictures."""
 
-    cost: StepCost
+    cost: LevelCost
     frame: Image
 
 
-def measure_steps(
-    subject: Subject,
-    steps: Sequence[Step],
+def measure_levels(
+    subject: StudySubject,
+    levels: Sequence[AccuracyLevel],
     reference: Sequence[Image],
     *,
-    rounds: int,
+    num_rounds: int,
     on_round: Callable[[], None],
-) -> tuple[Drawn, ...]:
+) -> tuple[MeasuredLevel, ...]:
     """Return what each step costs and shows; `reference` holds a frame for each exposure."""
-    views = [subject.prepare(step) for step in steps]
+    views = [subject.prepare_view(step) for step in levels]
     try:
-        took = in_turns([_draw(view, subject) for view in views], rounds=rounds, on_round=on_round)
-        seen = _seen(subject)
+        took = time_round_robin([_draw_function(view, subject) for view in views], num_rounds=num_rounds, on_round=on_round)
+        seen = _visible_mask(subject)
         drawn = [
-            _drawn(subject, step, view, reference, took=time, seen=seen)
-            for step, view, time in zip(steps, views, took, strict=True)
+            _measure_level(subject, step, view, reference, timing=time, mask=seen)
+            for step, view, time in zip(levels, views, took, strict=True)
         ]
     finally:
         for view in views:
             view.close()
-    return _with_front(drawn)
+    return _mark_pareto_front(drawn)
 
 
-def _draw(view: View, subject: Subject) -> Draw:
-    exposures = subject.exposures
-    return lambda number: view.draw(exposures[number % len(exposures)]).stage_ms
+def _draw_function(view: View, subject: StudySubject) -> DrawFunction:
+    exposures = subject.camera_states
+    return lambda number: view.render(exposures[number % len(exposures)]).stage_ms
 
 
-def _seen(subject: Subject) -> Bools:
+def _visible_mask(subject: StudySubject) -> Bools:
     """Return the (h, w) pixels whose middles the mirror covers: outside nothing can be wrong."""
-    _, seen = direction_from_pixel(subject.camera, pixel_centres(subject.camera)[:, :, 0])
+    _, seen = direction_from_pixel(subject.camera, pixel_sample_positions(subject.camera)[:, :, 0])
     return seen
 
 
-def _drawn(
-    subject: Subject,
-    step: Step,
+def _measure_level(
+    subject: StudySubject,
+    level: AccuracyLevel,
     view: View,
     reference: Sequence[Image],
     *,
-    took: Took,
-    seen: Bools,
-) -> Drawn:
-    frames = [view.draw(exposure).rgb for exposure in subject.exposures]
-    error = image_error(list(zip(frames, reference, strict=True)), seen)
-    cost = _cost(subject.camera, step, subject.plan(step), took=took, error=error)
-    return Drawn(cost, frames[0])
+    timing: RenderTiming,
+    mask: Bools,
+) -> MeasuredLevel:
+    frames = [view.render(exposure).rgb for exposure in subject.camera_states]
+    error = compute_image_error(list(zip(frames, reference, strict=True)), mask)
+    cost = _level_cost(subject.camera, level, subject.plan_level(level), timing=timing, error=error)
+    return MeasuredLevel(cost, frames[0])
 
 
-def _cost(
-    camera: OmniCamera, step: Step, plan: RenderPlan, *, took: Took, error: ImageError
-) -> StepCost:
+def _level_cost(
+    camera: OmniCamera, level: AccuracyLevel, plan: RenderPlan, *, timing: RenderTiming, error: ImageError
+) -> LevelCost:
     bound = error_bound(camera, plan).geometric
-    return StepCost(
-        name=step.name,
-        renderer=step.kind.value,
-        polygons=plan.surface.polygons if isinstance(plan.surface, PolygonSplit) else 0,
+    return LevelCost(
+        name=level.name,
+        renderer=level.renderer_kind.value,
+        num_polygons=plan.surface.num_polygons if isinstance(plan.surface, Tessellation) else 0,
         samples=plan.samples,
         face_size_px=plan.face_size_px,
-        is_key=step.is_key,
-        robot_lines=robot_lines(step, camera.width_px),
-        ms=took.ms,
-        processor_ms=took.processor_ms,
-        stage_ms=took.stage_ms,
+        is_key=level.is_key,
+        robot_ini=level_robot_ini(level, camera.width_px),
+        wall_ms=timing.wall_ms,
+        cpu_ms=timing.cpu_ms,
+        stage_ms=timing.stage_ms,
         bound_max_px=bound.max_px,
         bound_rms_px=bound.rms_px,
         bound_max_deg=bound.max_deg,
         rmse=error.rmse,
         psnr_db=error.psnr_db,
         ssim=error.ssim,
-        is_on_front=False,
+        is_on_pareto_front=False,
     )
 
 
-def _with_front(drawn: Sequence[Drawn]) -> tuple[Drawn, ...]:
+def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:
     """Mark the steps that no other beats in time and image error at once."""
-    front = pareto_front([(one.cost.ms, one.cost.rmse) for one in drawn], least_gain=LEAST_GAIN)
+    front = pareto_front([(one.cost.wall_ms, one.cost.rmse) for one in levels], min_gain=MIN_GAIN)
     return tuple(
-        replace(one, cost=replace(one.cost, is_on_front=index in front))
-        for index, one in enumerate(drawn)
+        replace(one, cost=replace(one.cost, is_on_pareto_front=index in front))
+        for index, one in enumerate(levels)
     )

@@ -8,50 +8,50 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 # Caches, the clock of the processor, and software OpenGL's threads are not steady before.
-WARM_UP_ROUNDS = 3
+NUM_WARM_UP_ROUNDS = 3
 
-Draw = Callable[[int], Mapping[str, float]]
+DrawFunction = Callable[[int], Mapping[str, float]]
 
 
 @dataclass(frozen=True, slots=True)
-class Took:
+class RenderTiming:
     """Medians in milliseconds: on the wall, of all processors together, and of each stage.
 
     Where others use the machine too, the second is what can be compared.
     """
 
-    ms: float
-    processor_ms: float
+    wall_ms: float
+    cpu_ms: float
     stage_ms: dict[str, float]
 
 
-def in_turns(
-    draws: Sequence[Draw], *, rounds: int, on_round: Callable[[], None]
-) -> tuple[Took, ...]:
+def time_round_robin(
+    draw_functions: Sequence[DrawFunction], *, num_rounds: int, on_round: Callable[[], None]
+) -> tuple[RenderTiming, ...]:
     """Return what each took; it is called with the round's number and returns its stages' ms."""
-    taken: list[list[Took]] = [[] for _ in draws]
-    for number in range(WARM_UP_ROUNDS + rounds):
-        for index, draw in enumerate(draws):
-            once = _once(draw, number)
-            if number >= WARM_UP_ROUNDS:
+    taken: list[list[RenderTiming]] = [[] for _ in draw_functions]
+    for number in range(NUM_WARM_UP_ROUNDS + num_rounds):
+        for index, draw in enumerate(draw_functions):
+            once = _time_once(draw, number)
+            if number >= NUM_WARM_UP_ROUNDS:
                 taken[index].append(once)
         on_round()
-    return tuple(_medians(rows) for rows in taken)
+    return tuple(_median_timing(rows) for rows in taken)
 
 
-def _once(draw: Draw, number: int) -> Took:
+def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
     wall, processors = time.perf_counter(), time.process_time()
-    stages = draw(number)
-    return Took(
+    stages = draw(round_number)
+    return RenderTiming(
         1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - processors), dict(stages)
     )
 
 
-def _medians(rows: Sequence[Took]) -> Took:
-    return Took(
-        ms=statistics.median(row.ms for row in rows),
-        processor_ms=statistics.median(row.processor_ms for row in rows),
+def _median_timing(timings: Sequence[RenderTiming]) -> RenderTiming:
+    return RenderTiming(
+        wall_ms=statistics.median(row.wall_ms for row in timings),
+        cpu_ms=statistics.median(row.cpu_ms for row in timings),
         stage_ms={
-            name: statistics.median(row.stage_ms[name] for row in rows) for name in rows[0].stage_ms
+            name: statistics.median(row.stage_ms[name] for row in timings) for name in timings[0].stage_ms
         },
     )

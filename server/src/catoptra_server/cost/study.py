@@ -10,36 +10,36 @@ from pathlib import Path
 from rich.progress import Progress
 
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.cost.document import Conditions, Document, FrameRate
+from catoptra_server.cost.document import StudyConditions, CostResults, FrameRate
 from catoptra_server.cost.frame_rates import measure_frame_rates
-from catoptra_server.cost.ladder import Step, ladder, quick_ladder
-from catoptra_server.cost.polygon_table import polygon_table
-from catoptra_server.cost.step_costs import measure_steps
-from catoptra_server.cost.stopwatch import WARM_UP_ROUNDS
-from catoptra_server.cost.subject import REFERENCE_SAMPLES, Subject, open_subject
-from catoptra_server.cost.telling import draw_frames
-from catoptra_server.plan.render_plan import RendererKind, RenderWish
+from catoptra_server.cost.ladder import AccuracyLevel, accuracy_sweep, quick_accuracy_sweep
+from catoptra_server.cost.polygon_table import measure_polygon_rows
+from catoptra_server.cost.step_costs import measure_levels
+from catoptra_server.cost.stopwatch import NUM_WARM_UP_ROUNDS
+from catoptra_server.cost.subject import REFERENCE_SAMPLES, StudySubject, open_study_subject
+from catoptra_server.cost.telling import write_frame_plots
+from catoptra_server.plan.render_plan import RendererKind, RenderSettings
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class CostStudyConfig:
     """What to measure. worlds: frame rates in all, the rest in the first."""
 
-    robot: Path
-    worlds: tuple[Path, ...]
+    robot_file: Path
+    world_files: tuple[Path, ...]
     size_px: int
     is_quick: bool
-    output: Path
+    output_folder: Path
     date: str
     machine: str
 
     @property
-    def rounds(self) -> int:
+    def num_rounds(self) -> int:
         """Return how many frames of each step are timed."""
         return 6 if self.is_quick else 32
 
     @property
-    def poses(self) -> int:
+    def num_poses(self) -> int:
         """Return from how many places pictures are compared."""
         return 2 if self.is_quick else 4
 
@@ -49,66 +49,66 @@ class Order:
         return 8 if self.is_quick else REFERENCE_SAMPLES
 
 
-def measure(order: Order, progress: Progress) -> Document:
+def run_cost_study(config: CostStudyConfig, progress: Progress) -> CostResults:
     """Return all that was measured; writes the pictures that need frames on the way."""
-    with open_subject(
-        order.robot, order.worlds[0], size_px=order.size_px, places=order.poses
+    with open_study_subject(
+        config.robot_file, config.world_files[0], size_px=config.size_px, num_poses=config.num_poses
     ) as subject:
-        steps = _steps(subject, order)
-        reference = subject.reference(order.reference_samples)
-        on_round = _counter(progress, "ladder: rounds", order.rounds)
-        drawn = measure_steps(subject, steps, reference, rounds=order.rounds, on_round=on_round)
-        draw_frames(subject, drawn, reference[0], order.output)
-        conditions = _conditions(order, subject)
-        table = polygon_table(subject.camera)
-    return Document(
+        steps = _available_levels(subject, config)
+        reference = subject.render_reference(config.reference_samples)
+        on_round = _progress_callback(progress, "ladder: rounds", config.num_rounds)
+        drawn = measure_levels(subject, steps, reference, num_rounds=config.num_rounds, on_round=on_round)
+        write_frame_plots(subject, drawn, reference[0], config.output_folder)
+        conditions = _study_conditions(config, subject)
+        table = measure_polygon_rows(subject.camera)
+    return CostResults(
         conditions=conditions,
-        steps=tuple(one.cost for one in drawn),
-        polygons=table,
-        frame_rates=tuple(row for world in order.worlds for row in _rates(order, world, progress)),
+        levels=tuple(one.cost for one in drawn),
+        polygon_rows=table,
+        frame_rates=tuple(row for world in config.world_files for row in _world_frame_rates(config, world, progress)),
     )
 
 
-def _steps(subject: Subject, order: Order) -> list[Step]:
+def _available_levels(subject: StudySubject, config: CostStudyConfig) -> list[AccuracyLevel]:
     """Return the steps that can be drawn here: without OpenGL those of trace alone."""
-    own = subject.plan(Step("", RendererKind.RASTER, RenderWish())).face_size_px
-    steps = quick_ladder(own) if order.is_quick else ladder(own)
-    return [step for step in steps if step.kind in subject.renderers]
+    own = subject.plan_level(AccuracyLevel("", RendererKind.RASTER, RenderSettings())).face_size_px
+    steps = quick_accuracy_sweep(own) if config.is_quick else accuracy_sweep(own)
+    return [step for step in steps if step.renderer_kind in subject.renderers]
 
 
-def _rates(order: Order, world: Path, progress: Progress) -> list[FrameRate]:
+def _world_frame_rates(config: CostStudyConfig, world: Path, progress: Progress) -> list[FrameRate]:
     """Return the frame rates in a world by each renderer."""
-    description, _ = read_robot(order.robot)
+    description, _ = read_robot(config.robot_file)
     rows: list[FrameRate] = []
-    with open_subject(order.robot, world, size_px=order.size_px, places=order.poses) as subject:
+    with open_study_subject(config.robot_file, world, size_px=config.size_px, num_poses=config.num_poses) as subject:
         for kind in subject.renderers:
             name = f"frame rates: {world.stem}, {kind.value}"
-            rounds = 2 * order.rounds
+            rounds = 2 * config.num_rounds
             rows += measure_frame_rates(
                 subject,
                 description.drive,
                 kind,
-                rounds=rounds,
-                on_round=_counter(progress, name, rounds),
+                num_rounds=rounds,
+                on_round=_progress_callback(progress, name, rounds),
             )
     return rows
 
 
-def _counter(progress: Progress, name: str, rounds: int) -> Callable[[], None]:
-    task = progress.add_task(name, total=WARM_UP_ROUNDS + rounds)
+def _progress_callback(progress: Progress, name: str, num_rounds: int) -> Callable[[], None]:
+    task = progress.add_task(name, total=NUM_WARM_UP_ROUNDS + num_rounds)
     return partial(progress.advance, task)
 
 
-def _conditions(order: Order, subject: Subject) -> Conditions:
-    return Conditions(
-        date=order.date,
-        machine=order.machine,
+def _study_conditions(config: CostStudyConfig, subject: StudySubject) -> StudyConditions:
+    return StudyConditions(
+        date=config.date,
+        machine=config.machine,
         renderers=tuple(renderer.describe() for renderer in subject.renderers.values()),
-        robot=order.robot.stem,
+        robot=config.robot_file.stem,
         world=subject.world.name,
-        size_px=order.size_px,
-        is_quick=order.is_quick,
-        rounds=order.rounds,
-        poses=order.poses,
-        reference_samples=order.reference_samples,
+        size_px=config.size_px,
+        is_quick=config.is_quick,
+        num_rounds=config.num_rounds,
+        num_poses=config.num_poses,
+        reference_samples=config.reference_samples,
     )

@@ -14,17 +14,17 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
-from catoptra_server.cost.ladder import Step
+from catoptra_server.cost.ladder import AccuracyLevel
 from catoptra_server.plan.render_plan import (
     PerPixel,
     RendererKind,
     RenderPlan,
-    RenderWish,
-    plan_from_wish,
+    RenderSettings,
+    plan_from_settings,
 )
 from catoptra_server.render.choice import choose_renderer
 from catoptra_server.render.raster import OpenGLMissingError
-from catoptra_server.render.renderer import Exposure, Image, Renderer, View
+from catoptra_server.render.renderer import CameraState, Image, Renderer, View
 from catoptra_server.robot.description import OmniCameraDescription
 from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.description import World
@@ -34,65 +34,65 @@ from catoptra_server.scene.meshes import SceneMesh, build_scene
 REFERENCE_SAMPLES = 16
 # Beside a start place, since a world's middle is on its lines, where no mirror bends them: metres
 # back and left of it, degrees to the right. Small enough for a corridor.
-_PLACES = ((0.45, 0.35, 25.0), (-0.5, 0.2, 70.0), (0.15, -0.4, 160.0), (-0.3, -0.3, 250.0))
+_POSE_OFFSETS = ((0.45, 0.35, 25.0), (-0.5, 0.2, 70.0), (0.15, -0.4, 160.0), (-0.3, -0.3, 250.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class StudySubject:
     """A camera of the wished size in a world. renderers: without raster where OpenGL is missing."""
 
     camera: OmniCamera
     world: World
     scene: SceneMesh
     renderers: Mapping[RendererKind, Renderer]
-    exposures: tuple[Exposure, ...]
+    camera_states: tuple[CameraState, ...]
 
-    def plan(self, step: Step) -> RenderPlan:
+    def plan_level(self, level: AccuracyLevel) -> RenderPlan:
         """Return the plan of a step."""
-        return plan_from_wish(step.wish, self.camera, kind=step.kind, why="measured")
+        return plan_from_settings(level.render_settings, self.camera, kind=level.renderer_kind, reason="measured")
 
-    def prepare(self, step: Step) -> View:
+    def prepare_view(self, level: AccuracyLevel) -> View:
         """Return the view of a step."""
-        return self.renderers[step.kind].prepare(self.camera, self.plan(step))
+        return self.renderers[level.renderer_kind].prepare(self.camera, self.plan_level(level))
 
-    def reference(self, samples: int) -> tuple[Image, ...]:
+    def render_reference(self, samples: int) -> tuple[Image, ...]:
         """Return the exact frame of each exposure: a ray a sample, none left out."""
-        wish = RenderWish(PerPixel(), samples, stride_px=1)
-        view = self.prepare(Step("reference", RendererKind.TRACE, wish))
+        wish = RenderSettings(PerPixel(), samples, stride_px=1)
+        view = self.prepare_view(AccuracyLevel("reference", RendererKind.TRACE, wish))
         try:
-            return tuple(view.draw(exposure).rgb for exposure in self.exposures)
+            return tuple(view.render(exposure).rgb for exposure in self.camera_states)
         finally:
             view.close()
 
 
 @contextmanager
-def open_subject(robot: Path, world: Path, *, size_px: int, places: int) -> Iterator[Subject]:
+def open_study_subject(robot_file: Path, world_file: Path, *, size_px: int, num_poses: int) -> Iterator[StudySubject]:
     """Yield what two files describe.
 
     Raises ConfigError for a bad file, CatoptraError for a robot without a mirror camera.
     """
-    description, _ = read_robot(robot)
+    description, _ = read_robot(robot_file)
     omni = description.omni_camera
     if omni is None:
         raise CatoptraError(
-            f"{robot}: {description.class_name} has no omnidirectional camera to measure: take a "
+            f"{robot_file}: {description.class_name} has no omnidirectional camera to measure: take a "
             "robot with StaticMeshes, CamTexActors and Cameras, such as p2at_omni.ini"
         )
-    described, _ = read_world(world)
+    described, _ = read_world(world_file)
     scene = build_scene(described)
     with ExitStack() as opened:
-        renderers = _renderers(scene, described, opened)
+        renderers = _open_renderers(scene, described, opened)
         height_m = description.drive.ride_height_m
-        yield Subject(
-            camera=camera_of_size(omni.camera, size_px),
+        yield StudySubject(
+            camera=resize_camera(omni.camera, size_px),
             world=described,
             scene=scene,
             renderers=renderers,
-            exposures=_exposures(described, omni, height_m)[:places],
+            camera_states=_camera_states(described, omni, height_m)[:num_poses],
         )
 
 
-def camera_of_size(camera: OmniCamera, size_px: int) -> OmniCamera:
+def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
     """Return the camera with a square image of another size, its rim inscribed as before."""
     scale = size_px / min(camera.width_px, camera.height_px)
     return dataclasses.replace(
@@ -104,33 +104,33 @@ def camera_of_size(camera: OmniCamera, size_px: int) -> OmniCamera:
     )
 
 
-def _renderers(scene: SceneMesh, world: World, opened: ExitStack) -> dict[RendererKind, Renderer]:
+def _open_renderers(scene: SceneMesh, world: World, stack: ExitStack) -> dict[RendererKind, Renderer]:
     found = {}
     for kind in RendererKind:
         try:
             found[kind] = choose_renderer(kind.value, scene, world).renderer
         except OpenGLMissingError:
             continue
-        opened.callback(found[kind].close)
+        stack.callback(found[kind].close)
     return found
 
 
-def _exposures(world: World, omni: OmniCameraDescription, height_m: float) -> tuple[Exposure, ...]:
-    start = _first_start(world)
+def _camera_states(world: World, omni: OmniCameraDescription, height_m: float) -> tuple[CameraState, ...]:
+    start = _first_start_pose(world)
     return tuple(
-        Exposure(_beside(start, *place).at_height(height_m) @ omni.robot_from_mirror)
-        for place in _PLACES
+        CameraState(_offset_pose(start, *place).at_height(height_m) @ omni.robot_from_mirror)
+        for place in _POSE_OFFSETS
     )
 
 
-def _first_start(world: World) -> PlanarPose:
+def _first_start_pose(world: World) -> PlanarPose:
     if not world.starts:
         return PlanarPose(0.0, 0.0, 0.0)
     (x_m, y_m, _), (_, _, yaw_rad) = world.starts[0].location_m, world.starts[0].rotation_rad
     return PlanarPose(x_m, y_m, yaw_rad)
 
 
-def _beside(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
+def _offset_pose(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
     """Return the pose a step back and left of a start place, turned to the right."""
     offset = Pose.from_rpy((-back_m, -left_m, 0.0))
     moved = start.at_height(0.0) @ offset

@@ -16,29 +16,29 @@ from dataclasses import dataclass, field
 from typing import Any
 
 # The slowest, a self-test on two busy processors, takes some seconds.
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CheckResult:
     """What a process said, or what became of it instead, as a clause for a message."""
 
-    facts: dict[str, Any] = field(default_factory=dict)
-    trouble: str = ""
+    values: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
 
 
-def ask(*words: str, environment: Mapping[str, str] | None = None) -> Answer:
+def run_in_subprocess(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
     """Return the answer of `python -m catoptra_server.doctor` to a question."""
-    command = [sys.executable, "-m", "catoptra_server.doctor", *words]
-    return answer_of(command, environment={**os.environ, **(environment or {})})
+    command = [sys.executable, "-m", "catoptra_server.doctor", *arguments]
+    return run_command(command, environment={**os.environ, **(environment or {})})
 
 
-def answer_of(
+def run_command(
     command: Sequence[str],
     *,
     environment: Mapping[str, str] | None = None,
-    patience_s: float = PATIENCE_S,
-) -> Answer:
+    timeout_s: float = TIMEOUT_S,
+) -> CheckResult:
     """Return what a command answers."""
     try:
         ran = subprocess.run(
@@ -48,26 +48,26 @@ def answer_of(
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=patience_s,
+            timeout=timeout_s,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Answer(trouble=f"it did not end within {patience_s:g} s")
+        return CheckResult(error=f"it did not end within {timeout_s:g} s")
     if ran.returncode < 0:
-        return Answer(trouble=f"it crashed ({_signal_name(-ran.returncode)})")
+        return CheckResult(error=f"it crashed ({_signal_name(-ran.returncode)})")
     if ran.returncode > 0:
-        return Answer(trouble=_last_line(ran.stderr) or f"it ended with {ran.returncode}")
-    return _parsed(_last_line(ran.stdout))
+        return CheckResult(error=_last_line(ran.stderr) or f"it ended with {ran.returncode}")
+    return _parse_result(_last_line(ran.stdout))
 
 
-def _parsed(line: str) -> Answer:
+def _parse_result(line: str) -> CheckResult:
     try:
         facts = json.loads(line)
     except ValueError:
         facts = None
     if not isinstance(facts, dict):
-        return Answer(trouble=f"it said nothing that can be read: {line[:80]!r}")
-    return Answer(facts)
+        return CheckResult(error=f"it said nothing that can be read: {line[:80]!r}")
+    return CheckResult(facts)
 
 
 def _last_line(text: str) -> str:

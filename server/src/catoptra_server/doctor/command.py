@@ -7,8 +7,8 @@ import json
 from collections.abc import Iterator, Sequence
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.shipped import configuration_file, shipped_files
-from catoptra_server.doctor.children import ask
+from catoptra_server.config.shipped import find_configuration, bundled_files
+from catoptra_server.doctor.children import run_in_subprocess
 from catoptra_server.doctor.finding import (
     Finding,
     Level,
@@ -16,19 +16,19 @@ from catoptra_server.doctor.finding import (
     fault,
     finding_from_dict,
 )
-from catoptra_server.doctor.installation import package_findings, python_findings
-from catoptra_server.doctor.ports import answer_findings, port_findings
-from catoptra_server.doctor.processor import processor_findings
-from catoptra_server.doctor.renderers import renderer_findings
+from catoptra_server.doctor.installation import check_packages, check_python
+from catoptra_server.doctor.ports import check_running_server, check_ports
+from catoptra_server.doctor.processor import check_processors
+from catoptra_server.doctor.renderers import check_renderers
 
-_STATUS = "status: 0 = all is well, 1 = it serves, with warnings, 2 = it cannot serve as asked"
+_EXIT_STATUS_HELP = "status: 0 = all is well, 1 = it serves, with warnings, 2 = it cannot serve as asked"
 
 
 def main(arguments: Sequence[str]) -> int:
     """Examine; return 0 = all is well, 1 = it serves, with warnings, 2 = it cannot serve."""
-    parsed = _parser().parse_args(arguments)
+    parsed = _build_parser().parse_args(arguments)
     found = []
-    for finding in _findings(parsed):
+    for finding in _run_checks(parsed):
         found.append(finding)
         if not parsed.json:
             print(finding, flush=True)
@@ -36,55 +36,55 @@ def main(arguments: Sequence[str]) -> int:
     if parsed.json:
         print(json.dumps({"status": status, "findings": [f.as_dict() for f in found]}, indent=2))
     else:
-        print(_verdict(found))
+        print(_summarize(found))
     return status
 
 
-def _verdict(found: Sequence[Finding]) -> str:
+def _summarize(findings: Sequence[Finding]) -> str:
     faults, warnings = (
-        sum(finding.level is level for finding in found) for level in (Level.FAULT, Level.WARNING)
+        sum(finding.level is level for finding in findings) for level in (Level.FAULT, Level.WARNING)
     )
     can = "cannot serve as asked" if faults else "can serve"
     return f"catoptra-server {can} (faults: {faults}, warnings: {warnings})"
 
 
-def _findings(parsed: argparse.Namespace) -> Iterator[Finding]:
+def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
     """Yield every finding as soon as it is made."""
     ports = {"control": parsed.control_port, "image": parsed.image_port}
     if parsed.answers is not None:
-        yield from answer_findings(parsed.answers, ports)
+        yield from check_running_server(parsed.answers, ports)
         return
-    yield from python_findings()
-    yield from package_findings()
-    yield from processor_findings()
-    yield from renderer_findings(parsed.renderer)
-    yield from _configurations(parsed.robot, parsed.world)
-    yield from port_findings(parsed.host, {**ports, "stream": parsed.stream_port})
+    yield from check_python()
+    yield from check_packages()
+    yield from check_processors()
+    yield from check_renderers(parsed.renderer)
+    yield from _check_configurations(parsed.robot, parsed.world)
+    yield from check_ports(parsed.host, {**ports, "stream": parsed.stream_port})
 
 
-def _configurations(robots: Sequence[str], worlds: Sequence[str]) -> Iterator[Finding]:
+def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Iterator[Finding]:
     """Yield how the given files do; those that come with the server, if none is given."""
     try:
-        robot_files = [configuration_file("robots", text) for text in robots]
-        world_files = [configuration_file("worlds", text) for text in worlds]
+        robot_files = [find_configuration("robots", text) for text in robots]
+        world_files = [find_configuration("worlds", text) for text in worlds]
     except CatoptraError as error:
         yield fault("configurations", str(error), remedy="give the path of a file, or such a name")
         return
     if not robots and not worlds:
-        robot_files, world_files = [*shipped_files("robots")], [*shipped_files("worlds")]
+        robot_files, world_files = [*bundled_files("robots")], [*bundled_files("worlds")]
     words = map(str, (len(robot_files), *robot_files, *world_files))
-    answer = ask("configurations", *words)
-    if answer.trouble:
+    answer = run_in_subprocess("configurations", *words)
+    if answer.error:
         remedy = "see the packages above"
-        yield fault("configurations", f"cannot be read: {answer.trouble}", remedy=remedy)
-    yield from map(finding_from_dict, answer.facts.get("findings", ()))
+        yield fault("configurations", f"cannot be read: {answer.error}", remedy=remedy)
+    yield from map(finding_from_dict, answer.values.get("findings", ()))
 
 
-def _parser() -> argparse.ArgumentParser:
+def _build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="catoptra-server doctor",
         description="Say what this machine and these files can do, and what to do about the rest.",
-        epilog=_STATUS,
+        epilog=_EXIT_STATUS_HELP,
     )
     add = parser.add_argument
     add("--robot", action="append", default=[], metavar="FILE",
@@ -93,15 +93,15 @@ def _parser() -> argparse.ArgumentParser:
     add("--renderer", choices=["auto", "trace", "raster"], default="auto",
         help="what the server shall draw by; what it does not need is not tried")  # fmt: skip
     add("--host", default="127.0.0.1", help="address that the server shall listen on")
-    add("--control-port", type=_port, default=3000, metavar="PORT")
-    add("--image-port", type=_port, default=5003, metavar="PORT")
-    add("--stream-port", type=_port, default=5005, metavar="PORT")
+    add("--control-port", type=_parse_port, default=3000, metavar="PORT")
+    add("--image-port", type=_parse_port, default=5003, metavar="PORT")
+    add("--stream-port", type=_parse_port, default=5005, metavar="PORT")
     add("--answers", metavar="HOST", help="examine nothing: ask only whether a server runs there")
     add("--json", action="store_true", help="print one object for programs")
     return parser
 
 
-def _port(text: str) -> int:
+def _parse_port(text: str) -> int:
     port = int(text)
     if not 0 <= port <= 65535:
         raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")

@@ -13,15 +13,15 @@ from catoptra_server.doctor.finding import Finding, fault, ok, warning
 from catoptra_server.scene.meshes import build_scene
 
 
-def examine(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
+def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
     """Yield what is wrong with each file, or that it is well."""
     for path in robots:
-        yield from _examined("robot", path, _robot)
+        yield from _check_file("robot", path, _read_robot_names)
     for path in worlds:
-        yield from _examined("world", path, _world)
+        yield from _check_file("world", path, _read_world_summary)
 
 
-def _examined(
+def _check_file(
     kind: str, path: Path, read: Callable[[Path], tuple[str, IniFile]]
 ) -> Iterator[Finding]:
     topic = f"{kind} {path.stem}"
@@ -32,16 +32,16 @@ def _examined(
         yield fault(topic, str(error), remedy=remedy)
         return
     yield ok(topic, said)
-    for entry in file.unknown():
+    for entry in file.unknown_entries():
         what = f"{entry.where}: key {entry.key} is not known here and has no effect"
         yield warning(topic, what, remedy="correct its spelling, or remove it")
 
 
-def _robot(path: Path) -> tuple[str, IniFile]:
+def _read_robot_names(path: Path) -> tuple[str, IniFile]:
     robots, file = read_robots(path)
     return ", ".join(robot.class_name for robot in robots), file
 
 
-def _world(path: Path) -> tuple[str, IniFile]:
+def _read_world_summary(path: Path) -> tuple[str, IniFile]:
     world, file = read_world(path)
     return f"{world.name}, {len(build_scene(world))} triangles", file

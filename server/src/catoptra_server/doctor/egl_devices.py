@@ -13,12 +13,12 @@ from catoptra_protocol.errors import RendererUnavailableError
 LIBRARY = "libEGL.so.1"
 _EXTENSIONS = 0x3055
 _DRM_DEVICE_FILE = 0x3233
-_MOST = 32
-_NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceStringEXT")
+_MAX_DEVICES = 32
+_FUNCTION_NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceStringEXT")
 _QUERY_DEVICES = ctypes.CFUNCTYPE(
     ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
 )
-_QUERY_TEXT = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+_QUERY_STRING = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
 
 
 class _Egl:
@@ -30,26 +30,26 @@ class _Egl:
         except OSError as error:
             raise RendererUnavailableError(f"{LIBRARY} cannot be loaded ({error})") from error
         library.eglGetProcAddress.restype = ctypes.c_void_p
-        addresses = [library.eglGetProcAddress(name) for name in _NAMES]
+        addresses = [library.eglGetProcAddress(name) for name in _FUNCTION_NAMES]
         if not all(addresses):  # without any driver libglvnd has not even these
             raise RendererUnavailableError(f"{LIBRARY} has no driver that lists devices")
-        self.devices = _QUERY_DEVICES(addresses[0])
-        self.text = _QUERY_TEXT(addresses[1])
+        self.query_devices = _QUERY_DEVICES(addresses[0])
+        self.query_string = _QUERY_STRING(addresses[1])
 
 
-def egl_devices() -> list[str]:
+def list_egl_devices() -> list[str]:
     """Return a description of each device, in EGL's order. Raises RendererUnavailableError."""
     egl = _Egl()
-    devices, count = (ctypes.c_void_p * _MOST)(), ctypes.c_int()
-    if not egl.devices(_MOST, devices, ctypes.byref(count)):
+    devices, count = (ctypes.c_void_p * _MAX_DEVICES)(), ctypes.c_int()
+    if not egl.query_devices(_MAX_DEVICES, devices, ctypes.byref(count)):
         return []
-    return [_description(egl, device) for device in devices[: count.value] if device]
+    return [_describe_device(egl, device) for device in devices[: count.value] if device]
 
 
-def _description(egl: _Egl, device: int) -> str:
-    extensions = (egl.text(device, _EXTENSIONS) or b"").decode().split()
+def _describe_device(egl: _Egl, device: int) -> str:
+    extensions = (egl.query_string(device, _EXTENSIONS) or b"").decode().split()
     if "EGL_MESA_device_software" in extensions:
         return "software"
     if "EGL_EXT_device_drm" in extensions:
-        return (egl.text(device, _DRM_DEVICE_FILE) or b"a device without a file").decode()
+        return (egl.query_string(device, _DRM_DEVICE_FILE) or b"a device without a file").decode()
     return "a device of its driver's own"

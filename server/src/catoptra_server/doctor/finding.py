@@ -21,7 +21,7 @@ class Finding:
 
     level: Level
     topic: str
-    what: str
+    message: str
     remedy: str = ""
 
     def as_dict(self) -> dict[str, str]:
@@ -29,28 +29,28 @@ class Finding:
         return asdict(self) | {"level": self.level.value}
 
     def __str__(self) -> str:
-        line = f"{self.level.value:<8} {self.topic}: {self.what}"
+        line = f"{self.level.value:<8} {self.topic}: {self.message}"
         return f"{line}. Remedy: {self.remedy}" if self.remedy else line
 
 
-def finding_from_dict(read: dict[str, str]) -> Finding:
+def finding_from_dict(data: dict[str, str]) -> Finding:
     """Return the finding that `as_dict` was made of."""
-    return Finding(Level(read["level"]), read["topic"], read["what"], read["remedy"])
+    return Finding(Level(data["level"]), data["topic"], data["what"], data["remedy"])
 
 
-def ok(topic: str, what: str) -> Finding:
+def ok(topic: str, message: str) -> Finding:
     """Return a fact."""
-    return Finding(Level.OK, topic, what)
+    return Finding(Level.OK, topic, message)
 
 
-def warning(topic: str, what: str, *, remedy: str) -> Finding:
+def warning(topic: str, message: str, *, remedy: str) -> Finding:
     """Return a problem that the server can live with."""
-    return Finding(Level.WARNING, topic, what, remedy)
+    return Finding(Level.WARNING, topic, message, remedy)
 
 
-def fault(topic: str, what: str, *, remedy: str) -> Finding:
+def fault(topic: str, message: str, *, remedy: str) -> Finding:
     """Return a problem that keeps the server from serving as asked."""
-    return Finding(Level.FAULT, topic, what, remedy)
+    return Finding(Level.FAULT, topic, message, remedy)
 
 
 def exit_status(findings: Iterable[Finding]) -> int:

@@ -9,15 +9,15 @@ from pathlib import Path
 from catoptra_server.doctor.finding import Finding, ok, warning
 
 # Version 2 of control groups, as container engines set them.
-LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
+CPU_LIMIT_FILE = Path("/sys/fs/cgroup/cpu.max")
 
 
-def processor_findings(
-    count: int | None = None, limit_file: Path = LIMIT_FILE
+def check_processors(
+    count: int | None = None, limit_file: Path = CPU_LIMIT_FILE
 ) -> Iterator[Finding]:
     """Yield the processors, and a warning where a limit leaves fewer than threads are started."""
     count = len(os.sched_getaffinity(0)) if count is None else count
-    limit = cpu_limit(limit_file)
+    limit = read_cpu_limit(limit_file)
     if limit is not None and limit < count:
         threads = max(1, int(limit))
         yield warning(
@@ -29,7 +29,7 @@ def processor_findings(
         yield ok("threads", f"{count} processors")
 
 
-def cpu_limit(file: Path) -> float | None:
+def read_cpu_limit(file: Path) -> float | None:
     """Return how many processors' time a control group grants; None without a limit."""
     try:
         quota, period = file.read_text(encoding="ascii").split()

@@ -36,31 +36,31 @@ from catoptra_server.effects import (
     vignetting,
     white_balance,
 )
-from catoptra_server.effects.effect import Kind
+from catoptra_server.effects.effect import EffectType
 
-EFFECTS: tuple[Kind, ...] = (
-    own_body.KIND,
-    shadows.KIND,
-    rolling_shutter.KIND,
-    motion_blur.KIND,
-    fog.KIND,
-    defocus_by_depth.KIND,
-    defocus.KIND,
-    misalignment.KIND,
-    chromatic_aberration.KIND,
-    diffraction.KIND,
-    mirror_dust.KIND,
-    mirror_reflectance.KIND,
-    vignetting.KIND,
-    exposure.KIND,
-    auto_exposure.KIND,
-    bloom.KIND,
-    fixed_pattern.KIND,
-    shot_noise.KIND,
-    read_noise.KIND,
-    quantisation.KIND,
-    bayer.KIND,
-    white_balance.KIND,
+EFFECT_TYPES: tuple[EffectType, ...] = (
+    own_body.EFFECT_TYPE,
+    shadows.EFFECT_TYPE,
+    rolling_shutter.EFFECT_TYPE,
+    motion_blur.EFFECT_TYPE,
+    fog.EFFECT_TYPE,
+    defocus_by_depth.EFFECT_TYPE,
+    defocus.EFFECT_TYPE,
+    misalignment.EFFECT_TYPE,
+    chromatic_aberration.EFFECT_TYPE,
+    diffraction.EFFECT_TYPE,
+    mirror_dust.EFFECT_TYPE,
+    mirror_reflectance.EFFECT_TYPE,
+    vignetting.EFFECT_TYPE,
+    exposure.EFFECT_TYPE,
+    auto_exposure.EFFECT_TYPE,
+    bloom.EFFECT_TYPE,
+    fixed_pattern.EFFECT_TYPE,
+    shot_noise.EFFECT_TYPE,
+    read_noise.EFFECT_TYPE,
+    quantisation.EFFECT_TYPE,
+    bayer.EFFECT_TYPE,
+    white_balance.EFFECT_TYPE,
 )
 
-__all__ = ["EFFECTS"]
+__all__ = ["EFFECT_TYPES"]

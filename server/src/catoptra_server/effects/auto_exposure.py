@@ -18,81 +18,81 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
-from catoptra_server.effects.capture import Capture
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_gain
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)
+LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True, slots=True)
 class AutoExposure:
     """target: mean light wanted. least, most: the gains that shutter and amplifier allow."""
 
-    target: float
-    least: float
-    most: float
+    target_luminance: float
+    min_gain: float
+    max_gain: float
 
     name: ClassVar[str] = "AutoExposure"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def gain(self, mean: float) -> float:
+    def gain(self, mean_luminance: float) -> float:
         """Return by how much a picture of this mean light is multiplied."""
-        wished = self.target / mean if mean > 0.0 else self.most
-        return min(max(wished, self.least), self.most)
+        wished = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
+        return min(max(wished, self.min_gain), self.max_gain)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the change of the grey that changes most, by the least or the most gain."""
-        gains = (self.gain(summary.largest_radiance), self.most)
-        value = max(change_by_gain(gain, summary.largest_radiance) for gain in gains)
-        return Bound(value, f"gains from {gains[0]:.3g} to {gains[1]:.3g} are possible")
+        gains = (self.gain(summary.max_radiance), self.max_gain)
+        value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
+        return EffectBound(value, f"gains from {gains[0]:.3g} to {gains[1]:.3g} are possible")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what is multiplied by the most."""
-        return replace(summary, largest_radiance=self.most * summary.largest_radiance)
+        return replace(summary, max_radiance=self.max_gain * summary.max_radiance)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the multiplied picture."""
-        return light * light.dtype.type(self.gain(mean_of(light, camera)))
+        return image * image.dtype.type(self.gain(mean_luminance(image, camera)))
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the gain."""
-        return {"gain": floats(self.gain(mean_light()))}
+        return {"gain": float32_array(self.gain(measure_mean_luminance()))}
 
 
-def mean_of(light: npt.NDArray[Real], camera: OmniCamera) -> float:
+def mean_luminance(image: npt.NDArray[Real], camera: OmniCamera) -> float:
     """Return the mean luminance of the pixels that see the mirror."""
-    colours = light.sum(axis=(0, 1), dtype=np.float64)
-    return float(colours @ LUMINANCE) / max(mirror_pixels(camera), 1)
+    colours = image.sum(axis=(0, 1), dtype=np.float64)
+    return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
 
 
 @lru_cache(maxsize=16)
-def mirror_pixels(camera: OmniCamera) -> int:
+def count_mirror_pixels(camera: OmniCamera) -> int:
     """Return how many pixels see the mirror in their middle; all others are black."""
-    return int(direction_from_pixel(camera, pixel_centres(camera))[1].sum())
+    return int(direction_from_pixel(camera, pixel_sample_positions(camera))[1].sum())
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "AutoExposure",
     AutoExposure,
     (
-        Parameter("AutoExposureTarget", "target", 0.18, 1e-4, 1.0),
-        Parameter("AutoExposureLeast", "least", 0.1, 1e-4, 1.0),
-        Parameter("AutoExposureMost", "most", 10.0, 1.0, 1e4),
+        EffectParameter("AutoExposureTarget", "target", 0.18, 1e-4, 1.0),
+        EffectParameter("AutoExposureLeast", "least", 0.1, 1e-4, 1.0),
+        EffectParameter("AutoExposureMost", "most", 10.0, 1.0, 1e4),
     ),
 )

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType, Real, Uniforms
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.shared.grey_levels import grey_level
 
@@ -32,65 +32,65 @@ class Bayer:
 
     name: ClassVar[str] = "Bayer"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return how far the brightest light is from black."""
-        value = grey_level(summary.largest_radiance)
-        return Bound(value, "a pixel may lie between black and the brightest light")
+        value = grey_level(summary.max_radiance)
+        return EffectBound(value, "a pixel may lie between black and the brightest light")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: no mean exceeds what it is of."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture of one measured colour a pixel."""
-        raw = mosaic(light)
+        raw = mosaic(image)
         around = np.pad(raw, 1, mode="reflect")
-        across = light.dtype.type(0.5) * (around[1:-1, :-2] + around[1:-1, 2:])
-        along = light.dtype.type(0.5) * (around[:-2, 1:-1] + around[2:, 1:-1])
+        across = image.dtype.type(0.5) * (around[1:-1, :-2] + around[1:-1, 2:])
+        along = image.dtype.type(0.5) * (around[:-2, 1:-1] + around[2:, 1:-1])
         above, below = around[:-2], around[2:]
-        corners = light.dtype.type(0.25) * (
+        corners = image.dtype.type(0.25) * (
             above[:, :-2] + above[:, 2:] + below[:, :-2] + below[:, 2:]
         )
-        plus = light.dtype.type(0.5) * (across + along)
-        return _assembled(raw, across, along, corners, plus)
+        plus = image.dtype.type(0.5) * (across + along)
+        return _assemble_channels(raw, across, along, corners, plus)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return nothing."""
         return {}
 
 
-def mosaic(light: npt.NDArray[Real]) -> npt.NDArray[Real]:
+def mosaic(image: npt.NDArray[Real]) -> npt.NDArray[Real]:
     """Return the (h, w) light that each pixel measures through its filter."""
-    raw = light[..., 1].copy()
-    raw[::2, ::2] = light[::2, ::2, 0]
-    raw[1::2, 1::2] = light[1::2, 1::2, 2]
+    raw = image[..., 1].copy()
+    raw[::2, ::2] = image[::2, ::2, 0]
+    raw[1::2, 1::2] = image[1::2, 1::2, 2]
     return raw
 
 
-def _assembled(
+def _assemble_channels(
     raw: npt.NDArray[Real],
-    across: npt.NDArray[Real],
-    along: npt.NDArray[Real],
-    corners: npt.NDArray[Real],
-    plus: npt.NDArray[Real],
+    horizontal_mean: npt.NDArray[Real],
+    vertical_mean: npt.NDArray[Real],
+    diagonal_mean: npt.NDArray[Real],
+    cross_mean: npt.NDArray[Real],
 ) -> npt.NDArray[Real]:
     """Return (h, w, 3) of means over the neighbours left and right, above and below, diagonal."""
     rgb = np.zeros((*raw.shape, 3), dtype=raw.dtype)
     for (rows, columns), (red, green, blue) in (
-        ((_EVEN, _EVEN), (raw, plus, corners)),
-        ((_EVEN, _ODD), (across, raw, along)),
-        ((_ODD, _EVEN), (along, raw, across)),
-        ((_ODD, _ODD), (corners, plus, raw)),
+        ((_EVEN, _EVEN), (raw, cross_mean, diagonal_mean)),
+        ((_EVEN, _ODD), (horizontal_mean, raw, vertical_mean)),
+        ((_ODD, _EVEN), (vertical_mean, raw, horizontal_mean)),
+        ((_ODD, _ODD), (diagonal_mean, cross_mean, raw)),
     ):
         for channel, values in enumerate((red, green, blue)):
             rgb[rows, columns, channel] = values[rows, columns]
     return rgb
 
 
-KIND = Kind("Bayer", Bayer)
+EFFECT_TYPE = EffectType("Bayer", Bayer)

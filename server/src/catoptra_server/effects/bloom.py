@@ -18,41 +18,41 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.shared.grey_levels import grey_level
 
 
 @dataclass(frozen=True, slots=True)
-class Bloom:
+class Blooming:
     """share: of the charge above the full well that runs over. length_px: how far, whole pixels."""
 
-    share: float
+    overflow_fraction: float
     length_px: float
 
     name: ClassVar[str] = "Bloom"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what black gains where the brightest light stands above and below."""
-        largest = summary.largest_radiance
+        largest = summary.max_radiance
         share = f"the brightest light is {largest:.3g} of the full well"
-        return Bound(grey_level(self.share * max(largest - 1.0, 0.0)), share)
+        return EffectBound(grey_level(self.overflow_fraction * max(largest - 1.0, 0.0)), share)
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the brightest light between two of its like."""
-        over = max(summary.largest_radiance - 1.0, 0.0)
-        return replace(summary, largest_radiance=summary.largest_radiance + self.share * over)
+        over = max(summary.max_radiance - 1.0, 0.0)
+        return replace(summary, max_radiance=summary.max_radiance + self.overflow_fraction * over)
 
     def weights(self) -> tuple[float, ...]:
         """Return w_k of k = 1 .. n; both sides together have 1."""
@@ -60,32 +60,32 @@ class Bloom:
         return tuple((rows + 1 - k) / (rows * (rows + 1)) for k in range(1, rows + 1))
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture with what runs over."""
-        over = np.maximum(light - light.dtype.type(1.0), light.dtype.type(0.0))
-        bloomed = light.copy()
+        over = np.maximum(image - image.dtype.type(1.0), image.dtype.type(0.0))
+        bloomed = image.copy()
         columns = np.flatnonzero(over.any(axis=(0, 2)))
-        source = light.dtype.type(self.share) * over[:, columns]
+        source = image.dtype.type(self.overflow_fraction) * over[:, columns]
         gained = np.zeros_like(source)
         for k, weight in enumerate(self.weights(), 1):
-            gained[k:] += light.dtype.type(weight) * source[:-k]
-            gained[:-k] += light.dtype.type(weight) * source[k:]
+            gained[k:] += image.dtype.type(weight) * source[:-k]
+            gained[:-k] += image.dtype.type(weight) * source[k:]
         bloomed[:, columns] += gained
         return bloomed
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return share and length."""
-        return {"share": floats(self.share), "length_px": floats(int(self.length_px))}
+        return {"share": float32_array(self.overflow_fraction), "length_px": float32_array(int(self.length_px))}
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "Bloom",
-    Bloom,
+    Blooming,
     (
-        Parameter("BloomShare", "share", 0.1, 0.0, 1.0),
-        Parameter("BloomLength", "length_px", 8.0, 1.0, 256.0),
+        EffectParameter("BloomShare", "share", 0.1, 0.0, 1.0),
+        EffectParameter("BloomLength", "length_px", 8.0, 1.0, 256.0),
     ),
 )

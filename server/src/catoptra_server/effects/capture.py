@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.effects.frame_key import UNKEYED, FrameKey
+from catoptra_server.effects.frame_key import ZERO_SEED, NoiseSeed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Capture:
+class CaptureContext:
     """An exposure as effects know it.
 
     range_m: (h, w) float32 from the effective viewpoint of what the middle of each pixel sees, inf
@@ -19,8 +19,8 @@ class Capture:
     where it lies on a device as the texture `range_m`.
     """
 
-    key: FrameKey = UNKEYED
+    noise_seed: NoiseSeed = ZERO_SEED
     range_m: npt.NDArray[np.float32] | None = None
 
 
-NOTHING_KNOWN = Capture()
+EMPTY_CONTEXT = CaptureContext()

@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.image_scale import visible_radii_px
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, EffectParameter, Real, Uniforms
 from catoptra_server.effects.scene_summary import SceneSummary
 
 _RED, _BLUE = 0, 2
@@ -30,48 +30,48 @@ _RED, _BLUE = 0, 2
 class ChromaticAberration:
     """red, blue: their magnification over that of green."""
 
-    red: float = 1.0
-    blue: float = 1.0
+    red_magnification: float = 1.0
+    blue_magnification: float = 1.0
 
     name: ClassVar[str] = "ChromaticAberration"
     unit: ClassVar[str] = PIXELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return how far the colour that is farther off moves at the farthest place."""
-        off = max(abs(m - 1.0) / min(m, 1.0) for m in (self.red, self.blue))
+        off = max(abs(m - 1.0) / min(m, 1.0) for m in (self.red_magnification, self.blue_magnification))
         radius_px = visible_radii_px(camera)[1]
-        return Bound(off * radius_px, f"the rim's colours differ in size by {off:.2%}")
+        return EffectBound(off * radius_px, f"the rim's colours differ in size by {off:.2%}")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: nothing becomes brighter."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture with its red and its blue resized."""
-        coloured = light.copy()
-        across, down = asides(self, camera)
+        coloured = image.copy()
+        across, down = channel_offsets_px(self, camera)
         for index, colour in enumerate((_RED, _BLUE)):
-            wide = _between(light[..., colour], across[0, :, index], axis=1)
-            coloured[..., colour] = _between(wide, down[:, 0, index], axis=0)
+            wide = _interpolate_along_axis(image[..., colour], across[0, :, index], axis=1)
+            coloured[..., colour] = _interpolate_along_axis(wide, down[:, 0, index], axis=0)
         return coloured
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return how far aside columns and rows are read."""
-        across, down = asides(self, camera)
+        across, down = channel_offsets_px(self, camera)
         return {"across": across, "down": down}
 
 
 @lru_cache(maxsize=4)
-def asides(
+def channel_offsets_px(
     effect: ChromaticAberration, camera: OmniCamera
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return how far aside red and blue are read: (1, w, 2) of columns, (h, 1, 2) of rows."""
-    shrunk = np.array([(1.0 - m) / m for m in (effect.red, effect.blue)])
+    shrunk = np.array([(1.0 - m) / m for m in (effect.red_magnification, effect.blue_magnification)])
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
     across = (u[None, :, None] * shrunk).astype(np.float32)
@@ -81,25 +81,25 @@ def asides(
     return across, down
 
 
-def _between(
-    plane: npt.NDArray[Real], aside: npt.NDArray[np.float32], *, axis: int
+def _interpolate_along_axis(
+    plane: npt.NDArray[Real], offset_px: npt.NDArray[np.float32], *, axis: int
 ) -> npt.NDArray[Real]:
     """Return the (h, w) plane read so far aside of its columns (axis 1) or rows (axis 0)."""
-    whole = np.floor(aside)
-    share = np.expand_dims((aside - whole).astype(plane.dtype), 1 - axis)
-    low = np.arange(len(aside)) + whole.astype(np.intp)
-    last = len(aside) - 1
+    whole = np.floor(offset_px)
+    share = np.expand_dims((offset_px - whole).astype(plane.dtype), 1 - axis)
+    low = np.arange(len(offset_px)) + whole.astype(np.intp)
+    last = len(offset_px) - 1
     one = plane.take(np.clip(low, 0, last), axis=axis)
     other = plane.take(np.clip(low + 1, 0, last), axis=axis)
     mixed: npt.NDArray[Real] = one + share * (other - one)
     return mixed
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "ChromaticAberration",
     ChromaticAberration,
     (
-        Parameter("RedMagnification", "red", 1.0, 0.95, 1.05),
-        Parameter("BlueMagnification", "blue", 1.0, 0.95, 1.05),
+        EffectParameter("RedMagnification", "red", 1.0, 0.95, 1.05),
+        EffectParameter("BlueMagnification", "blue", 1.0, 0.95, 1.05),
     ),
 )

@@ -12,27 +12,27 @@ from typing import cast
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.effect import (
-    Bound,
-    Criterion,
+    EffectBound,
     Effect,
-    EffectWishes,
-    Mode,
-    Wish,
+    ImageEffect,
+    EffectSettings,
+    EffectMode,
+    EffectSetting,
 )
-from catoptra_server.effects.kept_bounds import KeptBounds
+from catoptra_server.effects.kept_bounds import BoundCache
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # So many decisions of an effect are kept: as many as bounds.
-_TOLD = 512
-_ROW = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
+_MAX_CACHED_DECISIONS = 512
+_ROW_FORMAT = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class EffectDecision:
     """Whether an effect runs, the most that it can change any pixel, and the words for it."""
 
     effect: str
-    is_on: bool
+    enabled: bool
     bound: float
     threshold: float
     unit: str
@@ -46,105 +46,105 @@ class EffectPlan:
     staged: what changes the scene. active: what changes the picture.
     """
 
-    decisions: tuple[Decision, ...] = ()
-    staged: tuple[Criterion, ...] = ()
-    active: tuple[Effect, ...] = ()
+    decisions: tuple[EffectDecision, ...] = ()
+    scene_effects: tuple[Effect, ...] = ()
+    image_effects: tuple[ImageEffect, ...] = ()
 
     @property
-    def running(self) -> tuple[Criterion, ...]:
+    def enabled_effects(self) -> tuple[Effect, ...]:
         """Return what changes the scene, then what changes the picture."""
-        return (*self.staged, *self.active)
+        return (*self.scene_effects, *self.image_effects)
 
-    def bound(self, effect: str) -> float:
+    def find_bound(self, effect_name: str) -> float:
         """Return the bound of an effect by its name; 0 of what no file names."""
-        return next((one.bound for one in self.decisions if one.effect == effect), 0.0)
+        return next((one.bound for one in self.decisions if one.effect == effect_name), 0.0)
 
     def __str__(self) -> str:
-        return table(self.decisions, {})
+        return format_decisions(self.decisions, {})
 
 
 NO_EFFECTS = EffectPlan()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Considered:
+class _EffectEntry:
     """A wish, what is known of its bounds, and whether it changes the scene, not the picture.
 
     told: the decisions that followed from bounds.
     """
 
-    wish: Wish
-    bounds: KeptBounds
-    is_staged: bool
-    told: dict[Bound, Decision] = field(default_factory=dict)
+    setting: EffectSetting
+    bound_cache: BoundCache
+    is_scene_effect: bool
+    decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=64)
-def _considered(wishes: EffectWishes, camera: OmniCamera) -> tuple[_Considered, ...]:
+def _effect_entries(settings: EffectSettings, camera: OmniCamera) -> tuple[_EffectEntry, ...]:
     return tuple(
-        _Considered(wish, KeptBounds(wish.effect, camera), not isinstance(wish.effect, Effect))
-        for wish in wishes.wishes
+        _EffectEntry(wish, BoundCache(wish.effect, camera), not isinstance(wish.effect, ImageEffect))
+        for wish in settings.settings
     )
 
 
 @lru_cache(maxsize=256)
-def decide(wishes: EffectWishes, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
+def plan_effects(settings: EffectSettings, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
     """Return which effects run: `always`, or `auto` with a bound above the threshold.
 
     What one before it does as well is left out, whatever the robot's file says.
     """
-    decisions: list[Decision] = []
-    staged: list[Criterion] = []
-    active: list[Criterion] = []
-    for one in _considered(wishes, camera):
-        effect = one.wish.effect
-        threshold = wishes.threshold(effect.unit)
-        decisions.append(_decision(one, summary, threshold))
-        if decisions[-1].is_on:
-            (staged if one.is_staged else active).append(effect)
-            summary = effect.after(summary)
-    return EffectPlan(tuple(decisions), tuple(staged), cast(tuple[Effect, ...], tuple(active)))
+    decisions: list[EffectDecision] = []
+    staged: list[Effect] = []
+    active: list[Effect] = []
+    for one in _effect_entries(settings, camera):
+        effect = one.setting.effect
+        threshold = settings.threshold(effect.unit)
+        decisions.append(_find_decision(one, summary, threshold))
+        if decisions[-1].enabled:
+            (staged if one.is_scene_effect else active).append(effect)
+            summary = effect.update_summary(summary)
+    return EffectPlan(tuple(decisions), tuple(staged), cast(tuple[ImageEffect, ...], tuple(active)))
 
 
-def _decision(one: _Considered, summary: SceneSummary, threshold: float) -> Decision:
-    if one.wish.effect.name in summary.done:
-        return replace(_told(one.wish, Bound(0.0, "it is done already"), threshold), is_on=False)
-    bound = one.bounds.of(summary)
-    known = one.told.get(bound)
+def _find_decision(entry: _EffectEntry, summary: SceneSummary, threshold: float) -> EffectDecision:
+    if entry.setting.effect.name in summary.superseded_effects:
+        return replace(_decide(entry.setting, EffectBound(0.0, "it is done already"), threshold), enabled=False)
+    bound = entry.bound_cache.get(summary)
+    known = entry.decisions.get(bound)
     if known is None:
-        if len(one.told) >= _TOLD:
-            one.told.clear()
-        known = one.told[bound] = _told(one.wish, bound, threshold)
+        if len(entry.decisions) >= _MAX_CACHED_DECISIONS:
+            entry.decisions.clear()
+        known = entry.decisions[bound] = _decide(entry.setting, bound, threshold)
     return known
 
 
-def _told(wish: Wish, bound: Bound, threshold: float) -> Decision:
+def _decide(setting: EffectSetting, bound: EffectBound, threshold: float) -> EffectDecision:
     is_on = {
-        Mode.ALWAYS: True,
-        Mode.NEVER: False,
-        Mode.AUTO: bound.value > threshold,
-    }[wish.mode]
-    asked = "" if wish.mode is Mode.AUTO else f"{wish.mode.value} by the robot's file; "
-    return Decision(
-        effect=wish.effect.name,
-        is_on=is_on,
+        EffectMode.ALWAYS: True,
+        EffectMode.NEVER: False,
+        EffectMode.AUTO: bound.value > threshold,
+    }[setting.mode]
+    asked = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by the robot's file; "
+    return EffectDecision(
+        effect=setting.effect.name,
+        enabled=is_on,
         bound=bound.value,
         threshold=threshold,
-        unit=wish.effect.unit,
+        unit=setting.effect.unit,
         reason=f"{asked}{bound.reason}",
     )
 
 
-def table(decisions: Sequence[Decision], ms: Mapping[str, float]) -> str:
+def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float]) -> str:
     """Return decisions as a table with a row each; ms: what those that run take, where known."""
     if not decisions:
         return "no effects: the robot's file names none"
-    head = _ROW.format("effect", "", "bound", "threshold", "unit", "ms", "reason")
-    return "\n".join((head, *(_row(decision, ms.get(decision.effect)) for decision in decisions)))
+    head = _ROW_FORMAT.format("effect", "", "bound", "threshold", "unit", "ms", "reason")
+    return "\n".join((head, *(_format_row(decision, ms.get(decision.effect)) for decision in decisions)))
 
 
-def _row(decision: Decision, ms: float | None) -> str:
-    state = "on" if decision.is_on else "off"
+def _format_row(decision: EffectDecision, ms: float | None) -> str:
+    state = "on" if decision.enabled else "off"
     numbers = (f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
     taken = "" if ms is None else f"{ms:.1f}"
-    return _ROW.format(decision.effect, state, *numbers, decision.unit, taken, decision.reason)
+    return _ROW_FORMAT.format(decision.effect, state, *numbers, decision.unit, taken, decision.reason)

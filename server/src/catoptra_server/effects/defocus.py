@@ -19,21 +19,21 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms, floats
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, EffectParameter, Real, Uniforms, float32_array
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.disc_kernel import DiscTable, disc_table, row_of
+from catoptra_server.effects.shared.disc_kernel import DiscKernelTable, disc_kernel_table, table_row
 from catoptra_server.effects.shared.lens_blur import (
     Aperture,
-    blur_law,
-    nearest_at,
-    pixel_law,
-    radii_px,
-    telling,
-    whole_pixels,
-    whole_radius_px,
+    circle_of_confusion,
+    min_distance_at_radius,
+    circle_of_confusion_map,
+    sample_radii_px,
+    describe_lens,
+    interior_mask,
+    interior_radius_px,
 )
-from catoptra_server.effects.shared.symmetric_kernels import gathered_within
+from catoptra_server.effects.shared.symmetric_kernels import convolve_symmetric_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,75 +44,75 @@ class Defocus:
 
     name: ClassVar[str] = "Defocus"
     unit: ClassVar[str] = PIXELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the largest disc of what is in view."""
-        radius = radii_px(camera)
-        law = blur_law(self.aperture, camera, radius)
-        near = law.diameter_px(nearest_at(summary, camera, radius))
-        value = float(np.maximum(np.abs(law.fixed_px), near).max())
-        far = float(np.abs(law.fixed_px).max())
-        lens = telling(self.aperture, camera)
-        return Bound(value, f"{lens}: discs of up to {far:.2g} px from afar")
+        radius = sample_radii_px(camera)
+        law = circle_of_confusion(self.aperture, camera, radius)
+        near = law.diameter_px(min_distance_at_radius(summary, camera, radius))
+        value = float(np.maximum(np.abs(law.infinity_diameter_px), near).max())
+        far = float(np.abs(law.infinity_diameter_px).max())
+        lens = describe_lens(self.aperture, camera)
+        return EffectBound(value, f"{lens}: discs of up to {far:.2g} px from afar")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: no pixel gets brighter than the brightest around it."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the blurred picture."""
-        weights = _weights(self, camera, light.dtype)
-        reach = _table(self, camera).reach_px
-        return gathered_within(light, whole_pixels(camera), reach, lambda rows: weights[:, rows])
+        weights = _kernel_weights(self, camera, image.dtype)
+        reach = _kernel_table(self, camera).half_width_px
+        return convolve_symmetric_within(image, interior_mask(camera), reach, lambda rows: weights[:, rows])
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return each pixel's row of the kernels' table, and the table."""
         return {
-            "row": _row_map(self, camera),
-            "weights": _table(self, camera).texture(),
-            "centre_px": floats(*camera.centre_px),
-            "whole_px": floats(whole_radius_px(camera)),
+            "row": _table_row_map(self, camera),
+            "weights": _kernel_table(self, camera).to_texture(),
+            "centre_px": float32_array(*camera.centre_px),
+            "whole_px": float32_array(interior_radius_px(camera)),
         }
 
 
-def _table(effect: Defocus, camera: OmniCamera) -> DiscTable:
-    return disc_table(float(np.abs(pixel_law(effect.aperture, camera).fixed_px).max()))
+def _kernel_table(effect: Defocus, camera: OmniCamera) -> DiscKernelTable:
+    return disc_kernel_table(float(np.abs(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px).max()))
 
 
 @lru_cache(maxsize=2)
-def _weights(effect: Defocus, camera: OmniCamera, dtype: np.dtype[Real]) -> npt.NDArray[Real]:
+def _kernel_weights(effect: Defocus, camera: OmniCamera, dtype: np.dtype[Real]) -> npt.NDArray[Real]:
     """Return the (pairs, h, w) weights of every pixel."""
-    table = _table(effect, camera)
-    row = row_of(pixel_law(effect.aperture, camera).fixed_px)
-    weights: npt.NDArray[Real] = table.mixed(row, table.reach_px).astype(dtype)
+    table = _kernel_table(effect, camera)
+    row = table_row(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px)
+    weights: npt.NDArray[Real] = table.interpolate(row, table.half_width_px).astype(dtype)
     weights.setflags(write=False)
     return weights
 
 
 @lru_cache(maxsize=4)
-def _row_map(effect: Defocus, camera: OmniCamera) -> npt.NDArray[np.float32]:
+def _table_row_map(effect: Defocus, camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Return the (h, w, 1) rows, with their fractions."""
-    row: npt.NDArray[np.float32] = row_of(pixel_law(effect.aperture, camera).fixed_px).astype(
+    row: npt.NDArray[np.float32] = table_row(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px).astype(
         np.float32
     )
     return row[..., None]
 
 
 # Keys that `Diffraction` shares.
-F_NUMBER = Parameter("FNumber", "f_number", 4.0, 0.7, 64.0)
-PIXEL_PITCH = Parameter("PixelPitch", "pixel_pitch_m", 7.4e-6, 1e-7, 1e-3)
+F_NUMBER = EffectParameter("FNumber", "f_number", 4.0, 0.7, 64.0)
+PIXEL_PITCH = EffectParameter("PixelPitch", "pixel_pitch_m", 7.4e-6, 1e-7, 1e-3)
 # 0: where the largest disc of what is far away is least.
-FOCUS_DISTANCE = Parameter("FocusDistance", "focus_m", 0.0, 0.0, 1000.0)
+FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_m", 0.0, 0.0, 1000.0)
 APERTURE_PARAMETERS = (F_NUMBER, PIXEL_PITCH, FOCUS_DISTANCE)
 
 
-def _made(f_number: float, pixel_pitch_m: float, focus_m: float) -> Defocus:
-    return Defocus(Aperture(f_number, pixel_pitch_m, focus_m))
+def _create_effect(f_number: float, pixel_pitch_m: float, focus_distance_m: float) -> Defocus:
+    return Defocus(Aperture(f_number, pixel_pitch_m, focus_distance_m))
 
 
-KIND = Kind("Defocus", _made, APERTURE_PARAMETERS)
+EFFECT_TYPE = EffectType("Defocus", _create_effect, APERTURE_PARAMETERS)

@@ -20,24 +20,24 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.defocus import APERTURE_PARAMETERS, Defocus
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms, floats
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, Real, Uniforms, float32_array
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.disc_kernel import DiscTable, disc_table, row_of
+from catoptra_server.effects.shared.disc_kernel import DiscKernelTable, disc_kernel_table, table_row
 from catoptra_server.effects.shared.lens_blur import (
     Aperture,
-    BlurLaw,
-    blur_law,
-    nearest_at,
-    pixel_law,
-    radii_px,
-    telling,
-    touching_px,
-    whole_pixels,
-    whole_radius_px,
+    CircleOfConfusion,
+    circle_of_confusion,
+    min_distance_at_radius,
+    circle_of_confusion_map,
+    sample_radii_px,
+    describe_lens,
+    max_diameter_px,
+    interior_mask,
+    interior_radius_px,
 )
-from catoptra_server.effects.shared.symmetric_kernels import gathered_within
+from catoptra_server.effects.shared.symmetric_kernels import convolve_symmetric_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,76 +48,76 @@ class DefocusByDepth:
 
     name: ClassVar[str] = "DefocusByDepth"
     unit: ClassVar[str] = PIXELS
-    uses_range: ClassVar[bool] = True
+    needs_range: ClassVar[bool] = True
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return by how much the disc of what is nearest differs from that of infinity."""
-        radius = radii_px(camera)
-        law = blur_law(self.aperture, camera, radius)
-        value = float(largest_change_px(law, nearest_at(summary, camera, radius)).max())
-        nearest = min(summary.in_view_m)
-        lens = telling(self.aperture, camera)
+        radius = sample_radii_px(camera)
+        law = circle_of_confusion(self.aperture, camera, radius)
+        value = float(max_diameter_change_px(law, min_distance_at_radius(summary, camera, radius)).max())
+        nearest = min(summary.visible_min_distances_m)
+        lens = describe_lens(self.aperture, camera)
         where = f"{nearest:.2g} m away" if math.isfinite(nearest) else "far away"
-        return Bound(value, f"{lens}: the nearest is {where}")
+        return EffectBound(value, f"{lens}: the nearest is {where}")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return a summary in which the fixed part is done."""
-        return replace(summary, done=summary.done | {Defocus.name})
+        return replace(summary, superseded_effects=summary.superseded_effects | {Defocus.name})
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the blurred picture."""
-        assert capture.range_m is not None, "depths were not asked for"
-        law = pixel_law(self.aperture, camera)
-        range_m = capture.range_m.astype(np.float64)
-        row = row_of(law.diameter_px(range_m)).astype(light.dtype)
-        table = _table(self, camera)
-        reach = table.reach_up_to(float(row.max()))
-        whole = whole_pixels(camera)
-        return gathered_within(light, whole, reach, lambda rows: table.mixed(row[rows], reach))
+        assert context.range_m is not None, "depths were not asked for"
+        law = circle_of_confusion_map(self.aperture, camera)
+        range_m = context.range_m.astype(np.float64)
+        row = table_row(law.diameter_px(range_m)).astype(image.dtype)
+        table = _kernel_table(self, camera)
+        reach = table.half_width_up_to_row(float(row.max()))
+        whole = interior_mask(camera)
+        return convolve_symmetric_within(image, whole, reach, lambda rows: table.interpolate(row[rows], reach))
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return each pixel's law, and the kernels' table."""
         return {
-            "law": _law_map(self, camera),
-            "weights": _table(self, camera).texture(),
-            "centre_px": floats(*camera.centre_px),
-            "whole_px": floats(whole_radius_px(camera)),
+            "law": _circle_of_confusion_texture(self, camera),
+            "weights": _kernel_table(self, camera).to_texture(),
+            "centre_px": float32_array(*camera.centre_px),
+            "whole_px": float32_array(interior_radius_px(camera)),
         }
 
 
-def largest_change_px(law: BlurLaw, nearest_m: Floats) -> Floats:
+def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) -> Floats:
     """Return the largest change of a disc between infinity and the nearest distance.
 
     What is behind the focus first shrinks, at most to a point, and then grows.
     """
-    added = law.added_px(nearest_m)
-    behind = np.maximum(-law.fixed_px, 0.0)
+    added = circle.near_term_px(min_distance_m)
+    behind = np.maximum(-circle.infinity_diameter_px, 0.0)
     shrunk = np.minimum(added, behind)
-    grown = law.diameter_px(nearest_m) - np.abs(law.fixed_px)
+    grown = circle.diameter_px(min_distance_m) - np.abs(circle.infinity_diameter_px)
     change: Floats = np.maximum(shrunk, grown)
     return change
 
 
-def _table(effect: DefocusByDepth, camera: OmniCamera) -> DiscTable:
+def _kernel_table(effect: DefocusByDepth, camera: OmniCamera) -> DiscKernelTable:
     """Return the kernels of all things outside the mirror, however near."""
-    return disc_table(touching_px(effect.aperture, camera))
+    return disc_kernel_table(max_diameter_px(effect.aperture, camera))
 
 
 @lru_cache(maxsize=4)
-def _law_map(effect: DefocusByDepth, camera: OmniCamera) -> npt.NDArray[np.float32]:
+def _circle_of_confusion_texture(effect: DefocusByDepth, camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Return the (h, w, 4) law: fixed_px, near_px, power_per_m, offset."""
-    law = pixel_law(effect.aperture, camera)
-    parts = (law.fixed_px, law.near_px, law.power_per_m, law.offset)
+    law = circle_of_confusion_map(effect.aperture, camera)
+    parts = (law.infinity_diameter_px, law.near_px, law.power_per_m, law.offset)
     stacked: npt.NDArray[np.float32] = np.stack(parts, axis=-1).astype(np.float32)
     return stacked
 
 
-def _made(f_number: float, pixel_pitch_m: float, focus_m: float) -> DefocusByDepth:
-    return DefocusByDepth(Aperture(f_number, pixel_pitch_m, focus_m))
+def _create_effect(f_number: float, pixel_pitch_m: float, focus_distance_m: float) -> DefocusByDepth:
+    return DefocusByDepth(Aperture(f_number, pixel_pitch_m, focus_distance_m))
 
 
-KIND = Kind("DefocusByDepth", _made, APERTURE_PARAMETERS)
+EFFECT_TYPE = EffectType("DefocusByDepth", _create_effect, APERTURE_PARAMETERS)

@@ -5,7 +5,7 @@ of the light within a first dark ring of diameter 2.44 lambda N, and rings aroun
 weight is the pattern's integral over its square, around a point in the middle of its own; for each
 colour with one wavelength that stands for its filter's band. The pattern never ends: beyond r a
 share of 2 lambda N / (pi^2 r) is left. It is cut at a square five times as wide as the disc, beyond
-which up to 3 % of the light lie (`lost_share`), and brought back to a sum of 1: no light is lost.
+which up to 3 % of the light lie (`truncated_fraction`), and brought back to a sum of 1: no light is lost.
 Source: Airy 1835; encircled light 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other
 faults, the same all over the picture; the f-number is that of the image's side.
 
@@ -26,20 +26,20 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.defocus import F_NUMBER, PIXEL_PITCH
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Real, Uniforms
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, Real, Uniforms
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.symmetric_kernels import gathered, pair_sizes, pairs
+from catoptra_server.effects.shared.symmetric_kernels import convolve_symmetric, pair_multiplicities, offset_pairs
 
 # Assumed: the middles of the bands of a sensor's red, green and blue filters.
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)
 # The first zero of J1, over pi: the dark ring's radius over lambda N.
-_DARK_RING = 3.8317059702075125 / math.pi
+_FIRST_DARK_RING = 3.8317059702075125 / math.pi
 # The kernel's square against the disc.
-_WIDTHS = 5.0
+_KERNEL_WIDTH_IN_DISCS = 5.0
 # Radians of v between two places where the pattern is evaluated, at most: 5 a ring.
-_STEP = 0.6
+_MAX_STEP_RAD = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,81 +51,81 @@ class Diffraction:
 
     name: ClassVar[str] = "Diffraction"
     unit: ClassVar[str] = PIXELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
     def airy_diameter_px(self, wavelength_m: float) -> float:
         """Return the diameter of the first dark ring."""
-        return 2.0 * _DARK_RING * self._unit_px(wavelength_m)
+        return 2.0 * _FIRST_DARK_RING * self._lambda_n_px(wavelength_m)
 
-    def _unit_px(self, wavelength_m: float) -> float:
+    def _lambda_n_px(self, wavelength_m: float) -> float:
         """Return lambda N in px."""
         return wavelength_m * self.f_number / self.pixel_pitch_m
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the radius of the first dark ring in red."""
         diameter = self.airy_diameter_px(WAVELENGTHS_M[0])
-        return Bound(
+        return EffectBound(
             0.5 * diameter, f"at F/{self.f_number:g} the Airy disc of red is {diameter:.2f} px wide"
         )
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: no pixel gets brighter than the brightest around it."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture with every point spread."""
-        weights = kernels(self).astype(light.dtype)[:, :, None, None]
-        return gathered(light, reach_px(self), lambda rows: weights)
+        weights = kernel_weights(self).astype(image.dtype)[:, :, None, None]
+        return convolve_symmetric(image, kernel_half_width_px(self), lambda rows: weights)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the kernels."""
-        return {"weights": _texture(self)}
+        return {"weights": _weights_texture(self)}
 
 
-def reach_px(effect: Diffraction) -> int:
+def kernel_half_width_px(effect: Diffraction) -> int:
     """Return how many pixels aside the kernel goes: with its own pixel, five discs in red."""
-    half_px = 0.5 * _WIDTHS * effect.airy_diameter_px(WAVELENGTHS_M[0])
+    half_px = 0.5 * _KERNEL_WIDTH_IN_DISCS * effect.airy_diameter_px(WAVELENGTHS_M[0])
     return max(1, math.ceil(half_px - 0.5))
 
 
 @lru_cache(maxsize=4)
-def kernels(effect: Diffraction) -> Floats:
+def kernel_weights(effect: Diffraction) -> Floats:
     """Return the (pairs, 3) weights of each colour, summing to 1 over all pixels."""
-    weights = pattern(effect)
-    weights /= pair_sizes(reach_px(effect)) @ weights
+    weights = airy_pattern(effect)
+    weights /= pair_multiplicities(kernel_half_width_px(effect)) @ weights
     weights.setflags(write=False)
     return weights
 
 
-def lost_share(effect: Diffraction) -> Floats:
+def truncated_fraction(effect: Diffraction) -> Floats:
     """Return the (3,) shares of light that fall beyond the kernel, before its sum is made 1."""
-    lost: Floats = 1.0 - pair_sizes(reach_px(effect)) @ pattern(effect)
+    lost: Floats = 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(effect)
     return lost
 
 
-def pattern(effect: Diffraction) -> Floats:
+def airy_pattern(effect: Diffraction) -> Floats:
     """Return the (pairs, 3) shares of a point's light in a pixel of each pair, uncut."""
-    units = [effect._unit_px(wavelength) for wavelength in WAVELENGTHS_M]
-    return np.stack([_pixel_shares(reach_px(effect), unit) for unit in units], axis=-1)
+    units = [effect._lambda_n_px(wavelength) for wavelength in WAVELENGTHS_M]
+    return np.stack([_pixel_integrals(kernel_half_width_px(effect), unit) for unit in units], axis=-1)
 
 
-def _pixel_shares(reach: int, unit_px: float) -> Floats:
+def _pixel_integrals(half_width_px: int, lambda_n_px: float) -> Floats:
     """Return the (pairs,) integrals of Airy's pattern over pixels, by Gauss and Legendre."""
-    count = 8 + math.ceil(math.pi / unit_px / _STEP)
+    count = 8 + math.ceil(math.pi / lambda_n_px / _MAX_STEP_RAD)
     nodes, weights = np.polynomial.legendre.leggauss(count)
     at, weight = 0.5 * nodes, 0.5 * weights
-    shares = [_intensity(np.hypot((i + at)[:, None], j + at), unit_px) for i, j in pairs(reach)]
+    shares = [_airy_intensity(np.hypot((i + at)[:, None], j + at), lambda_n_px) for i, j in offset_pairs(half_width_px)]
     return np.array([weight @ share @ weight for share in shares])
 
 
-def _intensity(radius_px: Floats, unit_px: float) -> Floats:
+def _airy_intensity(radius_px: Floats, lambda_n_px: float) -> Floats:
     """Return the share of light a px^2; the whole is 4 / pi unit_px^2 of the middle's."""
-    v = math.pi * radius_px / unit_px
-    shown: Floats = np.square(_twice_j1_over(v)) * (0.25 * math.pi / unit_px**2)
+    v = math.pi * radius_px / lambda_n_px
+    shown: Floats = np.square(_twice_j1_over(v)) * (0.25 * math.pi / lambda_n_px**2)
     return shown
 
 
@@ -143,10 +143,10 @@ def _twice_j1_over(v: Floats) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def _texture(effect: Diffraction) -> npt.NDArray[np.float32]:
+def _weights_texture(effect: Diffraction) -> npt.NDArray[np.float32]:
     """Return the weights as the shader reads them, (1, pairs, 3)."""
-    texture: npt.NDArray[np.float32] = kernels(effect).astype(np.float32)[None]
+    texture: npt.NDArray[np.float32] = kernel_weights(effect).astype(np.float32)[None]
     return texture
 
 
-KIND = Kind("Diffraction", Diffraction, (F_NUMBER, PIXEL_PITCH))
+EFFECT_TYPE = EffectType("Diffraction", Diffraction, (F_NUMBER, PIXEL_PITCH))

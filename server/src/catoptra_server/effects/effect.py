@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # float64 for the reference; float32 where a renderer applies it to its pictures.
@@ -30,7 +30,7 @@ GREY_LEVELS = "grey levels"
 PIXELS = "px"
 
 
-class Mode(Enum):
+class EffectMode(Enum):
     """Who decides whether an effect runs: its criterion, or the robot's file."""
 
     AUTO = "auto"
@@ -39,14 +39,14 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
+class EffectBound:
     """The most that an effect can change any pixel, in its unit, and why, in words."""
 
     value: float
     reason: str
 
 
-class Criterion(Protocol):
+class Effect(Protocol):
     """What every effect has: frozen parameters in physical units, hashable, and its criterion.
 
     What has no more than this changes what there is to be seen, before anything is drawn:
@@ -64,15 +64,15 @@ class Criterion(Protocol):
     def unit(self) -> str:
         """Return the unit of its bound: GREY_LEVELS or PIXELS."""
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the most that it can change any pixel of what reaches it."""
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return what the summary is behind it."""
 
 
 @runtime_checkable
-class Effect(Criterion, Protocol):
+class ImageEffect(Effect, Protocol):
     """What changes the picture. Most modules of this folder hold one.
 
     Its shader is `glsl/effect_<name>.frag`, with the texture `picture`, `range_m` if it uses
@@ -80,72 +80,72 @@ class Effect(Criterion, Protocol):
     """
 
     @property
-    def uses_range(self) -> bool:
+    def needs_range(self) -> bool:
         """Return whether it asks what each pixel sees: then renderers find that out."""
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the changed picture, a new array of the same type."""
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
 
 
 @lru_cache(maxsize=256)
-def asks_for_more_than_light(effect: Criterion) -> bool:
+def needs_scene_geometry(effect: Effect) -> bool:
     """Return whether a criterion may look at distances, motions or shadows in a summary.
 
     May: what is staged, what looks at what each pixel sees, and what moves or spreads light, by as
     much as the scene is near. The others change the light of a pixel, whatever it shows.
     """
-    return not isinstance(effect, Effect) or effect.uses_range or effect.unit == PIXELS
+    return not isinstance(effect, ImageEffect) or effect.needs_range or effect.unit == PIXELS
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class EffectParameter:
     """A number of an effect: its key in the capture camera's section, its field, its range."""
 
     key: str
     field: str
     default: float
-    at_least: float
-    at_most: float
+    min_value: float
+    max_value: float
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class EffectType:
     """An effect as it is configured: the key of its mode, and its numbers."""
 
     name: str
-    make: Callable[..., Criterion]
-    parameters: tuple[Parameter, ...] = ()
+    factory: Callable[..., Effect]
+    parameters: tuple[EffectParameter, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class EffectSetting:
     """An effect that a robot's file names, and who decides about it."""
 
-    effect: Criterion
-    mode: Mode
+    effect: Effect
+    mode: EffectMode
 
 
 @dataclass(frozen=True, slots=True)
-class EffectWishes:
+class EffectSettings:
     """What a robot's file says of effects, in optical order; most files say nothing.
 
     threshold_grey_levels, threshold_px: what may be left out changes no pixel by more.
     """
 
-    wishes: tuple[Wish, ...] = ()
+    settings: tuple[EffectSetting, ...] = ()
     threshold_grey_levels: float = 0.5
     threshold_px: float = 0.5
     _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        whole = (self.wishes, self.threshold_grey_levels, self.threshold_px)
+        whole = (self.settings, self.threshold_grey_levels, self.threshold_px)
         object.__setattr__(self, "_hash", hash(whole))
 
     def __hash__(self) -> int:
@@ -157,15 +157,15 @@ class EffectWishes:
         return self.threshold_px if unit == PIXELS else self.threshold_grey_levels
 
 
-NO_WISHES = EffectWishes()
+NO_EFFECT_SETTINGS = EffectSettings()
 
 
 @lru_cache(maxsize=64)
-def light_is_enough(wishes: EffectWishes) -> bool:
+def needs_radiance_only(settings: EffectSettings) -> bool:
     """Return whether no effect that is named asks for more of a scene than its light."""
-    return not any(asks_for_more_than_light(wish.effect) for wish in wishes.wishes)
+    return not any(needs_scene_geometry(wish.effect) for wish in settings.settings)
 
 
-def floats(*values: float) -> npt.NDArray[np.float32]:
+def float32_array(*values: float) -> npt.NDArray[np.float32]:
     """Return a uniform's numbers."""
     return np.array(values, dtype=np.float32)

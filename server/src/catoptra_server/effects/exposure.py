@@ -14,63 +14,63 @@ from typing import ClassVar
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_gain
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain
 
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """time_s: the shutter's. white_time_s: the one at which radiance 1 fills the well."""
+    """time_s: the shutter's. white_exposure_s: the one at which radiance 1 fills the well."""
 
-    time_s: float
-    white_time_s: float
+    exposure_s: float
+    white_exposure_s: float
 
     name: ClassVar[str] = "Exposure"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
     @property
     def gain(self) -> float:
         """Return by how much light is multiplied."""
-        return self.time_s / self.white_time_s
+        return self.exposure_s / self.white_exposure_s
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the change of the grey that changes most."""
-        value = change_by_gain(self.gain, summary.largest_radiance)
-        return Bound(value, f"the shutter is open {self.gain:.3g} times as long as white needs")
+        value = max_change_by_gain(self.gain, summary.max_radiance)
+        return EffectBound(value, f"the shutter is open {self.gain:.3g} times as long as white needs")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what is multiplied."""
-        return replace(summary, largest_radiance=self.gain * summary.largest_radiance)
+        return replace(summary, max_radiance=self.gain * summary.max_radiance)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the multiplied picture."""
-        return light * light.dtype.type(self.gain)
+        return image * image.dtype.type(self.gain)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the gain."""
-        return {"gain": floats(self.gain)}
+        return {"gain": float32_array(self.gain)}
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "Exposure",
     Exposure,
     (
-        Parameter("ExposureTime", "time_s", 1.0 / 60.0, 1e-6, 60.0),
-        Parameter("WhiteExposureTime", "white_time_s", 1.0 / 60.0, 1e-6, 60.0),
+        EffectParameter("ExposureTime", "time_s", 1.0 / 60.0, 1e-6, 60.0),
+        EffectParameter("WhiteExposureTime", "white_time_s", 1.0 / 60.0, 1e-6, 60.0),
     ),
 )

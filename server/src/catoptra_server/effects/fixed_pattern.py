@@ -17,20 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
-from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.frame_key import NoiseSeed
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_offset
-from catoptra_server.effects.shared.noise import LARGEST_NORMAL, camera_words, normals
+from catoptra_server.effects.shared.grey_levels import max_change_by_offset
+from catoptra_server.effects.shared.noise import MAX_NORMAL_VARIATE, camera_noise_key, normal_variates
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,57 +43,57 @@ class FixedPattern:
 
     name: ClassVar[str] = "FixedPattern"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what the largest normal number does to the grey that shows it most."""
         dark = self.dsnu_e / self.full_well_e
-        value = change_by_offset(
-            lambda light: LARGEST_NORMAL * (self.prnu * light + dark), summary.largest_radiance
+        value = max_change_by_offset(
+            lambda light: MAX_NORMAL_VARIATE * (self.prnu * light + dark), summary.max_radiance
         )
         spread = f"pixels differ by {100 * self.prnu:.3g} % of gain and {self.dsnu_e:.3g} electrons"
-        return Bound(value, spread)
+        return EffectBound(value, spread)
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the most sensitive pixel."""
-        gain = 1.0 + LARGEST_NORMAL * self.prnu
-        dark = LARGEST_NORMAL * self.dsnu_e / self.full_well_e
-        return replace(summary, largest_radiance=gain * summary.largest_radiance + dark)
+        gain = 1.0 + MAX_NORMAL_VARIATE * self.prnu
+        dark = MAX_NORMAL_VARIATE * self.dsnu_e / self.full_well_e
+        return replace(summary, max_radiance=gain * summary.max_radiance + dark)
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture as unequal pixels measure it."""
-        gain, offset = _pattern(self, FrameKey(capture.key.camera), *light.shape[:2])
-        return light * gain.astype(light.dtype) + offset.astype(light.dtype)
+        gain, offset = _gain_and_offset_maps(self, NoiseSeed(context.noise_seed.camera_key), *image.shape[:2])
+        return image * gain.astype(image.dtype) + offset.astype(image.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return both spreads, and the words of their numbers."""
         return {
-            "spread": floats(self.prnu, self.dsnu_e / self.full_well_e),
-            "gain_words": camera_words(capture.key, "PRNU"),
-            "offset_words": camera_words(capture.key, "DSNU"),
+            "spread": float32_array(self.prnu, self.dsnu_e / self.full_well_e),
+            "gain_words": camera_noise_key(context.noise_seed, "PRNU"),
+            "offset_words": camera_noise_key(context.noise_seed, "DSNU"),
         }
 
 
 @lru_cache(maxsize=4)
-def _pattern(
-    effect: FixedPattern, key: FrameKey, height: int, width: int
+def _gain_and_offset_maps(
+    effect: FixedPattern, seed: NoiseSeed, height: int, width: int
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return a camera's (h, w, 3) gains and offsets; kept, because they never change."""
-    gain = 1.0 + np.float32(effect.prnu) * normals(camera_words(key, "PRNU"), height, width)
+    gain = 1.0 + np.float32(effect.prnu) * normal_variates(camera_noise_key(seed, "PRNU"), height, width)
     dark = np.float32(effect.dsnu_e / effect.full_well_e)
-    return gain, dark * normals(camera_words(key, "DSNU"), height, width)
+    return gain, dark * normal_variates(camera_noise_key(seed, "DSNU"), height, width)
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "FixedPattern",
     FixedPattern,
     (
-        Parameter("Prnu", "prnu", 0.01, 0.0, 0.5),
-        Parameter("Dsnu", "dsnu_e", 2.0, 0.0, 1e5),
-        Parameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),
+        EffectParameter("Prnu", "prnu", 0.01, 0.0, 0.5),
+        EffectParameter("Dsnu", "dsnu_e", 2.0, 0.0, 1e5),
+        EffectParameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),
     ),
 )

@@ -23,24 +23,24 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.colour import srgb_from_linear
 
 # The change has its extremes at black and at the brightest light; the grid is for the kink of the
 # sRGB curve, beside which it may be larger by a hundredth of what little it is there.
-_STEPS = 257
+_NUM_RADIANCES = 257
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Fog:
 
     name: ClassVar[str] = "Fog"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = True
+    needs_range: ClassVar[bool] = True
 
     @property
     def airlight(self) -> tuple[float, float, float]:
@@ -62,60 +62,60 @@ class Fog:
         return self.red, self.green, self.blue
 
     @np.errstate(under="ignore")  # what vanishes does not come through
-    def passed(self, range_m: npt.NDArray[Real]) -> npt.NDArray[Real]:
+    def transmittance(self, range_m: npt.NDArray[Real]) -> npt.NDArray[Real]:
         """Return the part of light that comes through ranges; inf: none, if there is any fog."""
         if self.density_per_m == 0.0:
             return np.ones_like(range_m)
         through: npt.NDArray[Real] = np.exp(range_m * range_m.dtype.type(-self.density_per_m))
         return through
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the change of the light that changes most, at the farthest range."""
         if self.density_per_m == 0.0:
-            return Bound(0.0, "the air is clear")
-        least = float(self.passed(np.array(summary.farthest_m)))
-        top = min(summary.largest_radiance, 1.0)
-        any_light = np.append(0.0, np.geomspace(1e-7, 1.0, _STEPS) * top)[:, None]
-        surfaces = Bound(
-            self._change(any_light, least),
-            f"{100.0 * least:.3g} % of light comes through {summary.farthest_m:.3g} m of fog",
+            return EffectBound(0.0, "the air is clear")
+        least = float(self.transmittance(np.array(summary.max_distance_m)))
+        top = min(summary.max_radiance, 1.0)
+        any_light = np.append(0.0, np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * top)[:, None]
+        surfaces = EffectBound(
+            self._max_change(any_light, least),
+            f"{100.0 * least:.3g} % of light comes through {summary.max_distance_m:.3g} m of fog",
         )
-        behind = np.asarray(summary.background or self.airlight)
-        background = Bound(
-            self._change(behind, 0.0), "the background, where it is seen, has the fog's own light"
+        behind = np.asarray(summary.background_radiance or self.airlight)
+        background = EffectBound(
+            self._max_change(behind, 0.0), "the background, where it is seen, has the fog's own light"
         )
         return max(surfaces, background, key=lambda bound: bound.value)
 
-    def _change(self, light: Floats, through: float) -> float:
+    def _max_change(self, radiance: Floats, transmittance: float) -> float:
         """Return by how many grey levels light changes at most of which so much comes through."""
-        fogged = light * through + np.asarray(self.airlight) * (1.0 - through)
-        return 255.0 * float(np.abs(srgb_from_linear(fogged) - srgb_from_linear(light)).max())
+        fogged = radiance * transmittance + np.asarray(self.airlight) * (1.0 - transmittance)
+        return 255.0 * float(np.abs(srgb_from_linear(fogged) - srgb_from_linear(radiance)).max())
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a scene that is as bright as the fog where that is brighter."""
         if self.density_per_m == 0.0:
             return summary
-        largest = max(summary.largest_radiance, *self.airlight)
-        return replace(summary, largest_radiance=largest, background=self.airlight)
+        largest = max(summary.max_radiance, *self.airlight)
+        return replace(summary, max_radiance=largest, background_radiance=self.airlight)
 
     @np.errstate(under="ignore")
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture through the fog."""
-        assert capture.range_m is not None, "fog asks what each pixel sees"
-        through = self.passed(capture.range_m.astype(light.dtype))[..., None]
-        airlight = np.asarray(self.airlight, dtype=light.dtype)
+        assert context.range_m is not None, "fog asks what each pixel sees"
+        through = self.transmittance(context.range_m.astype(image.dtype))[..., None]
+        airlight = np.asarray(self.airlight, dtype=image.dtype)
         lost = (1 - through) * mirror_mask(camera)
-        return light * (1 - lost) + airlight * lost
+        return image * (1 - lost) + airlight * lost
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return density, airlight, and which pixels see the mirror."""
         return {
-            "density_per_m": floats(self.density_per_m),
-            "airlight": floats(*self.airlight),
+            "density_per_m": float32_array(self.density_per_m),
+            "airlight": float32_array(*self.airlight),
             "mirror_mask": mirror_mask(camera),
         }
 
@@ -123,19 +123,19 @@ class Fog:
 @lru_cache(maxsize=4)
 def mirror_mask(camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Return (h, w, 1): 1 where a pixel sees the mirror in its middle, 0 beside."""
-    mask = direction_from_pixel(camera, pixel_centres(camera))[1].astype(np.float32)
+    mask = direction_from_pixel(camera, pixel_sample_positions(camera))[1].astype(np.float32)
     mask.setflags(write=False)
     return mask
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "Fog",
     Fog,
     (
-        Parameter("FogDensity", "density_per_m", 0.0, 0.0, 100.0),
+        EffectParameter("FogDensity", "density_per_m", 0.0, 0.0, 100.0),
         # Grey as an overcast sky, which scatters the same light into it.
-        Parameter("FogRed", "red", 0.5, 0.0, 100.0),
-        Parameter("FogGreen", "green", 0.5, 0.0, 100.0),
-        Parameter("FogBlue", "blue", 0.5, 0.0, 100.0),
+        EffectParameter("FogRed", "red", 0.5, 0.0, 100.0),
+        EffectParameter("FogGreen", "green", 0.5, 0.0, 100.0),
+        EffectParameter("FogBlue", "blue", 0.5, 0.0, 100.0),
     ),
 )

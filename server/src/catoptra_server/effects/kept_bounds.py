@@ -10,55 +10,55 @@ from __future__ import annotations
 from typing import cast
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import Bound, Criterion
+from catoptra_server.effects.effect import EffectBound, Effect
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # A robot's way through a world has some hundreds; what was found first is forgotten first.
-_KEPT = 512
+_MAX_ENTRIES = 512
 
-_Names = tuple[str, ...]
+_FieldNames = tuple[str, ...]
 
 
-class KeptBounds:
+class BoundCache:
     """The bounds of one effect in the pictures of one camera."""
 
-    def __init__(self, effect: Criterion, camera: OmniCamera) -> None:
+    def __init__(self, effect: Effect, camera: OmniCamera) -> None:
         self._effect = effect
         self._camera = camera
-        self._found: dict[tuple[_Names, tuple[object, ...]], Bound] = {}
-        self._asked_for: list[_Names] = []
+        self._bounds: dict[tuple[_FieldNames, tuple[object, ...]], EffectBound] = {}
+        self._accessed_fields: list[_FieldNames] = []
 
-    def of(self, summary: SceneSummary) -> Bound:
+    def get(self, summary: SceneSummary) -> EffectBound:
         """Return the effect's bound."""
-        for names in self._asked_for:
-            known = self._found.get((names, _values(summary, names)))
+        for names in self._accessed_fields:
+            known = self._bounds.get((names, _field_values(summary, names)))
             if known is not None:
                 return known
-        return self._find(summary)
+        return self._compute(summary)
 
-    def _find(self, summary: SceneSummary) -> Bound:
-        asked = _Asked(summary)
+    def _compute(self, summary: SceneSummary) -> EffectBound:
+        asked = _FieldAccessRecorder(summary)
         bound = self._effect.bound(cast(SceneSummary, asked), self._camera)
-        names = tuple(asked.names)
-        if names not in self._asked_for:
-            self._asked_for.append(names)
-        while len(self._found) >= _KEPT:
-            self._found.pop(next(iter(self._found)))
-        self._found[names, _values(summary, names)] = bound
+        names = tuple(asked.field_names)
+        if names not in self._accessed_fields:
+            self._accessed_fields.append(names)
+        while len(self._bounds) >= _MAX_ENTRIES:
+            self._bounds.pop(next(iter(self._bounds)))
+        self._bounds[names, _field_values(summary, names)] = bound
         return bound
 
 
-class _Asked:
+class _FieldAccessRecorder:
     """A summary that takes note of which of its fields are read; it cannot be copied."""
 
     def __init__(self, summary: SceneSummary) -> None:
         self._summary = summary
-        self.names: dict[str, None] = {}
+        self.field_names: dict[str, None] = {}
 
     def __getattr__(self, name: str) -> object:
-        self.names[name] = None
+        self.field_names[name] = None
         return getattr(self._summary, name)
 
 
-def _values(summary: SceneSummary, names: _Names) -> tuple[object, ...]:
+def _field_values(summary: SceneSummary, names: _FieldNames) -> tuple[object, ...]:
     return tuple(getattr(summary, name) for name in names)

@@ -21,71 +21,71 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_gain
-from catoptra_server.effects.vignetting import inverse_focal
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain
+from catoptra_server.effects.vignetting import inverse_focal_length
 
 # The shader interpolates between so many radii, within 6e-7 for steel in the paper's mirror. Each
 # may take the room of a vec4, of the 256 that OpenGL 3.3 promises.
-_STEPS = 200
+_NUM_RADIAL_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class MirrorReflectance:
     """n, k: the metal's refractive index and extinction."""
 
-    n: float
-    k: float
+    refractive_index: float
+    extinction_coefficient: float
 
     name: ClassVar[str] = "MirrorReflectance"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the change of the brightest light at the angle that changes it most."""
-        gains = self.gains(camera)
-        value = max(change_by_gain(float(g), summary.largest_radiance) for g in gains)
-        angle = math.degrees(float(incidence(np.array(1.0), camera)))
-        return Bound(value, f"light meets the mirror at up to {angle:.0f} degrees")
+        gains = self.relative_reflectances(camera)
+        value = max(max_change_by_gain(float(g), summary.max_radiance) for g in gains)
+        angle = math.degrees(float(mirror_incidence_rad(np.array(1.0), camera)))
+        return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a mirror that reflects all where it reflects most."""
-        most = 1.0 / float(reflectance(np.array(0.0), self.n, self.k))
-        return replace(summary, largest_radiance=most * summary.largest_radiance)
+        most = 1.0 / float(reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient))
+        return replace(summary, max_radiance=most * summary.max_radiance)
 
-    def gains(self, camera: OmniCamera) -> Floats:
+    def relative_reflectances(self, camera: OmniCamera) -> Floats:
         """Return R(i) / R(0) at `_STEPS` + 1 equal steps of the radius, centre to rim."""
-        return self._relative(np.linspace(0.0, 1.0, _STEPS + 1), camera)
+        return self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADIAL_STEPS + 1), camera)
 
-    def _relative(self, share: Floats, camera: OmniCamera) -> Floats:
-        straight = reflectance(np.array(0.0), self.n, self.k)
-        relative: Floats = reflectance(incidence(share, camera), self.n, self.k) / straight
+    def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
+        straight = reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
+        relative: Floats = reflectance(mirror_incidence_rad(radius_fraction, camera), self.refractive_index, self.extinction_coefficient) / straight
         return relative
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture in the mirror of this metal."""
-        return light * _gain_map(self, camera).astype(light.dtype)
+        return image * _gain_map(self, camera).astype(image.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the middle, the rim, and gains by radius."""
         return {
-            "centre_px": floats(*camera.centre_px),
-            "rim_px": floats(camera.rim_radius_px),
-            "gains": floats(*_shader_gains(self, camera)),
+            "centre_px": float32_array(*camera.centre_px),
+            "rim_px": float32_array(camera.rim_radius_px),
+            "gains": float32_array(*_uniform_gains(self, camera)),
         }
 
 
@@ -100,18 +100,18 @@ def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
     return mean
 
 
-def incidence(share: Floats, camera: OmniCamera) -> Floats:
+def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
     """Return at what angle light meets the mirror, at shares of the rim's image radius."""
-    radius_px = share * camera.rim_radius_px
+    radius_px = radius_fraction * camera.rim_radius_px
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
-    psi = np.arctan(radius_px * inverse_focal(camera))
+    psi = np.arctan(radius_px * inverse_focal_length(camera))
     angle: Floats = np.arctan(t) + 0.5 * psi
     return angle
 
 
 @lru_cache(maxsize=4)
-def _shader_gains(effect: MirrorReflectance, camera: OmniCamera) -> tuple[float, ...]:
-    return tuple(effect.gains(camera).tolist())
+def _uniform_gains(effect: MirrorReflectance, camera: OmniCamera) -> tuple[float, ...]:
+    return tuple(effect.relative_reflectances(camera).tolist())
 
 
 @lru_cache(maxsize=4)
@@ -120,17 +120,17 @@ def _gain_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
     share = np.minimum(np.hypot(u[None, :], v[:, None]) / camera.rim_radius_px, 1.0)
-    gains = effect._relative(share, camera)[..., None]
+    gains = effect._relative_reflectance(share, camera)[..., None]
     gains.setflags(write=False)
     return gains
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "MirrorReflectance",
     MirrorReflectance,
     (
         # About those of aluminium in green light.
-        Parameter("MirrorIndex", "n", 0.96, 0.01, 10.0),
-        Parameter("MirrorExtinction", "k", 6.7, 0.0, 20.0),
+        EffectParameter("MirrorIndex", "n", 0.96, 0.01, 10.0),
+        EffectParameter("MirrorExtinction", "k", 6.7, 0.0, 20.0),
     ),
 )

@@ -23,11 +23,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter, Real, Uniforms
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, EffectParameter, Real, Uniforms
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.misaligned_rays import Displacement, read_instead
-from catoptra_server.effects.shared.warp import Warp, warp_aside, warped
+from catoptra_server.effects.shared.misaligned_rays import CameraPoseOffset, lookup_offsets_px
+from catoptra_server.effects.shared.warp import WarpMap, warp_map_from_offsets, warp
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,69 +45,69 @@ class Misalignment:
 
     name: ClassVar[str] = "Misalignment"
     unit: ClassVar[str] = PIXELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
     @property
-    def displacement(self) -> Displacement:
+    def camera_pose_offset(self) -> CameraPoseOffset:
         """Return where the camera stands."""
         offset = (self.x_m, self.y_m, self.axial_m)
-        return Displacement(offset, self.roll_rad, self.pitch_rad)
+        return CameraPoseOffset(offset, self.roll_rad, self.pitch_rad)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return how far off the most displaced pixel looks; of no use, by the whole picture."""
-        if self.displacement == Displacement():
-            return Bound(0.0, "the camera stands where it belongs")
-        aside = read_map(self, camera)
+        if self.camera_pose_offset == CameraPoseOffset():
+            return EffectBound(0.0, "the camera stands where it belongs")
+        aside = lookup_offset_map(self, camera)
         seen = aside[..., 2] > 0.0
         whole = math.hypot(camera.width_px, camera.height_px)
         # float32 rounds the map by less than a part in 1e7.
         shift = float(np.hypot(aside[..., 0], aside[..., 1])[seen].max()) if seen.any() else whole
-        offset_mm = 1e3 * math.hypot(*self.displacement.offset_m)
+        offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
-        return Bound(shift, f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason)
+        return EffectBound(shift, f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason)
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: nothing becomes brighter."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the picture as the displaced camera sees it."""
-        read = warped(light, _warp(self, camera))
-        read[read_map(self, camera)[..., 2] == 0.0] = 0.0
+        read = warp(image, _warp(self, camera))
+        read[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
         return read
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the map."""
-        return {"read_instead": read_map(self, camera)}
+        return {"read_instead": lookup_offset_map(self, camera)}
 
 
 @lru_cache(maxsize=4)
-def read_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
+def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Return (h, w, 3): how far aside of each pixel to read, in u and v, and 1 or 0 for black."""
-    aside, seen = read_instead(camera, effect.displacement)
+    aside, seen = lookup_offsets_px(camera, effect.camera_pose_offset)
     told = np.concatenate((aside, seen[..., None]), axis=-1).astype(np.float32)
     told.setflags(write=False)
     return told
 
 
 @lru_cache(maxsize=4)
-def _warp(effect: Misalignment, camera: OmniCamera) -> Warp:
-    return warp_aside(read_map(effect, camera)[..., :2])
+def _warp(effect: Misalignment, camera: OmniCamera) -> WarpMap:
+    return warp_map_from_offsets(lookup_offset_map(effect, camera)[..., :2])
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "Misalignment",
     Misalignment,
     (
-        Parameter("MisalignmentX", "x_m", 0.0, -0.02, 0.02),
-        Parameter("MisalignmentY", "y_m", 0.0, -0.02, 0.02),
-        Parameter("MisalignmentAxial", "axial_m", 0.0, -0.05, 0.05),
-        Parameter("MisalignmentRoll", "roll_rad", 0.0, -0.1, 0.1),
-        Parameter("MisalignmentPitch", "pitch_rad", 0.0, -0.1, 0.1),
+        EffectParameter("MisalignmentX", "x_m", 0.0, -0.02, 0.02),
+        EffectParameter("MisalignmentY", "y_m", 0.0, -0.02, 0.02),
+        EffectParameter("MisalignmentAxial", "axial_m", 0.0, -0.05, 0.05),
+        EffectParameter("MisalignmentRoll", "roll_rad", 0.0, -0.1, 0.1),
+        EffectParameter("MisalignmentPitch", "pitch_rad", 0.0, -0.1, 0.1),
     ),
 )

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, EffectParameter
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.image_speed import largest_way
+from catoptra_server.effects.shared.image_speed import max_displacement
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,15 +29,15 @@ class MotionBlur:
     name: ClassVar[str] = "MotionBlur"
     unit: ClassVar[str] = PIXELS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return how wide a point is spread at most."""
-        return largest_way(summary, camera, self.exposure_s)
+        return max_displacement(summary, camera, self.exposure_s)
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: a mean is not brighter than the brightest."""
         return summary
 
 
-KIND = Kind(
-    "MotionBlur", MotionBlur, (Parameter("ExposureTime", "exposure_s", 1.0 / 60.0, 1e-6, 60.0),)
+EFFECT_TYPE = EffectType(
+    "MotionBlur", MotionBlur, (EffectParameter("ExposureTime", "exposure_s", 1.0 / 60.0, 1e-6, 60.0),)
 )

@@ -17,29 +17,29 @@ from typing import ClassVar
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import PIXELS, Bound, Kind
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType
 from catoptra_server.effects.scene_summary import SceneSummary
 
 
 @dataclass(frozen=True, slots=True)
-class OwnBody:
+class SelfView:
     """No numbers: the robot's measures are its file's."""
 
     name: ClassVar[str] = "OwnBody"
     unit: ClassVar[str] = PIXELS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the image radius up to which the picture shows the robot itself."""
-        angle_rad = min(summary.own_body_rad, camera.rim_rad)
+        angle_rad = min(summary.ego_body_max_angle_rad, camera.rim_rad)
         if angle_rad == 0.0:
-            return Bound(0.0, "the mirror sees nothing of the robot")
+            return EffectBound(0.0, "the mirror sees nothing of the robot")
         ratio = camera.mirror.radius_ratio_from_t(np.array(math.tan(0.5 * angle_rad)))
         reason = f"the robot is seen up to {math.degrees(angle_rad):.1f} degrees from the axis"
-        return Bound(camera.horizon_radius_px * float(ratio), reason)
+        return EffectBound(camera.horizon_radius_px * float(ratio), reason)
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of a scene in which the robot stands."""
-        return replace(summary, carried_m=summary.own_body_m, largest_shadow=summary.own_shadow)
+        return replace(summary, attached_min_distances_m=summary.ego_body_min_distances_m, max_shadow_loss=summary.max_shadow_loss_with_ego_body)
 
 
-KIND = Kind("OwnBody", OwnBody)
+EFFECT_TYPE = EffectType("OwnBody", SelfView)

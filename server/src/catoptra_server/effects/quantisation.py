@@ -16,18 +16,18 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_offset
+from catoptra_server.effects.shared.grey_levels import max_change_by_offset
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,40 +38,40 @@ class Quantisation:
 
     name: ClassVar[str] = "Quantisation"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
     @property
-    def steps(self) -> float:
+    def max_code(self) -> float:
         """Return the largest code."""
         return float(2 ** int(self.adc_bits) - 1)
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what half a step is in the dark."""
-        value = change_by_offset(
-            lambda light: np.full_like(light, 0.5 / self.steps), summary.largest_radiance
+        value = max_change_by_offset(
+            lambda light: np.full_like(light, 0.5 / self.max_code), summary.max_radiance
         )
-        return Bound(value, f"a converter of {int(self.adc_bits)} bits")
+        return EffectBound(value, f"a converter of {int(self.adc_bits)} bits")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of what was rounded up."""
         return replace(
-            summary, largest_radiance=min(summary.largest_radiance + 0.5 / self.steps, 1.0)
+            summary, max_radiance=min(summary.max_radiance + 0.5 / self.max_code, 1.0)
         )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the rounded picture."""
-        kind = light.dtype.type
-        codes = np.floor(light * kind(self.steps) + kind(0.5))
-        rounded: npt.NDArray[Real] = np.minimum(codes / kind(self.steps), kind(1.0))
+        kind = image.dtype.type
+        codes = np.floor(image * kind(self.max_code) + kind(0.5))
+        rounded: npt.NDArray[Real] = np.minimum(codes / kind(self.max_code), kind(1.0))
         return rounded
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the largest code."""
-        return {"steps": floats(self.steps)}
+        return {"steps": float32_array(self.max_code)}
 
 
-KIND = Kind("Quantisation", Quantisation, (Parameter("AdcBits", "adc_bits", 12.0, 1.0, 16.0),))
+EFFECT_TYPE = EffectType("Quantisation", Quantisation, (EffectParameter("AdcBits", "adc_bits", 12.0, 1.0, 16.0),))

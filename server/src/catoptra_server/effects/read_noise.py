@@ -16,19 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_offset
-from catoptra_server.effects.shared.noise import LARGEST_NORMAL, frame_words, normals
+from catoptra_server.effects.shared.grey_levels import max_change_by_offset
+from catoptra_server.effects.shared.noise import MAX_NORMAL_VARIATE, frame_noise_key, normal_variates
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,48 +40,48 @@ class ReadNoise:
 
     name: ClassVar[str] = "ReadNoise"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
     @property
-    def spread(self) -> float:
+    def standard_deviation(self) -> float:
         """Return the standard deviation in light."""
         return self.read_noise_e / self.full_well_e
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what the largest normal number does in the dark."""
-        value = change_by_offset(
-            lambda light: np.full_like(light, LARGEST_NORMAL * self.spread),
-            summary.largest_radiance,
+        value = max_change_by_offset(
+            lambda light: np.full_like(light, MAX_NORMAL_VARIATE * self.standard_deviation),
+            summary.max_radiance,
         )
-        return Bound(
+        return EffectBound(
             value, f"{self.read_noise_e:.3g} electrons beside {self.full_well_e:.0f} of white"
         )
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel."""
         return replace(
-            summary, largest_radiance=summary.largest_radiance + LARGEST_NORMAL * self.spread
+            summary, max_radiance=summary.max_radiance + MAX_NORMAL_VARIATE * self.standard_deviation
         )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the noisy picture."""
-        drawn = normals(frame_words(capture.key, self.name), *light.shape[:2]).astype(light.dtype)
-        return light + light.dtype.type(self.spread) * drawn
+        drawn = normal_variates(frame_noise_key(context.noise_seed, self.name), *image.shape[:2]).astype(image.dtype)
+        return image + image.dtype.type(self.standard_deviation) * drawn
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the spread, and the words of the frame's numbers."""
-        return {"spread": floats(self.spread), "words": frame_words(capture.key, self.name)}
+        return {"spread": float32_array(self.standard_deviation), "words": frame_noise_key(context.noise_seed, self.name)}
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "ReadNoise",
     ReadNoise,
     (
-        Parameter("ReadNoiseElectrons", "read_noise_e", 13.0, 0.0, 1e5),
-        Parameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),
+        EffectParameter("ReadNoiseElectrons", "read_noise_e", 13.0, 0.0, 1e5),
+        EffectParameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),
     ),
 )

@@ -17,9 +17,9 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import PIXELS, Bound, Kind, Parameter
+from catoptra_server.effects.effect import PIXELS, EffectBound, EffectType, EffectParameter
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.image_speed import largest_speeds, ring_scales, told
+from catoptra_server.effects.shared.image_speed import max_speeds_px_s, ring_scales_and_radii, describe_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,28 +31,28 @@ class RollingShutter:
     name: ClassVar[str] = "RollingShutter"
     unit: ClassVar[str] = PIXELS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return how far anything is carried at most until its row is exposed."""
         if self.readout_s == 0.0:
-            return Bound(0.0, "a global shutter")
-        times_s = self.readout_s * _largest_shares(camera)
-        ways_px = times_s * largest_speeds(summary, camera)
+            return EffectBound(0.0, "a global shutter")
+        times_s = self.readout_s * _max_readout_fractions(camera)
+        ways_px = times_s * max_speeds_px_s(summary, camera)
         ring = int(ways_px.argmax())
-        return Bound(float(ways_px[ring]), told(summary, ring, float(times_s[ring])))
+        return EffectBound(float(ways_px[ring]), describe_motion(summary, ring, float(times_s[ring])))
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: what is shown is shown elsewhere."""
         return summary
 
 
-def _largest_shares(camera: OmniCamera) -> Floats:
+def _max_readout_fractions(camera: OmniCamera) -> Floats:
     """Return how much of the readout lies between the pose and the farthest row of each ring."""
-    radius_px = ring_scales(camera)[1]
+    radius_px = ring_scales_and_radii(camera)[1]
     middle = camera.centre_px[1] / camera.height_px - 0.5
     shares: Floats = abs(middle) + radius_px / camera.height_px
     return np.minimum(shares, 0.5)
 
 
-KIND = Kind(
-    "RollingShutter", RollingShutter, (Parameter("ReadoutTime", "readout_s", 0.0, 0.0, 1.0),)
+EFFECT_TYPE = EffectType(
+    "RollingShutter", RollingShutter, (EffectParameter("ReadoutTime", "readout_s", 0.0, 0.0, 1.0),)
 )

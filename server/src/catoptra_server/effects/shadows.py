@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind
+from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.shared.grey_levels import grey_level
 
@@ -26,17 +26,17 @@ class Shadows:
     name: ClassVar[str] = "Shadows"
     unit: ClassVar[str] = GREY_LEVELS
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what the surface that would change most loses in shadow."""
-        shade = summary.largest_shadow
-        if shade.lost == 0.0:
-            return Bound(0.0, "nothing stands before a light with a direction or a place")
-        value = grey_level(shade.left + shade.lost) - grey_level(shade.left)
-        return Bound(value, f"light of {shade.lost:.3g} can be hidden, {shade.left:.3g} is left")
+        shade = summary.max_shadow_loss
+        if shade.lost_radiance == 0.0:
+            return EffectBound(0.0, "nothing stands before a light with a direction or a place")
+        value = grey_level(shade.remaining_radiance + shade.lost_radiance) - grey_level(shade.remaining_radiance)
+        return EffectBound(value, f"light of {shade.lost_radiance:.3g} can be hidden, {shade.remaining_radiance:.3g} is left")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: where nothing hides a light it is as bright as ever."""
         return summary
 
 
-KIND = Kind("Shadows", Shadows)
+EFFECT_TYPE = EffectType("Shadows", Shadows)

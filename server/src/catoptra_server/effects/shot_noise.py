@@ -17,19 +17,19 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_offset
-from catoptra_server.effects.shared.noise import LARGEST_NORMAL, frame_words, normals
+from catoptra_server.effects.shared.grey_levels import max_change_by_offset
+from catoptra_server.effects.shared.noise import MAX_NORMAL_VARIATE, frame_noise_key, normal_variates
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,40 +40,40 @@ class ShotNoise:
 
     name: ClassVar[str] = "ShotNoise"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what the largest normal number does to the grey that shows it most."""
-        value = change_by_offset(
-            lambda light: LARGEST_NORMAL * np.sqrt(light / self.full_well_e),
-            summary.largest_radiance,
+        value = max_change_by_offset(
+            lambda light: MAX_NORMAL_VARIATE * np.sqrt(light / self.full_well_e),
+            summary.max_radiance,
         )
-        electrons = self.full_well_e * min(summary.largest_radiance, 1.0)
-        return Bound(value, f"{electrons:.0f} electrons in the brightest pixel")
+        electrons = self.full_well_e * min(summary.max_radiance, 1.0)
+        return EffectBound(value, f"{electrons:.0f} electrons in the brightest pixel")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the noisiest pixel; no well holds more than is full."""
-        largest = summary.largest_radiance
-        noisy = largest + LARGEST_NORMAL * float(np.sqrt(largest / self.full_well_e))
-        return replace(summary, largest_radiance=min(noisy, 1.0))
+        largest = summary.max_radiance
+        noisy = largest + MAX_NORMAL_VARIATE * float(np.sqrt(largest / self.full_well_e))
+        return replace(summary, max_radiance=min(noisy, 1.0))
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the noisy picture."""
-        drawn = normals(frame_words(capture.key, self.name), *light.shape[:2]).astype(light.dtype)
-        scale = light.dtype.type(1.0 / self.full_well_e)
-        spread = np.sqrt(np.maximum(light, light.dtype.type(0.0)) * scale)
-        return np.minimum(light + spread * drawn, light.dtype.type(1.0))
+        drawn = normal_variates(frame_noise_key(context.noise_seed, self.name), *image.shape[:2]).astype(image.dtype)
+        scale = image.dtype.type(1.0 / self.full_well_e)
+        spread = np.sqrt(np.maximum(image, image.dtype.type(0.0)) * scale)
+        return np.minimum(image + spread * drawn, image.dtype.type(1.0))
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the light of an electron, and the words of the frame's numbers."""
         return {
-            "electron": floats(1.0 / self.full_well_e),
-            "words": frame_words(capture.key, self.name),
+            "electron": float32_array(1.0 / self.full_well_e),
+            "words": frame_noise_key(context.noise_seed, self.name),
         }
 
 
-KIND = Kind("ShotNoise", ShotNoise, (Parameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),))
+EFFECT_TYPE = EffectType("ShotNoise", ShotNoise, (EffectParameter("FullWell", "full_well_e", 18000.0, 1.0, 1e12),))

@@ -20,10 +20,10 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import GREY_LEVELS, Bound, Kind, Real, Uniforms, floats
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType, Real, Uniforms, float32_array
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_gain
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,53 +32,53 @@ class Vignetting:
 
     name: ClassVar[str] = "Vignetting"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return what the brightest light loses at the rim."""
-        tangent = camera.rim_radius_px * inverse_focal(camera)
-        value = change_by_gain((1.0 + tangent**2) ** -2, summary.largest_radiance)
+        tangent = camera.rim_radius_px * inverse_focal_length(camera)
+        value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
         angle = math.degrees(math.atan(tangent))
-        return Bound(value, f"the rim is seen {angle:.2f} degrees off the lens's axis")
+        return EffectBound(value, f"the rim is seen {angle:.2f} degrees off the lens's axis")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same: on the axis nothing is lost."""
         return summary
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the darkened picture."""
-        return light * cos4(camera).astype(light.dtype)
+        return image * cosine_fourth_map(camera).astype(image.dtype)
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the middle and the focal length."""
         return {
-            "centre_px": floats(*camera.centre_px),
-            "inverse_focal": floats(inverse_focal(camera)),
+            "centre_px": float32_array(*camera.centre_px),
+            "inverse_focal": float32_array(inverse_focal_length(camera)),
         }
 
 
-def inverse_focal(camera: OmniCamera) -> float:
+def inverse_focal_length(camera: OmniCamera) -> float:
     """Return 1 / f of the capture camera, 1/px: tan(psi) of a radius of 1 px; 0 = orthographic."""
-    pinhole_m = camera.mirror.pinhole_m
+    pinhole_m = camera.mirror.pinhole_distance_m
     if math.isinf(pinhole_m):
         return 0.0
-    r, z = camera.mirror.surface(np.array(camera.rim_t))
+    r, z = camera.mirror.surface_point(np.array(camera.rim_t))
     return float(r) / (pinhole_m - float(z)) / camera.rim_radius_px
 
 
 @lru_cache(maxsize=4)
-def cos4(camera: OmniCamera) -> Floats:
+def cosine_fourth_map(camera: OmniCamera) -> Floats:
     """Return the (h, w, 1) factor of each pixel's middle."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * inverse_focal(camera) ** 2
+    tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * inverse_focal_length(camera) ** 2
     factor: Floats = ((1.0 + tangent2) ** -2)[..., None]
     factor.setflags(write=False)
     return factor
 
 
-KIND = Kind("Vignetting", Vignetting)
+EFFECT_TYPE = EffectType("Vignetting", Vignetting)

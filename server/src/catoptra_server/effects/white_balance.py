@@ -15,62 +15,62 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
+from catoptra_server.effects.capture import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
-    Bound,
-    Kind,
-    Parameter,
+    EffectBound,
+    EffectType,
+    EffectParameter,
     Real,
     Uniforms,
-    floats,
+    float32_array,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.shared.grey_levels import change_by_gain
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain
 
 
 @dataclass(frozen=True, slots=True)
 class WhiteBalance:
     """red, blue: gains against green."""
 
-    red: float
-    blue: float
+    red_gain: float
+    blue_gain: float
 
     name: ClassVar[str] = "WhiteBalance"
     unit: ClassVar[str] = GREY_LEVELS
-    uses_range: ClassVar[bool] = False
+    needs_range: ClassVar[bool] = False
 
-    def bound(self, summary: SceneSummary, camera: OmniCamera) -> Bound:
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Return the change of the grey that changes most."""
-        value = max(change_by_gain(g, summary.largest_radiance) for g in (self.red, self.blue))
-        return Bound(value, f"red times {self.red:.3g}, blue times {self.blue:.3g}")
+        value = max(max_change_by_gain(g, summary.max_radiance) for g in (self.red_gain, self.blue_gain))
+        return EffectBound(value, f"red times {self.red_gain:.3g}, blue times {self.blue_gain:.3g}")
 
-    def after(self, summary: SceneSummary) -> SceneSummary:
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the summary of the most amplified colour."""
         return replace(
             summary,
-            largest_radiance=min(summary.largest_radiance, 1.0) * max(self.red, 1.0, self.blue),
+            max_radiance=min(summary.max_radiance, 1.0) * max(self.red_gain, 1.0, self.blue_gain),
         )
 
     def apply(
-        self, light: npt.NDArray[Real], camera: OmniCamera, capture: Capture
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Return the balanced picture."""
-        gains = np.array((self.red, 1.0, self.blue), dtype=light.dtype)
-        return np.minimum(light, light.dtype.type(1.0)) * gains
+        gains = np.array((self.red_gain, 1.0, self.blue_gain), dtype=image.dtype)
+        return np.minimum(image, image.dtype.type(1.0)) * gains
 
     def uniforms(
-        self, camera: OmniCamera, capture: Capture, mean_light: Callable[[], float]
+        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
     ) -> Uniforms:
         """Return the gains."""
-        return {"gains": floats(self.red, 1.0, self.blue)}
+        return {"gains": float32_array(self.red_gain, 1.0, self.blue_gain)}
 
 
-KIND = Kind(
+EFFECT_TYPE = EffectType(
     "WhiteBalance",
     WhiteBalance,
     (
-        Parameter("RedGain", "red", 1.0, 0.05, 20.0),
-        Parameter("BlueGain", "blue", 1.0, 0.05, 20.0),
+        EffectParameter("RedGain", "red", 1.0, 0.05, 20.0),
+        EffectParameter("BlueGain", "blue", 1.0, 0.05, 20.0),
     ),
 )

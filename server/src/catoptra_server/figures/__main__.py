@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.shipped import configuration_file
+from catoptra_server.config.shipped import find_configuration
 from catoptra_server.figures import (
     cube,
     eq2,
@@ -32,26 +32,26 @@ from catoptra_server.figures import (
     polygons,
     rings,
 )
-from catoptra_server.figures.catalogue import Figure, write_captions, write_figure
-from catoptra_server.figures.subject import Subject, open_subject
+from catoptra_server.figures.catalogue import FigureSpec, write_figure_index, write_figure
+from catoptra_server.figures.subject import FigureSubject, open_figure_subject
 from catoptra_server.robot.pose import PlanarPose
 
-EXIT_CANNOT_DRAW = 2
+EXIT_FAILURE = 2
 
 FIGURES = (
-    Figure("omni_frame.png", "Figure 1", 1160, 1130, omni_frame.draw),
-    Figure("faces.png", "Figure 5", 1520, 780, faces.draw),
-    Figure("cube.png", "Figures 4 and 6", 1520, 1120, cube.draw),
-    Figure("rings.png", "Figure 7", 1520, 800, rings.draw),
-    Figure("eq2.png", "Equation 2", 1520, 640, eq2.draw),
-    Figure("meshes.png", "Figure 3", 1520, 620, meshes.draw),
-    Figure("polygons.png", "Figure 8", 1520, 1600, polygons.draw),
-    Figure("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail.draw),
-    Figure("polygon_error.png", "Section 3.1", 1520, 760, polygon_error.draw),
+    FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, omni_frame.draw),
+    FigureSpec("faces.png", "Figure 5", 1520, 780, faces.draw),
+    FigureSpec("cube.png", "Figures 4 and 6", 1520, 1120, cube.draw),
+    FigureSpec("rings.png", "Figure 7", 1520, 800, rings.draw),
+    FigureSpec("eq2.png", "Equation 2", 1520, 640, eq2.draw),
+    FigureSpec("meshes.png", "Figure 3", 1520, 620, meshes.draw),
+    FigureSpec("polygons.png", "Figure 8", 1520, 1600, polygons.draw),
+    FigureSpec("polygon_detail.png", "Figure 9", 1520, 440, polygon_detail.draw),
+    FigureSpec("polygon_error.png", "Section 3.1", 1520, 760, polygon_error.draw),
 )
 
 
-def write_figures(subject: Subject, folder: Path, progress: Progress) -> None:
+def write_figures(subject: FigureSubject, folder: Path, progress: Progress) -> None:
     """Write all figures and figures.json into a folder, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     task = progress.add_task("figures", total=len(FIGURES))
@@ -61,7 +61,7 @@ def write_figures(subject: Subject, folder: Path, progress: Progress) -> None:
         captions[figure] = write_figure(figure, subject, folder)
         progress.advance(task)
     progress.update(task, description="figures")
-    write_captions(captions, folder)
+    write_figure_index(captions, folder)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,16 +69,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(arguments)
     console = Console(stderr=True)
     try:
-        robot = configuration_file("robots", parsed.robot)
-        worlds = [configuration_file("worlds", name) for name in (parsed.world, parsed.rings_world)]
+        robot = find_configuration("robots", parsed.robot)
+        worlds = [find_configuration("worlds", name) for name in (parsed.world, parsed.rings_world)]
         with (
-            open_subject(robot, *worlds, pose=_pose(parsed.pose)) as subject,
+            open_figure_subject(robot, *worlds, pose=_planar_pose(parsed.pose)) as subject,
             _progress(console) as progress,
         ):
             write_figures(subject, parsed.output, progress)
     except (CatoptraError, OSError) as error:
         console.print(f"catoptra figures: {error}", style="red", markup=False, soft_wrap=True)
-        return EXIT_CANNOT_DRAW
+        return EXIT_FAILURE
     console.print(f"{len(FIGURES)} figures in {parsed.output}", markup=False, highlight=False)
     return 0
 
@@ -93,7 +93,7 @@ def _progress(console: Console) -> Progress:
     )
 
 
-def _pose(numbers: Sequence[float] | None) -> PlanarPose | None:
+def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
     if numbers is None:
         return None
     x_m, y_m, yaw_deg = numbers

@@ -22,7 +22,7 @@ class Axonometry:
     viewer_from_mirror: Floats
 
     @classmethod
-    def of_viewer(cls, *, azimuth_deg: float, elevation_deg: float) -> Axonometry:
+    def from_view_angles(cls, *, azimuth_deg: float, elevation_deg: float) -> Axonometry:
         """Return the view from an azimuth (x towards y) and an elevation above the horizon."""
         azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
         level = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
@@ -31,11 +31,11 @@ class Axonometry:
         up = math.cos(elevation) * world_up - math.sin(elevation) * level
         return cls(np.stack((np.cross(up, towards), up, towards)))
 
-    def flat(self, points: Floats) -> Floats:
+    def project(self, points: Floats) -> Floats:
         """Return (..., 2) drawn coordinates of (..., 3) points."""
         return points @ self.viewer_from_mirror[:2].T
 
-    def farthest_first(self, polygons: Floats) -> npt.NDArray[np.intp]:
+    def depth_order(self, polygons: Floats) -> npt.NDArray[np.intp]:
         """Return the (n,) order in which (n, k, 3) polygons hide each other rightly."""
         depth = polygons.mean(axis=1) @ self.viewer_from_mirror[2]
         return np.argsort(depth)
@@ -50,14 +50,14 @@ class Axonometry:
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         return normal @ self.viewer_from_mirror.T
 
-    def faces_viewer(self, polygons: Floats) -> Bools:
+    def front_facing_mask(self, polygons: Floats) -> Bools:
         """Return which (n, 4, 3) polygons turn their normal to the viewer."""
         turned: Bools = self.normals(polygons)[:, 2] > 0.0
         return turned
 
 
 # The lamp stands above the viewer's left shoulder.
-_LAMP = np.array([-0.5, 0.15, 0.85])
+_LIGHT_DIRECTION = np.array([-0.5, 0.15, 0.85])
 
 
 def shade(normals: Floats) -> Floats:
@@ -65,7 +65,7 @@ def shade(normals: Floats) -> Floats:
 
     Lambert's law and a glint.
     """
-    lamp = _LAMP / np.linalg.norm(_LAMP)
+    lamp = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
     cosine = np.clip(normals @ lamp, 0.0, None)
     half = lamp + np.array([0.0, 0.0, 1.0])
     glint = np.clip(normals @ (half / np.linalg.norm(half)), 0.0, None) ** 30

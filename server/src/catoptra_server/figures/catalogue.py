@@ -13,52 +13,52 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_server.figures import style
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.subject import FigureSubject
 
-Numbers = dict[str, float]
+Metrics = dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Caption:
+class FigureCaption:
     """The words about a drawn figure. `alt` tells a reader without eyes what is in it."""
 
     title: str
     caption: str
     alt: str
-    numbers: Numbers
+    metrics: Metrics
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class FigureSpec:
     """A line of the table of figures. `figure`: which of the paper's it stands for, if any."""
 
     file: str
-    figure: str
+    paper_reference: str
     width_px: int
     height_px: int
-    draw: Callable[[style.Page, Subject], Caption]
+    draw: Callable[[style.Page, FigureSubject], FigureCaption]
 
 
-def write_figure(figure: Figure, subject: Subject, folder: Path) -> Caption:
+def write_figure(figure: FigureSpec, subject: FigureSubject, folder: Path) -> FigureCaption:
     """Draw a figure into a folder; return the words about it."""
-    with style.page(figure.width_px, figure.height_px) as page:
+    with style.open_page(figure.width_px, figure.height_px) as page:
         caption = figure.draw(page, subject)
-        style.save(page, folder / figure.file)
+        style.save_page(page, folder / figure.file)
     return caption
 
 
-def write_captions(captions: Mapping[Figure, Caption], folder: Path) -> None:
+def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Path) -> None:
     """Write figures.json."""
     entries = [
         {
             "file": figure.file,
-            "figure": figure.figure,
+            "figure": figure.paper_reference,
             "title": caption.title,
             "caption": caption.caption,
             "alt": caption.alt,
         }
         for figure, caption in captions.items()
     ]
-    numbers = {Path(figure.file).stem: caption.numbers for figure, caption in captions.items()}
+    numbers = {Path(figure.file).stem: caption.metrics for figure, caption in captions.items()}
     text = json.dumps({"figures": entries, "numbers": numbers}, indent=2, ensure_ascii=False)
     (folder / "figures.json").write_text(text + "\n", encoding="utf-8")

@@ -13,58 +13,58 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.figures import style
 from catoptra_server.figures.axonometry import Axonometry, shade
-from catoptra_server.figures.catalogue import Caption
+from catoptra_server.figures.catalogue import FigureCaption
 from catoptra_server.figures.faces import FACES
-from catoptra_server.figures.mapped_mirror import draw_frame_with_borders, draw_mapped_mirror
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.mapped_mirror import draw_frame_with_borders, draw_textured_mirror
+from catoptra_server.figures.subject import FigureSubject
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.mirror_mesh import PolygonSplit, mirror_polygons
+from catoptra_server.scene.mirror_mesh import Tessellation, mirror_polygons
 
-_ABOVE = Axonometry.of_viewer(azimuth_deg=147.0, elevation_deg=24.0)
+_VIEW_FROM_ABOVE = Axonometry.from_view_angles(azimuth_deg=147.0, elevation_deg=24.0)
 # The cube has no size of its own, only directions; one and a half mirrors makes a good drawing.
-_CUBE_OVER_RIM = 1.55
+_CUBE_TO_RIM_RATIO = 1.55
 _RAY_AZIMUTH_RAD, _RAY_THETA_RAD = math.radians(-62.0), math.radians(80.0)
 _FACE_PX = 360
 
 
-def draw(page: style.Page, subject: Subject) -> Caption:
+def draw(page: style.Page, subject: FigureSubject) -> FigureCaption:
     """Draw the cube with the mirror in it, the mapped mirror, and the frame."""
     camera = subject.camera
-    if not math.isfinite(camera.mirror.pinhole_m):
+    if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("the drawing of mirror and cube needs a capture camera with a pinhole")
-    pictures = {face: subject.face(face, _FACE_PX, samples=2) for face in FACES}
-    rim_m = float(camera.mirror.surface(np.array(camera.rim_t))[0])
-    _draw_cube(style.axes(page, 10, 20, 860, 1080), camera, pictures, _CUBE_OVER_RIM * rim_m)
-    style.words(page, 910, 30, "the cube projected onto the mirror", fontweight="bold")
-    draw_mapped_mirror(page, camera, pictures, left=930, top=86, width=540)
-    style.words(page, 910, 580, "what the capture camera sees of it", fontweight="bold")
+    pictures = {face: subject.render_face(face, _FACE_PX, samples=2) for face in FACES}
+    rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
+    _draw_cube(style.add_axes(page, 10, 20, 860, 1080), camera, pictures, _CUBE_TO_RIM_RATIO * rim_m)
+    style.add_text(page, 910, 30, "the cube projected onto the mirror", fontweight="bold")
+    draw_textured_mirror(page, camera, pictures, left=930, top=86, width=540)
+    style.add_text(page, 910, 580, "what the capture camera sees of it", fontweight="bold")
     draw_frame_with_borders(page, subject, left=960, top=628, width=480)
     return _caption(camera, rim_m)
 
 
 def _draw_cube(
-    on: style.Axes, camera: OmniCamera, pictures: dict[Face, Image], half_m: float
+    axes: style.Axes, camera: OmniCamera, face_images: dict[Face, Image], half_m: float
 ) -> None:
     for face in (Face.C, Face.N, Face.W):
-        plane = half_m * FACE_AXES[face][:, (1, 2, 0)]  # right, down, and the middle
-        style.skewed_picture(on, pictures[face], _ABOVE.viewer_from_mirror[:2] @ plane)
-    _draw_edges(on, half_m)
-    _draw_bowl(on, camera)
-    _draw_ray(on, camera, half_m)
-    _name_faces(on, half_m)
-    low = _ABOVE.flat(np.array([0.0, 0.0, camera.mirror.pinhole_m]))[1]
-    on.set(
+        plane = half_m * MIRROR_FROM_FACE_ROTATIONS[face][:, (1, 2, 0)]  # right, down, and the middle
+        style.show_skewed_image(axes, face_images[face], _VIEW_FROM_ABOVE.viewer_from_mirror[:2] @ plane)
+    _draw_edges(axes, half_m)
+    _draw_mirror(axes, camera)
+    _draw_ray(axes, camera, half_m)
+    _label_faces(axes, half_m)
+    low = _VIEW_FROM_ABOVE.project(np.array([0.0, 0.0, camera.mirror.pinhole_distance_m]))[1]
+    axes.set(
         xlim=(-1.55 * half_m, 1.55 * half_m), ylim=(low - 0.25 * half_m, 1.62 * half_m),
         aspect="equal", anchor="N",
     )  # fmt: skip
-    on.axis("off")
+    axes.axis("off")
 
 
-def _draw_edges(on: style.Axes, half_m: float) -> None:
+def _draw_edges(axes: style.Axes, half_m: float) -> None:
     """Draw the twelve edges; those of the open near sides and of the missing top are dashed."""
     for axis in range(3):
         for first in (-1.0, 1.0):
@@ -76,68 +76,68 @@ def _draw_edges(on: style.Axes, half_m: float) -> None:
                 middle = ends.mean(axis=0)
                 on_wall = middle[0] > 0.0 or middle[1] < 0.0 or middle[2] > 0.0
                 line = (0, ()) if on_wall else (0, (4, 3))
-                on.plot(*_ABOVE.flat(ends).T, color=style.INK, linewidth=0.8, linestyle=line)
+                axes.plot(*_VIEW_FROM_ABOVE.project(ends).T, color=style.FOREGROUND, linewidth=0.8, linestyle=line)
 
 
-def _draw_bowl(on: style.Axes, camera: OmniCamera) -> None:
+def _draw_mirror(axes: style.Axes, camera: OmniCamera) -> None:
     """Draw the mirror from above: its dull back inside, its reflecting side outside."""
-    bowl = mirror_polygons(camera, PolygonSplit(72, 24))
-    bowl = bowl[_ABOVE.farthest_first(bowl)]
-    normals = _ABOVE.normals(bowl)
+    bowl = mirror_polygons(camera, Tessellation(72, 24))
+    bowl = bowl[_VIEW_FROM_ABOVE.depth_order(bowl)]
+    normals = _VIEW_FROM_ABOVE.normals(bowl)
     outside = normals[:, 2:] > 0.0
     bright = shade(np.where(outside, normals, -normals))[:, None]
     colours = bright * np.where(outside, (0.62, 0.74, 0.86), (0.80, 0.80, 0.78)) * 1.15
-    style.polygons(on, _ABOVE.flat(bowl), np.clip(colours, 0.0, 1.0))
+    style.fill_polygons(axes, _VIEW_FROM_ABOVE.project(bowl), np.clip(colours, 0.0, 1.0))
 
 
-def _draw_ray(on: style.Axes, camera: OmniCamera, half_m: float) -> None:
+def _draw_ray(axes: style.Axes, camera: OmniCamera, half_m: float) -> None:
     """Draw a ray from the cube's wall to the mirror and the pinhole, and where it aims."""
     level = np.array([math.cos(_RAY_AZIMUTH_RAD), math.sin(_RAY_AZIMUTH_RAD), 0.0])
     towards = math.sin(_RAY_THETA_RAD) * level + math.cos(_RAY_THETA_RAD) * np.eye(3)[2]
-    r, z = camera.mirror.surface(np.array(math.tan(0.5 * _RAY_THETA_RAD)))
+    r, z = camera.mirror.surface_point(np.array(math.tan(0.5 * _RAY_THETA_RAD)))
     mirror = float(r) * level + float(z) * np.eye(3)[2]
     wall = half_m * towards / np.abs(towards).max()
     viewpoint = np.zeros(3)
-    pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_m])
-    way = _ABOVE.flat(np.stack((wall, mirror, pinhole)))
-    on.plot(*way.T, color=style.ORANGE, linewidth=1.6)
-    on.plot(*_ABOVE.flat(np.stack((mirror, viewpoint))).T, ":", color=style.ORANGE)
-    on.plot(*_ABOVE.flat(np.stack((viewpoint, pinhole))).T, color=style.QUIET, linewidth=0.7,
+    pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m])
+    way = _VIEW_FROM_ABOVE.project(np.stack((wall, mirror, pinhole)))
+    axes.plot(*way.T, color=style.ORANGE, linewidth=1.6)
+    axes.plot(*_VIEW_FROM_ABOVE.project(np.stack((mirror, viewpoint))).T, ":", color=style.ORANGE)
+    axes.plot(*_VIEW_FROM_ABOVE.project(np.stack((viewpoint, pinhole))).T, color=style.MUTED, linewidth=0.7,
             linestyle=(0, (8, 3, 1, 3)))  # fmt: skip
     for point, name, offset in (
         (viewpoint, "effective\nviewpoint", (64, -106)),
         (pinhole, "pinhole of the\ncapture camera", (14, -4)),
         (wall, "a point of\nthe scene", (-34, -122)),
     ):
-        on.plot(*_ABOVE.flat(point), "o", color=style.INK, markersize=4)
-        _name(on, _ABOVE.flat(point), name, offset)
+        axes.plot(*_VIEW_FROM_ABOVE.project(point), "o", color=style.FOREGROUND, markersize=4)
+        _annotate_point(axes, _VIEW_FROM_ABOVE.project(point), name, offset)
     rim = np.array([*(0.9 * float(r) * -level[:2]), -0.8 * float(r)])
-    _name(on, _ABOVE.flat(rim), "mirror", (40, 92))
+    _annotate_point(axes, _VIEW_FROM_ABOVE.project(rim), "mirror", (40, 92))
 
 
-def _name(on: style.Axes, at: Floats, name: str, offset: tuple[float, float]) -> None:
-    on.annotate(
-        name, at, offset, textcoords="offset points", va="center",
+def _annotate_point(axes: style.Axes, point: Floats, name: str, offset: tuple[float, float]) -> None:
+    axes.annotate(
+        name, point, offset, textcoords="offset points", va="center",
         ha="left" if offset[0] > 0 else "right",
-        bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 1.5, "alpha": 0.85},
-        arrowprops={"arrowstyle": "-", "color": style.INK, "linewidth": 0.5, "shrinkB": 2},
+        bbox={"facecolor": style.BACKGROUND, "edgecolor": "none", "pad": 1.5, "alpha": 0.85},
+        arrowprops={"arrowstyle": "-", "color": style.FOREGROUND, "linewidth": 0.5, "shrinkB": 2},
     )  # fmt: skip
 
 
-def _name_faces(on: style.Axes, half_m: float) -> None:
+def _label_faces(axes: style.Axes, half_m: float) -> None:
     corners = {Face.N: (0.8, 0.82), Face.W: (-0.8, 0.82), Face.C: (0.0, 0.8)}
     for face, (s, t) in corners.items():
-        at = half_m * FACE_AXES[face] @ np.array([1.0, s, t])
-        on.text(*_ABOVE.flat(at), face.name, fontweight="bold", ha="center", va="center",
-                bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 2})  # fmt: skip
+        at = half_m * MIRROR_FROM_FACE_ROTATIONS[face] @ np.array([1.0, s, t])
+        axes.text(*_VIEW_FROM_ABOVE.project(at), face.name, fontweight="bold", ha="center", va="center",
+                bbox={"facecolor": style.BACKGROUND, "edgecolor": "none", "pad": 2})  # fmt: skip
 
 
-def _caption(camera: OmniCamera, rim_m: float) -> Caption:
+def _caption(camera: OmniCamera, rim_m: float) -> FigureCaption:
     numbers = {
         "mirror_diameter_mm": round(2e3 * rim_m, 1),
-        "pinhole_below_viewpoint_mm": round(1e3 * camera.mirror.pinhole_m, 1),
+        "pinhole_below_viewpoint_mm": round(1e3 * camera.mirror.pinhole_distance_m, 1),
     }
-    return Caption(
+    return FigureCaption(
         title="Cube, mirror and frame",
         caption=(
             "A ray that aims at the effective viewpoint is reflected into the pinhole, "
@@ -150,5 +150,5 @@ def _caption(camera: OmniCamera, rim_m: float) -> Caption:
             "ray goes from a wall to the mirror and down to the pinhole. Beside it the mirror "
             "from below carrying the pictures, and the round frame with the cube's edges."
         ),
-        numbers=numbers,
+        metrics=numbers,
     )

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 from catoptra_server.effects.auto_exposure import AutoExposure
 from catoptra_server.effects.bayer import Bayer
-from catoptra_server.effects.bloom import Bloom
+from catoptra_server.effects.bloom import Blooming
 from catoptra_server.effects.chromatic_aberration import ChromaticAberration
 from catoptra_server.effects.defocus import Defocus
 from catoptra_server.effects.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.diffraction import Diffraction
-from catoptra_server.effects.effect import Criterion
+from catoptra_server.effects.effect import Effect
 from catoptra_server.effects.exposure import Exposure as ShutterTime
 from catoptra_server.effects.fixed_pattern import FixedPattern
 from catoptra_server.effects.fog import Fog
@@ -23,174 +23,174 @@ from catoptra_server.effects.mirror_dust import MirrorDust
 from catoptra_server.effects.mirror_reflectance import MirrorReflectance
 from catoptra_server.effects.misalignment import Misalignment
 from catoptra_server.effects.motion_blur import MotionBlur
-from catoptra_server.effects.own_body import OwnBody
+from catoptra_server.effects.own_body import SelfView
 from catoptra_server.effects.quantisation import Quantisation
 from catoptra_server.effects.read_noise import ReadNoise
 from catoptra_server.effects.rolling_shutter import RollingShutter
 from catoptra_server.effects.shadows import Shadows
 from catoptra_server.effects.shared.lens_blur import Aperture
-from catoptra_server.effects.shared.mirror_marks import Marks
+from catoptra_server.effects.shared.mirror_marks import Contaminants
 from catoptra_server.effects.shot_noise import ShotNoise
 from catoptra_server.effects.vignetting import Vignetting
 from catoptra_server.effects.white_balance import WhiteBalance
 from catoptra_server.scene.motion import AT_REST, Twist
 
-_DIM = ShutterTime(0.004, 0.02)
-_LONG = ShutterTime(0.06, 0.02)
-_LENS = Aperture(4.0, 7.4e-6, 0.0)
-_FAST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
+_SHORT_EXPOSURE = ShutterTime(0.004, 0.02)
+_LONG_EXPOSURE = ShutterTime(0.06, 0.02)
+_APERTURE = Aperture(4.0, 7.4e-6, 0.0)
+_FAST_TWIST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
 
 
 @dataclass(frozen=True, slots=True)
-class Quiet:
+class NegligibleCase:
     """A scene that does not call for an effect: what is different there, in words."""
 
-    words: str
-    effect: Criterion
-    largest: float = 1.0
+    description: str
+    effect: Effect
+    max_radiance: float = 1.0
     rim_deg: float = 120.0
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class EffectCase:
     """What a page shows. before: effects in front of it. zoom: how much of the middle is shown.
 
     twist: of the robot, in its own axes. near_m: how far ahead of the mirror a board stands.
     """
 
-    effect: Criterion
-    quiet: Quiet
-    words: str
-    before: tuple[Criterion, ...] = ()
+    effect: Effect
+    negligible_case: NegligibleCase
+    description: str
+    upstream_effects: tuple[Effect, ...] = ()
     zoom: int = 1
     twist: Twist = AT_REST
-    near_m: float = math.inf
+    board_distance_m: float = math.inf
 
 
-CASES = (
-    Case(
-        OwnBody(),
-        Quiet("a camera that no robot carries", OwnBody()),
+EFFECT_CASES = (
+    EffectCase(
+        SelfView(),
+        NegligibleCase("a camera that no robot carries", SelfView()),
         "the P2AT in the mirror above it",
     ),
-    Case(
+    EffectCase(
         Shadows(),
-        Quiet("a floor alone", Shadows()),
+        NegligibleCase("a floor alone", Shadows()),
         "lamps behind on the left",
-        before=(OwnBody(),),
+        upstream_effects=(SelfView(),),
     ),
-    Case(
+    EffectCase(
         RollingShutter(1.0 / 30.0),
-        Quiet("a robot that stands", RollingShutter(1.0 / 30.0)),
+        NegligibleCase("a robot that stands", RollingShutter(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, rows read in 33 ms",
-        twist=_FAST,
+        twist=_FAST_TWIST,
     ),
-    Case(
+    EffectCase(
         MotionBlur(1.0 / 30.0),
-        Quiet("a robot that stands", MotionBlur(1.0 / 30.0)),
+        NegligibleCase("a robot that stands", MotionBlur(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, 33 ms",
-        twist=_FAST,
+        twist=_FAST_TWIST,
     ),
-    Case(
+    EffectCase(
         Fog(0.35, 0.5, 0.5, 0.5),
-        Quiet("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
+        NegligibleCase("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
         "fog in which the eye loses contrast after 9 m",
     ),
-    Case(
+    EffectCase(
         DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
-        Quiet("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
+        NegligibleCase("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
         "a board 12 cm ahead",
-        near_m=0.12,
+        board_distance_m=0.12,
     ),
-    Case(
+    EffectCase(
         Defocus(Aperture(2.0, 7.4e-6, 0.0)),
-        Quiet("the same lens at F/22", Defocus(Aperture(22.0, 7.4e-6, 0.0))),
+        NegligibleCase("the same lens at F/22", Defocus(Aperture(22.0, 7.4e-6, 0.0))),
         "F/2, 4 times enlarged",
         zoom=4,
     ),
-    Case(
+    EffectCase(
         Misalignment(x_m=1e-3),
-        Quiet("a camera at the mirror's focus", Misalignment()),
+        NegligibleCase("a camera at the mirror's focus", Misalignment()),
         "a camera 1 mm ahead of where it belongs",
     ),
-    Case(
+    EffectCase(
         ChromaticAberration(1.02, 0.985),
-        Quiet("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
+        NegligibleCase("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
         "red 2 % larger than green, blue 1.5 % smaller, enlarged",
         zoom=4,
     ),
-    Case(
+    EffectCase(
         Diffraction(16.0, 7.4e-6),
-        Quiet("the same lens at F/4", Diffraction(4.0, 7.4e-6)),
+        NegligibleCase("the same lens at F/4", Diffraction(4.0, 7.4e-6)),
         "F/16 on pixels of 7.4 um, 10 times enlarged",
         zoom=10,
     ),
-    Case(
-        MirrorDust(Marks(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _LENS),
-        Quiet("a clean mirror", MirrorDust(Marks(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _LENS)),
+    EffectCase(
+        MirrorDust(Contaminants(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _APERTURE),
+        NegligibleCase("a clean mirror", MirrorDust(Contaminants(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _APERTURE)),
         "1 % dust of 0.4 mm, 20 scratches, at F/4",
     ),
-    Case(
+    EffectCase(
         MirrorReflectance(2.8, 3.4),
-        Quiet(
+        NegligibleCase(
             "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
         ),
         "a mirror of steel, n = 2.8, k = 3.4",
     ),
-    Case(
+    EffectCase(
         Vignetting(),
-        Quiet("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
+        NegligibleCase("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
         "the paper's mirror by day",
     ),
-    Case(
-        _LONG,
-        Quiet("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
+    EffectCase(
+        _LONG_EXPOSURE,
+        NegligibleCase("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
         "60 ms where white needs 20 ms",
     ),
-    Case(
+    EffectCase(
         AutoExposure(0.18, 0.1, 10.0),
-        Quiet("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
+        NegligibleCase("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
         "a picture that was exposed for 4 ms instead of 20",
-        before=(_DIM,),
+        upstream_effects=(_SHORT_EXPOSURE,),
     ),
-    Case(
-        Bloom(0.3, 40.0),
-        Quiet("the same at the shutter time that white needs", Bloom(0.3, 40.0)),
+    EffectCase(
+        Blooming(0.3, 40.0),
+        NegligibleCase("the same at the shutter time that white needs", Blooming(0.3, 40.0)),
         "60 ms where white needs 20 ms: wells run over",
-        before=(_LONG,),
+        upstream_effects=(_LONG_EXPOSURE,),
     ),
-    Case(
+    EffectCase(
         FixedPattern(0.02, 20.0, 18000.0),
-        Quiet("a sensor even to a ten-thousandth", FixedPattern(1e-4, 0.1, 18000.0)),
+        NegligibleCase("a sensor even to a ten-thousandth", FixedPattern(1e-4, 0.1, 18000.0)),
         "2 % of gain and 20 electrons, 10 times enlarged",
         zoom=10,
     ),
-    Case(
+    EffectCase(
         ShotNoise(1800.0),
-        Quiet("wells of a hundred million electrons", ShotNoise(1e8)),
+        NegligibleCase("wells of a hundred million electrons", ShotNoise(1e8)),
         "wells of 1800 electrons, 10 times enlarged",
         zoom=10,
     ),
-    Case(
+    EffectCase(
         ReadNoise(13.0, 1800.0),
-        Quiet("three hundredths of an electron", ReadNoise(0.03, 1800.0)),
+        NegligibleCase("three hundredths of an electron", ReadNoise(0.03, 1800.0)),
         "13 electrons beside 1800 of white, 10 times enlarged",
         zoom=10,
     ),
-    Case(
+    EffectCase(
         Quantisation(5),
-        Quiet("a converter of 12 bits", Quantisation(12)),
+        NegligibleCase("a converter of 12 bits", Quantisation(12)),
         "a converter of 5 bits",
     ),
-    Case(
+    EffectCase(
         Bayer(),
-        Quiet("a night, a ten-thousandth of white", Bayer(), largest=1e-4),
+        NegligibleCase("a night, a ten-thousandth of white", Bayer(), max_radiance=1e-4),
         "the field by day, 10 times enlarged",
         zoom=10,
     ),
-    Case(
+    EffectCase(
         WhiteBalance(1.4, 0.75),
-        Quiet("gains of one", WhiteBalance(1.0, 1.0)),
+        NegligibleCase("gains of one", WhiteBalance(1.0, 1.0)),
         "red times 1.4, blue times 0.75",
     ),
 )

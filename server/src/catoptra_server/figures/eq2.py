@@ -14,11 +14,11 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors.hyperbolic import eq2_radius_ratio_from_t
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.figures import style
-from catoptra_server.figures.catalogue import Caption
-from catoptra_server.figures.subject import PAPER_SIZE_PX, Subject
+from catoptra_server.figures.catalogue import FigureCaption
+from catoptra_server.figures.subject import PAPER_SIZE_PX, FigureSubject
 
 
-def eq2_departure_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Floats]:
+def eq2_deviation_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Floats]:
     """Return exact minus Eq. 2 at (...) incidence angles: with the same h, and the same rim.
 
     Domain: 0 <= theta <= the camera's rim.
@@ -30,13 +30,13 @@ def eq2_departure_px(camera: OmniCamera, theta_rad: Floats) -> tuple[Floats, Flo
     return exact - camera.horizon_radius_px * eq2, exact - camera.rim_radius_px / rim_eq2 * eq2
 
 
-def draw(page: style.Page, subject: Subject) -> Caption:
+def draw(page: style.Page, subject: FigureSubject) -> FigureCaption:
     """Draw both departures over the incidence angle."""
-    camera = subject.camera_of_size(PAPER_SIZE_PX)
+    camera = subject.resize_camera(PAPER_SIZE_PX)
     rim_deg = math.degrees(camera.rim_rad)
     theta_deg = np.append(np.arange(0.0, rim_deg, 0.25), rim_deg)
-    same_h, same_rim = eq2_departure_px(camera, np.radians(theta_deg))
-    on = style.axes(page, 120, 50, 1360, 480)
+    same_h, same_rim = eq2_deviation_px(camera, np.radians(theta_deg))
+    on = style.add_axes(page, 120, 50, 1360, 480)
     on.axhline(0.0, color=style.BLUE)
     on.axvline(90.0, color=style.RED, linewidth=0.8)
     on.plot(theta_deg, same_h, color=style.ORANGE)
@@ -46,19 +46,19 @@ def draw(page: style.Page, subject: Subject) -> Caption:
     on.set_xlabel("incidence angle θ, degrees")
     on.set_title("exact $r_i$ − Eq. 2, px", loc="left", fontsize=8.5)
     on.text(89.0, on.get_ylim()[1], "horizon", color=style.RED, ha="right", va="top")
-    _label_extreme(on, theta_deg, same_h, "same 90° circle", style.ORANGE, "right")
-    _label_extreme(on, theta_deg, same_rim, "same rim", style.TEAL, "left")
+    _label_maximum(on, theta_deg, same_h, "same 90° circle", style.ORANGE, "right")
+    _label_maximum(on, theta_deg, same_rim, "same rim", style.TEAL, "left")
     return _caption(rim_deg, same_h, same_rim)
 
 
-def _label_extreme(
-    on: style.Axes, theta_deg: Floats, departure: Floats, name: str, colour: str, side: str
+def _label_maximum(
+    axes: style.Axes, theta_deg: Floats, deviation: Floats, name: str, colour: str, side: str
 ) -> None:
-    at = int(np.argmax(np.abs(departure)))
-    on.plot(theta_deg[at], departure[at], "o", color=colour, markersize=4, clip_on=False)
-    on.annotate(
-        f"{name}:\n{abs(departure[at]):.3f} px at {theta_deg[at]:.0f}°",
-        (theta_deg[at], departure[at]),
+    at = int(np.argmax(np.abs(deviation)))
+    axes.plot(theta_deg[at], deviation[at], "o", color=colour, markersize=4, clip_on=False)
+    axes.annotate(
+        f"{name}:\n{abs(deviation[at]):.3f} px at {theta_deg[at]:.0f}°",
+        (theta_deg[at], deviation[at]),
         (-9, 0) if side == "right" else (5, 14),
         textcoords="offset points",
         ha=side,
@@ -67,13 +67,13 @@ def _label_extreme(
     )
 
 
-def _caption(rim_deg: float, same_h: Floats, same_rim: Floats) -> Caption:
+def _caption(rim_deg: float, same_h: Floats, same_rim: Floats) -> FigureCaption:
     numbers = {
         "rim_deg": round(rim_deg, 3),
         "same_h_max_px": round(float(np.abs(same_h).max()), 4),
         "same_rim_max_px": round(float(np.abs(same_rim).max()), 4),
     }
-    return Caption(
+    return FigureCaption(
         title="Equation 2 against the mirror's own law",
         caption=(
             "Eq. 2 belongs to a parabolic mirror; the paper's is hyperbolic. In a "
@@ -86,5 +86,5 @@ def _caption(rim_deg: float, same_h: Floats, same_rim: Floats) -> Caption:
             "horizon and grows towards the rim, the other is zero at the rim and deepest near "
             "the horizon."
         ),
-        numbers=numbers,
+        metrics=numbers,
     )

@@ -13,13 +13,13 @@ from catoptra_protocol.optics.cube import Face, face_coordinates, face_from_dire
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.figures import style
 from catoptra_server.figures.axonometry import Axonometry
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.subject import FigureSubject
 from catoptra_server.render.renderer import Image
 
-_BELOW = Axonometry.of_viewer(azimuth_deg=180.0, elevation_deg=-60.0)
-_POINTS_A_PIXEL = 3.0
+_VIEW_FROM_BELOW = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=-60.0)
+_POINTS_PER_PIXEL = 3.0
 # Directions in the middle of what the mirror shows of each face, for its letter.
-_LETTERS = {
+_FACE_LABEL_DIRECTIONS = {
     Face.N: (1.0, 0.0, 0.1),
     Face.E: (0.0, 1.0, 0.1),
     Face.S: (-1.0, 0.0, 0.1),
@@ -29,57 +29,57 @@ _LETTERS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Drawing:
+class _MirrorProjection:
     """Where points of the mirror come to lie, in pixels from the top left corner of its picture."""
 
     camera: OmniCamera
     pixels_per_metre: float
 
-    def place(self, points: Floats) -> Floats:
+    def project(self, points: Floats) -> Floats:
         """Return (..., 2) pixels of (..., 3) points; the rim touches u = 0 and v = 0."""
         to_pixels = np.array([self.pixels_per_metre, -self.pixels_per_metre])
-        rim = _BELOW.flat(mirror_points(self.camera, _rim(self.camera))) * to_pixels
-        placed: Floats = _BELOW.flat(points) * to_pixels - rim.min(axis=0)
+        rim = _VIEW_FROM_BELOW.project(mirror_points(self.camera, _rim_directions(self.camera))) * to_pixels
+        placed: Floats = _VIEW_FROM_BELOW.project(points) * to_pixels - rim.min(axis=0)
         return placed
 
 
-def draw_mapped_mirror(
+def draw_textured_mirror(
     page: style.Page,
     camera: OmniCamera,
-    pictures: dict[Face, Image],
+    face_images: dict[Face, Image],
     *,
     left: int,
     top: int,
     width: int,
 ) -> None:
     """Draw the mirror from behind and below with the cube's pictures on it."""
-    drawing = _Drawing(camera, 0.5 * width / _rim_radius_m(camera))
+    drawing = _MirrorProjection(camera, 0.5 * width / _rim_radius_m(camera))
     points, direction = _visible_points(drawing)
-    image = _mean_colours(drawing.place(points).astype(int), looked_up(pictures, direction))
-    over = style.picture(page, image, left, top, image.shape[1])
+    image = _average_colours(drawing.project(points).astype(int), sample_cube(face_images, direction))
+    over = style.show_image(page, image, left, top, image.shape[1])
     for border in _cube_edges():
         seen = border[half_angle_tangent(border)[0] <= camera.rim_t]
-        on_mirror = drawing.place(mirror_points(camera, seen))
-        over.plot(*on_mirror.T, color=style.PAPER, linewidth=0.8)
-    rim = drawing.place(mirror_points(camera, _rim(camera)))
-    over.plot(*rim.T, color=style.QUIET, linewidth=0.8, clip_on=False)
-    for face, letter_at in _LETTERS.items():
-        _letter(over, drawing.place(mirror_points(camera, np.array(letter_at))), face)
+        on_mirror = drawing.project(mirror_points(camera, seen))
+        over.plot(*on_mirror.T, color=style.BACKGROUND, linewidth=0.8)
+    rim = drawing.project(mirror_points(camera, _rim_directions(camera)))
+    over.plot(*rim.T, color=style.MUTED, linewidth=0.8, clip_on=False)
+    for face, letter_at in _FACE_LABEL_DIRECTIONS.items():
+        _draw_face_label(over, drawing.project(mirror_points(camera, np.array(letter_at))), face)
 
 
 def draw_frame_with_borders(
-    page: style.Page, subject: Subject, *, left: int, top: int, width: int
+    page: style.Page, subject: FigureSubject, *, left: int, top: int, width: int
 ) -> None:
     """Draw the frame with the borders of the cube's faces in it."""
-    image = subject.frame(width, samples=3)
-    camera = subject.camera_of_size(image.shape[0])
-    over = style.picture(page, image, left, top, width)
+    image = subject.render_frame(width, samples=3)
+    camera = subject.resize_camera(image.shape[0])
+    over = style.show_image(page, image, left, top, width)
     for border in _cube_edges():
         pixel, seen = pixel_from_direction(camera, border)
-        over.plot(*pixel[seen].T, color=style.PAPER, linewidth=0.8)
-    for face, letter_at in _LETTERS.items():
+        over.plot(*pixel[seen].T, color=style.BACKGROUND, linewidth=0.8)
+    for face, letter_at in _FACE_LABEL_DIRECTIONS.items():
         pixel, _ = pixel_from_direction(camera, np.array(letter_at))
-        _letter(over, pixel, face)
+        _draw_face_label(over, pixel, face)
 
 
 def mirror_points(camera: OmniCamera, direction: Floats) -> Floats:
@@ -88,17 +88,17 @@ def mirror_points(camera: OmniCamera, direction: Floats) -> Floats:
     Domain: directions within the rim.
     """
     t, _ = half_angle_tangent(direction)
-    r, z = camera.mirror.surface(t)
+    r, z = camera.mirror.surface_point(t)
     azimuth = np.arctan2(direction[..., 1], direction[..., 0])
     return np.stack((r * np.cos(azimuth), r * np.sin(azimuth), z), axis=-1)
 
 
-def looked_up(pictures: dict[Face, Image], direction: Floats) -> Floats:
+def sample_cube(face_images: dict[Face, Image], direction: Floats) -> Floats:
     """Return (n, 3) colours in [0, 255] that the cube shows in (n, 3) directions."""
     face = face_from_direction(direction)
     place = face_coordinates(direction, face)
     colours = np.zeros((len(direction), 3))
-    for which, image in pictures.items():
+    for which, image in face_images.items():
         of_face = face == which
         size = image.shape[0]
         texel = np.clip((0.5 * (place[of_face] + 1.0) * size).astype(int), 0, size - 1)
@@ -107,38 +107,38 @@ def looked_up(pictures: dict[Face, Image], direction: Floats) -> Floats:
 
 
 def _rim_radius_m(camera: OmniCamera) -> float:
-    return float(camera.mirror.surface(np.array(camera.rim_t))[0])
+    return float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
 
 
-def _visible_points(drawing: _Drawing) -> tuple[Floats, Floats]:
+def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
     """Return points and directions, each (n, 3), that cover what is seen of the mirror.
 
     A sunflower's spiral: as even as points can lie on a disc, so that no pixel is left out.
     """
-    camera = drawing.camera
-    radius_px = drawing.pixels_per_metre * _rim_radius_m(camera)
-    count = math.ceil(_POINTS_A_PIXEL * math.pi * radius_px**2)
+    camera = projection.camera
+    radius_px = projection.pixels_per_metre * _rim_radius_m(camera)
+    count = math.ceil(_POINTS_PER_PIXEL * math.pi * radius_px**2)
     t = camera.rim_t * np.sqrt((np.arange(count) + 0.5) / count)
     azimuth = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(count)
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    r, z = camera.mirror.surface(t)
+    r, z = camera.mirror.surface_point(t)
     points = np.stack((r * cosine, r * sine, z), axis=-1)
     direction = points / np.linalg.norm(points, axis=-1, keepdims=True)
     # The normal halves the angle between the ways to viewpoint and pinhole.
-    to_pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_m]) - points
+    to_pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m]) - points
     normal = direction + to_pinhole / np.linalg.norm(to_pinhole, axis=-1, keepdims=True)
-    seen = normal @ _BELOW.viewer_from_mirror[2] > 0.0
+    seen = normal @ _VIEW_FROM_BELOW.viewer_from_mirror[2] > 0.0
     return points[seen], direction[seen]
 
 
-def _mean_colours(place: npt.NDArray[np.intp], colours: Floats) -> Image:
+def _average_colours(pixels: npt.NDArray[np.intp], colours: Floats) -> Image:
     """Return the mean of the (n, 3) colours on each pixel of (n, 2) places; paper where is none.
 
     A pixel missed among points takes the mean of its neighbours.
     """
-    width, height = place.max(axis=0) + 1
+    width, height = pixels.max(axis=0) + 1
     shape = int(height), int(width)
-    pixel = place[:, 1] * shape[1] + place[:, 0]
+    pixel = pixels[:, 1] * shape[1] + pixels[:, 0]
     weighted = np.concatenate((colours, np.ones((len(colours), 1))), axis=-1).T
     sums = np.stack([np.bincount(pixel, w, shape[0] * shape[1]).reshape(shape) for w in weighted])
     padded = np.pad(sums, ((0, 0), (1, 1), (1, 1)))
@@ -160,7 +160,7 @@ def _cube_edges() -> list[Floats]:
     return [*level, *(edge[:, (1, 0, 2)] for edge in level), *upright]
 
 
-def _rim(camera: OmniCamera) -> Floats:
+def _rim_directions(camera: OmniCamera) -> Floats:
     """Return (n, 3) directions just within the rim."""
     azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
     theta = np.full_like(azimuth, camera.rim_rad)
@@ -169,6 +169,6 @@ def _rim(camera: OmniCamera) -> Floats:
     )
 
 
-def _letter(over: style.Axes, at: Floats, face: Face) -> None:
-    box = {"facecolor": style.PAPER, "edgecolor": "none", "pad": 2, "alpha": 0.85}
-    over.text(*at, face.name, ha="center", va="center", fontweight="bold", bbox=box)
+def _draw_face_label(axes: style.Axes, pixel: Floats, face: Face) -> None:
+    box = {"facecolor": style.BACKGROUND, "edgecolor": "none", "pad": 2, "alpha": 0.85}
+    axes.text(*pixel, face.name, ha="center", va="center", fontweight="bold", bbox=box)

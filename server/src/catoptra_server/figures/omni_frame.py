@@ -7,22 +7,22 @@ import math
 import numpy as np
 
 from catoptra_server.figures import style
-from catoptra_server.figures.catalogue import Caption
-from catoptra_server.figures.subject import Subject
+from catoptra_server.figures.catalogue import FigureCaption
+from catoptra_server.figures.subject import FigureSubject
 
 _SIZE_PX = 960
 _MARGIN_PX = 100
 
 
-def draw(page: style.Page, subject: Subject) -> Caption:
+def draw(page: style.Page, subject: FigureSubject) -> FigureCaption:
     """Draw the frame with its 90-degree circle and the robot's four sides."""
-    image = subject.frame(_SIZE_PX, samples=2)
-    _draw_sides(page)
-    over = style.picture(page, image, _MARGIN_PX, _MARGIN_PX - 30, _SIZE_PX)
-    camera = subject.camera_of_size(image.shape[0])
+    image = subject.render_frame(_SIZE_PX, samples=2)
+    _label_robot_sides(page)
+    over = style.show_image(page, image, _MARGIN_PX, _MARGIN_PX - 30, _SIZE_PX)
+    camera = subject.resize_camera(image.shape[0])
     _draw_horizon(over, camera.centre_px, camera.horizon_radius_px)
     rim_deg = math.degrees(subject.camera.rim_rad)
-    return Caption(
+    return FigureCaption(
         title="The omnidirectional frame",
         caption=(
             "All around the robot in one picture. Its centre is straight down, the 90° circle is "
@@ -33,22 +33,22 @@ def draw(page: style.Page, subject: Subject) -> Caption:
             "A round mirror image of the world around the robot on a black square, with the "
             "horizon as a thin red circle, an arrow for forward, and left and right exchanged."
         ),
-        numbers={"rim_deg": round(rim_deg, 3), "above_horizon_deg": round(rim_deg - 90.0, 3)},
+        metrics={"rim_deg": round(rim_deg, 3), "above_horizon_deg": round(rim_deg - 90.0, 3)},
     )
 
 
-def _draw_horizon(over: style.Axes, centre_px: tuple[float, float], radius_px: float) -> None:
+def _draw_horizon(axes: style.Axes, centre_px: tuple[float, float], radius_px: float) -> None:
     angle = np.linspace(0.0, 2.0 * math.pi, 361)
     u = centre_px[0] + radius_px * np.cos(angle)
     v = centre_px[1] + radius_px * np.sin(angle)
-    over.plot(u, v, color=style.RED, linewidth=0.7)
+    axes.plot(u, v, color=style.RED, linewidth=0.7)
     at = math.radians(135.0)
-    over.annotate(
+    axes.annotate(
         "90° circle\n(horizon)",
         xy=(centre_px[0] + radius_px * math.cos(at), centre_px[1] + radius_px * math.sin(at)),
         xytext=(0.015, 0.015),
         textcoords="axes fraction",
-        color=style.PAPER,
+        color=style.BACKGROUND,
         arrowprops={
             "arrowstyle": "-",
             "color": style.RED,
@@ -59,13 +59,13 @@ def _draw_horizon(over: style.Axes, centre_px: tuple[float, float], radius_px: f
     )
 
 
-def _draw_sides(page: style.Page) -> None:
+def _label_robot_sides(page: style.Page) -> None:
     """Write the robot's sides around the picture, forward with an arrow."""
     middle = _MARGIN_PX + 0.5 * _SIZE_PX
     height = _MARGIN_PX - 30 + 0.5 * _SIZE_PX
     centred = {"ha": "center", "va": "center"}
     strong = {"fontsize": 10.5, "fontweight": "bold"}
-    style.words(page, middle, 36, "▲  forward", color=style.RED, **centred, **strong)
-    style.words(page, middle, _SIZE_PX + 106, "behind", color=style.QUIET, **centred)
+    style.add_text(page, middle, 36, "▲  forward", color=style.RED, **centred, **strong)
+    style.add_text(page, middle, _SIZE_PX + 106, "behind", color=style.MUTED, **centred)
     for x, text, turn in ((50, "robot's right", 90), (_SIZE_PX + 150, "robot's left", -90)):
-        style.words(page, x, height, text, color=style.INK, rotation=turn, **centred, **strong)
+        style.add_text(page, x, height, text, color=style.FOREGROUND, rotation=turn, **centred, **strong)

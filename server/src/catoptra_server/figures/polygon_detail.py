@@ -10,78 +10,78 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.figures import style
-from catoptra_server.figures.catalogue import Caption
-from catoptra_server.figures.subject import PAPER_SIZE_PX, Subject
+from catoptra_server.figures.catalogue import FigureCaption
+from catoptra_server.figures.subject import PAPER_SIZE_PX, FigureSubject
 from catoptra_server.render.renderer import Image
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 
 _DETAIL_PX = 44
 _ZOOM = 8
-_COUNTS = (256, 1024)
+_POLYGON_COUNTS = (256, 1024)
 
 
-def draw(page: style.Page, subject: Subject) -> Caption:
+def draw(page: style.Page, subject: FigureSubject) -> FigureCaption:
     """Draw the place in the frame, and the detail through two meshes and the exact surface."""
-    exact = subject.frame(PAPER_SIZE_PX, samples=3)
-    meshes = [subject.frame(PAPER_SIZE_PX, samples=3, surface=split_for(n)) for n in _COUNTS]
+    exact = subject.render_frame(PAPER_SIZE_PX, samples=3)
+    meshes = [subject.render_frame(PAPER_SIZE_PX, samples=3, surface=tessellation_from_polygon_count(n)) for n in _POLYGON_COUNTS]
     side = round(_DETAIL_PX * exact.shape[0] / PAPER_SIZE_PX)
-    within_px = subject.camera_of_size(exact.shape[0]).horizon_radius_px
-    row, column = worst_place(meshes[0], exact, side, within_px=within_px)
-    _draw_place(page, exact, row, column, side)
-    names = (*(f"{count} polygons" for count in _COUNTS), "exact surface")
+    within_px = subject.resize_camera(exact.shape[0]).horizon_radius_px
+    row, column = find_max_difference_window(meshes[0], exact, side, max_radius_px=within_px)
+    _draw_location(page, exact, row, column, side)
+    names = (*(f"{count} polygons" for count in _POLYGON_COUNTS), "exact surface")
     for index, (name, image) in enumerate(zip(names, (*meshes, exact), strict=True)):
         left = 400 + index * (_ZOOM * _DETAIL_PX + 20)
-        style.words(page, left, 56, name, va="bottom", fontweight="bold")
+        style.add_text(page, left, 56, name, va="bottom", fontweight="bold")
         detail = image[row : row + side, column : column + side]
-        style.picture(page, detail, left, 66, _ZOOM * _DETAIL_PX)
+        style.show_image(page, detail, left, 66, _ZOOM * _DETAIL_PX)
     return _caption()
 
 
-def worst_place(image: Image, reference: Image, side: int, *, within_px: float) -> tuple[int, int]:
+def find_max_difference_window(image: Image, reference: Image, size_px: int, *, max_radius_px: float) -> tuple[int, int]:
     """Return (row, column) of the square window in which two pictures differ most.
 
     Only windows wholly within a radius of the picture's middle.
     """
     difference = np.square(image.astype(np.float64) - reference).sum(axis=-1)
     # The middle half of a window counts, so that what differs lies well within it.
-    quarter = side // 4
-    sums = _window_sums(difference[quarter:-quarter, quarter:-quarter], side - 2 * quarter)
+    quarter = size_px // 4
+    sums = _window_sums(difference[quarter:-quarter, quarter:-quarter], size_px - 2 * quarter)
     corner = np.arange(sums.shape[0])[:, None], np.arange(sums.shape[1])[None, :]
     centre = 0.5 * image.shape[0]
-    reach = [np.maximum(np.abs(c - centre), np.abs(c + side - centre)) for c in corner]
-    sums[np.hypot(*reach) > within_px] = -1.0
+    reach = [np.maximum(np.abs(c - centre), np.abs(c + size_px - centre)) for c in corner]
+    sums[np.hypot(*reach) > max_radius_px] = -1.0
     row, column = np.unravel_index(np.argmax(sums), sums.shape)
     return int(row), int(column)
 
 
-def _window_sums(values: Floats, side: int) -> Floats:
+def _window_sums(values: Floats, size_px: int) -> Floats:
     """Return the sum over each (side, side) window of an image, by its integral."""
     integral = np.pad(values, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     sums: Floats = (
-        integral[side:, side:] - integral[:-side, side:] - integral[side:, :-side]
-    ) + integral[:-side, :-side]
+        integral[size_px:, size_px:] - integral[:-size_px, size_px:] - integral[size_px:, :-size_px]
+    ) + integral[:-size_px, :-size_px]
     return sums
 
 
-def _draw_place(page: style.Page, exact: Image, row: int, column: int, side: int) -> None:
-    over = style.picture(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
-    u, v = (column, column + side), (row, row + side)
+def _draw_location(page: style.Page, exact: Image, row: int, column: int, size_px: int) -> None:
+    over = style.show_image(page, exact, 20, 66, _ZOOM * _DETAIL_PX)
+    u, v = (column, column + size_px), (row, row + size_px)
     over.plot([u[0], u[1], u[1], u[0], u[0]], [v[0], v[0], v[1], v[1], v[0]], color=style.RED)
-    style.words(page, 20, 56, "where", va="bottom", fontweight="bold")
+    style.add_text(page, 20, 56, "where", va="bottom", fontweight="bold")
 
 
-def _caption() -> Caption:
-    return Caption(
+def _caption() -> FigureCaption:
+    return FigureCaption(
         title="Jaggings of a straight line",
         caption=(
-            f"Where, below the horizon, {_COUNTS[0]} polygons differ most from the exact surface: "
+            f"Where, below the horizon, {_POLYGON_COUNTS[0]} polygons differ most from the exact surface: "
             f"{_DETAIL_PX} × {_DETAIL_PX} pixels, magnified. A straight edge of the world should "
-            f"be one smooth curve; facets break it into pieces. With {_COUNTS[1]} polygons the "
+            f"be one smooth curve; facets break it into pieces. With {_POLYGON_COUNTS[1]} polygons the "
             "kinks hardly show."
         ),
         alt=(
             "The frame with a red square, and the square's content three times enlarged: with a "
             "jagged line, with a slightly uneven one, and with a smooth one."
         ),
-        numbers={"detail_px": _DETAIL_PX, "polygons": _COUNTS[0], "polygons_finer": _COUNTS[1]},
+        metrics={"detail_px": _DETAIL_PX, "polygons": _POLYGON_COUNTS[0], "polygons_finer": _POLYGON_COUNTS[1]},
     )

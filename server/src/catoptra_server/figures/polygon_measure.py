@@ -15,46 +15,46 @@ import numpy as np
 from catoptra_protocol.optics.camera import (
     OmniCamera,
     direction_from_pixel,
-    pixel_centres,
+    pixel_sample_positions,
     pixel_from_direction,
 )
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.trace.polygon_rays import polygon_directions
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.render.trace.polygon_rays import mirror_mesh_directions
+from catoptra_server.scene.mirror_mesh import Tessellation
 
 # A polygon may show directions beyond the rim; they are placed by the law of the same mirror cut
 # wider, up to this part of the way to its asymptote.
-_OF_ASYMPTOTE = 0.999
+_ASYMPTOTE_FRACTION = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonError:
     """Displacement over the covered pixel centres; covered: their part of the rim's disc."""
 
-    split: PolygonSplit
+    tessellation: Tessellation
     rms_px: float
     max_px: float
-    covered: float
+    coverage: float
 
 
-def polygon_error(camera: OmniCamera, split: PolygonSplit) -> PolygonError:
+def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> PolygonError:
     """Return the error of a polygon mirror in a camera's image."""
-    pixels = pixel_centres(camera)[:, :, 0]
-    directions, covered = polygon_directions(camera, split, pixels)
+    pixels = pixel_sample_positions(camera)[:, :, 0]
+    directions, covered = mirror_mesh_directions(camera, tessellation, pixels)
     error_px, known = displacement_px(camera, pixels, directions)
     _, on_disc = direction_from_pixel(camera, pixels)
     counted = error_px[covered & known]
     return PolygonError(
-        split=split,
+        tessellation=tessellation,
         rms_px=float(np.sqrt(np.mean(np.square(counted)))),
         max_px=float(counted.max()),
-        covered=float(covered.sum() / on_disc.sum()),
+        coverage=float(covered.sum() / on_disc.sum()),
     )
 
 
-def exact_law_error_px(camera: OmniCamera) -> float:
+def exact_model_error_px(camera: OmniCamera) -> float:
     """Return the largest error of the per-pixel surface: float32 rays against the float64 law."""
-    pixels = pixel_centres(camera)[:, :, 0]
+    pixels = pixel_sample_positions(camera)[:, :, 0]
     directions, on_disc = direction_from_pixel(camera, pixels)
     as_drawn = directions.astype(np.float32).astype(np.float64)
     error_px, known = displacement_px(camera, pixels, as_drawn)
@@ -62,10 +62,10 @@ def exact_law_error_px(camera: OmniCamera) -> float:
 
 
 def displacement_px(
-    camera: OmniCamera, shown_at: Floats, directions: Floats
+    camera: OmniCamera, pixels: Floats, directions: Floats
 ) -> tuple[Floats, Bools]:
     """Return (...) distances from pixels to where their directions belong, and which have one."""
     t_limit = min(camera.mirror.t_limit, math.tan(math.radians(89.0)))
-    wide = dataclasses.replace(camera, rim_rad=_OF_ASYMPTOTE * 2.0 * math.atan(t_limit))
+    wide = dataclasses.replace(camera, rim_rad=_ASYMPTOTE_FRACTION * 2.0 * math.atan(t_limit))
     belongs_at, known = pixel_from_direction(wide, directions)
-    return np.linalg.norm(belongs_at - shown_at, axis=-1), known
+    return np.linalg.norm(belongs_at - pixels, axis=-1), known

@@ -3,57 +3,57 @@
 from __future__ import annotations
 
 from catoptra_server.figures import style
-from catoptra_server.figures.catalogue import Caption
-from catoptra_server.figures.meshes import COUNTS
-from catoptra_server.figures.polygon_measure import PolygonError, polygon_error
-from catoptra_server.figures.subject import PAPER_SIZE_PX, Subject
-from catoptra_server.scene.mirror_mesh import split_for
+from catoptra_server.figures.catalogue import FigureCaption
+from catoptra_server.figures.meshes import POLYGON_COUNTS
+from catoptra_server.figures.polygon_measure import PolygonError, measure_polygon_error
+from catoptra_server.figures.subject import PAPER_SIZE_PX, FigureSubject
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 
 # Each rendered pixel becomes a block of 2 x 2, so that the picture is exact at any density.
-WIDTH_PX = 2 * PAPER_SIZE_PX
+IMAGE_WIDTH_PX = 2 * PAPER_SIZE_PX
 LEFT_PX, TOP_PX, STEP_X_PX, STEP_Y_PX = 20, 66, 760, 790
 
 
-def draw(page: style.Page, subject: Subject) -> Caption:
+def draw(page: style.Page, subject: FigureSubject) -> FigureCaption:
     """Draw the four frames, each under its measured error."""
-    camera = subject.camera_of_size(PAPER_SIZE_PX)
-    errors = [polygon_error(camera, split_for(count)) for count in COUNTS]
+    camera = subject.resize_camera(PAPER_SIZE_PX)
+    errors = [measure_polygon_error(camera, tessellation_from_polygon_count(count)) for count in POLYGON_COUNTS]
     for index, error in enumerate(errors):
         left = LEFT_PX + STEP_X_PX * (index % 2)
         top = TOP_PX + STEP_Y_PX * (index // 2)
-        image = subject.frame(PAPER_SIZE_PX, samples=2, surface=error.split)
-        style.picture(page, image, left, top, WIDTH_PX)
-        _head(page, left, top, error)
+        image = subject.render_frame(PAPER_SIZE_PX, samples=2, surface=error.tessellation)
+        style.show_image(page, image, left, top, IMAGE_WIDTH_PX)
+        _draw_heading(page, left, top, error)
     return _caption(errors)
 
 
-def _head(page: style.Page, left: int, top: int, error: PolygonError) -> None:
-    style.words(
-        page, left, top - 12, f"{error.split.polygons} polygons", va="bottom", fontweight="bold"
+def _draw_heading(page: style.Page, left: int, top: int, error: PolygonError) -> None:
+    style.add_text(
+        page, left, top - 12, f"{error.tessellation.num_polygons} polygons", va="bottom", fontweight="bold"
     )
     numbers = f"{error.rms_px:.3g} px rms, {error.max_px:.3g} px at most"
-    style.words(
-        page, left + WIDTH_PX, top - 12, numbers, ha="right", va="bottom", color=style.QUIET
+    style.add_text(
+        page, left + IMAGE_WIDTH_PX, top - 12, numbers, ha="right", va="bottom", color=style.MUTED
     )
 
 
-def _caption(errors: list[PolygonError]) -> Caption:
+def _caption(errors: list[PolygonError]) -> FigureCaption:
     numbers = {}
     for error in errors:
-        numbers[f"rms_px_{error.split.polygons}"] = round(error.rms_px, 3)
-        numbers[f"max_px_{error.split.polygons}"] = round(error.max_px, 3)
+        numbers[f"rms_px_{error.tessellation.num_polygons}"] = round(error.rms_px, 3)
+        numbers[f"max_px_{error.tessellation.num_polygons}"] = round(error.max_px, 3)
     coarse, *_, fine = errors
-    return Caption(
+    return FigureCaption(
         title="The same view through 16, 64, 256 and 1024 polygons",
         caption=(
             f"UV-mapped polygon mirrors in {PAPER_SIZE_PX} × {PAPER_SIZE_PX} pixels, shown pixel "
             "by pixel. Texture coordinates are interpolated linearly over each polygon, which "
-            f"displaces the picture by {coarse.rms_px:.1f} px (rms) with {coarse.split.polygons} "
-            f"polygons and by {fine.rms_px:.2f} px with {fine.split.polygons}."
+            f"displaces the picture by {coarse.rms_px:.1f} px (rms) with {coarse.tessellation.num_polygons} "
+            f"polygons and by {fine.rms_px:.2f} px with {fine.tessellation.num_polygons}."
         ),
         alt=(
             "Four round mirror images of the same place: with 16 polygons a broken square, with "
             "64 an octagon with bent lines, with 256 nearly right, with 1024 smooth."
         ),
-        numbers=numbers,
+        metrics=numbers,
     )

@@ -18,16 +18,16 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.renderer import Image
 
-INK, QUIET, FAINT, PAPER = "#1c2833", "#66727d", "#d7dce1", "#ffffff"
+FOREGROUND, MUTED, LIGHT_GREY, BACKGROUND = "#1c2833", "#66727d", "#d7dce1", "#ffffff"
 RED, BLUE, ORANGE, TEAL = "#d1293d", "#1f5fa8", "#d97706", "#138a74"
 
-# 200 device pixels an inch: a page of PAGE_PX is shown at half its pixels on a report's 760 px
+# 200 device pixels an inch: a page of PAGE_WIDTH_PX is shown at half its pixels on a report's 760 px
 # column and stays crisp on a dense display.
 _DPI = 200
-PAGE_PX = 1520
+PAGE_WIDTH_PX = 1520
 # A report holds all figures in one file; a page above this is one of many drawn lines, and loses
 # nothing that an eye can see.
-_LARGE_BYTES = 280_000
+_MAX_FULL_COLOUR_BYTES = 280_000
 # Matplotlib's objects come without types.
 Page = Any
 Axes = Any
@@ -35,20 +35,20 @@ Axes = Any
 _SETTINGS = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
-    "axes.edgecolor": QUIET,
-    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": FOREGROUND,
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": FAINT,
+    "grid.color": LIGHT_GREY,
     "grid.linewidth": 0.5,
-    "text.color": INK,
-    "xtick.color": QUIET,
-    "ytick.color": QUIET,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
+    "text.color": FOREGROUND,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": FOREGROUND,
+    "ytick.labelcolor": FOREGROUND,
     "legend.frameon": False,
     "lines.linewidth": 1.4,
     "mathtext.fontset": "dejavusans",
@@ -56,7 +56,7 @@ _SETTINGS = {
 
 
 @contextmanager
-def page(width_px: int, height_px: int) -> Iterator[Page]:
+def open_page(width_px: int, height_px: int) -> Iterator[Page]:
     """Yield an empty page; draw and save it inside. Raises CatoptraError without Matplotlib."""
     try:
         from matplotlib import rc_context
@@ -67,26 +67,26 @@ def page(width_px: int, height_px: int) -> Iterator[Page]:
             "the figures need Matplotlib: pip install 'catoptra-server[figures]'"
         ) from error
     with rc_context(_SETTINGS):
-        drawn = Figure(figsize=(width_px / _DPI, height_px / _DPI), dpi=_DPI, facecolor=PAPER)
+        drawn = Figure(figsize=(width_px / _DPI, height_px / _DPI), dpi=_DPI, facecolor=BACKGROUND)
         FigureCanvasAgg(drawn)
         yield drawn
 
 
-def save(drawn: Page, path: Path) -> None:
+def save_page(page: Page, path: Path) -> None:
     """Write a page as PNG; only a page that would be too large is reduced to 256 colours."""
     from PIL import Image as PillowImage
 
-    drawn.canvas.draw()
-    pixels = PillowImage.fromarray(np.asarray(drawn.canvas.buffer_rgba())[..., :3].copy())
+    page.canvas.draw()
+    pixels = PillowImage.fromarray(np.asarray(page.canvas.buffer_rgba())[..., :3].copy())
     pixels.save(path, optimize=True)
-    if path.stat().st_size > _LARGE_BYTES:
+    if path.stat().st_size > _MAX_FULL_COLOUR_BYTES:
         pixels.quantize(256, dither=PillowImage.Dither.NONE).save(path, optimize=True)
 
 
-def axes(drawn: Page, left: float, top: float, width: float, height: float) -> Axes:
+def add_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
     """Return axes on a rectangle of the page."""
-    page_width, page_height = drawn.get_size_inches() * _DPI
-    return drawn.add_axes(
+    page_width, page_height = page.get_size_inches() * _DPI
+    return page.add_axes(
         (
             left / page_width,
             1.0 - (top + height) / page_height,
@@ -96,22 +96,22 @@ def axes(drawn: Page, left: float, top: float, width: float, height: float) -> A
     )
 
 
-def canvas(drawn: Page, left: float, top: float, width: float, height: float) -> Axes:
+def add_pixel_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
     """Return bare axes whose data coordinates are their own pixels, v down."""
-    bare = axes(drawn, left, top, width, height)
+    bare = add_axes(page, left, top, width, height)
     bare.set(xlim=(0.0, width), ylim=(height, 0.0))
     bare.axis("off")
     return bare
 
 
-def picture(drawn: Page, image: Image, left: int, top: int, width: int) -> Axes:
+def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axes:
     """Show an image pixel by pixel, each as a block of equal size where `width` is a multiple.
 
     Returns axes over it, in the image's own pixel coordinates.
     """
     rows, columns = image.shape[:2]
     height = round(width * rows / columns)
-    shown = axes(drawn, left, top, width, height)
+    shown = add_axes(page, left, top, width, height)
     shown.axis("off")
     row = np.arange(height) * rows // height
     column = np.arange(width) * columns // width
@@ -120,37 +120,37 @@ def picture(drawn: Page, image: Image, left: int, top: int, width: int) -> Axes:
     return shown
 
 
-def words(drawn: Page, left: float, top: float, text: str, **options: Any) -> None:
+def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
     """Write on the page; (left, top) is where the text begins, unless options align it."""
-    page_width, page_height = drawn.get_size_inches() * _DPI
+    page_width, page_height = page.get_size_inches() * _DPI
     aligned = {"ha": "left", "va": "top"} | options
-    drawn.text(left / page_width, 1.0 - top / page_height, text, **aligned)
+    page.text(left / page_width, 1.0 - top / page_height, text, **aligned)
 
 
-def polygons(
-    on: Axes, corners: Floats, colours: Floats, *, edge: str = "face", line: float = 0.25
+def fill_polygons(
+    axes: Axes, corners: Floats, colours: Floats, *, edge: str = "face", line: float = 0.25
 ) -> None:
     """Fill (n, k, 2) polygons with (n, 3) or (n, 4) colours, in order; edges hide the seams."""
     from matplotlib.collections import PolyCollection
 
-    on.add_collection(
+    axes.add_collection(
         PolyCollection(list(corners), facecolors=colours, edgecolors=edge, linewidths=line),
         autolim=False,
     )
 
 
-def skewed_picture(on: Axes, image: Image, data_from_unit: npt.NDArray[np.float64]) -> None:
+def show_skewed_image(axes: Axes, image: Image, data_from_unit: npt.NDArray[np.float64]) -> None:
     """Show an image on a parallelogram; (2, 3) maps its plane, [-1, 1] right and down, to data."""
     from matplotlib.patches import Polygon
     from matplotlib.transforms import Affine2D
 
     matrix = np.vstack((data_from_unit, (0.0, 0.0, 1.0)))
-    shown = on.imshow(
+    shown = axes.imshow(
         image,
         extent=(-1.0, 1.0, 1.0, -1.0),
-        transform=Affine2D(matrix) + on.transData,
+        transform=Affine2D(matrix) + axes.transData,
         interpolation="bilinear",
         interpolation_stage="rgba",
     )
     outline = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) @ data_from_unit.T
-    shown.set_clip_path(Polygon(outline, transform=on.transData))
+    shown.set_clip_path(Polygon(outline, transform=axes.transData))

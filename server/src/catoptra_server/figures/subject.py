@@ -22,11 +22,11 @@ from catoptra_server.config.world_file import read_world
 from catoptra_server.plan.render_plan import (
     PerPixel,
     RendererKind,
-    RenderWish,
-    Surface,
-    plan_from_wish,
+    RenderSettings,
+    MirrorSurface,
+    plan_from_settings,
 )
-from catoptra_server.render.renderer import Exposure, FaceCamera, Image, Renderer, View
+from catoptra_server.render.renderer import CameraState, FaceCamera, Image, Renderer, View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.description import OmniCameraDescription, RobotDescription
 from catoptra_server.robot.pose import PlanarPose
@@ -38,20 +38,20 @@ PAPER_SIZE_PX = 360
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class FigureSubject:
     """A camera in a world, ready to be pictured; `rings` is the world of incidence angles.
 
     detail: part of a picture's natural size to render; below 1 only where time counts more.
     """
 
     camera: OmniCamera
-    world: Renderer
+    world_renderer: Renderer
     world_from_mirror: Pose
-    rings: Renderer
+    rings_renderer: Renderer
     rings_from_mirror: Pose
-    detail: float = 1.0
+    resolution_scale: float = 1.0
 
-    def camera_of_size(self, size_px: int) -> OmniCamera:
+    def resize_camera(self, size_px: int) -> OmniCamera:
         """Return the camera with a square image of another size, its rim inscribed as before."""
         scale = size_px / min(self.camera.width_px, self.camera.height_px)
         return dataclasses.replace(
@@ -62,60 +62,60 @@ class Subject:
             horizon_radius_px=scale * self.camera.horizon_radius_px,
         )
 
-    def frame(self, size_px: int, samples: int, *, surface: Surface | None = None) -> Image:
+    def render_frame(self, size_px: int, samples: int, *, surface: MirrorSurface | None = None) -> Image:
         """Return the omnidirectional frame of the world, of samples^2 rays a pixel."""
-        camera = self.camera_of_size(round(size_px * self.detail))
-        return _drawn(self._view(self.world, camera, surface, samples), self.world_from_mirror)
+        camera = self.resize_camera(round(size_px * self.resolution_scale))
+        return _render(self._prepare_view(self.world_renderer, camera, surface, samples), self.world_from_mirror)
 
-    def rings_frame(self, samples: int) -> Image:
+    def render_rings(self, samples: int) -> Image:
         """Return the frame of the rings, always of the paper's size: it is measured."""
-        camera = self.camera_of_size(PAPER_SIZE_PX)
-        return _drawn(self._view(self.rings, camera, None, samples), self.rings_from_mirror)
+        camera = self.resize_camera(PAPER_SIZE_PX)
+        return _render(self._prepare_view(self.rings_renderer, camera, None, samples), self.rings_from_mirror)
 
-    def face(self, face: Face, size_px: int, samples: int) -> Image:
+    def render_face(self, face: Face, size_px: int, samples: int) -> Image:
         """Return what one of the cube's virtual cameras sees of the world."""
-        camera = FaceCamera(face, round(size_px * self.detail))
-        return _drawn(self.world.prepare_face(camera, samples), self.world_from_mirror)
+        camera = FaceCamera(face, round(size_px * self.resolution_scale))
+        return _render(self.world_renderer.prepare_face(camera, samples), self.world_from_mirror)
 
-    def _view(
-        self, renderer: Renderer, camera: OmniCamera, surface: Surface | None, samples: int
+    def _prepare_view(
+        self, renderer: Renderer, camera: OmniCamera, surface: MirrorSurface | None, samples: int
     ) -> View:
-        wish = RenderWish(surface or PerPixel(), samples)
-        plan = plan_from_wish(wish, camera, kind=RendererKind.TRACE, why="a figure")
+        wish = RenderSettings(surface or PerPixel(), samples)
+        plan = plan_from_settings(wish, camera, kind=RendererKind.TRACE, reason="a figure")
         return renderer.prepare(camera, plan)
 
 
-def _drawn(view: View, world_from_mirror: Pose) -> Image:
+def _render(view: View, world_from_mirror: Pose) -> Image:
     try:
-        return view.draw(Exposure(world_from_mirror)).rgb
+        return view.render(CameraState(world_from_mirror)).rgb
     finally:
         view.close()
 
 
 @contextmanager
-def open_subject(
-    robot: Path, world: Path, rings_world: Path, *, pose: PlanarPose | None, detail: float = 1.0
-) -> Iterator[Subject]:
+def open_figure_subject(
+    robot_file: Path, world_file: Path, rings_world_file: Path, *, pose: PlanarPose | None, resolution_scale: float = 1.0
+) -> Iterator[FigureSubject]:
     """Yield what three files describe; without a pose the robot stands near the first start place.
 
     Raises ConfigError for a bad file, CatoptraError for a robot without a camera to picture.
     """
-    description, _ = read_robot(robot)
-    omni = _omni_camera(description, robot)
-    in_world, _ = read_world(world)
-    in_rings, _ = read_world(rings_world)
+    description, _ = read_robot(robot_file)
+    omni = _omni_camera(description, robot_file)
+    in_world, _ = read_world(world_file)
+    in_rings, _ = read_world(rings_world_file)
     ride_height_m = description.drive.ride_height_m
-    world_renderer, rings_renderer = _renderer(in_world), _renderer(in_rings)
+    world_renderer, rings_renderer = _open_renderer(in_world), _open_renderer(in_rings)
     try:
-        yield Subject(
+        yield FigureSubject(
             camera=omni.camera,
-            world=world_renderer,
-            world_from_mirror=(pose or _beside(_first_start(in_world))).at_height(ride_height_m)
+            world_renderer=world_renderer,
+            world_from_mirror=(pose or _offset_pose(_first_start_pose(in_world))).at_height(ride_height_m)
             @ omni.robot_from_mirror,
-            rings=rings_renderer,
-            rings_from_mirror=_first_start(in_rings).at_height(ride_height_m)
+            rings_renderer=rings_renderer,
+            rings_from_mirror=_first_start_pose(in_rings).at_height(ride_height_m)
             @ omni.robot_from_mirror,
-            detail=detail,
+            resolution_scale=resolution_scale,
         )
     finally:
         world_renderer.close()
@@ -131,18 +131,18 @@ def _omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescription:
     return robot.omni_camera
 
 
-def _renderer(world: World) -> TraceRenderer:
+def _open_renderer(world: World) -> TraceRenderer:
     return TraceRenderer(build_scene(world), world)
 
 
-def _first_start(world: World) -> PlanarPose:
+def _first_start_pose(world: World) -> PlanarPose:
     if not world.starts:
         return PlanarPose(0.0, 0.0, 0.0)
     (x_m, y_m, _), (_, _, yaw_rad) = world.starts[0].location_m, world.starts[0].rotation_rad
     return PlanarPose(x_m, y_m, yaw_rad)
 
 
-def _beside(start: PlanarPose) -> PlanarPose:
+def _offset_pose(start: PlanarPose) -> PlanarPose:
     """Return a pose a step back and left of a start place, turned to the right.
 
     On the place itself, often a world's centre, its lines run straight through the image's middle,

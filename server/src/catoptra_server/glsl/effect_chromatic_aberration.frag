@@ -11,7 +11,7 @@ void main()
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec2 u = texelFetch(across, ivec2(pixel.x, 0), 0).xy;
     vec2 v = texelFetch(down, ivec2(0, pixel.y), 0).xy;
-    float red = bilinear_aside(picture, pixel, vec2(u.x, v.x)).r;
-    float blue = bilinear_aside(picture, pixel, vec2(u.y, v.y)).b;
+    float red = sample_bilinear_at_offset(picture, pixel, vec2(u.x, v.x)).r;
+    float blue = sample_bilinear_at_offset(picture, pixel, vec2(u.y, v.y)).b;
     colour = vec4(red, texelFetch(picture, pixel, 0).g, blue, 1.0);
 }

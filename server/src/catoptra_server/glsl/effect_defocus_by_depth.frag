@@ -7,7 +7,7 @@ uniform sampler2D range_m;           // of what the pixel\'s middle sees; inf wh
 uniform sampler2D law;               // of the disc: fixed_px, near_px, power_per_m, offset
 uniform sampler2D weights;
 uniform vec2 centre_px;
-uniform float whole_px;              // up to there pixels see the mirror wholly
+uniform float integer_px;              // up to there pixels see the mirror wholly
 out vec4 colour;
 
 void main()
@@ -17,7 +17,7 @@ void main()
     float range_m = texelFetch(range_m, pixel, 0).r;
     float nearness = max(disc.z * range_m + disc.w, LEAST_NEARNESS);
     float added_px = isinf(range_m) ? 0.0 : disc.y / nearness;
-    Region region = Region(centre_px, whole_px);
+    Region region = Region(centre_px, integer_px);
     float row = row_of(disc.x + added_px);
     colour = vec4(disc_mean(picture, region, weights, pixel, row), 1.0);
 }

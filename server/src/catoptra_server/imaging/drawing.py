@@ -16,45 +16,45 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.multi_view import compose
-from catoptra_server.imaging.shot import Eye, OmniEye, Scenery, Shot, Take
+from catoptra_server.imaging.multi_view import compose_tiles
+from catoptra_server.imaging.shot import CameraSpec, OmniCameraSpec, FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.imaging.views import ViewState
 from catoptra_server.plan.error_bound import ErrorBound
 from catoptra_server.render.renderer import Image, RenderedImage
 
-_Drawn = Future[None]
+_RenderFuture = Future[None]
 # None: nothing is drawn here.
-Told = Callable[[ViewState | None], None]
+PlanCallback = Callable[[ViewState | None], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Question:
+class _PlanQuery:
     """How would this be drawn?"""
 
-    eye: OmniEye
-    tell: Told
+    camera: OmniCameraSpec
+    reply: PlanCallback
 
 
-class Viewer(Protocol):
-    """What draws takes: the server's is `Views`."""
+class ViewProvider(Protocol):
+    """What draws takes: the server's is `ViewCache`."""
 
-    def draw(self, take: Take) -> RenderedImage:
+    def render(self, request: ViewRequest) -> RenderedImage:
         """Return the picture of a take."""
 
-    def plan(self, eye: Eye) -> object:
+    def plan(self, camera: CameraSpec) -> object:
         """Return how an eye is drawn; it prints in words."""
 
-    def bound(self, eye: Eye) -> ErrorBound | None:
+    def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
         """Return how far off outlines may be; None where there is no bound."""
 
-    def choice(self, eye: OmniEye) -> ViewState:
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Return how an eye will be drawn, and what that costs; it need not be prepared."""
 
     def close(self) -> None:
         """Free what is held."""
 
 
-class Drawing:
+class RenderThread:
     """A queue of shots; `run` is the whole life of the thread that draws them."""
 
     def __init__(
@@ -62,103 +62,103 @@ class Drawing:
     ) -> None:
         self._put = put
         self._monotonic = monotonic
-        self._shots: queue.SimpleQueue[tuple[Shot, _Drawn] | _Question | None]
-        self._shots = queue.SimpleQueue()
-        self._ending = threading.Lock()
+        self._queue: queue.SimpleQueue[tuple[FrameRequest, _RenderFuture] | _PlanQuery | None]
+        self._queue = queue.SimpleQueue()
+        self._end_lock = threading.Lock()
         self._has_ended = False
 
-    def draw(self, shot: Shot) -> _Drawn:
+    def submit(self, request: FrameRequest) -> _RenderFuture:
         """Hand over a shot, from any thread; its frame is put before the result is set."""
-        drawn: _Drawn = Future()
-        with self._ending:
+        drawn: _RenderFuture = Future()
+        with self._end_lock:
             if self._has_ended:
                 drawn.cancel()
             else:
-                self._shots.put((shot, drawn))
+                self._queue.put((request, drawn))
         return drawn
 
-    def draw_and_wait(self, shot: Shot) -> None:
+    def submit_and_wait(self, request: FrameRequest) -> None:
         """Hand over a shot; return when its frame is put: under lockstep time waits for pictures.
 
         Raises what drawing it raised, and CancelledError if the drawing had ended before.
         """
-        self.draw(shot).result()
+        self.submit(request).result()
 
-    def ask(self, eye: OmniEye, tell: Told) -> None:
+    def query_plan(self, camera: OmniCameraSpec, reply: PlanCallback) -> None:
         """Have `tell` called by the drawing thread with how an eye is drawn, after shots before."""
-        with self._ending:
+        with self._end_lock:
             if not self._has_ended:
-                self._shots.put(_Question(eye, tell))
+                self._queue.put(_PlanQuery(camera, reply))
 
     def stop(self) -> None:
         """End the thread after the shots that were handed over."""
-        self._shots.put(None)
+        self._queue.put(None)
 
-    def run(self, make_views: Callable[[], Viewer | None], ready: Callable[[], None]) -> None:
+    def run(self, create_views: Callable[[], ViewProvider | None], on_ready: Callable[[], None]) -> None:
         """Make the views, say so, and draw until told to stop; None: there are no cameras."""
         views = None
         try:
-            views = make_views()
-            ready()
-            while (entry := self._shots.get()) is not None:
-                if isinstance(entry, _Question):
-                    entry.tell(views.choice(entry.eye) if views is not None else None)
+            views = create_views()
+            on_ready()
+            while (entry := self._queue.get()) is not None:
+                if isinstance(entry, _PlanQuery):
+                    entry.reply(views.view_state(entry.camera) if views is not None else None)
                 else:
-                    self._draw_entry(*entry, views)
+                    self._render_request(*entry, views)
         finally:
-            self._cancel_waiting()
+            self._cancel_pending()
             if views is not None:
                 views.close()
 
-    def _draw_entry(self, shot: Shot, drawn: _Drawn, views: Viewer | None) -> None:
+    def _render_request(self, request: FrameRequest, future: _RenderFuture, views: ViewProvider | None) -> None:
         try:
-            self._put(developed(shot, views, monotonic=self._monotonic))
+            self._put(render_frame(request, views, monotonic=self._monotonic))
         except Exception as error:
-            drawn.set_exception(error)
+            future.set_exception(error)
             raise
-        drawn.set_result(None)
+        future.set_result(None)
 
-    def _cancel_waiting(self) -> None:
+    def _cancel_pending(self) -> None:
         """Let nobody wait for what will not be drawn."""
-        with self._ending:
+        with self._end_lock:
             self._has_ended = True
-        while not self._shots.empty():
-            entry = self._shots.get()
+        while not self._queue.empty():
+            entry = self._queue.get()
             if isinstance(entry, tuple):
                 entry[1].cancel()
 
 
-def developed(shot: Shot, views: Viewer | None, *, monotonic: Callable[[], float]) -> Frame:
+def render_frame(request: FrameRequest, views: ViewProvider | None, *, monotonic: Callable[[], float]) -> Frame:
     """Return the frame of a shot. Without views there is nothing to look through: black."""
-    scenery = shot.scenery
+    scenery = request.composition
     begin_s = monotonic()
-    pictures = [_drawn(take, views) for take in scenery.takes]
-    rgb = _whole(scenery, pictures)
+    pictures = [_render_view(take, views) for take in scenery.views]
+    rgb = _compose_image(scenery, pictures)
     stage_ms: Counter[str] = Counter()
     for picture in pictures:
         stage_ms.update(picture.stage_ms if picture else {})
     end_s = monotonic()
-    eyes = {take.eye for take in scenery.takes if take is not None}
+    eyes = {take.camera for take in scenery.views if take is not None}
     plans = {str(views.plan(eye)) for eye in eyes} if views is not None else set()
-    bound = worst([views.bound(eye) for eye in eyes]) if views is not None else None
+    bound = max_bounds([views.error_bound(eye) for eye in eyes]) if views is not None else None
     return Frame(
-        sequence=shot.sequence,
-        time_s=shot.time_s,
+        sequence=request.sequence,
+        time_s=request.time_s,
         rgb=rgb,
-        exposed_s=shot.exposed_s,
-        finished_s=end_s,
-        channel=shot.channel,
-        caption=scenery.caption,
+        exposed_at_s=request.exposed_at_s,
+        finished_at_s=end_s,
+        channel=request.channel,
+        metadata=scenery.metadata,
         stage_ms=dict(stage_ms),
-        drawn_s=end_s - begin_s,
+        render_duration_s=end_s - begin_s,
         plan="; ".join(sorted(plans)) or None,
         error_bound_px=bound["outline_px"] if bound else None,
-        bound=bound,
-        effects=pictures[0].effects if len(pictures) == 1 and pictures[0] else (),
+        error_bounds=bound,
+        effect_decisions=pictures[0].effects if len(pictures) == 1 and pictures[0] else (),
     )
 
 
-def worst(bounds: Sequence[ErrorBound | None]) -> dict[str, float] | None:
+def max_bounds(bounds: Sequence[ErrorBound | None]) -> dict[str, float] | None:
     """Return the largest of each number, of all pictures that a frame consists of.
 
     None where there is no picture, or one without a bound.
@@ -170,14 +170,14 @@ def worst(bounds: Sequence[ErrorBound | None]) -> dict[str, float] | None:
     return {name: max(one.get(name, 0.0) for one in numbers) for name in names}
 
 
-def _drawn(take: Take | None, views: Viewer | None) -> RenderedImage | None:
-    return None if take is None or views is None else views.draw(take)
+def _render_view(request: ViewRequest | None, views: ViewProvider | None) -> RenderedImage | None:
+    return None if request is None or views is None else views.render(request)
 
 
-def _whole(scenery: Scenery, pictures: list[RenderedImage | None]) -> Image:
+def _compose_image(composition: FrameComposition, images: list[RenderedImage | None]) -> Image:
     """Return one picture of all tiles; the only tile's own where it fills the screen."""
-    first = pictures[0] if len(pictures) == 1 else None
-    size = (scenery.layout.height_px, scenery.layout.width_px)
+    first = images[0] if len(images) == 1 else None
+    size = (composition.layout.height_px, composition.layout.width_px)
     if first is not None and first.rgb.shape[:2] == size:
         return first.rgb
-    return compose(scenery.layout, [picture.rgb if picture else None for picture in pictures])
+    return compose_tiles(composition.layout, [picture.rgb if picture else None for picture in images])

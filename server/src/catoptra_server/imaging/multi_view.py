@@ -1,7 +1,7 @@
 """Several cameras' pictures in one: UDK's MultiView tiles and UT2004's viewports.
 
 A tile shows a picture that was drawn at the tile's size; nothing is resized. What no camera fills
-is black. Only who is looked at need be drawn: `tiles_within` tells which tiles a request touches,
+is black. Only who is looked at need be drawn: `tiles_overlapping` tells which tiles a request touches,
 and a tile may stay empty.
 
 UDK: camera i of those registered is at x = (i mod CameraTileX) CameraWidth and, as UDK's source
@@ -67,9 +67,9 @@ class TileLayout:
     @property
     def tiles(self) -> tuple[Tile, ...]:
         """Return all tiles in their order."""
-        return tuple(tile for tile in map(self.tile, range(len(self))) if tile)
+        return tuple(tile for tile in map(self.tile_at, range(len(self))) if tile)
 
-    def tile(self, index: int) -> Tile | None:
+    def tile_at(self, index: int) -> Tile | None:
         """Return a camera's tile by its index from 0; None where the layout has no more."""
         if not 0 <= index < len(self):
             return None
@@ -77,10 +77,10 @@ class TileLayout:
         width, height = self.tile_width_px, self.tile_height_px
         return Tile(column * width, row * height, width, height)
 
-    def tiles_within(self, x: int, y: int, width: int, height: int) -> tuple[int, ...]:
+    def tiles_overlapping(self, x: int, y: int, width: int, height: int) -> tuple[int, ...]:
         """Return the tiles that a request for a rectangle touches, clamped as `encode.cropped`."""
-        columns = _touched(x, width, tile=self.tile_width_px, whole=self.width_px)
-        rows = _touched(y, height, tile=self.tile_height_px, whole=self.height_px)
+        columns = _overlapping_range(x, width, tile=self.tile_width_px, size=self.width_px)
+        rows = _overlapping_range(y, height, tile=self.tile_height_px, size=self.height_px)
         return tuple(
             row * self.columns + column
             for row in rows
@@ -89,7 +89,7 @@ class TileLayout:
         )
 
 
-def multi_view(columns: int, rows: int, *, width_px: int, height_px: int) -> TileLayout:
+def multi_view_layout(columns: int, rows: int, *, width_px: int, height_px: int) -> TileLayout:
     """Return UDK's layout: CameraTileX, CameraTileY, CameraWidth, CameraHeight.
 
     Raises DomainError for a picture that no frame can carry, or no client of ours would take.
@@ -103,7 +103,7 @@ def multi_view(columns: int, rows: int, *, width_px: int, height_px: int) -> Til
     return TileLayout(columns, rows, width_px, height_px, width, height)
 
 
-def viewports(config: ViewportConfig, *, width_px: int, height_px: int) -> TileLayout:
+def viewport_layout(config: ViewportConfig, *, width_px: int, height_px: int) -> TileLayout:
     """Return UT2004's layout of a whole picture: Viewport1 all of it, or 1 to 4 a quarter each.
 
     Quarters are numbered as one reads: 1 and 2 above, 3 and 4 below. An odd last row or column of
@@ -114,7 +114,7 @@ def viewports(config: ViewportConfig, *, width_px: int, height_px: int) -> TileL
     return TileLayout(2, 2, width_px // 2, height_px // 2, width_px, height_px)
 
 
-def compose(layout: TileLayout, pictures: Sequence[Image | None]) -> Image:
+def compose_tiles(layout: TileLayout, images: Sequence[Image | None]) -> Image:
     """Return the picture of all tiles, (height, width, 3), read-only. None: a black tile.
 
     A picture that is smaller than its tile lies in the tile's top left corner, so that its camera's
@@ -122,10 +122,10 @@ def compose(layout: TileLayout, pictures: Sequence[Image | None]) -> Image:
     tiles.
     """
     whole = np.zeros((layout.height_px, layout.width_px, 3), dtype=np.uint8)
-    for index, picture in enumerate(pictures):
+    for index, picture in enumerate(images):
         if picture is None:
             continue
-        tile = layout.tile(index)
+        tile = layout.tile_at(index)
         if tile is None:
             raise DomainError(f"picture {index} has no tile: this layout has {len(layout)}")
         rows, columns = picture.shape[:2]
@@ -139,7 +139,7 @@ def compose(layout: TileLayout, pictures: Sequence[Image | None]) -> Image:
     return whole
 
 
-def omni_camera_for(tile: Tile, camera: OmniCamera) -> OmniCamera:
+def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
     """Return an omnidirectional camera at a tile's size: all of its picture, as large as it fits.
 
     The picture's middle is the tile's. Pixels are those of the tile: add its offset for the whole.
@@ -158,8 +158,8 @@ def omni_camera_for(tile: Tile, camera: OmniCamera) -> OmniCamera:
     )
 
 
-def _touched(first: int, length: int, *, tile: int, whole: int) -> range:
+def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
     """Return which intervals of a length `tile` from 0 on an interval touches, both clamped."""
-    low = min(first, whole - 1)
-    high = min(max(first + length, low + 1), whole)
+    low = min(first, size - 1)
+    high = min(max(first + length, low + 1), size)
     return range(low // tile, -(-high // tile))

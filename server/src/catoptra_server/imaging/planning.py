@@ -13,118 +13,118 @@ from dataclasses import replace
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.imaging.shot import OmniEye
-from catoptra_server.plan.candidates import candidates
-from catoptra_server.plan.cost_model import CostModel, Measured, Rates, fitted
+from catoptra_server.imaging.shot import OmniCameraSpec
+from catoptra_server.plan.candidates import generate_candidate_plans
+from catoptra_server.plan.cost_model import CostModel, PlanTiming, Rates, fit_cost_model
 from catoptra_server.plan.error_bound import ErrorBound, error_bound
-from catoptra_server.plan.planner import PlanChoice, choose, ladder
-from catoptra_server.plan.render_plan import RendererKind, RenderPlan, plan_from_wish
-from catoptra_server.render.calibration import measured
-from catoptra_server.render.choice import Choice
+from catoptra_server.plan.planner import PlanChoice, choose_plan, pareto_front
+from catoptra_server.plan.render_plan import RendererKind, RenderPlan, plan_from_settings
+from catoptra_server.render.calibration import measure_costs
+from catoptra_server.render.choice import RendererChoice
 from catoptra_server.render.cost_cache import CostCache
-from catoptra_server.render.renderer import Exposure, Renderer
-from catoptra_server.robot.render_wish import Surface
+from catoptra_server.render.renderer import CameraState, Renderer
+from catoptra_server.robot.render_wish import MirrorSurface
 
 log = logging.getLogger(__name__)
 
-Measure = Callable[
-    [Renderer, RendererKind, OmniCamera, Surface, Sequence[Exposure]], list[Measured]
+MeasureCosts = Callable[
+    [Renderer, RendererKind, OmniCamera, MirrorSurface, Sequence[CameraState]], list[PlanTiming]
 ]
 # Frames are a few times slower or faster than was measured, not more: else something else happened.
-_LARGEST_FACTOR = 10.0
+_MAX_CORRECTION = 10.0
 
 
-class Planning:
+class RenderPlanner:
     """The renderers that could draw a scene, and what their frames cost."""
 
     def __init__(
-        self, choice: Choice, cache: CostCache | None = None, *, measure: Measure = measured
+        self, choice: RendererChoice, cache: CostCache | None = None, *, measure: MeasureCosts = measure_costs
     ) -> None:
         self._choice = choice
         self._renderers: dict[RendererKind, Renderer] = {choice.kind: choice.renderer}
-        self._others = dict(choice.others)
+        self._alternatives = dict(choice.alternatives)
         self._cache = cache
         self._measure = measure
-        self._models: dict[tuple[OmniCamera, Surface], CostModel] = {}
-        self._factors: dict[RendererKind, float] = {}
+        self._models: dict[tuple[OmniCamera, MirrorSurface], CostModel] = {}
+        self._corrections: dict[RendererKind, float] = {}
 
     @property
-    def kind(self) -> RendererKind:
+    def default_kind(self) -> RendererKind:
         """Return the kind of renderer that draws where nothing says otherwise."""
         return self._choice.kind
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """Return why that one was taken."""
         return self._choice.reason
 
-    def renderer(self, kind: RendererKind) -> Renderer:
+    def get_renderer(self, kind: RendererKind) -> Renderer:
         """Return a renderer of a kind, made now if it was not needed before."""
         if kind not in self._renderers:
-            self._renderers[kind] = self._others[kind]()
+            self._renderers[kind] = self._alternatives[kind]()
             log.info("%s", self._renderers[kind].describe())
         return self._renderers[kind]
 
-    def choose(self, eye: OmniEye, exposures: Sequence[Exposure]) -> PlanChoice:
+    def choose_plan(self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]) -> PlanChoice:
         """Return how to draw an eye; `exposures` are what is measured if a dial asks for it."""
-        plan = plan_from_wish(eye.wish, eye.camera, kind=self.kind, why=self.why)
-        bound = _bound_or_none(eye.camera, plan)
-        if not eye.wish.dial.is_set:
+        plan = plan_from_settings(camera.render_settings, camera.camera, kind=self.default_kind, reason=self.reason)
+        bound = _find_error_bound(camera.camera, plan)
+        if not camera.render_settings.accuracy_target.is_set:
             return PlanChoice(plan, bound)
         if bound is None:
-            why = f"no dial can be kept where an error has no bound; {self.why}"
-            return PlanChoice(replace(plan, reason=why), None, keeps_word=False)
-        model = self._model(eye, exposures)
+            why = f"no dial can be kept where an error has no bound; {self.reason}"
+            return PlanChoice(replace(plan, reason=why), None, target_met=False)
+        model = self._get_cost_model(camera, camera_states)
         kinds = [kind for kind in RendererKind if kind in self._renderers]
-        steps = ladder(
-            eye.camera, candidates(eye.wish.surface, eye.camera, kinds), _Costs(self, model)
+        steps = pareto_front(
+            camera.camera, generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds), _CorrectedCosts(self, model)
         )
-        return choose(eye.camera, steps, eye.wish.dial)
+        return choose_plan(camera.camera, steps, camera.render_settings.accuracy_target)
 
-    def predicted_ms(self, eye: OmniEye, plan: RenderPlan) -> float | None:
+    def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
         """Return what a plan is expected to cost now; None where its costs were never measured."""
-        model = self._models.get(_key(eye))
-        return _Costs(self, model).ms(plan) if model else None
+        model = self._models.get(_cost_key(camera))
+        return _CorrectedCosts(self, model).predict_frame_ms(plan) if model else None
 
-    def factor(self, kind: RendererKind) -> float:
+    def cost_correction(self, kind: RendererKind) -> float:
         """Return by how much frames take longer than was measured."""
-        return self._factors.get(kind, 1.0)
+        return self._corrections.get(kind, 1.0)
 
-    def correct(self, eye: OmniEye, plan: RenderPlan, median_ms: float) -> None:
+    def update_correction(self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float) -> None:
         """Take note of what frames really take."""
-        model = self._models.get(_key(eye))
+        model = self._models.get(_cost_key(camera))
         if model is not None:
-            factor = median_ms / model.ms(plan)
-            self._factors[plan.renderer] = min(max(factor, 1.0 / _LARGEST_FACTOR), _LARGEST_FACTOR)
+            factor = median_ms / model.predict_frame_ms(plan)
+            self._corrections[plan.renderer] = min(max(factor, 1.0 / _MAX_CORRECTION), _MAX_CORRECTION)
 
-    def _model(self, eye: OmniEye, exposures: Sequence[Exposure]) -> CostModel:
-        key = _key(eye)
+    def _get_cost_model(self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]) -> CostModel:
+        key = _cost_key(camera)
         if key not in self._models:
-            self._make_others()
+            self._create_alternatives()
             rates: dict[str, Rates] = {}
             for kind, renderer in self._renderers.items():
-                rates.update(self._rates(kind, renderer, eye, exposures))
-            self._models[key] = CostModel(eye.camera, rates)
+                rates.update(self._find_rates(kind, renderer, camera, camera_states))
+            self._models[key] = CostModel(camera.camera, rates)
         return self._models[key]
 
-    def _make_others(self) -> None:
+    def _create_alternatives(self) -> None:
         """Make what else could draw; what cannot be had after all is no choice."""
-        for kind in list(self._others):
+        for kind in list(self._alternatives):
             try:
-                self.renderer(kind)
+                self.get_renderer(kind)
             except RendererUnavailableError as error:
-                del self._others[kind]
+                del self._alternatives[kind]
                 log.info("%s is no choice: %s", kind.value, error)
 
-    def _rates(
+    def _find_rates(
         self,
         kind: RendererKind,
         renderer: Renderer,
-        eye: OmniEye,
-        exposures: Sequence[Exposure],
+        camera: OmniCameraSpec,
+        camera_states: Sequence[CameraState],
     ) -> Mapping[str, Rates]:
         key = (
-            self._cache.key(renderer.describe(), eye.camera, eye.wish.surface)
+            self._cache.make_key(renderer.describe(), camera.camera, camera.render_settings.surface)
             if self._cache
             else ""
         )
@@ -132,8 +132,8 @@ class Planning:
         if kept is not None:
             log.info("costs of %s are known from before", kind.value)
             return kept
-        rates = fitted(
-            eye.camera, self._measure(renderer, kind, eye.camera, eye.wish.surface, exposures)
+        rates = fit_cost_model(
+            camera.camera, self._measure(renderer, kind, camera.camera, camera.render_settings.surface, camera_states)
         ).rates
         log.info("costs of %s measured: %s", kind.value, rates)
         if self._cache:
@@ -146,23 +146,23 @@ class Planning:
             renderer.close()
 
 
-class _Costs:
+class _CorrectedCosts:
     """The costs of one camera, corrected by what frames really took."""
 
-    def __init__(self, planning: Planning, model: CostModel) -> None:
-        self._planning = planning
+    def __init__(self, planner: RenderPlanner, model: CostModel) -> None:
+        self._planning = planner
         self._model = model
 
-    def ms(self, plan: RenderPlan) -> float:
-        return self._model.ms(plan) * self._planning.factor(plan.renderer)
+    def predict_frame_ms(self, plan: RenderPlan) -> float:
+        return self._model.predict_frame_ms(plan) * self._planning.cost_correction(plan.renderer)
 
 
-def _key(eye: OmniEye) -> tuple[OmniCamera, Surface]:
+def _cost_key(camera: OmniCameraSpec) -> tuple[OmniCamera, MirrorSurface]:
     """Return what rates depend on."""
-    return eye.camera, eye.wish.surface
+    return camera.camera, camera.render_settings.surface
 
 
-def _bound_or_none(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None:
+def _find_error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None:
     try:
         return error_bound(camera, plan)
     except DomainError as error:

@@ -12,14 +12,14 @@ from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_server.effects.effect import NO_WISHES, EffectWishes
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.imaging.multi_view import TileLayout
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.robot.render_wish import RenderSettings
 
 
 @dataclass(frozen=True, slots=True)
-class ScreenChannel:
+class ImagePortChannel:
     """What the image port shows: the whole screen, or one tile of a multi-view."""
 
     tile: int | None = None
@@ -33,33 +33,33 @@ class CameraChannel:
     camera: str
 
 
-Channel = ScreenChannel | CameraChannel
-SCREEN = ScreenChannel()
+Channel = ImagePortChannel | CameraChannel
+IMAGE_PORT = ImagePortChannel()
 
 
 @dataclass(frozen=True, slots=True)
-class OmniEye:
+class OmniCameraSpec:
     """An omnidirectional camera, and what its robot's file asks of the picture and its effects."""
 
     camera: OmniCamera
-    wish: RenderWish
-    effects: EffectWishes = NO_WISHES
+    render_settings: RenderSettings
+    effect_settings: EffectSettings = NO_EFFECT_SETTINGS
 
 
 # What can be looked through. Equal eyes share a prepared view.
-Eye = OmniEye | PerspectiveCamera
+CameraSpec = OmniCameraSpec | PerspectiveCamera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Take:
+class ViewRequest:
     """An eye, where it is, and what moves about it."""
 
-    eye: Eye
-    exposure: Exposure
+    camera: CameraSpec
+    camera_state: CameraState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Caption:
+class FrameMetadata:
     """Whose picture it is; empty where it is nobody's, or that of several cameras.
 
     robot_from_camera: where the effective viewpoint or pinhole sits. law: the pairs that give every
@@ -71,25 +71,25 @@ class Caption:
     camera: str = ""
     world_from_robot: Pose = field(default_factory=Pose.identity)
     robot_from_camera: Pose | None = None
-    law: Pairs | None = None
+    camera_model: Pairs | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scenery:
+class FrameComposition:
     """The takes of a screen, tile by tile; None: a tile that stays black.
 
     interval_s: the shortest simulation time to the next exposure.
     """
 
     layout: TileLayout
-    takes: tuple[Take | None, ...]
-    caption: Caption = field(default_factory=Caption)
-    interval_s: float = 0.0
+    views: tuple[ViewRequest | None, ...]
+    metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    min_interval_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
-    """Scenery at a moment: time_s of the simulation, exposed_s on the server's monotonic clock.
+class FrameRequest:
+    """Scenery at a moment: time_s of the simulation, exposed_at_s on the server's monotonic clock.
 
     sequence counts the shots of a channel from 1.
     """
@@ -97,5 +97,5 @@ class Shot:
     channel: Channel
     sequence: int
     time_s: float
-    exposed_s: float
-    scenery: Scenery
+    exposed_at_s: float
+    composition: FrameComposition

@@ -14,25 +14,25 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.effects.decide import NO_EFFECTS, EffectPlan, decide
-from catoptra_server.effects.effect import light_is_enough
-from catoptra_server.imaging.planning import Planning
-from catoptra_server.imaging.shot import Eye, OmniEye, Take
-from catoptra_server.plan.budget_watch import BudgetWatch, Verdict
+from catoptra_server.effects.decide import NO_EFFECTS, EffectPlan, plan_effects
+from catoptra_server.effects.effect import needs_radiance_only
+from catoptra_server.imaging.planning import RenderPlanner
+from catoptra_server.imaging.shot import CameraSpec, OmniCameraSpec, ViewRequest
+from catoptra_server.plan.budget_watch import BudgetMonitor, BudgetStatus
 from catoptra_server.plan.error_bound import ErrorBound
-from catoptra_server.plan.perspective_plan import PerspectivePlan, plan_perspective
+from catoptra_server.plan.perspective_plan import PerspectivePlan, plan_perspective_view
 from catoptra_server.plan.planner import PlanChoice
 from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.renderer import Exposure, OmniView, RenderedImage, View
-from catoptra_server.render.staging import staged
+from catoptra_server.render.renderer import CameraState, OmniView, RenderedImage, View
+from catoptra_server.render.staging import apply_scene_effects
 
 log = logging.getLogger(__name__)
 
 # Clients choose fields of view: without a limit each would leave a view behind. A robot has a few
 # cameras; a view of 320 x 240 px at 2 x 2 samples holds some 4 MB.
-CAPACITY = 16
+MAX_VIEWS = 16
 # What is measured where nobody says what is seen.
-_SOMEWHERE = (Exposure(Pose.identity()),)
+_DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
 Plan = RenderPlan | PerspectivePlan
 
@@ -46,42 +46,42 @@ class ViewState:
 
 
 @dataclass(slots=True, eq=False)
-class _Prepared:
+class _CachedView:
     """A view and the plan that it follows. choice, effects: of an omnidirectional camera's last
     frame.
 
-    verdict: of its last frames. has_given_up: nothing is faster, and that was said.
+    verdict: of its last frames. budget_unreachable: nothing is faster, and that was said.
     """
 
     plan: Plan
     view: View
-    watch: BudgetWatch
+    budget_monitor: BudgetMonitor
     choice: PlanChoice | None = None
     effects: EffectPlan = NO_EFFECTS
-    verdict: Verdict = Verdict.KEPT
-    has_given_up: bool = False
+    budget_status: BudgetStatus = BudgetStatus.WITHIN_BUDGET
+    budget_unreachable: bool = False
 
 
 @dataclass(slots=True)
-class Published:
+class ErrorBoundTable:
     """The bounds of what is prepared, by eye; any thread may read them."""
 
-    _bounds: dict[Eye, ErrorBound | None] = field(default_factory=dict)
+    _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
 
-    def bound(self, eye: Eye) -> ErrorBound | None:
+    def get(self, camera: CameraSpec) -> ErrorBound | None:
         """Return the bound by which an eye is drawn; None where it is not, or has none."""
-        return self._bounds.get(eye)
+        return self._bounds.get(camera)
 
-    def put(self, eye: Eye, bound: ErrorBound | None) -> None:
+    def put(self, camera: CameraSpec, bound: ErrorBound | None) -> None:
         """Publish a bound."""
-        self._bounds[eye] = bound
+        self._bounds[camera] = bound
 
-    def remove(self, eye: Eye) -> None:
+    def remove(self, camera: CameraSpec) -> None:
         """Take a bound back."""
-        self._bounds.pop(eye, None)
+        self._bounds.pop(camera, None)
 
 
-class Views:
+class ViewCache:
     """The views of one scene; closing them frees the renderers, too.
 
     places: exposures to measure frames from where a dial asks what they cost.
@@ -89,134 +89,134 @@ class Views:
 
     def __init__(
         self,
-        planning: Planning,
+        planner: RenderPlanner,
         *,
-        capacity: int = CAPACITY,
-        places: Sequence[Exposure] = _SOMEWHERE,
-        published: Published | None = None,
+        max_views: int = MAX_VIEWS,
+        calibration_states: Sequence[CameraState] = _DEFAULT_CALIBRATION_STATES,
+        error_bounds: ErrorBoundTable | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self._planning = planning
-        self._capacity = capacity
-        self._places = places
-        self._published = published or Published()
+        self._planner = planner
+        self._max_views = max_views
+        self._calibration_states = calibration_states
+        self._error_bounds = error_bounds or ErrorBoundTable()
         self._clock = clock
-        self._prepared: dict[Eye, _Prepared] = {}  # the last drawn at the end
+        self._cached: dict[CameraSpec, _CachedView] = {}  # the last drawn at the end
 
     def __len__(self) -> int:
         """Return how many views are prepared."""
-        return len(self._prepared)
+        return len(self._cached)
 
-    def draw(self, take: Take) -> RenderedImage:
+    def render(self, request: ViewRequest) -> RenderedImage:
         """Return the picture of a take; its eye is prepared when it is drawn for the first time."""
-        prepared = self._used(take.eye)
-        if isinstance(take.eye, OmniEye) and prepared.verdict is not Verdict.KEPT:
-            self._choose_again(take.eye, prepared)
-        if not isinstance(take.eye, OmniEye):
-            return prepared.view.draw(take.exposure)
+        prepared = self._get_or_prepare(request.camera)
+        if isinstance(request.camera, OmniCameraSpec) and prepared.budget_status is not BudgetStatus.WITHIN_BUDGET:
+            self._replan(request.camera, prepared)
+        if not isinstance(request.camera, OmniCameraSpec):
+            return prepared.view.render(request.camera_state)
         begin_s = self._clock()
-        picture = self._omni_picture(take.eye, take.exposure, prepared)
-        self._note(take.eye, prepared, 1e3 * (self._clock() - begin_s))
+        picture = self._render_omni(request.camera, request.camera_state, prepared)
+        self._record_frame_time(request.camera, prepared, 1e3 * (self._clock() - begin_s))
         return picture
 
-    def _omni_picture(self, eye: OmniEye, exposure: Exposure, prepared: _Prepared) -> RenderedImage:
+    def _render_omni(self, camera: OmniCameraSpec, camera_state: CameraState, cached: _CachedView) -> RenderedImage:
         """Return the picture with those effects that the exposure calls for."""
-        view = cast(OmniView, prepared.view)
-        if not eye.effects.wishes:
-            return view.draw(exposure)
-        plan = self._effects(eye, exposure)
-        if prepared.effects is NO_EFFECTS or plan.running != prepared.effects.running:
+        view = cast(OmniView, cached.view)
+        if not camera.effect_settings.settings:
+            return view.render(camera_state)
+        plan = self._decide_effects(camera, camera_state)
+        if cached.effects is NO_EFFECTS or plan.enabled_effects != cached.effects.enabled_effects:
             log.info("effects:\n%s", plan)
-        prepared.effects = plan
-        picture = view.draw(staged(exposure, plan), plan.active)
+        cached.effects = plan
+        picture = view.render(apply_scene_effects(camera_state, plan), plan.image_effects)
         return replace(picture, effects=plan.decisions)
 
-    def plan(self, eye: Eye) -> Plan:
+    def plan(self, camera: CameraSpec) -> Plan:
         """Return how an eye is drawn."""
-        return self._used(eye).plan
+        return self._get_or_prepare(camera).plan
 
-    def bound(self, eye: Eye) -> ErrorBound | None:
+    def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
         """Return how far off outlines may be; None of what has no bound: ordinary cameras."""
-        choice = self._used(eye).choice
+        choice = self._get_or_prepare(camera).choice
         return choice.bound if choice else None
 
-    def choice(self, eye: OmniEye) -> ViewState:
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
         """Return how an eye is or would be drawn; it is not prepared for that."""
-        prepared = self._prepared.get(eye)
+        prepared = self._cached.get(camera)
         if prepared is None or prepared.choice is None:
-            return ViewState(self._planning.choose(eye, self._places), None)
-        return ViewState(prepared.choice, prepared.watch.median_ms)
+            return ViewState(self._planner.choose_plan(camera, self._calibration_states), None)
+        return ViewState(prepared.choice, prepared.budget_monitor.median_ms)
 
-    def _used(self, eye: Eye) -> _Prepared:
-        prepared = self._prepared.pop(eye, None) or self._prepare(eye)
-        self._prepared[eye] = prepared
+    def _get_or_prepare(self, camera: CameraSpec) -> _CachedView:
+        prepared = self._cached.pop(camera, None) or self._prepare(camera)
+        self._cached[camera] = prepared
         return prepared
 
-    def _prepare(self, eye: Eye) -> _Prepared:
-        while len(self._prepared) >= self._capacity:
-            oldest = next(iter(self._prepared))
-            self._published.remove(oldest)
-            self._prepared.pop(oldest).view.close()
-        if isinstance(eye, OmniEye):
-            choice = self._planning.choose(eye, self._places)
-            watch = BudgetWatch(eye.wish.dial.budget_ms)
-            return _Prepared(choice.plan, self._view(eye, choice), watch, choice)
-        kind = self._planning.kind
-        flat = plan_perspective(0, kind=kind, why=self._planning.why)
-        view = self._planning.renderer(kind).prepare_perspective(eye, flat.samples)
-        return _Prepared(flat, view, BudgetWatch(0.0))
+    def _prepare(self, camera: CameraSpec) -> _CachedView:
+        while len(self._cached) >= self._max_views:
+            oldest = next(iter(self._cached))
+            self._error_bounds.remove(oldest)
+            self._cached.pop(oldest).view.close()
+        if isinstance(camera, OmniCameraSpec):
+            choice = self._planner.choose_plan(camera, self._calibration_states)
+            watch = BudgetMonitor(camera.render_settings.accuracy_target.budget_ms)
+            return _CachedView(choice.plan, self._prepare_view(camera, choice), watch, choice)
+        kind = self._planner.default_kind
+        flat = plan_perspective_view(0, kind=kind, reason=self._planner.reason)
+        view = self._planner.get_renderer(kind).prepare_perspective(camera, flat.samples)
+        return _CachedView(flat, view, BudgetMonitor(0.0))
 
-    def _view(self, eye: OmniEye, choice: PlanChoice) -> View:
+    def _prepare_view(self, spec: OmniCameraSpec, choice: PlanChoice) -> View:
         """Return a view by a choice, and say so."""
-        camera = eye.camera
+        camera = spec.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
         log.info("its outlines: %s", choice.bound or "no bound is known")
-        self._published.put(eye, choice.bound)
-        return self._planning.renderer(choice.plan.renderer).prepare(camera, choice.plan)
+        self._error_bounds.put(spec, choice.bound)
+        return self._planner.get_renderer(choice.plan.renderer).prepare(camera, choice.plan)
 
-    def _effects(self, eye: OmniEye, exposure: Exposure) -> EffectPlan:
+    def _decide_effects(self, camera: OmniCameraSpec, camera_state: CameraState) -> EffectPlan:
         """Return which effects an exposure calls for."""
-        renderer = self._planning.renderer(self._planning.kind)
-        if light_is_enough(eye.effects):
-            return decide(eye.effects, renderer.light_summary(exposure), eye.camera)
-        return decide(eye.effects, renderer.summary(exposure, eye.camera), eye.camera)
+        renderer = self._planner.get_renderer(self._planner.default_kind)
+        if needs_radiance_only(camera.effect_settings):
+            return plan_effects(camera.effect_settings, renderer.summarize_radiance(camera_state), camera.camera)
+        return plan_effects(camera.effect_settings, renderer.summarize_scene(camera_state, camera.camera), camera.camera)
 
-    def _note(self, eye: OmniEye, prepared: _Prepared, ms: float) -> None:
+    def _record_frame_time(self, camera: OmniCameraSpec, cached: _CachedView, ms: float) -> None:
         """Take note of a frame's time, and of what it says of the plan."""
-        choice, watch = prepared.choice, prepared.watch
+        choice, watch = cached.choice, cached.budget_monitor
         assert choice is not None, "an omnidirectional eye's plan was chosen"
-        better = choice.better
-        better_ms = self._planning.predicted_ms(eye, better.plan) if better else None
-        verdict = watch.note(ms, better_ms=better_ms)
-        is_known = verdict is Verdict.BROKEN and prepared.has_given_up
-        prepared.verdict = Verdict.KEPT if is_known else verdict
+        better = choice.more_accurate
+        better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
+        verdict = watch.record_frame(ms, better_plan_ms=better_ms)
+        is_known = verdict is BudgetStatus.OVER_BUDGET and cached.budget_unreachable
+        cached.budget_status = BudgetStatus.WITHIN_BUDGET if is_known else verdict
         median_ms = watch.median_ms
-        if median_ms is not None and choice.ms is not None:
-            self._planning.correct(eye, choice.plan, median_ms)
+        if median_ms is not None and choice.predicted_ms is not None:
+            self._planner.update_correction(camera, choice.plan, median_ms)
 
-    def _choose_again(self, eye: OmniEye, prepared: _Prepared) -> None:
+    def _replan(self, camera: OmniCameraSpec, cached: _CachedView) -> None:
         """Follow another plan, if there is one that keeps the budget better than this one."""
-        verdict, prepared.verdict = prepared.verdict, Verdict.KEPT
-        choice = self._planning.choose(eye, self._places)
-        median_ms, budget_ms = prepared.watch.median_ms, eye.wish.dial.budget_ms
+        verdict, cached.budget_status = cached.budget_status, BudgetStatus.WITHIN_BUDGET
+        choice = self._planner.choose_plan(camera, self._calibration_states)
+        median_ms, budget_ms = cached.budget_monitor.median_ms, camera.render_settings.accuracy_target.budget_ms
         log.info(
             "%.1f ms a frame (median), %g ms asked: %s",
-            *(median_ms, budget_ms, "too slow" if verdict is Verdict.BROKEN else "room for more"),
+            *(median_ms, budget_ms, "too slow" if verdict is BudgetStatus.OVER_BUDGET else "room for more"),
         )
-        prepared.watch.replanned(verdict)
-        is_same = prepared.plan == replace(choice.plan, reason=prepared.plan.reason)
-        prepared.has_given_up = is_same and verdict is Verdict.BROKEN
+        cached.budget_monitor.reset(verdict)
+        is_same = cached.plan == replace(choice.plan, reason=cached.plan.reason)
+        cached.budget_unreachable = is_same and verdict is BudgetStatus.OVER_BUDGET
         if is_same:
             log.info("there is nothing better to do: %s", choice)
-            prepared.plan, prepared.choice = choice.plan, choice
+            cached.plan, cached.choice = choice.plan, choice
             return
-        prepared.view.close()
-        prepared.view = self._view(eye, choice)
-        prepared.plan, prepared.choice = choice.plan, choice
+        cached.view.close()
+        cached.view = self._prepare_view(camera, choice)
+        cached.plan, cached.choice = choice.plan, choice
 
     def close(self) -> None:
         """Free all views, and the renderers."""
-        for prepared in self._prepared.values():
+        for prepared in self._cached.values():
             prepared.view.close()
-        self._prepared.clear()
-        self._planning.close()
+        self._cached.clear()
+        self._planner.close()

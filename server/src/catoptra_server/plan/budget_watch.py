@@ -11,53 +11,53 @@ import statistics
 from collections import deque
 from enum import Enum
 
-WINDOW = 30
-MOST_OVER = 1.2
-ROOM = 0.85
+WINDOW_FRAMES = 30
+OVERRUN_FACTOR = 1.2
+HEADROOM_FRACTION = 0.85
 # Frames with room before something better is tried; at most so many after setbacks.
-PATIENCE = 300
-_MOST_PATIENCE = 10_000
+HYSTERESIS_FRAMES = 300
+_MAX_HYSTERESIS_FRAMES = 10_000
 
 
-class Verdict(Enum):
+class BudgetStatus(Enum):
     """What the last frames say of a plan."""
 
-    KEPT = "kept"
-    BROKEN = "broken"
-    ROOM = "room"
+    WITHIN_BUDGET = "kept"
+    OVER_BUDGET = "broken"
+    HEADROOM = "room"
 
 
-class BudgetWatch:
+class BudgetMonitor:
     """The times of the frames of one camera and wish, over all the plans it has been drawn by."""
 
     def __init__(self, budget_ms: float) -> None:
         self._budget_ms = budget_ms
-        self._times: deque[float] = deque(maxlen=WINDOW)
-        self._with_room = 0
-        self._patience = PATIENCE
-        self._was_raised = False
+        self._frame_times_ms: deque[float] = deque(maxlen=WINDOW_FRAMES)
+        self._frames_with_headroom = 0
+        self._hysteresis_frames = HYSTERESIS_FRAMES
+        self._was_upgraded = False
 
     @property
     def median_ms(self) -> float | None:
         """Return the median of the last 30 frames; None before there were as many."""
-        return statistics.median(self._times) if len(self._times) == WINDOW else None
+        return statistics.median(self._frame_times_ms) if len(self._frame_times_ms) == WINDOW_FRAMES else None
 
-    def note(self, ms: float, *, better_ms: float | None) -> Verdict:
+    def record_frame(self, frame_ms: float, *, better_plan_ms: float | None) -> BudgetStatus:
         """Take note of a frame; `better_ms` is what the next better plan would take, corrected."""
-        self._times.append(ms)
+        self._frame_times_ms.append(frame_ms)
         median_ms = self.median_ms
         if median_ms is None or not self._budget_ms:
-            return Verdict.KEPT
-        if median_ms > MOST_OVER * self._budget_ms:
-            return Verdict.BROKEN
-        has_room = better_ms is not None and better_ms <= ROOM * self._budget_ms
-        self._with_room = self._with_room + 1 if has_room else 0
-        return Verdict.ROOM if self._with_room >= self._patience else Verdict.KEPT
+            return BudgetStatus.WITHIN_BUDGET
+        if median_ms > OVERRUN_FACTOR * self._budget_ms:
+            return BudgetStatus.OVER_BUDGET
+        has_room = better_plan_ms is not None and better_plan_ms <= HEADROOM_FRACTION * self._budget_ms
+        self._frames_with_headroom = self._frames_with_headroom + 1 if has_room else 0
+        return BudgetStatus.HEADROOM if self._frames_with_headroom >= self._hysteresis_frames else BudgetStatus.WITHIN_BUDGET
 
-    def replanned(self, verdict: Verdict) -> None:
+    def reset(self, status: BudgetStatus) -> None:
         """Begin anew with another plan, chosen because of a verdict."""
-        if verdict is Verdict.BROKEN and self._was_raised:
-            self._patience = min(2 * self._patience, _MOST_PATIENCE)
-        self._was_raised = verdict is Verdict.ROOM
-        self._times.clear()
-        self._with_room = 0
+        if status is BudgetStatus.OVER_BUDGET and self._was_upgraded:
+            self._hysteresis_frames = min(2 * self._hysteresis_frames, _MAX_HYSTERESIS_FRAMES)
+        self._was_upgraded = status is BudgetStatus.HEADROOM
+        self._frame_times_ms.clear()
+        self._frames_with_headroom = 0

@@ -27,13 +27,13 @@ from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 
 Rates = Mapping[str, tuple[float, ...]]  # ms a unit of each quantity, by stage
 
-_MILLION = 1e-6
+_PER_MILLION = 1e-6
 # A stage this short is not worth an exact relative error.
-_LEAST_MS = 0.2
+_MIN_MS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class PlanTiming:
     """A plan, and the milliseconds of each stage of its frames."""
 
     plan: RenderPlan
@@ -42,34 +42,34 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """The rates of one camera in one scene, by way of drawing (`way_of`)."""
+    """The rates of one camera in one scene, by way of drawing (`cost_group`)."""
 
     camera: OmniCamera
     rates: Mapping[str, Rates]
 
-    def ms(self, plan: RenderPlan) -> float:
+    def predict_frame_ms(self, plan: RenderPlan) -> float:
         """Return the predicted milliseconds of a frame. Raises KeyError for another way."""
-        return sum(self.stage_ms(plan).values())
+        return sum(self.predict_stage_ms(plan).values())
 
-    def stage_ms(self, plan: RenderPlan) -> dict[str, float]:
+    def predict_stage_ms(self, plan: RenderPlan) -> dict[str, float]:
         """Return the predicted milliseconds of each stage."""
         return {
-            stage: float(np.dot(rates, quantities(stage, plan, self.camera)))
-            for stage, rates in self.rates[way_of(plan)].items()
+            stage: float(np.dot(rates, cost_features(stage, plan, self.camera)))
+            for stage, rates in self.rates[cost_group(plan)].items()
         }
 
 
-def way_of(plan: RenderPlan) -> str:
+def cost_group(plan: RenderPlan) -> str:
     """Return by which way a plan draws: what is measured of one says nothing of the others."""
     if plan.renderer is RendererKind.RASTER:
         return "raster"
     return "trace, rays apart" if plan.stride_px > 1 else "trace, every ray"
 
 
-def quantities(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[float, ...]:
+def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[float, ...]:
     """Return what a stage's time goes with: 1, and millions of things."""
-    samples = _MILLION * camera.width_px * camera.height_px * plan.samples**2
-    texels = _MILLION * sum(part.texels for part in plan.face_parts)
+    samples = _PER_MILLION * camera.width_px * camera.height_px * plan.samples**2
+    texels = _PER_MILLION * sum(part.num_texels for part in plan.face_regions)
     match stage:
         case "cells":
             return (1.0,)
@@ -80,36 +80,36 @@ def quantities(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[float,
     return 1.0, samples
 
 
-def fitted(camera: OmniCamera, measured: Iterable[Measured]) -> CostModel:
+def fit_cost_model(camera: OmniCamera, timings: Iterable[PlanTiming]) -> CostModel:
     """Return the rates that come nearest to measured frames, in parts of their times."""
-    by_way: dict[str, list[Measured]] = {}
-    for one in measured:
-        by_way.setdefault(way_of(one.plan), []).append(one)
-    return CostModel(camera, {way: _rates(camera, frames) for way, frames in by_way.items()})
+    by_way: dict[str, list[PlanTiming]] = {}
+    for one in timings:
+        by_way.setdefault(cost_group(one.plan), []).append(one)
+    return CostModel(camera, {way: _fit_rates(camera, frames) for way, frames in by_way.items()})
 
 
-def _rates(camera: OmniCamera, frames: list[Measured]) -> Rates:
+def _fit_rates(camera: OmniCamera, timings: list[PlanTiming]) -> Rates:
     return {
-        stage: nearest_rates(
-            np.array([quantities(stage, frame.plan, camera) for frame in frames]),
-            np.array([frame.stage_ms.get(stage, 0.0) for frame in frames]),
+        stage: fit_nonnegative_rates(
+            np.array([cost_features(stage, frame.plan, camera) for frame in timings]),
+            np.array([frame.stage_ms.get(stage, 0.0) for frame in timings]),
         )
-        for stage in sorted({stage for frame in frames for stage in frame.stage_ms})
+        for stage in sorted({stage for frame in timings for stage in frame.stage_ms})
     }
 
 
-def nearest_rates(amounts: Floats, ms: Floats) -> tuple[float, ...]:
+def fit_nonnegative_rates(features: Floats, ms: Floats) -> tuple[float, ...]:
     """Return the rates (k,), none negative, by which amounts (n, k) explain times (n,) best.
 
     There are at most three quantities: all choices of which are above 0 are tried. Of choices that
     explain as much the one with fewest quantities is taken, and of these one that grows: a single
     frame does not tell what was fixed.
     """
-    weight = 1.0 / np.maximum(ms, _LEAST_MS)
-    rows, target = amounts * weight[:, None], ms * weight
-    best, least = np.zeros(amounts.shape[1]), float(target @ target)
-    for used in _choices(amounts.shape[1]):
-        rates = np.zeros(amounts.shape[1])
+    weight = 1.0 / np.maximum(ms, _MIN_MS)
+    rows, target = features * weight[:, None], ms * weight
+    best, least = np.zeros(features.shape[1]), float(target @ target)
+    for used in _index_subsets(features.shape[1]):
+        rates = np.zeros(features.shape[1])
         rates[used] = np.linalg.lstsq(rows[:, used], target, rcond=None)[0]
         left = float(np.square(rows @ rates - target).sum())
         if (rates >= 0.0).all() and left < least - 1e-12:
@@ -117,7 +117,7 @@ def nearest_rates(amounts: Floats, ms: Floats) -> tuple[float, ...]:
     return tuple(float(rate) for rate in best)
 
 
-def _choices(count: int) -> Iterable[list[int]]:
+def _index_subsets(count: int) -> Iterable[list[int]]:
     sizes = range(1, count + 1)
     last_first = range(count - 1, -1, -1)
     return [list(used) for size in sizes for used in itertools.combinations(last_first, size)]

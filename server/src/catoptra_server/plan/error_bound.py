@@ -19,7 +19,7 @@ The parts add up, but for the rim: where polygons end too early nothing is shown
 displaced too, so the whole is at least the rim's part, not more by it.
 
 What it does not include: the samples' own spacing, which is `sampling` and comes on top of what is
-measured in a frame (`marker_px` is both, for the centroid of a disc); things smaller than four of a
+measured in a frame (`marker_error_px` is both, for the centroid of a disc); things smaller than four of a
 face's texels; the float32 corners of the scene, a part in 1.7e7 of the distance from the middle of
 the scene; the scene's own polygons; grey levels.
 
@@ -32,19 +32,19 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.face_lookup_error import edge_texels, face_lookup_error
+from catoptra_server.plan.face_lookup_error import max_edge_displacement_texels, face_lookup_error
 from catoptra_server.plan.facet_error import facet_error, rim_gap
-from catoptra_server.plan.geometric_error import GeometricError, at_least, summed
+from catoptra_server.plan.geometric_error import GeometricError, apply_floor, sum_errors
 from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 from catoptra_server.plan.rounding_error import corner_error, rounding_error
 from catoptra_server.plan.sampling_error import SamplingError, sampling_error
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 
-__all__ = ["ErrorBound", "ErrorPart", "GeometricError", "SamplingError", "error_bound"]
+__all__ = ["ErrorBound", "ErrorComponent", "GeometricError", "SamplingError", "error_bound"]
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorPart:
+class ErrorComponent:
     """What one cause adds at most, and why."""
 
     name: str
@@ -58,20 +58,20 @@ class ErrorBound:
 
     geometric: GeometricError
     sampling: SamplingError
-    parts: tuple[ErrorPart, ...]
+    components: tuple[ErrorComponent, ...]
 
     @property
-    def outline_px(self) -> float:
+    def outline_error_px(self) -> float:
         """Return how far off any outline in a frame may be: displaced, and as samples leave it.
 
         This is the error that a tolerance is about, and the one number that frames carry.
         """
-        return self.geometric.max_px + self.sampling.edge_px
+        return self.geometric.max_px + self.sampling.edge_error_px
 
     @property
-    def marker_px(self) -> float:
+    def marker_error_px(self) -> float:
         """Return how far off a marker's middle may be measured in a frame; from one pixel on."""
-        return self.geometric.max_px + self.sampling.centroid_px
+        return self.geometric.max_px + self.sampling.centroid_error_px
 
     def as_dict(self) -> dict[str, float]:
         """Return the numbers by name, for a header. A part is `<name>_px`; absent where unused."""
@@ -81,70 +81,70 @@ class ErrorBound:
             "rms_px": geometric.rms_px,
             "max_deg": geometric.max_deg,
             "rms_deg": geometric.rms_deg,
-            "edge_px": sampling.edge_px,
-            "outline_px": self.outline_px,
-            "marker_px": self.marker_px,
+            "edge_px": sampling.edge_error_px,
+            "outline_px": self.outline_error_px,
+            "marker_px": self.marker_error_px,
         }
-        if sampling.texels is not None:
-            numbers["texels_per_px_min"] = sampling.texels.min_per_px
-            numbers["texels_per_px_median"] = sampling.texels.median_per_px
-            numbers["texels_per_px_max"] = sampling.texels.max_per_px
-        return numbers | {f"{part.name}_px": part.max_px for part in self.parts}
+        if sampling.texel_footprint is not None:
+            numbers["texels_per_px_min"] = sampling.texel_footprint.min_texels_per_px
+            numbers["texels_per_px_median"] = sampling.texel_footprint.median_texels_per_px
+            numbers["texels_per_px_max"] = sampling.texel_footprint.max_texels_per_px
+        return numbers | {f"{part.name}_px": part.max_px for part in self.components}
 
     def __str__(self) -> str:
         geometric, sampling = self.geometric, self.sampling
-        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.parts)
+        parts = ", ".join(f"{part.name} {part.max_px:.2g}" for part in self.components)
         text = (
             f"at most {geometric.max_px:.3g} px or {geometric.max_deg:.2g} deg off, "
-            f"{geometric.rms_px:.2g} px rms ({parts}); samples leave {sampling.edge_px:.2g} px"
+            f"{geometric.rms_px:.2g} px rms ({parts}); samples leave {sampling.edge_error_px:.2g} px"
         )
-        if sampling.texels is None:
+        if sampling.texel_footprint is None:
             return text
-        texels = f"{sampling.texels.min_per_px:.2g} to {sampling.texels.max_per_px:.2g} texels a px"
+        texels = f"{sampling.texel_footprint.min_texels_per_px:.2g} to {sampling.texel_footprint.max_texels_per_px:.2g} texels a px"
         return f"{text}; {texels}" + (
-            ", more than its taps see" if sampling.one_tap_undersamples else ""
+            ", more than its taps see" if sampling.is_undersampled else ""
         )
 
 
 @lru_cache(maxsize=256)
 def error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound:
     """Return the bound of a plan. Raises DomainError for polygons without a pinhole."""
-    parts = _parts(camera, plan)
-    geometric = summed(error for _, error, _ in parts)
-    if isinstance(plan.surface, PolygonSplit):
+    parts = _additive_components(camera, plan)
+    geometric = sum_errors(error for _, error, _ in parts)
+    if isinstance(plan.surface, Tessellation):
         gap = rim_gap(camera, plan.surface)
-        geometric = at_least(geometric, gap)
+        geometric = apply_floor(geometric, gap)
         parts = (*parts, ("rim", gap, f"{plan.surface.sectors} straight sides end within it"))
-    named = tuple(ErrorPart(name, error.max_px, reason) for name, error, reason in parts)
+    named = tuple(ErrorComponent(name, error.max_px, reason) for name, error, reason in parts)
     return ErrorBound(geometric, sampling_error(camera, plan), named)
 
 
-_Part = tuple[str, GeometricError, str]
+_Component = tuple[str, GeometricError, str]
 
 
-def _parts(camera: OmniCamera, plan: RenderPlan) -> tuple[_Part, ...]:
+def _additive_components(camera: OmniCamera, plan: RenderPlan) -> tuple[_Component, ...]:
     """Return the name, the error and the reason of everything that adds up."""
     is_raster = plan.renderer is RendererKind.RASTER
-    parts: list[_Part] = []
-    if isinstance(plan.surface, PolygonSplit):
-        parts.append(_polygons(camera, plan.surface))
+    parts: list[_Component] = []
+    if isinstance(plan.surface, Tessellation):
+        parts.append(_facet_component(camera, plan.surface))
     if is_raster:
-        parts.append(_faces(camera, plan))
-    if is_raster and isinstance(plan.surface, PolygonSplit):
+        parts.append(_face_component(camera, plan))
+    if is_raster and isinstance(plan.surface, Tessellation):
         corners = corner_error(camera, plan.samples)
         parts.append(("corners", corners, "they stand on 256ths of the drawn pixels"))
     why = "float32 places in the atlas" if is_raster else "float32 rays, turned"
     return (*parts, ("rounding", rounding_error(camera, plan), why))
 
 
-def _polygons(camera: OmniCamera, split: PolygonSplit) -> _Part:
-    of = f"{split.sectors} x {split.rings} flat polygons"
-    return "polygons", facet_error(camera, split), f"{of}, {split.interpolation.value} between"
+def _facet_component(camera: OmniCamera, tessellation: Tessellation) -> _Component:
+    of = f"{tessellation.sectors} x {tessellation.rings} flat polygons"
+    return "polygons", facet_error(camera, tessellation), f"{of}, {tessellation.interpolation.value} between"
 
 
-def _faces(camera: OmniCamera, plan: RenderPlan) -> _Part:
-    error = face_lookup_error(camera, plan.face_parts, face_samples=plan.face_samples)
-    moved = edge_texels(plan.face_samples)
+def _face_component(camera: OmniCamera, plan: RenderPlan) -> _Component:
+    error = face_lookup_error(camera, plan.face_regions, face_samples=plan.face_samples)
+    moved = max_edge_displacement_texels(plan.face_samples)
     return (
         "faces",
         error,

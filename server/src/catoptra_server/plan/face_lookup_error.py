@@ -21,35 +21,35 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.face_sizes import FacePart
-from catoptra_server.plan.face_texels import face_texels
+from catoptra_server.plan.face_sizes import FaceRegion
+from catoptra_server.plan.face_texels import texel_footprint
 from catoptra_server.plan.geometric_error import GeometricError
 
 # Largest displacement in texels by samples a texel. 1: one half, and 1 / (8 * 2) by which an arc of
 # radius two departs from its chord of one texel. More: the worst of arcs from radius two to
 # straight, in the standard patterns of samples that drivers use, and a twentieth of it more;
 # searched in tests/server/plan/test_face_lookup_error.py.
-EDGE_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
+MAX_EDGE_DISPLACEMENT_TEXELS = {1: 0.5 + 1.0 / 16.0, 2: 0.50, 4: 0.38, 8: 0.32, 16: 0.29}
 # Corners of triangles and places between texels are held in 256ths by the hardware, to half a step
 # along both sides: twice sqrt(2) / 512.
 _FIXED_POINT_TEXELS = math.sqrt(2.0) / 256.0
 
 
-def edge_texels(face_samples: int) -> float:
+def max_edge_displacement_texels(face_samples: int) -> float:
     """Return how many texels an edge may be displaced; drivers take no fewer samples than asked."""
-    known = max(samples for samples in EDGE_TEXELS if samples <= face_samples)
-    return EDGE_TEXELS[known] + _FIXED_POINT_TEXELS
+    known = max(samples for samples in MAX_EDGE_DISPLACEMENT_TEXELS if samples <= face_samples)
+    return MAX_EDGE_DISPLACEMENT_TEXELS[known] + _FIXED_POINT_TEXELS
 
 
 def face_lookup_error(
-    camera: OmniCamera, parts: tuple[FacePart, ...], *, face_samples: int
+    camera: OmniCamera, regions: tuple[FaceRegion, ...], *, face_samples: int
 ) -> GeometricError:
     """Return the displacement by the texels of parts of faces.
 
     The rms is that of edges anywhere between two texels, each place alike: 1 / sqrt 3 of the most.
     """
-    texels = face_texels(camera, parts)
-    moved = edge_texels(face_samples)
+    texels = texel_footprint(camera, regions)
+    moved = max_edge_displacement_texels(face_samples)
     anywhere = moved / math.sqrt(3.0)
     return GeometricError(
         max_px=moved * texels.max_px,

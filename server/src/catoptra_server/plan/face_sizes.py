@@ -16,18 +16,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES, Face, face_coordinates, faces_seen
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face, face_coordinates, visible_faces
 from catoptra_protocol.optics.numerics import Floats
 
 # All parts together: 512 MiB of linear light. The longest side leaves room for two in a texture.
-MOST_TEXELS = 2**26
-LONGEST_SIDE = 2**13
+MAX_TEXELS = 2**26
+MAX_SIDE_TEXELS = 2**13
 # Density changes so slowly that the largest of a grid of this side is the largest to 0.1 %.
-_GRID = 65
+_GRID_SIDE = 65
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class FaceWindow:
     """A part of a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
 
     left: float = -1.0
@@ -42,123 +42,123 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
-class FacePart:
+class FaceRegion:
     """A window of a face, and how many texels one unit of s and one unit of t has there."""
 
     face: Face
-    window: Window
+    window: FaceWindow
     columns_per_unit: float
     rows_per_unit: float
 
     @property
-    def size(self) -> tuple[float, float]:
+    def size_texels(self) -> tuple[float, float]:
         """Return the width and the height in texels, not rounded."""
         window = self.window
         width = (window.right - window.left) * self.columns_per_unit
         return width, (window.bottom - window.top) * self.rows_per_unit
 
     @property
-    def texels(self) -> float:
+    def num_texels(self) -> float:
         """Return the number of texels, not rounded."""
-        width, height = self.size
+        width, height = self.size_texels
         return width * height
 
 
-def seen_window(face: Face, limit_rad: float) -> Window:
+def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
     """Return the smallest window of a face that holds all directions up to an incidence angle."""
     if face is Face.U:
-        return Window()
+        return FaceWindow()
     if face is Face.C:
-        half = math.tan(limit_rad) if limit_rad < 0.25 * math.pi else 1.0
-        return Window(-half, -half, half, half)
+        half = math.tan(max_incidence_rad) if max_incidence_rad < 0.25 * math.pi else 1.0
+        return FaceWindow(-half, -half, half, half)
     # On a side face t = cot(theta) / cos(azimuth off its middle): smallest in the middle below the
     # horizon, at the edge of the face, sqrt 2 farther, above it.
-    cotangent = 1.0 / math.tan(limit_rad)
+    cotangent = 1.0 / math.tan(max_incidence_rad)
     highest = cotangent if cotangent > 0.0 else math.sqrt(2.0) * cotangent
-    return Window(top=max(highest, -1.0))
+    return FaceWindow(top=max(highest, -1.0))
 
 
-def face_parts(
-    camera: OmniCamera, limit_rad: float, *, size_px: int, texels_per_px: float
-) -> tuple[FacePart, ...]:
+def face_regions(
+    camera: OmniCamera, max_incidence_rad: float, *, size_px: int, texels_per_px: float
+) -> tuple[FaceRegion, ...]:
     """Return the parts up to an incidence angle: of a wished size, or by density where it is 0."""
     if size_px:
-        return parts_of_size(limit_rad, size_px)
-    return parts_by_density(camera, limit_rad, texels_per_px=texels_per_px)
+        return regions_of_size(max_incidence_rad, size_px)
+    return regions_by_density(camera, max_incidence_rad, texels_per_px=texels_per_px)
 
 
-def largest_size_px(parts: tuple[FacePart, ...]) -> int:
+def max_face_size_px(regions: tuple[FaceRegion, ...]) -> int:
     """Return the side of a whole face in the finest of the parts' texels."""
-    return math.ceil(2.0 * max(max(part.columns_per_unit, part.rows_per_unit) for part in parts))
+    return math.ceil(2.0 * max(max(part.columns_per_unit, part.rows_per_unit) for part in regions))
 
 
-def parts_of_size(limit_rad: float, size_px: int) -> tuple[FacePart, ...]:
+def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
     """Return a part of each face that is seen, all of `size_px` texels for 90 degrees."""
-    windows = {face: seen_window(face, limit_rad) for face in faces_seen(limit_rad)}
+    windows = {face: visible_window(face, max_incidence_rad) for face in visible_faces(max_incidence_rad)}
     half = 0.5 * size_px
-    return tuple(FacePart(f, w, half, half) for f, w in windows.items() if not w.is_empty)
+    return tuple(FaceRegion(f, w, half, half) for f, w in windows.items() if not w.is_empty)
 
 
-def parts_by_density(
-    camera: OmniCamera, limit_rad: float, *, texels_per_px: float
-) -> tuple[FacePart, ...]:
+def regions_by_density(
+    camera: OmniCamera, max_incidence_rad: float, *, texels_per_px: float
+) -> tuple[FaceRegion, ...]:
     """Return the parts that a picture needs up to an incidence angle.
 
     No texel is longer than a pixel over `texels_per_px`, unless the atlas would grow beyond all
     use: then all are coarser by one factor.
     """
-    parts: list[FacePart] = []
-    for seen in parts_of_size(limit_rad, 2):
+    parts: list[FaceRegion] = []
+    for seen in regions_of_size(max_incidence_rad, 2):
         if seen.face in (Face.N, Face.C, Face.U):
-            fitted = _fitted(camera, limit_rad, seen, texels_per_px)
+            fitted = _fit_texel_density(camera, max_incidence_rad, seen, texels_per_px)
         # The mirror is round: what fits one side face fits them all.
         parts.append(replace(fitted, face=seen.face))
-    return _within_reason(tuple(parts))
+    return _limit_texels(tuple(parts))
 
 
-def _fitted(camera: OmniCamera, limit_rad: float, part: FacePart, texels_per_px: float) -> FacePart:
+def _fit_texel_density(camera: OmniCamera, max_incidence_rad: float, region: FaceRegion, texels_per_px: float) -> FaceRegion:
     """Return the part with as many texels as its densest place needs, in whole texels a face."""
     columns, rows = (
         0.5 * math.ceil(2.0 * texels_per_px * longest)
-        for longest in _largest_density(camera, limit_rad, part)
+        for longest in _max_density(camera, max_incidence_rad, region)
     )
-    return replace(part, columns_per_unit=columns, rows_per_unit=rows)
+    return replace(region, columns_per_unit=columns, rows_per_unit=rows)
 
 
-def _largest_density(camera: OmniCamera, limit_rad: float, part: FacePart) -> tuple[float, float]:
+def _max_density(camera: OmniCamera, max_incidence_rad: float, region: FaceRegion) -> tuple[float, float]:
     """Return the most pixels that a unit of s and a unit of t cover where the mirror looks."""
-    window = part.window
+    window = region.window
     grid = np.meshgrid(
-        np.linspace(window.left, window.right, _GRID), np.linspace(window.top, window.bottom, _GRID)
+        np.linspace(window.left, window.right, _GRID_SIDE), np.linspace(window.top, window.bottom, _GRID_SIDE)
     )
-    places = np.concatenate((np.stack(grid, axis=-1).reshape(-1, 2), _edge(limit_rad, part)))
-    covered = pixels_per_unit(camera, part.face, places)
-    seen = _incidence(_directions(part.face, places)) <= limit_rad + 1e-9
+    places = np.concatenate((np.stack(grid, axis=-1).reshape(-1, 2), _boundary_points(max_incidence_rad, region)))
+    covered = pixels_per_unit(camera, region.face, places)
+    seen = _incidence_rad(_directions_from_face_points(region.face, places)) <= max_incidence_rad + 1e-9
     columns, rows = covered[seen].max(axis=0)
     return float(columns), float(rows)
 
 
-def _edge(limit_rad: float, part: FacePart) -> Floats:
+def _boundary_points(max_incidence_rad: float, region: FaceRegion) -> Floats:
     """Return (n, 2) places in a part's window on the circle of the highest incidence."""
-    azimuth = np.linspace(-math.pi, math.pi, 8 * _GRID + 1)
-    ring = math.sin(limit_rad)
-    height = np.full_like(azimuth, math.cos(limit_rad))
+    azimuth = np.linspace(-math.pi, math.pi, 8 * _GRID_SIDE + 1)
+    ring = math.sin(max_incidence_rad)
+    height = np.full_like(azimuth, math.cos(max_incidence_rad))
     circle = np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), height), axis=-1)
-    ahead = circle[circle @ FACE_AXES[part.face][:, 0] > 1e-6]
-    places = face_coordinates(ahead, np.full(len(ahead), part.face, dtype=np.intp))
-    window = part.window
+    ahead = circle[circle @ MIRROR_FROM_FACE_ROTATIONS[region.face][:, 0] > 1e-6]
+    places = face_coordinates(ahead, np.full(len(ahead), region.face, dtype=np.intp))
+    window = region.window
     low, high = (window.left, window.top), (window.right, window.bottom)
     inside: Floats = places[((places >= low) & (places <= high)).all(axis=-1)]
     return inside
 
 
-def pixels_per_unit(camera: OmniCamera, face: Face, places: Floats) -> Floats:
+def pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
     """Return (n, 2): pixels that a unit of s and of t covers at (n, 2) places on a face.
 
     A step across the direction of length n moves the picture by R / n along the radius and by
     T / n around it. Beyond the rim, where only coarse polygons look, the rim's density holds.
     """
-    directions = _directions(face, places)
+    directions = _directions_from_face_points(face, points)
     x, y, z = directions.T
     rho, length = np.hypot(x, y), np.linalg.norm(directions, axis=-1)
     outwards = np.where(rho[:, None] > 0.0, directions[:, :2], (1.0, 0.0))
@@ -167,7 +167,7 @@ def pixels_per_unit(camera: OmniCamera, face: Face, places: Floats) -> Floats:
     level, down = outwards * (z / length)[:, None], -rho / length
     along = np.concatenate((level, down[:, None]), axis=-1)
     radial, tangential = _pixels_per_radian(camera, np.arctan2(rho, z))
-    steps = FACE_AXES[face][:, 1:]
+    steps = MIRROR_FROM_FACE_ROTATIONS[face][:, 1:]
     radial, tangential = radial / length, tangential / length
     covered: Floats = np.hypot(
         (along @ steps) * radial[:, None], (around @ steps) * tangential[:, None]
@@ -184,22 +184,22 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
     return h * mirror.radius_ratio_slope(t), h * mirror.radius_ratio_from_t(t) / np.sin(theta)
 
 
-def _directions(face: Face, places: Floats) -> Floats:
+def _directions_from_face_points(face: Face, points: Floats) -> Floats:
     """Return the (n, 3) directions of (n, 2) places, one unit ahead, in the mirror frame."""
-    local = np.concatenate((np.ones((len(places), 1)), places), axis=-1)
-    directions: Floats = local @ FACE_AXES[face].T
+    local = np.concatenate((np.ones((len(points), 1)), points), axis=-1)
+    directions: Floats = local @ MIRROR_FROM_FACE_ROTATIONS[face].T
     return directions
 
 
-def _incidence(directions: Floats) -> Floats:
+def _incidence_rad(directions: Floats) -> Floats:
     x, y, z = directions.T
     return np.asarray(np.arctan2(np.hypot(x, y), z))
 
 
-def _within_reason(parts: tuple[FacePart, ...]) -> tuple[FacePart, ...]:
+def _limit_texels(regions: tuple[FaceRegion, ...]) -> tuple[FaceRegion, ...]:
     """Return the parts, coarser by one factor if there are too many texels or too long sides."""
-    most = MOST_TEXELS / sum(part.texels for part in parts)
-    longest = LONGEST_SIDE / max(max(part.size) for part in parts)
+    most = MAX_TEXELS / sum(part.num_texels for part in regions)
+    longest = MAX_SIDE_TEXELS / max(max(part.size_texels) for part in regions)
     factor = min(1.0, math.sqrt(most), longest)
     return tuple(
         replace(
@@ -207,5 +207,5 @@ def _within_reason(parts: tuple[FacePart, ...]) -> tuple[FacePart, ...]:
             columns_per_unit=part.columns_per_unit * factor,
             rows_per_unit=part.rows_per_unit * factor,
         )
-        for part in parts
+        for part in regions
     )

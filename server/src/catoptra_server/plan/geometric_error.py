@@ -20,7 +20,7 @@ class GeometricError:
     rms_deg: float
 
 
-def summed(errors: Iterable[GeometricError]) -> GeometricError:
+def sum_errors(errors: Iterable[GeometricError]) -> GeometricError:
     """Return what errors come to together: the largest add up, independent ones in squares."""
     every = tuple(errors)
     return GeometricError(
@@ -31,7 +31,7 @@ def summed(errors: Iterable[GeometricError]) -> GeometricError:
     )
 
 
-def at_least(error: GeometricError, floor: GeometricError) -> GeometricError:
+def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
     """Return an error whose largest values are no smaller than another's; its rms stays."""
     return GeometricError(
         max_px=max(error.max_px, floor.max_px),

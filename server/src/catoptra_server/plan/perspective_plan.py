@@ -27,6 +27,6 @@ class PerspectivePlan:
         return f"{self.renderer.value}, {self.samples}^2 samples: {self.reason}"
 
 
-def plan_perspective(samples: int, *, kind: RendererKind, why: str) -> PerspectivePlan:
+def plan_perspective_view(samples: int, *, kind: RendererKind, reason: str) -> PerspectivePlan:
     """Return the plan from a wished number of samples, 0 = as the omni camera has by default."""
-    return PerspectivePlan(kind, samples or DEFAULT_SAMPLES, why)
+    return PerspectivePlan(kind, samples or DEFAULT_SAMPLES, reason)

@@ -1,6 +1,6 @@
 """The plan of a frame: which renderer draws the mirror how, with how many samples, and why.
 
-`plan_from_wish` makes a plan from explicit numbers. Where a tolerance or a time budget is asked for
+`plan_from_settings` makes a plan from explicit numbers. Where a tolerance or a time budget is asked for
 (`robot.render_wish.Dial`), `planner` takes one of the plans that are possible; nothing that draws
 notices.
 """
@@ -13,20 +13,20 @@ from enum import Enum
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import Face, faces_seen
-from catoptra_server.plan.face_sizes import FacePart, face_parts, largest_size_px
-from catoptra_server.robot.render_wish import PerPixel, RenderWish, Surface
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_protocol.optics.cube import Face, visible_faces
+from catoptra_server.plan.face_sizes import FaceRegion, face_regions, max_face_size_px
+from catoptra_server.robot.render_wish import PerPixel, RenderSettings, MirrorSurface
+from catoptra_server.scene.mirror_mesh import Tessellation
 
 __all__ = [
     "PerPixel",
     "RenderPlan",
-    "RenderWish",
+    "RenderSettings",
     "RendererKind",
-    "Surface",
-    "highest_incidence",
-    "plan_from_wish",
-    "wished_samples",
+    "MirrorSurface",
+    "max_incidence_rad",
+    "plan_from_settings",
+    "requested_samples",
 ]
 
 
@@ -42,18 +42,18 @@ class RenderPlan:
     """How one camera is drawn.
 
     samples: the image has samples^2 per pixel. face_size_px (of the finest part), face_samples,
-    faces, face_parts: of the virtual cameras, raster only. reason: why this plan, in words, for the
+    faces, face_regions: of the virtual cameras, raster only. reason: why this plan, in words, for the
     log. stride_px: trace sends rays this far apart first, and those between only where something
     begins or ends there; nothing is lost by it (render/trace/outlines.py). 1: every ray at once.
     """
 
     renderer: RendererKind
-    surface: Surface
+    surface: MirrorSurface
     samples: int
     face_size_px: int
     face_samples: int
     faces: tuple[Face, ...]
-    face_parts: tuple[FacePart, ...]
+    face_regions: tuple[FaceRegion, ...]
     reason: str
     stride_px: int = 1
 
@@ -66,15 +66,15 @@ class RenderPlan:
             raise DomainError("a polygon mirror needs every ray: stride_px must be 1")
 
     def __str__(self) -> str:
-        return f"{self.numbers}: {self.reason}"
+        return f"{self.description}: {self.reason}"
 
     @property
-    def numbers(self) -> str:
+    def description(self) -> str:
         """Return all but the reason in words."""
         match self.surface:
             case PerPixel():
                 surface = "per pixel"
-            case PolygonSplit(sectors, rings, interpolation):
+            case Tessellation(sectors, rings, interpolation):
                 surface = f"{sectors} x {rings} polygons ({interpolation.value})"
         how = ""
         if self.renderer is RendererKind.RASTER:
@@ -99,50 +99,50 @@ DEFAULT_STRIDE_PX = 4
 DEFAULT_TEXELS_PER_PX = 1.0
 
 
-def wished_samples(wish: RenderWish) -> int:
+def requested_samples(settings: RenderSettings) -> int:
     """Return the samples along a pixel's side: what was asked for, else the default."""
-    return wish.samples or DEFAULT_SAMPLES
+    return settings.samples or DEFAULT_SAMPLES
 
 
-def plan_from_wish(
-    wish: RenderWish, camera: OmniCamera, *, kind: RendererKind, why: str
+def plan_from_settings(
+    settings: RenderSettings, camera: OmniCamera, *, kind: RendererKind, reason: str
 ) -> RenderPlan:
     """Return the plan from explicit numbers; `why` says how the renderer was chosen."""
-    limit_rad = highest_incidence(camera, wish.surface)
-    parts = face_parts(
+    limit_rad = max_incidence_rad(camera, settings.surface)
+    parts = face_regions(
         camera,
         limit_rad,
-        size_px=wish.face_size_px,
-        texels_per_px=wish.texels_per_px or DEFAULT_TEXELS_PER_PX,
+        size_px=settings.face_size_px,
+        texels_per_px=settings.texels_per_px or DEFAULT_TEXELS_PER_PX,
     )
     return RenderPlan(
         renderer=kind,
-        surface=wish.surface,
-        samples=wished_samples(wish),
-        face_size_px=largest_size_px(parts),
-        face_samples=wish.face_samples or DEFAULT_FACE_SAMPLES,
-        faces=faces_seen(limit_rad),
-        face_parts=parts,
-        reason=why,
-        stride_px=_stride_px(wish),
+        surface=settings.surface,
+        samples=requested_samples(settings),
+        face_size_px=max_face_size_px(parts),
+        face_samples=settings.face_samples or DEFAULT_FACE_SAMPLES,
+        faces=visible_faces(limit_rad),
+        face_regions=parts,
+        reason=reason,
+        stride_px=_stride_px(settings),
     )
 
 
-def _stride_px(wish: RenderWish) -> int:
+def _stride_px(settings: RenderSettings) -> int:
     """Return how far apart trace's first rays are; a polygon mirror's law is not smooth enough."""
-    if not isinstance(wish.surface, PerPixel):
+    if not isinstance(settings.surface, PerPixel):
         return 1
-    return wish.stride_px or DEFAULT_STRIDE_PX
+    return settings.stride_px or DEFAULT_STRIDE_PX
 
 
-def highest_incidence(camera: OmniCamera, surface: Surface) -> float:
+def max_incidence_rad(camera: OmniCamera, surface: MirrorSurface) -> float:
     """Return the largest incidence angle that is looked up, radians.
 
     Above the horizon a polygon looks higher than its corners. Corners up to the rim's elevation e
     and 2 pi / S apart in azimuth span directions up to atan(tan e / cos(pi / S)).
     """
     elevation = camera.rim_rad - 0.5 * math.pi
-    if not isinstance(surface, PolygonSplit) or elevation <= 0.0:
+    if not isinstance(surface, Tessellation) or elevation <= 0.0:
         return camera.rim_rad
     highest = math.atan(math.tan(elevation) / math.cos(math.pi / surface.sectors))
     return 0.5 * math.pi + highest

@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.image_scale import image_scale
-from catoptra_server.plan.face_sizes import FacePart
-from catoptra_server.plan.face_texels import face_texels
-from catoptra_server.plan.geometric_error import GeometricError, summed
+from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_server.plan.face_sizes import FaceRegion
+from catoptra_server.plan.face_texels import texel_footprint
+from catoptra_server.plan.geometric_error import GeometricError, sum_errors
 from catoptra_server.plan.render_plan import PerPixel, RendererKind, RenderPlan
 
-_U = 2.0**-24
+_UNIT_ROUNDOFF = 2.0**-24
 # Of the largest: rounding errors of a handful of operations rarely agree. Seen in rays: 0.51 u of
 # 2.44 u.
-_RMS_OF_MAX = 0.2
+_RMS_FRACTION_OF_MAX = 0.2
 
 # Trace computes in float64 and rounds twice: a unit vector (at most 1 u) and its turn into the
 # world, three products and two sums of rounded factors, each at most 1 u of a component. All of
@@ -40,40 +40,40 @@ _CORNER_PX = math.sqrt(2.0) / 512.0
 def rounding_error(camera: OmniCamera, plan: RenderPlan) -> GeometricError:
     """Return the displacement by float32 directions and places."""
     if plan.renderer is RendererKind.TRACE:
-        return _of_directions(camera, TRACE_ULPS)
-    places = _of_atlas_places(camera, plan.face_parts)
+        return _direction_error(camera, TRACE_ULPS)
+    places = _atlas_coordinate_error(camera, plan.face_regions)
     if isinstance(plan.surface, PerPixel):
         return places
-    return summed((_of_directions(camera, SHADER_ULPS), places))
+    return sum_errors((_direction_error(camera, SHADER_ULPS), places))
 
 
-def _of_directions(camera: OmniCamera, ulps: float) -> GeometricError:
-    scale = image_scale(camera)
-    angle_rad = ulps * _U
+def _direction_error(camera: OmniCamera, ulps: float) -> GeometricError:
+    scale = compute_image_scale(camera)
+    angle_rad = ulps * _UNIT_ROUNDOFF
     return GeometricError(
         max_px=angle_rad * scale.max_px_per_rad,
-        rms_px=_RMS_OF_MAX * angle_rad * scale.rms_px_per_rad,
+        rms_px=_RMS_FRACTION_OF_MAX * angle_rad * scale.rms_px_per_rad,
         max_deg=math.degrees(angle_rad),
-        rms_deg=_RMS_OF_MAX * math.degrees(angle_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(angle_rad),
     )
 
 
-def _of_atlas_places(camera: OmniCamera, parts: tuple[FacePart, ...]) -> GeometricError:
+def _atlas_coordinate_error(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> GeometricError:
     """Return the displacement in an atlas that is as wide as it can be: all parts side by side."""
-    moved = _ATLAS_ULPS * _U * sum(max(part.size) for part in parts)
-    texels = face_texels(camera, parts)
+    moved = _ATLAS_ULPS * _UNIT_ROUNDOFF * sum(max(part.size_texels) for part in regions)
+    texels = texel_footprint(camera, regions)
     return GeometricError(
         max_px=moved * texels.max_px,
-        rms_px=_RMS_OF_MAX * moved * texels.rms_px,
+        rms_px=_RMS_FRACTION_OF_MAX * moved * texels.rms_px,
         max_deg=math.degrees(moved * texels.max_rad),
-        rms_deg=_RMS_OF_MAX * math.degrees(moved * texels.rms_rad),
+        rms_deg=_RMS_FRACTION_OF_MAX * math.degrees(moved * texels.rms_rad),
     )
 
 
 def corner_error(camera: OmniCamera, samples: int) -> GeometricError:
     """Return the displacement by the corners of drawn polygons, with samples^2 a pixel."""
     max_px = _CORNER_PX / samples
-    scale = image_scale(camera)
-    least_px_per_rad = float(min(scale.along.min(), scale.across.min()))
+    scale = compute_image_scale(camera)
+    least_px_per_rad = float(min(scale.radial.min(), scale.tangential.min()))
     max_deg = math.degrees(max_px / least_px_per_rad)
-    return GeometricError(max_px, _RMS_OF_MAX * max_px, max_deg, _RMS_OF_MAX * max_deg)
+    return GeometricError(max_px, _RMS_FRACTION_OF_MAX * max_px, max_deg, _RMS_FRACTION_OF_MAX * max_deg)

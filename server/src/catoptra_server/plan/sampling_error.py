@@ -16,34 +16,34 @@ import math
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.face_texels import FaceTexels, face_texels
+from catoptra_server.plan.face_texels import TexelFootprint, texel_footprint
 from catoptra_server.plan.render_plan import RendererKind, RenderPlan
 
 # Of the centroid of a disc from one pixel wide on, drawn with endlessly many samples; less for
 # larger ones. Searched in tests/server/plan/test_sampling_error.py.
-PIXEL_CENTROID_PX = 0.07
+PIXEL_CENTROID_ERROR_PX = 0.07
 
 
 @dataclass(frozen=True, slots=True)
 class SamplingError:
-    """samples: along a pixel's side. edge_px: of outlines. texels: of the faces; trace has none."""
+    """samples: along a pixel's side. edge_error_px: of outlines. texels: of the faces; trace has none."""
 
     samples: int
-    edge_px: float
-    texels: FaceTexels | None
+    edge_error_px: float
+    texel_footprint: TexelFootprint | None
 
     @property
-    def centroid_px(self) -> float:
+    def centroid_error_px(self) -> float:
         """Return how far off the centroid of a disc of a pixel or more may be, if seen."""
-        return self.edge_px + PIXEL_CENTROID_PX
+        return self.edge_error_px + PIXEL_CENTROID_ERROR_PX
 
     @property
     def minification(self) -> float:
         """Return the most texels from one sample to the next; 0 without faces."""
-        return self.texels.max_per_px / self.samples if self.texels else 0.0
+        return self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
 
     @property
-    def one_tap_undersamples(self) -> bool:
+    def is_undersampled(self) -> bool:
         """Return whether somewhere one look-up a sample passes over texels."""
         return self.minification > 1.0
 
@@ -53,6 +53,6 @@ def sampling_error(camera: OmniCamera, plan: RenderPlan) -> SamplingError:
     is_raster = plan.renderer is RendererKind.RASTER
     return SamplingError(
         samples=plan.samples,
-        edge_px=math.sqrt(0.5) / plan.samples,
-        texels=face_texels(camera, plan.face_parts) if is_raster else None,
+        edge_error_px=math.sqrt(0.5) / plan.samples,
+        texel_footprint=texel_footprint(camera, plan.face_regions) if is_raster else None,
     )

@@ -11,57 +11,57 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.scene_summary import RINGS
-from catoptra_server.render.chunks import make_chunks
-from catoptra_server.render.rings import Rings, box_bounds
-from catoptra_server.scene.bodies import Body, BodyMesh
+from catoptra_server.effects.scene_summary import NUM_RINGS
+from catoptra_server.render.chunks import make_clusters
+from catoptra_server.render.rings import ImageRings, box_distance_bounds
+from catoptra_server.scene.bodies import DynamicObject, ObjectMesh
 
-_TRIANGLES_A_BOX = 32
+_TRIANGLES_PER_BOX = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Around:
+class ProximityBounds:
     """(RINGS,) of each: distances within which no body is shown, and the rates of passing by."""
 
-    nearest_m: Floats
-    passing_rad_s: Floats
+    min_distances_m: Floats
+    max_object_rates_rad_s: Floats
 
 
-class BodiesAround:
+class DynamicObjectBounds:
     """The boxes of all meshes that bodies had so far, in their frames."""
 
     def __init__(self) -> None:
-        self._boxes: dict[BodyMesh, tuple[Floats, Floats]] = {}
+        self._boxes: dict[ObjectMesh, tuple[Floats, Floats]] = {}
 
-    def of(self, bodies: tuple[Body, ...], viewpoint: Floats, turn: Floats, rings: Rings) -> Around:
+    def bound(self, objects: tuple[DynamicObject, ...], viewpoint: Floats, axis_rotation: Floats, rings: ImageRings) -> ProximityBounds:
         """Return what bodies are to a (3,) viewpoint; turn: (3, 3) to axes with the mirror's z."""
-        nearest, passing = np.full(RINGS, np.inf), np.zeros(RINGS)
-        for body in bodies:
-            bounds = self._bounds(body, viewpoint, turn, rings)
+        nearest, passing = np.full(NUM_RINGS, np.inf), np.zeros(NUM_RINGS)
+        for body in objects:
+            bounds = self._ring_bounds(body, viewpoint, axis_rotation, rings)
             nearest = np.minimum(nearest, bounds)
-            speed_m_s = _largest_speed_m_s(body)
+            speed_m_s = _max_speed_m_s(body)
             if speed_m_s > 0.0:
                 passing = np.maximum(passing, speed_m_s / np.maximum(bounds, 1e-6))
-        return Around(nearest, passing)
+        return ProximityBounds(nearest, passing)
 
-    def _bounds(self, body: Body, viewpoint: Floats, turn: Floats, rings: Rings) -> Floats:
-        middles, halves = self._boxes_of(body.mesh)
-        axes = turn @ body.world_from_body.rotation
-        middle = middles @ axes.T + turn @ (body.world_from_body.translation - viewpoint)
+    def _ring_bounds(self, dynamic_object: DynamicObject, viewpoint: Floats, axis_rotation: Floats, rings: ImageRings) -> Floats:
+        middles, halves = self._mesh_boxes(dynamic_object.mesh)
+        axes = axis_rotation @ dynamic_object.world_from_object.rotation
+        middle = middles @ axes.T + axis_rotation @ (dynamic_object.world_from_object.translation - viewpoint)
         half = halves @ np.abs(axes).T
-        bounds: Floats = box_bounds(middle - half, middle + half, rings).min(axis=0)
+        bounds: Floats = box_distance_bounds(middle - half, middle + half, rings).min(axis=0)
         return bounds
 
-    def _boxes_of(self, mesh: BodyMesh) -> tuple[Floats, Floats]:
+    def _mesh_boxes(self, mesh: ObjectMesh) -> tuple[Floats, Floats]:
         if mesh not in self._boxes:
             group = np.zeros(len(mesh), dtype=np.intp)
-            chunks = make_chunks(mesh.corners, group, size=_TRIANGLES_A_BOX)
-            self._boxes[mesh] = (0.5 * (chunks.low + chunks.high), 0.5 * (chunks.high - chunks.low))
+            chunks = make_clusters(mesh.corners, group, size=_TRIANGLES_PER_BOX)
+            self._boxes[mesh] = (0.5 * (chunks.box_min + chunks.box_max), 0.5 * (chunks.box_max - chunks.box_min))
         return self._boxes[mesh]
 
 
-def _largest_speed_m_s(body: Body) -> float:
+def _max_speed_m_s(dynamic_object: DynamicObject) -> float:
     """Return a speed that no point of a body exceeds in the world: that of the sphere around it."""
-    middle = body.twist.at(body.centre - body.world_from_body.translation)
-    turning = float(np.linalg.norm(body.twist.angular_rad_s)) * body.mesh.radius_m
+    middle = dynamic_object.twist.at_offset(dynamic_object.centre - dynamic_object.world_from_object.translation)
+    turning = float(np.linalg.norm(dynamic_object.twist.angular_rad_s)) * dynamic_object.mesh.radius_m
     return middle.speed_m_s + turning

@@ -15,25 +15,25 @@ from catoptra_server.scene.description import DirectionalLight, HemisphereLight,
 from catoptra_server.scene.meshes import SceneMesh
 
 # As near as shading lets a light come, squared metres.
-_NEAREST_SQUARED = 1e-6
+_MIN_DISTANCE_SQUARED_M2 = 1e-6
 
 
-def largest_radiance(scene: SceneMesh, world: World) -> float:
+def max_radiance(scene: SceneMesh, world: World) -> float:
     """Return the brightest light of any colour: a tenth of a second for a million triangles."""
-    radiance = facet_radiance(scene, world.lights) + _point_radiance(scene, world)
-    largest = max(*world.background, float(radiance.max(initial=0.0)), _white_facet(world))
+    radiance = facet_radiance(scene, world.lights) + _max_point_light_radiance(scene, world)
+    largest = max(*world.background, float(radiance.max(initial=0.0)), _max_white_facet_radiance(world))
     return largest
 
 
-def _point_radiance(scene: SceneMesh, world: World) -> Floats:
+def _max_point_light_radiance(scene: SceneMesh, world: World) -> Floats:
     """Return (n, 3): at most what point lights add to each triangle."""
     total = np.zeros_like(scene.albedo)
     for light in point_lights(world.lights):
-        total += nearest_irradiance(scene.corners, light)[0]
+        total += max_point_irradiance(scene.corners, light)[0]
     return scene.albedo * np.where(scene.unlit[:, None], 0.0, total)
 
 
-def nearest_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
+def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
     """Return (n, 3): at most what a point light gives triangles, and (n,) from how near, metres.
 
     corners: (n, 3, 3). Near is the nearest place of a triangle's box.
@@ -41,12 +41,12 @@ def nearest_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floa
     low, high = corners.min(axis=1), corners.max(axis=1)
     at = np.asarray(light.position_m)
     outside = np.maximum(np.maximum(low - at, at - high), 0.0)
-    squared = np.maximum(np.square(outside).sum(axis=-1), _NEAREST_SQUARED)
+    squared = np.maximum(np.square(outside).sum(axis=-1), _MIN_DISTANCE_SQUARED_M2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
 
 
-def _white_facet(world: World) -> float:
+def _max_white_facet_radiance(world: World) -> float:
     """Return at most what sky and sun give a white facet, however it is turned."""
     total = np.zeros(3)
     for light in world.lights:

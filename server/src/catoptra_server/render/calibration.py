@@ -13,63 +13,63 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.cost_model import Measured
+from catoptra_server.plan.cost_model import PlanTiming
 from catoptra_server.plan.render_plan import (
     RendererKind,
     RenderPlan,
-    RenderWish,
-    Surface,
-    plan_from_wish,
+    RenderSettings,
+    MirrorSurface,
+    plan_from_settings,
 )
-from catoptra_server.render.renderer import Exposure, Renderer, View
+from catoptra_server.render.renderer import CameraState, Renderer, View
 
 Clock = Callable[[], float]
 
 # Of one plan: enough for a median, unless frames are so slow that a few must do.
-_FRAMES = 7
-_LEAST_FRAMES = 3
-_LONGEST_S = 0.12
+_MAX_FRAMES = 7
+_MIN_FRAMES = 3
+_MAX_DURATION_S = 0.12
 # The first frames find caches cold.
-_WARM_UP = 2
+_NUM_WARM_UP_FRAMES = 2
 # Samples, texels a pixel, samples a texel.
-_RASTER = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
+_RASTER_VARIANTS = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
 # Samples, and how far apart rays are; 0 = as planned.
-_TRACE = ((1, 0), (2, 0), (1, 1))
-REST = "rest"
+_TRACE_VARIANTS = ((1, 0), (2, 0), (1, 1))
+OTHER_STAGES = "rest"
 
 
-def measured(
+def measure_costs(
     renderer: Renderer,
     kind: RendererKind,
     camera: OmniCamera,
-    surface: Surface,
-    exposures: Sequence[Exposure],
+    surface: MirrorSurface,
+    camera_states: Sequence[CameraState],
     *,
     clock: Clock = time.perf_counter,
-) -> list[Measured]:
+) -> list[PlanTiming]:
     """Return the median stage times of a few plans, each drawn from all the exposures in turn."""
     times = []
-    for plan in plans_to_measure(kind, camera, surface):
+    for plan in calibration_plans(kind, camera, surface):
         view = renderer.prepare(camera, plan)
         try:
-            times.append(Measured(plan, _stage_ms(view, exposures, clock)))
+            times.append(PlanTiming(plan, _measure_stages(view, camera_states, clock)))
         finally:
             view.close()
     return times
 
 
-def plans_to_measure(
-    kind: RendererKind, camera: OmniCamera, surface: Surface
+def calibration_plans(
+    kind: RendererKind, camera: OmniCamera, surface: MirrorSurface
 ) -> Iterator[RenderPlan]:
     """Iterate over the plans from which the costs of all others follow."""
-    for variant in _variants(kind, surface):
-        yield plan_from_wish(variant, camera, kind=kind, why="measured")
+    for variant in _settings_variants(kind, surface):
+        yield plan_from_settings(variant, camera, kind=kind, reason="measured")
 
 
-def _variants(kind: RendererKind, surface: Surface) -> Iterator[RenderWish]:
-    wish = RenderWish(surface)
+def _settings_variants(kind: RendererKind, surface: MirrorSurface) -> Iterator[RenderSettings]:
+    wish = RenderSettings(surface)
     if kind is RendererKind.RASTER:
-        for samples, texels_per_px, face_samples in _RASTER:
+        for samples, texels_per_px, face_samples in _RASTER_VARIANTS:
             yield replace(
                 wish,
                 samples=samples,
@@ -77,21 +77,21 @@ def _variants(kind: RendererKind, surface: Surface) -> Iterator[RenderWish]:
                 face_samples=face_samples,
             )
         return
-    for samples, stride_px in _TRACE:
+    for samples, stride_px in _TRACE_VARIANTS:
         yield replace(wish, samples=samples, stride_px=stride_px)
 
 
-def _stage_ms(view: View, exposures: Sequence[Exposure], clock: Clock) -> dict[str, float]:
-    turns = itertools.cycle(exposures)
-    for _ in range(_WARM_UP):
-        view.draw(next(turns))
+def _measure_stages(view: View, camera_states: Sequence[CameraState], clock: Clock) -> dict[str, float]:
+    turns = itertools.cycle(camera_states)
+    for _ in range(_NUM_WARM_UP_FRAMES):
+        view.render(next(turns))
     frames: list[dict[str, float]] = []
     begin_s = clock()
-    while len(frames) < _FRAMES:
+    while len(frames) < _MAX_FRAMES:
         start_s = clock()
-        stages = view.draw(next(turns)).stage_ms
+        stages = view.render(next(turns)).stage_ms
         end_s = clock()
-        frames.append({**stages, REST: max(0.0, 1e3 * (end_s - start_s) - sum(stages.values()))})
-        if len(frames) >= _LEAST_FRAMES and end_s - begin_s > _LONGEST_S:
+        frames.append({**stages, OTHER_STAGES: max(0.0, 1e3 * (end_s - start_s) - sum(stages.values()))})
+        if len(frames) >= _MIN_FRAMES and end_s - begin_s > _MAX_DURATION_S:
             break
     return {stage: statistics.median(frame[stage] for frame in frames) for stage in frames[0]}

@@ -21,12 +21,12 @@ from catoptra_server.scene.meshes import SceneMesh
 # 11, 15 and 9 ms at one sample a pixel, raster 21, 30 and 26; at 2 x 2 27, 40 and 14 against 32, 41
 # and 37; at 3 x 3 53, 78 and 23 against 46, 56 and 51. So raster wins where samples are many and
 # triangles few.
-SOFTWARE_RASTER_SAMPLES = 3
-SOFTWARE_RASTER_TRIANGLES = 20_000
+MIN_SOFTWARE_RASTER_SAMPLES = 3
+MAX_SOFTWARE_RASTER_TRIANGLES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
+class RendererChoice:
     """A renderer that holds the scene, its kind, and why it was taken, for the log.
 
     others: what else could draw, made when it is called for in the same thread. Empty where one
@@ -36,12 +36,12 @@ class Choice:
     renderer: Renderer
     kind: RendererKind
     reason: str
-    others: Mapping[RendererKind, Callable[[], Renderer]] = field(default_factory=dict)
+    alternatives: Mapping[RendererKind, Callable[[], Renderer]] = field(default_factory=dict)
 
 
 def choose_renderer(
     requested: str, scene: SceneMesh, world: World, *, threads: int = 0, samples: int = 1
-) -> Choice:
+) -> RendererChoice:
     """Return the renderer for `auto`, `trace` or `raster`.
 
     threads: trace's, 0 = all. samples: how many the picture will have along a pixel's side; `auto`
@@ -50,45 +50,45 @@ def choose_renderer(
     """
     match requested:
         case "auto":
-            return _automatic(scene, world, threads, samples)
+            return _choose_automatically(scene, world, threads, samples)
         case "trace":
-            return _trace(scene, world, threads, "asked for")
+            return _create_trace(scene, world, threads, "asked for")
         case "raster":
-            return _raster(scene, world)
+            return _create_raster(scene, world)
     raise DomainError(f"a renderer is auto, trace or raster, not {requested!r}")
 
 
-def _trace(scene: SceneMesh, world: World, threads: int, reason: str) -> Choice:
+def _create_trace(scene: SceneMesh, world: World, threads: int, reason: str) -> RendererChoice:
     from catoptra_server.render.trace import TraceRenderer
 
-    return Choice(TraceRenderer(scene, world, threads=threads), RendererKind.TRACE, reason)
+    return RendererChoice(TraceRenderer(scene, world, threads=threads), RendererKind.TRACE, reason)
 
 
-def _raster(scene: SceneMesh, world: World) -> Choice:
+def _create_raster(scene: SceneMesh, world: World) -> RendererChoice:
     from catoptra_server.render.raster import RasterRenderer
 
-    return Choice(RasterRenderer(scene, world), RendererKind.RASTER, "asked for")
+    return RendererChoice(RasterRenderer(scene, world), RendererKind.RASTER, "asked for")
 
 
-def _automatic(scene: SceneMesh, world: World, threads: int, samples: int) -> Choice:
+def _choose_automatically(scene: SceneMesh, world: World, threads: int, samples: int) -> RendererChoice:
     from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
 
-    def trace(reason: str) -> Choice:
-        return _trace(scene, world, threads, reason)
+    def trace(reason: str) -> RendererChoice:
+        return _create_trace(scene, world, threads, reason)
 
     try:
         device = open_device()
     except OpenGLMissingError as error:
-        return trace(f"no OpenGL: {error.what}")
-    raster_later = {RendererKind.RASTER: lambda: _raster(scene, world).renderer}
+        return trace(f"no OpenGL: {error.reason}")
+    raster_later = {RendererKind.RASTER: lambda: _create_raster(scene, world).renderer}
     trace_later = {RendererKind.TRACE: lambda: trace("tried").renderer}
     reason = f"OpenGL on a graphics processor ({device.renderer})"
     if device.is_software:
         shape = f"{samples} x {samples} samples of {len(scene)} triangles"
         reason = f"only software OpenGL ({device.renderer}), for {shape} "
-        if samples < SOFTWARE_RASTER_SAMPLES or len(scene) > SOFTWARE_RASTER_TRIANGLES:
+        if samples < MIN_SOFTWARE_RASTER_SAMPLES or len(scene) > MAX_SOFTWARE_RASTER_TRIANGLES:
             device.close()
-            return replace(trace(f"{reason}slower than trace"), others=raster_later)
+            return replace(trace(f"{reason}slower than trace"), alternatives=raster_later)
         reason = f"{reason}faster than trace"
     renderer = RasterRenderer(scene, world, device=device)
-    return Choice(renderer, RendererKind.RASTER, reason, trace_later)
+    return RendererChoice(renderer, RendererKind.RASTER, reason, trace_later)

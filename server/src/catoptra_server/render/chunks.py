@@ -18,11 +18,11 @@ Indices = npt.NDArray[np.intp]
 
 # From 32 to 1024 a frame differs by 5 % (tests/cost/questions/raster_faces.py); a million triangles
 # are then ten thousand boxes, a millisecond's work.
-TRIANGLES_A_CHUNK = 96
+TRIANGLES_PER_CLUSTER = 96
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chunks:
+class TriangleClusters:
     """An order of triangles, group by group, cut into chunks.
 
     order: (n,) triangle at each place. borders: (m + 1,) places where chunks begin and end.
@@ -30,31 +30,31 @@ class Chunks:
     """
 
     order: Indices
-    borders: Indices
-    low: Floats
-    high: Floats
-    group: Indices
+    offsets: Indices
+    box_min: Floats
+    box_max: Floats
+    groups: Indices
 
-    def distance(self, point: Floats) -> Floats:
+    def distances(self, point: Floats) -> Floats:
         """Return the (m,) distance from a (3,) point to each box, 0 inside."""
-        outside = np.maximum(np.maximum(self.low - point, point - self.high), 0.0)
+        outside = np.maximum(np.maximum(self.box_min - point, point - self.box_max), 0.0)
         distance: Floats = np.sqrt(np.square(outside).sum(axis=-1))
         return distance
 
-    def in_front(self, normals: Floats, point: Floats) -> Bools:
+    def in_front_of_planes(self, normals: Floats, point: Floats) -> Bools:
         """Return (..., m) which boxes reach in front of all (..., p, 3) planes through a point."""
-        half = 0.5 * (self.high - self.low)
-        middle = 0.5 * (self.high + self.low) - point
+        half = 0.5 * (self.box_max - self.box_min)
+        middle = 0.5 * (self.box_max + self.box_min) - point
         flat = normals.reshape(-1, 3)
         reach = flat @ middle.T + np.abs(flat) @ half.T
         in_front = (reach >= 0.0).reshape(*normals.shape[:-1], len(half))
         return np.asarray(in_front.all(axis=-2))
 
 
-def make_chunks(corners: Floats, group: Indices, *, size: int = TRIANGLES_A_CHUNK) -> Chunks:
+def make_clusters(corners: Floats, groups: Indices, *, size: int = TRIANGLES_PER_CLUSTER) -> TriangleClusters:
     """Return the chunks of (n, 3, 3) triangles of (n,) groups: neighbours in space together."""
-    order = np.lexsort((_morton_codes(corners.mean(axis=1)), group))
-    counts = np.bincount(group[order]) if len(order) else np.zeros(0, dtype=np.intp)
+    order = np.lexsort((_morton_codes(corners.mean(axis=1)), groups))
+    counts = np.bincount(groups[order]) if len(order) else np.zeros(0, dtype=np.intp)
     ends = np.cumsum(counts)
     starts = [np.arange(end - count, end, size) for count, end in zip(counts, ends, strict=True)]
     first = np.concatenate([np.zeros(0, dtype=np.intp), *starts]).astype(np.intp)
@@ -62,20 +62,20 @@ def make_chunks(corners: Floats, group: Indices, *, size: int = TRIANGLES_A_CHUN
     empty = not len(first)
     low = np.zeros((0, 9)) if empty else np.minimum.reduceat(ordered, first, axis=0)
     high = np.zeros((0, 9)) if empty else np.maximum.reduceat(ordered, first, axis=0)
-    return Chunks(
+    return TriangleClusters(
         order=order,
-        borders=np.append(first, len(order)),
-        low=low.reshape(-1, 3, 3).min(axis=1),
-        high=high.reshape(-1, 3, 3).max(axis=1),
-        group=group[order][first],
+        offsets=np.append(first, len(order)),
+        box_min=low.reshape(-1, 3, 3).min(axis=1),
+        box_max=high.reshape(-1, 3, 3).max(axis=1),
+        groups=groups[order][first],
     )
 
 
-def runs(visible: Bools, borders: Indices) -> list[tuple[int, int]]:
+def visible_runs(visible: Bools, offsets: Indices) -> list[tuple[int, int]]:
     """Return (first, count) places of the triangles in unbroken runs of visible chunks."""
     padded = np.concatenate(([False], visible, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
-    places = borders[edges].reshape(-1, 2)
+    places = offsets[edges].reshape(-1, 2)
     return [(int(start), int(stop - start)) for start, stop in places]
 
 
@@ -92,7 +92,7 @@ def _morton_codes(points: Floats) -> npt.NDArray[np.uint64]:
 
 
 # Each step halves the groups of bits and moves them apart, until two zeros follow every bit.
-_SPREADING = (
+_SPREAD_STEPS = (
     (32, 0x1F00000000FFFF),
     (16, 0x1F0000FF0000FF),
     (8, 0x100F00F00F00F00F),
@@ -102,6 +102,6 @@ _SPREADING = (
 
 
 def _spread_bits(values: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    for shift, mask in _SPREADING:
+    for shift, mask in _SPREAD_STEPS:
         values = (values | values << np.uint64(shift)) & np.uint64(mask)
     return values

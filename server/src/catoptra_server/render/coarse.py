@@ -8,54 +8,54 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from catoptra_server.scene.motion import Twist, Vector
+from catoptra_server.scene.motion import Twist, Vector3
 
-_STEPS_AN_OCTAVE = 8
-_STEPS_A_VECTOR = 16
+_STEPS_PER_OCTAVE = 8
+_STEPS_PER_VECTOR = 16
 # A bound of no distance at all would leave quotients by it without a value.
-NEAREST_M = 1e-6
+MIN_DISTANCE_M = 1e-6
 # A nanometre a second is rounding; rounded up, its sign would make another bound of it.
-_REST = 1e-9
+_MIN_RATE = 1e-9
 
 
-def down(distances_m: Iterable[float]) -> tuple[float, ...]:
+def round_down(distances_m: Iterable[float]) -> tuple[float, ...]:
     """Return distances rounded down, none below NEAREST_M."""
-    return tuple(map(_down, distances_m))
+    return tuple(map(_round_value_down, distances_m))
 
 
-def up(rates: Iterable[float]) -> tuple[float, ...]:
+def round_away_from_zero(values: Iterable[float]) -> tuple[float, ...]:
     """Return rates rounded away from zero."""
-    return tuple(map(_up, rates))
+    return tuple(map(_round_value_away, values))
 
 
-def twist(motion: Twist) -> Twist:
+def round_twist(twist: Twist) -> Twist:
     """Return a motion with each component rounded away from zero, by a share of its vector."""
-    return Twist(_vector(motion.linear_m_s), _vector(motion.angular_rad_s))
+    return Twist(_round_vector(twist.linear_m_s), _round_vector(twist.angular_rad_s))
 
 
-def _vector(values: Vector) -> Vector:
+def _round_vector(values: Vector3) -> Vector3:
     length = math.hypot(*values)
-    if length < _REST:
+    if length < _MIN_RATE:
         return 0.0, 0.0, 0.0
-    step = math.ldexp(1.0, math.frexp(length)[1]) / _STEPS_A_VECTOR
+    step = math.ldexp(1.0, math.frexp(length)[1]) / _STEPS_PER_VECTOR
     x, y, z = (
-        math.copysign(step * math.ceil(abs(v) / step), v) if abs(v) >= _REST else 0.0
+        math.copysign(step * math.ceil(abs(v) / step), v) if abs(v) >= _MIN_RATE else 0.0
         for v in values
     )
     return x, y, z
 
 
-def _down(value: float) -> float:
+def _round_value_down(value: float) -> float:
     if math.isinf(value):
         return value
-    eighths = math.floor(_STEPS_AN_OCTAVE * math.log2(max(value, NEAREST_M)))
-    return max(math.exp2(eighths / _STEPS_AN_OCTAVE), NEAREST_M)
+    eighths = math.floor(_STEPS_PER_OCTAVE * math.log2(max(value, MIN_DISTANCE_M)))
+    return max(math.exp2(eighths / _STEPS_PER_OCTAVE), MIN_DISTANCE_M)
 
 
-def _up(value: float) -> float:
+def _round_value_away(value: float) -> float:
     if math.isinf(value):
         return value
-    if abs(value) < _REST:
+    if abs(value) < _MIN_RATE:
         return 0.0
-    eighths = math.ceil(_STEPS_AN_OCTAVE * math.log2(abs(value)))
-    return math.copysign(math.exp2(eighths / _STEPS_AN_OCTAVE), value)
+    eighths = math.ceil(_STEPS_PER_OCTAVE * math.log2(abs(value)))
+    return math.copysign(math.exp2(eighths / _STEPS_PER_OCTAVE), value)

@@ -17,17 +17,17 @@ from pathlib import Path
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.plan.cost_model import Rates
-from catoptra_server.robot.render_wish import Surface
+from catoptra_server.robot.render_wish import MirrorSurface
 from catoptra_server.scene.meshes import SceneMesh
 
 log = logging.getLogger(__name__)
 
 # Raised when the meaning of a rate changes.
-_FORMAT = 1
+_FORMAT_VERSION = 1
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
-def user_cache() -> Path:
+def default_cache_folder() -> Path:
     """Return where this user's programs keep what they can make again."""
     said = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(said) if said.startswith("/") else Path.home() / ".cache"
@@ -47,7 +47,7 @@ class CostCache:
         if self._folder is None:
             return None
         try:
-            ways = json.loads(self._file(key).read_text(encoding="utf-8"))
+            ways = json.loads(self._path(key).read_text(encoding="utf-8"))
             return {
                 str(way): {str(s): tuple(map(float, rates)) for s, rates in stages.items()}
                 for way, stages in ways.items()
@@ -55,32 +55,32 @@ class CostCache:
         except (OSError, ValueError, AttributeError, TypeError):
             return None
 
-    def write(self, key: str, ways: Mapping[str, Rates]) -> None:
+    def write(self, key: str, rates: Mapping[str, Rates]) -> None:
         """Keep rates; whole or not at all, whoever else writes."""
         if self._folder is None:
             return
-        file = self._file(key)
+        file = self._path(key)
         unfinished = file.with_suffix(f".{os.getpid()}")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            unfinished.write_text(json.dumps(ways, indent=1), encoding="utf-8")
+            unfinished.write_text(json.dumps(rates, indent=1), encoding="utf-8")
             unfinished.replace(file)
         except OSError as error:
             log.warning("costs of frames are not kept in %s: %s", self._folder, error)
 
-    def key(self, describe: str, camera: OmniCamera, surface: Surface) -> str:
+    def make_key(self, renderer_description: str, camera: OmniCamera, surface: MirrorSurface) -> str:
         """Return the key of what a renderer's words say, for a camera and its mirror's surface."""
         if not self._digest:
-            self._digest = scene_digest(self._scene)
-        parts = (_FORMAT, _version(), describe, _processor(), self._digest, camera, surface)
+            self._digest = hash_scene(self._scene)
+        parts = (_FORMAT_VERSION, _server_version(), renderer_description, _describe_processor(), self._digest, camera, surface)
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
 
-    def _file(self, key: str) -> Path:
+    def _path(self, key: str) -> Path:
         assert self._folder is not None, "only asked where files are kept"
         return self._folder / f"{key}.json"
 
 
-def scene_digest(scene: SceneMesh) -> str:
+def hash_scene(scene: SceneMesh) -> str:
     """Return a digest of all that is drawn of a scene."""
     digest = hashlib.sha256()
     for array in (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures):
@@ -89,7 +89,7 @@ def scene_digest(scene: SceneMesh) -> str:
     return digest.hexdigest()
 
 
-def _processor() -> str:
+def _describe_processor() -> str:
     """Return what computes: the processor's name, and how many of them this process may use."""
     try:
         lines = _CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -99,5 +99,5 @@ def _processor() -> str:
     return f"{name}, {len(os.sched_getaffinity(0))}"
 
 
-def _version() -> str:
+def _server_version() -> str:
     return version("catoptra-server")

@@ -6,11 +6,11 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import coarse
-from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.meshes import SceneMesh
 
 
-class Extent:
+class SceneBounds:
     """The box around one scene."""
 
     def __init__(self, scene: SceneMesh) -> None:
@@ -18,11 +18,11 @@ class Extent:
         self._low = places.min(axis=0, initial=np.inf)
         self._high = places.max(axis=0, initial=-np.inf)
 
-    def farthest_m(self, viewpoint: Floats, bodies: tuple[Body, ...]) -> float:
+    def max_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
         """Return a distance from a (3,) viewpoint beyond which there is no surface."""
         of_scene = np.linalg.norm(np.maximum(viewpoint - self._low, self._high - viewpoint))
         farthest = float(of_scene) if np.isfinite(self._low).all() else 0.0
-        for body in bodies:
+        for body in objects:
             middle_m = float(np.linalg.norm(body.centre - viewpoint))
             farthest = max(farthest, middle_m + body.mesh.radius_m)
-        return coarse.up((farthest,))[0]
+        return coarse.round_away_from_zero((farthest,))[0]

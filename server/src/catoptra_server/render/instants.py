@@ -6,32 +6,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.shutter import Weights
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.shutter import RowWeights
 
 
-def instants(exposure: Exposure, rows: int) -> list[tuple[Exposure, Weights]]:
+def sample_shutter(camera_state: CameraState, num_rows: int) -> list[tuple[CameraState, RowWeights]]:
     """Return the sharp exposures that one is the mean of, and the weight of each by row.
 
     What counts in no row is left out. Without a shutter it is the exposure itself.
     """
-    shutter = exposure.shutter
+    shutter = camera_state.shutter
     if shutter is None:
-        return [(exposure, np.ones(rows, dtype=np.float32))]
-    weights = shutter.weights(rows)
+        return [(camera_state, np.ones(num_rows, dtype=np.float32))]
+    weights = shutter.row_weights(num_rows)
     shots = zip(shutter.times_s, weights, strict=True)
-    return [(at(exposure, time_s), share) for time_s, share in shots if share.any()]
+    return [(advance(camera_state, time_s), share) for time_s, share in shots if share.any()]
 
 
-def at(exposure: Exposure, time_s: float) -> Exposure:
+def advance(camera_state: CameraState, time_s: float) -> CameraState:
     """Return the sharp exposure some seconds later, everything carried on by its own motion."""
     bodies = (
-        replace(body, world_from_body=body.twist.carried(body.world_from_body, time_s))
-        for body in exposure.bodies
+        replace(body, world_from_object=body.twist.integrate_pose(body.world_from_object, time_s))
+        for body in camera_state.objects
     )
     return replace(
-        exposure,
-        world_from_mirror=exposure.twist.carried(exposure.world_from_mirror, time_s),
-        bodies=tuple(bodies),
+        camera_state,
+        world_from_mirror=camera_state.twist.integrate_pose(camera_state.world_from_mirror, time_s),
+        objects=tuple(bodies),
         shutter=None,
     )

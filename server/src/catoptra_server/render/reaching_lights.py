@@ -14,9 +14,9 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
-from catoptra_server.render.brightness import nearest_irradiance
-from catoptra_server.render.lost_light import change_of, greatest_loss
-from catoptra_server.render.shading import HideableLight
+from catoptra_server.render.brightness import max_point_irradiance
+from catoptra_server.render.lost_light import grey_level_change, max_visible_loss
+from catoptra_server.render.shading import ShadowCastingLight
 from catoptra_server.scene.description import Light, PointLight
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -24,52 +24,52 @@ log = logging.getLogger(__name__)
 
 # Grey levels, of all that is dropped: a tenth of what effects may leave out, since an exposure that
 # is ten times as long shows ten times as much in the dark, where the curve is straight.
-NOTICED = 0.05
+MAX_CULLED_GREY_LEVELS = 0.05
 # Where so many of the triangles show that a light is needed, the others are not asked.
-_ASKED_FIRST = 500
+_NUM_PROBED_TRIANGLES = 500
 
 
-def reaching_lights(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Light, ...]:
+def cull_lights(scene: SceneMesh, lights: tuple[Light, ...]) -> tuple[Light, ...]:
     """Return the lights of a world without those that change nothing of a scene; log which."""
-    changes = {light: _change(scene, lights, light) for light in shading.hideable_lights(lights)}
+    changes = {light: _max_grey_level_change(scene, lights, light) for light in shading.shadow_casting_lights(lights)}
     dropped: set[Light] = set()
     total = 0.0
     for light, change in sorted(changes.items(), key=lambda item: item[1]):
         total += change
-        if total > NOTICED:
+        if total > MAX_CULLED_GREY_LEVELS:
             break
         dropped.add(light)
         log.info("%s is left out: it changes no surface by more than %.2g levels", light, change)
     return tuple(light for light in lights if light not in dropped)
 
 
-def _change(scene: SceneMesh, lights: tuple[Light, ...], light: HideableLight) -> float:
+def _max_grey_level_change(scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight) -> float:
     """Return at most by how many grey levels a light changes any triangle, or more than enough."""
-    step = max(len(scene) // _ASKED_FIRST, 1)
+    step = max(len(scene) // _NUM_PROBED_TRIANGLES, 1)
     for part in (slice(None, None, step), slice(None)):
-        change = _change_of_part(scene, lights, light, part)
-        if change > NOTICED or step == 1:
+        change = _max_change_of_part(scene, lights, light, part)
+        if change > MAX_CULLED_GREY_LEVELS or step == 1:
             break
     return change
 
 
-def _change_of_part(
-    scene: SceneMesh, lights: tuple[Light, ...], light: HideableLight, part: slice
+def _max_change_of_part(
+    scene: SceneMesh, lights: tuple[Light, ...], light: ShadowCastingLight, part: slice
 ) -> float:
     albedo = scene.albedo[part] * ~scene.unlit[part, None]
-    left = albedo * shading.facet_irradiance(shading.sky_lights(lights), scene.normals[part])
-    lost = albedo * _most_irradiance(scene, light, part)
+    left = albedo * shading.facet_irradiance(shading.hemisphere_lights(lights), scene.normals[part])
+    lost = albedo * _max_irradiance(scene, light, part)
     can_be_darker = scene.texture_index[part] >= 0
-    return change_of(greatest_loss(lost, left, can_be_darker=can_be_darker))
+    return grey_level_change(max_visible_loss(lost, left, can_be_darker=can_be_darker))
 
 
-def _most_irradiance(scene: SceneMesh, light: HideableLight, part: slice) -> Floats:
+def _max_irradiance(scene: SceneMesh, light: ShadowCastingLight, part: slice) -> Floats:
     """Return (n, 3): at most what a light gives each triangle of a part."""
     normals, corners = scene.normals[part], scene.corners[part]
     if not isinstance(light, PointLight):
         return shading.facet_irradiance((light,), normals)
     height = np.einsum("ni,ni->n", normals, np.asarray(light.position_m) - corners[:, 0])
-    irradiance, distance = nearest_irradiance(corners, light)
+    irradiance, distance = max_point_irradiance(corners, light)
     cosine = np.clip(height / distance, 0.0, 1.0)
     reached: Floats = irradiance * cosine[:, None]
     return reached

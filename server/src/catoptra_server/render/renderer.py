@@ -13,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import FACE_AXES
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.decide import Decision
-from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.frame_key import UNKEYED, FrameKey
+from catoptra_server.effects.decide import EffectDecision
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.frame_key import ZERO_SEED, NoiseSeed
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
 from catoptra_server.render.shutter import Shutter
-from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.motion import AT_REST, Twist
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
@@ -31,7 +31,7 @@ LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exposure:
+class CameraState:
     """What changes from frame to frame: where the effective viewpoint is, and what has moved.
 
     world_from_mirror: of an omnidirectional camera's mirror frame; of a perspective camera's own
@@ -44,10 +44,10 @@ class Exposure:
     """
 
     world_from_mirror: Pose
-    bodies: tuple[Body, ...] = ()
-    key: FrameKey = UNKEYED
+    objects: tuple[DynamicObject, ...] = ()
+    noise_seed: NoiseSeed = ZERO_SEED
     twist: Twist = AT_REST
-    own_body: Body | None = None
+    ego_body: DynamicObject | None = None
     has_shadows: bool = False
     shutter: Shutter | None = None
 
@@ -61,7 +61,7 @@ class RenderedImage:
 
     rgb: Image
     stage_ms: dict[str, float]
-    effects: tuple[Decision, ...] = ()
+    effects: tuple[EffectDecision, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,21 +72,21 @@ class FaceCamera:
     size_px: int
 
     @property
-    def lens(self) -> PerspectiveCamera:
+    def perspective_camera(self) -> PerspectiveCamera:
         """Return the camera that it is, were its frame not turned."""
         return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
 
     @property
     def mirror_from_camera(self) -> Floats:
         """Return the (3, 3) rotation of its frame in the mirror frame."""
-        axes: Floats = FACE_AXES[self.face]
+        axes: Floats = MIRROR_FROM_FACE_ROTATIONS[self.face]
         return axes
 
 
 class View(Protocol):
     """A camera that is ready to be drawn. Everything that does not change was computed before."""
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         """Return the picture of an exposure."""
 
     def close(self) -> None:
@@ -99,10 +99,10 @@ class OmniView(View, Protocol):
     What they need is built when they are first asked for; without any it is what it always is.
     """
 
-    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+    def render(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
         """Return the picture of an exposure as effects change it, one after the other."""
 
-    def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
+    def render_linear(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
 
 
@@ -112,10 +112,10 @@ class Renderer(Protocol):
     def describe(self) -> str:
         """Return what draws, for logs: library, device, threads."""
 
-    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most; what never changes is found only once."""
 
-    def light_summary(self, exposure: Exposure) -> SceneSummary:
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
         """Return the same as far as light goes: for who asks for no more."""
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:

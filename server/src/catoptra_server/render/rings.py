@@ -15,17 +15,17 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.scene_summary import RINGS
+from catoptra_server.effects.scene_summary import NUM_RINGS
 
 # Boxes grow by this share of their distance on all sides: what is just beside a ring counts for it,
 # since pictures are drawn with the precision of float32. At 640 px it is some 0.003 px.
-_PAD = 1e-5
+_RELATIVE_PADDING = 1e-5
 # Stands for a sine or cosine of 0: the axis and the horizon are borders of bands.
-_ALMOST_0 = 1e-18
+_MIN_DIVISOR = 1e-18
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rings:
+class ImageRings:
     """The incidence angles between a camera's rings, (RINGS + 1,), from 0 to the rim."""
 
     edges_rad: Floats
@@ -34,20 +34,20 @@ class Rings:
 
 
 @lru_cache(maxsize=16)
-def rings_of(camera: OmniCamera) -> Rings:
+def image_rings(camera: OmniCamera) -> ImageRings:
     """Return the rings of a camera, by its law: polygons may show what is a ring's neighbour."""
-    radius_px = np.linspace(0.0, camera.rim_radius_px, RINGS + 1)
+    radius_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
     edges_rad = 2.0 * np.arctan(t)
     cosines = np.cos(edges_rad)
-    return Rings(
+    return ImageRings(
         edges_rad,
-        inverse_sines=1.0 / np.maximum(np.sin(edges_rad), _ALMOST_0),
-        inverse_cosines=1.0 / np.where(np.abs(cosines) < _ALMOST_0, _ALMOST_0, cosines),
+        inverse_sines=1.0 / np.maximum(np.sin(edges_rad), _MIN_DIVISOR),
+        inverse_cosines=1.0 / np.where(np.abs(cosines) < _MIN_DIVISOR, _MIN_DIVISOR, cosines),
     )
 
 
-def box_bounds(low: Floats, high: Floats, rings: Rings) -> Floats:
+def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
     """Return (n, RINGS) distances within which a ring shows nothing of n boxes; inf: none of it.
 
     low, high: (n, 3) of the boxes, from the viewpoint, in axes whose z is the mirror's axis.
@@ -55,12 +55,12 @@ def box_bounds(low: Floats, high: Floats, rings: Rings) -> Floats:
     near = np.maximum(np.maximum(low, -high), 0.0)
     far = np.maximum(-low, high)
     rho_high = np.hypot(far[:, 0], far[:, 1])
-    pad = _PAD * (rho_high + far[:, 2])
+    pad = _RELATIVE_PADDING * (rho_high + far[:, 2])
     rho_low = np.maximum(np.hypot(near[:, 0], near[:, 1]) - pad, 0.0)
-    return _rectangle_bounds((rho_low, rho_high + pad), (low[:, 2] - pad, high[:, 2] + pad), rings)
+    return _rectangle_distance_bounds((rho_low, rho_high + pad), (low[:, 2] - pad, high[:, 2] + pad), rings)
 
 
-def _rectangle_bounds(rho: tuple[Floats, Floats], z: tuple[Floats, Floats], rings: Rings) -> Floats:
+def _rectangle_distance_bounds(rho: tuple[Floats, Floats], z: tuple[Floats, Floats], rings: ImageRings) -> Floats:
     """Return (n, RINGS) least distances of rectangles of (rho, z), each given from low to high."""
     level = np.maximum(z[0], 0.0) + np.minimum(z[1], 0.0)  # the z that is nearest to 0
     direct = np.hypot(rho[0], level)[:, None]
@@ -76,7 +76,7 @@ def _rectangle_bounds(rho: tuple[Floats, Floats], z: tuple[Floats, Floats], ring
     return np.where(inside, direct, bounds)
 
 
-def plane_bounds(distance: Floats, cosine: Floats, rings: Rings) -> Floats:
+def plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
     """Return (n, RINGS) distances within which a ring shows nothing of what lies behind n planes.
 
     distance: (n,) of the planes from the viewpoint, 0 where it may lie behind one itself. cosine:
@@ -84,7 +84,7 @@ def plane_bounds(distance: Floats, cosine: Floats, rings: Rings) -> Floats:
     """
     tilt = np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
     edges = rings.edges_rad
-    off = np.maximum(np.maximum(edges[:-1] - tilt, tilt - edges[1:]) - 2.0 * _PAD, 0.0)
+    off = np.maximum(np.maximum(edges[:-1] - tilt, tilt - edges[1:]) - 2.0 * _RELATIVE_PADDING, 0.0)
     facing = np.cos(off)
-    bounds = np.where(facing > 0.0, distance[:, None] / np.maximum(facing, _ALMOST_0), np.inf)
-    return np.where(distance[:, None] > 0.0, (1.0 - _PAD) * bounds, 0.0)
+    bounds = np.where(facing > 0.0, distance[:, None] / np.maximum(facing, _MIN_DIVISOR), np.inf)
+    return np.where(distance[:, None] > 0.0, (1.0 - _RELATIVE_PADDING) * bounds, 0.0)

@@ -19,7 +19,7 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.description import DirectionalLight, HemisphereLight, Light, PointLight
 
 # What something may stand before.
-HideableLight = DirectionalLight | PointLight
+ShadowCastingLight = DirectionalLight | PointLight
 
 
 class LitFacets(Protocol):
@@ -75,25 +75,25 @@ def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
     return tuple(light for light in lights if isinstance(light, PointLight))
 
 
-def hideable_lights(lights: Iterable[Light]) -> tuple[HideableLight, ...]:
+def shadow_casting_lights(lights: Iterable[Light]) -> tuple[ShadowCastingLight, ...]:
     """Return the lights that cast shadows: those with a direction first, then those at places."""
     suns = tuple(light for light in lights if isinstance(light, DirectionalLight))
     return (*suns, *point_lights(lights))
 
 
-def sky_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
+def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
     """Return the lights from everywhere, which nothing hides."""
     return tuple(light for light in lights if isinstance(light, HemisphereLight))
 
 
-def light_irradiance(light: HideableLight, points: Floats, normals: Floats) -> Floats:
+def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
     """Return (n, 3) irradiance by one light that nothing hides, at (n, 3) places."""
     if isinstance(light, PointLight):
         return point_irradiance((light,), points, normals)
     return facet_irradiance((light,), normals)
 
 
-def towards_light(light: HideableLight, points: Floats) -> tuple[Floats, Floats]:
+def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Floats, Floats]:
     """Return (n, 3) unit directions from places to a light, and its (n,) distances, perhaps inf."""
     if isinstance(light, DirectionalLight):
         towards = np.broadcast_to(-np.asarray(light.direction), points.shape)
@@ -109,7 +109,7 @@ def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
     return facets.albedo * np.where(facets.unlit[:, None], 1.0, irradiance)
 
 
-def texture_value(linear_texture: Floats, uv: Floats) -> Floats:
+def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
     """Return (n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
 
     (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.

@@ -14,18 +14,18 @@ from functools import cached_property
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.scene_summary import NO_SHADE, Shade
+from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.render import coarse, shading
-from catoptra_server.render.brightness import nearest_irradiance
-from catoptra_server.render.lost_light import change_of, greatest_loss
-from catoptra_server.render.occluders import hideable_facets
-from catoptra_server.render.shading import HideableLight
-from catoptra_server.scene.bodies import Body
+from catoptra_server.render.brightness import max_point_irradiance
+from catoptra_server.render.lost_light import grey_level_change, max_visible_loss
+from catoptra_server.render.occluders import shadow_candidates
+from catoptra_server.render.shading import ShadowCastingLight
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import DirectionalLight, PointLight, World
 from catoptra_server.scene.meshes import SceneMesh
 
 # As near as shading lets a light come, metres.
-_NEAREST_M = 1e-3
+_MIN_DISTANCE_M = 1e-3
 
 
 class ShadowBounds:
@@ -33,61 +33,61 @@ class ShadowBounds:
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
-        self._lights = shading.hideable_lights(world.lights)
-        self._sky = shading.sky_lights(world.lights)
+        self._lights = shading.shadow_casting_lights(world.lights)
+        self._hemisphere_lights = shading.hemisphere_lights(world.lights)
 
-    def of(self, bodies: tuple[Body, ...]) -> Shade:
+    def darkest_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
         """Return the darkest shadow that a scene and bodies could cast."""
         if not self._lights:
-            return NO_SHADE
-        if not bodies:
-            return self._of_scene
-        return max((self._where_all_are_hidden, self._on(bodies)), key=change_of)
+            return NO_SHADOW_LOSS
+        if not objects:
+            return self._static_shadow
+        return max((self._full_shadow, self._object_shadow(objects)), key=grey_level_change)
 
     @cached_property
-    def _of_scene(self) -> Shade:
+    def _static_shadow(self) -> ShadowLoss:
         """Return what stands hides from what stands: half a second for a million triangles."""
         lost = np.zeros_like(self._scene.albedo)
-        left = shading.facet_irradiance(self._sky, self._scene.normals)
+        left = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
         for light in self._lights:
-            irradiance = self._irradiance(light)
-            is_lost = hideable_facets(self._scene, light)[:, None]
+            irradiance = self._max_irradiance(light)
+            is_lost = shadow_candidates(self._scene, light)[:, None]
             lost += np.where(is_lost, irradiance, 0.0)
             if isinstance(light, DirectionalLight):
                 left += np.where(is_lost, 0.0, irradiance)
-        return self._worst(lost, left)
+        return self._max_loss(lost, left)
 
     @cached_property
-    def _where_all_are_hidden(self) -> Shade:
-        left = shading.facet_irradiance(self._sky, self._scene.normals)
-        lost: Floats = sum((self._irradiance(light) for light in self._lights), np.zeros((1, 3)))
-        return self._worst(lost, left)
+    def _full_shadow(self) -> ShadowLoss:
+        left = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        lost: Floats = sum((self._max_irradiance(light) for light in self._lights), np.zeros((1, 3)))
+        return self._max_loss(lost, left)
 
-    def _irradiance(self, light: HideableLight) -> Floats:
+    def _max_irradiance(self, light: ShadowCastingLight) -> Floats:
         """Return (n, 3): at most what a light gives each triangle."""
         if isinstance(light, PointLight):
-            return nearest_irradiance(self._scene.corners, light)[0]
+            return max_point_irradiance(self._scene.corners, light)[0]
         return shading.facet_irradiance((light,), self._scene.normals)
 
-    def _worst(self, lost: Floats, left: Floats) -> Shade:
+    def _max_loss(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> ShadowLoss:
         """Return the loss of light that changes a triangle's picture most, of (n, 3) irradiance."""
         lit = self._scene.albedo * ~self._scene.unlit[:, None]
-        return greatest_loss(lost * lit, left * lit, can_be_darker=self._scene.texture_index >= 0)
+        return max_visible_loss(lost_irradiance * lit, remaining_irradiance * lit, can_be_darker=self._scene.texture_index >= 0)
 
-    def _on(self, bodies: tuple[Body, ...]) -> Shade:
+    def _object_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
         """Return what white bodies can lose, however they are turned."""
         left, lost = np.zeros(3), np.zeros(3)
-        for sky in self._sky:
-            left += np.minimum(sky.up, sky.down)
+        for sky in self._hemisphere_lights:
+            left += np.minimum(sky.up_irradiance, sky.down_irradiance)
         for light in self._lights:
             if isinstance(light, PointLight):
-                nearest = coarse.down([_nearest_m(light, bodies)])[0]
-                lost += np.asarray(light.intensity) / max(nearest, _NEAREST_M) ** 2
+                nearest = coarse.round_down([_min_distance_m(light, objects)])[0]
+                lost += np.asarray(light.intensity) / max(nearest, _MIN_DISTANCE_M) ** 2
             else:
                 lost += np.asarray(light.irradiance)
-        return greatest_loss(lost[None], left[None], can_be_darker=np.array([True]))
+        return max_visible_loss(lost[None], left[None], can_be_darker=np.array([True]))
 
 
-def _nearest_m(light: PointLight, bodies: tuple[Body, ...]) -> float:
+def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:
     at = np.asarray(light.position_m)
-    return min(float(np.linalg.norm(at - body.centre)) - body.mesh.radius_m for body in bodies)
+    return min(float(np.linalg.norm(at - body.centre)) - body.mesh.radius_m for body in objects)

@@ -20,10 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 # One instant alone would be a sharp picture, however far things move.
-_FEWEST_INSTANTS, MOST_INSTANTS = 2, 64
-_STEP_PX, _ROW_STEP_PX = 1.0, 0.25
+_MIN_TIME_SAMPLES, MAX_TIME_SAMPLES = 2, 64
+_MAX_STEP_PX, _MAX_ROW_STEP_PX = 1.0, 0.25
 
-Weights = npt.NDArray[np.float32]  # (rows,)
+RowWeights = npt.NDArray[np.float32]  # (rows,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,35 +32,35 @@ class Shutter:
 
     exposure_s: float
     readout_s: float
-    instants: int
+    num_time_samples: int
 
     @classmethod
-    def within(
-        cls, exposure_s: float, readout_s: float, *, spread_px: float, carried_px: float
+    def from_motion(
+        cls, exposure_s: float, readout_s: float, *, exposure_displacement_px: float, readout_displacement_px: float
     ) -> Shutter:
         """Return the shutter with as many slots as motion needs.
 
         spread_px: the largest way in the exposure; carried_px: in the readout, first row to last.
         """
-        wanted = spread_px / _STEP_PX + carried_px / _ROW_STEP_PX
+        wanted = exposure_displacement_px / _MAX_STEP_PX + readout_displacement_px / _MAX_ROW_STEP_PX
         return cls(
-            exposure_s, readout_s, max(math.ceil(min(wanted, MOST_INSTANTS)), _FEWEST_INSTANTS)
+            exposure_s, readout_s, max(math.ceil(min(wanted, MAX_TIME_SAMPLES)), _MIN_TIME_SAMPLES)
         )
 
     @property
     def times_s(self) -> tuple[float, ...]:
         """Return the middles of the slots, seconds from the pose."""
         whole_s = self.exposure_s + self.readout_s
-        return tuple(((i + 0.5) / self.instants - 0.5) * whole_s for i in range(self.instants))
+        return tuple(((i + 0.5) / self.num_time_samples - 0.5) * whole_s for i in range(self.num_time_samples))
 
-    def weights(self, rows: int) -> npt.NDArray[np.float32]:
+    def row_weights(self, num_rows: int) -> npt.NDArray[np.float32]:
         """Return the (instants, rows) share of each slot in each row."""
         whole_s = self.exposure_s + self.readout_s
-        middle_s = self.readout_s * ((np.arange(rows) + 0.5) / rows - 0.5)
-        edges_s = (np.arange(self.instants + 1) / self.instants - 0.5) * whole_s
+        middle_s = self.readout_s * ((np.arange(num_rows) + 0.5) / num_rows - 0.5)
+        edges_s = (np.arange(self.num_time_samples + 1) / self.num_time_samples - 0.5) * whole_s
         if self.exposure_s == 0.0:
             slot = np.searchsorted(edges_s[1:-1], middle_s, side="right")
-            return np.equal.outer(np.arange(self.instants), slot).astype(np.float32)
+            return np.equal.outer(np.arange(self.num_time_samples), slot).astype(np.float32)
         begin_s, end_s = middle_s - 0.5 * self.exposure_s, middle_s + 0.5 * self.exposure_s
         within_s = np.diff(np.clip(edges_s[:, None], begin_s, end_s), axis=0)
         shares: npt.NDArray[np.float32] = (within_s / self.exposure_s).astype(np.float32)

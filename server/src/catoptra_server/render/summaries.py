@@ -12,73 +12,73 @@ from functools import cached_property
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render import coarse
-from catoptra_server.render.bodies_around import BodiesAround
-from catoptra_server.render.brightness import largest_radiance
-from catoptra_server.render.extent import Extent
-from catoptra_server.render.own_reach import own_reach
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.render.rings import rings_of
+from catoptra_server.render.bodies_around import DynamicObjectBounds
+from catoptra_server.render.brightness import max_radiance
+from catoptra_server.render.extent import SceneBounds
+from catoptra_server.render.own_reach import bound_self_view
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.rings import image_rings
 from catoptra_server.render.shadow_bounds import ShadowBounds
-from catoptra_server.render.staging import scene_motion
-from catoptra_server.render.surroundings import Surroundings, axis_of, turn_to
-from catoptra_server.scene.bodies import Body
+from catoptra_server.render.staging import scene_twist_in_mirror
+from catoptra_server.render.surroundings import DistanceBoundCache, mirror_axis, rotation_to_axis
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
 
-class SceneSummaries:
+class SceneSummarizer:
     """The summaries of one world; every renderer has one."""
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
         self._world = world
-        self._surroundings = Surroundings(scene)
-        self._extent = Extent(scene)
-        self._bodies = BodiesAround()
+        self._distance_bounds = DistanceBoundCache(scene)
+        self._bounds = SceneBounds(scene)
+        self._object_bounds = DynamicObjectBounds()
         self._shadows = ShadowBounds(scene, world)
 
     @cached_property
-    def largest_radiance(self) -> float:
+    def max_radiance(self) -> float:
         """Return the brightest light that the scene can show; found when it is first asked for."""
-        return largest_radiance(self._scene, self._world)
+        return max_radiance(self._scene, self._world)
 
-    def of_light(self) -> SceneSummary:
+    def summarize_radiance(self) -> SceneSummary:
         """Return what every exposure can show at most, as far as light goes."""
-        return SceneSummary(self.largest_radiance)
+        return SceneSummary(self.max_radiance)
 
-    def of(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+    def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most.
 
         Its farthest distance is infinite: that no picture shows the background could be told of
         closed rooms alone, and the shipped ones are made of walls that only touch.
         """
-        own = own_reach(exposure, camera)
+        own = bound_self_view(camera_state, camera)
         summary = SceneSummary(
-            self.largest_radiance,
-            self._surroundings.nearest_m(exposure.world_from_mirror, camera),
-            farthest_m=self._extent.farthest_m(
-                exposure.world_from_mirror.translation, _with_own(exposure)
+            self.max_radiance,
+            self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera),
+            max_distance_m=self._bounds.max_distance_m(
+                camera_state.world_from_mirror.translation, _objects_with_ego_body(camera_state)
             ),
-            background=self._world.background,
-            motion=coarse.twist(scene_motion(exposure)),
-            own_body_rad=own.angle_rad,
-            own_body_m=own.nearest_m,
-            largest_shadow=self._shadows.of(exposure.bodies),
-            own_shadow=self._shadows.of(_with_own(exposure)),
+            background_radiance=self._world.background,
+            scene_twist=coarse.round_twist(scene_twist_in_mirror(camera_state)),
+            ego_body_max_angle_rad=own.max_angle_rad,
+            ego_body_min_distances_m=own.min_distances_m,
+            max_shadow_loss=self._shadows.darkest_shadow(camera_state.objects),
+            max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(_objects_with_ego_body(camera_state)),
         )
-        return self._with_bodies(summary, exposure, camera) if exposure.bodies else summary
+        return self._add_dynamic_objects(summary, camera_state, camera) if camera_state.objects else summary
 
-    def _with_bodies(
-        self, summary: SceneSummary, exposure: Exposure, camera: OmniCamera
+    def _add_dynamic_objects(
+        self, summary: SceneSummary, camera_state: CameraState, camera: OmniCamera
     ) -> SceneSummary:
-        pose = exposure.world_from_mirror
-        turn, rings = turn_to(axis_of(pose)), rings_of(camera)
-        around = self._bodies.of(exposure.bodies, pose.translation, turn, rings)
-        nearest = map(min, summary.nearest_m, coarse.down(around.nearest_m.tolist()))
-        passing = coarse.up(around.passing_rad_s.tolist())
-        return replace(summary, nearest_m=tuple(nearest), passing_rad_s=passing)
+        pose = camera_state.world_from_mirror
+        turn, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
+        around = self._object_bounds.bound(camera_state.objects, pose.translation, turn, rings)
+        nearest = map(min, summary.min_distances_m, coarse.round_down(around.min_distances_m.tolist()))
+        passing = coarse.round_away_from_zero(around.max_object_rates_rad_s.tolist())
+        return replace(summary, min_distances_m=tuple(nearest), max_object_rates_rad_s=passing)
 
 
-def _with_own(exposure: Exposure) -> tuple[Body, ...]:
-    own = () if exposure.own_body is None else (exposure.own_body,)
-    return (*exposure.bodies, *own)
+def _objects_with_ego_body(camera_state: CameraState) -> tuple[DynamicObject, ...]:
+    own = () if camera_state.ego_body is None else (camera_state.ego_body,)
+    return (*camera_state.objects, *own)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.effects.effect import NO_WISHES, EffectWishes
+from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.robot.mission_package import MissionPackageDescription
 from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.render_wish import RenderWish
+from catoptra_server.robot.render_wish import RenderSettings
 from catoptra_server.robot.sensor_descriptions import (
     EncoderDescription,
     GpsDescription,
@@ -38,7 +38,7 @@ class DriveBase:
 
     turn_slip: part of each turn that is lost. slip_noise: standard deviation of each wheel side's
     random slip after one metre, in metres; it grows with the root of the way. dimensions_m: what
-    GEO reports, length, width, height; body_dimensions_m: the body's own where that is no body
+    GEO reports, length, width, height; collision_dimensions_m: the body's own where that is no body
     (UDK's P3AT reports wheel base, track, 0).
     """
 
@@ -52,12 +52,12 @@ class DriveBase:
     max_torque: float
     turn_slip: float
     slip_noise: float
-    body_dimensions_m: tuple[float, float, float] | None = None
+    collision_dimensions_m: tuple[float, float, float] | None = None
 
     @property
-    def body_m(self) -> tuple[float, float, float]:
+    def collision_size_m(self) -> tuple[float, float, float]:
         """Return length, width and height of what stands in others' way, from the floor up."""
-        return self.body_dimensions_m or self.dimensions_m
+        return self.collision_dimensions_m or self.dimensions_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class OmniCameraDescription:
     """The paper's three groups: mirror and its split, five texture clients, the capture camera.
 
     name: the capture camera's. robot_from_mirror: where the effective viewpoint is.
-    frame_interval_s: the shortest time between two exposures; 0 = as fast as it can be drawn.
+    min_frame_interval_s: the shortest time between two exposures; 0 = as fast as it can be drawn.
     effects: what lens and sensor may do to the picture.
     """
 
@@ -83,14 +83,14 @@ class OmniCameraDescription:
     camera: OmniCamera
     robot_from_mirror: Pose
     texture_clients: tuple[TextureClient, ...]
-    wish: RenderWish
-    frame_interval_s: float
+    render_settings: RenderSettings
+    min_frame_interval_s: float
     capture_fov_rad: float
-    effects: EffectWishes = NO_WISHES
+    effects: EffectSettings = NO_EFFECT_SETTINGS
 
 
 @dataclass(frozen=True, slots=True)
-class CameraDescription:
+class PerspectiveCameraDescription:
     """An ordinary perspective camera: fields of view are horizontal; SET Camera FOV may zoom."""
 
     name: str
@@ -104,7 +104,7 @@ class CameraDescription:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotDescription:
-    """One robot class, such as USARBot.OmniP2AT. joint_parts: its own joints, such as flippers."""
+    """One robot class, such as USARBot.OmniP2AT. chassis_joints: its own joints, such as flippers."""
 
     class_name: str
     drive: DriveBase
@@ -112,24 +112,24 @@ class RobotDescription:
     omni_camera: OmniCameraDescription | None
     status_interval_s: float
     battery_s: float
-    cameras: tuple[CameraDescription, ...] = ()
-    packages: tuple[MissionPackageDescription, ...] = ()
-    joint_parts: MissionPackageDescription | None = None
+    perspective_cameras: tuple[PerspectiveCameraDescription, ...] = ()
+    mission_packages: tuple[MissionPackageDescription, ...] = ()
+    chassis_joints: MissionPackageDescription | None = None
 
     @property
     def model_name(self) -> str:
         """Return the class without its package: what CONF and GEO call the robot."""
         return self.class_name.rpartition(".")[2]
 
-    def robot_from_part(self, name: str, joints: Mapping[str, float]) -> Pose:
+    def robot_from_part(self, name: str, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Return where a link or a joint carries what is mounted on it; else the chassis.
 
         joints: radians by lower-case link name.
         """
-        for package in (*self.packages, *filter(None, (self.joint_parts,))):
+        for package in (*self.mission_packages, *filter(None, (self.chassis_joints,))):
             for number, link in enumerate(package.links, 1):
                 if link.name.lower() == name.lower():
-                    return package.robot_from_link(number, joints)
+                    return package.robot_from_link(number, joint_angles_rad)
         return Pose.identity()
 
     @property
@@ -141,7 +141,7 @@ class RobotDescription:
 
 
 __all__ = [
-    "CameraDescription",
+    "PerspectiveCameraDescription",
     "DriveBase",
     "EncoderDescription",
     "GpsDescription",

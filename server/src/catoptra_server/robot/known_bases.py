@@ -38,7 +38,7 @@ P3AT = DriveBase(
     wheel_separation_m=0.36,
     wheel_base_m=0.248,
     dimensions_m=(0.248, 0.36, 0.0),
-    body_dimensions_m=(0.508, 0.497, 0.277),  # the maker's data sheet
+    collision_dimensions_m=(0.508, 0.497, 0.277),  # the maker's data sheet
     ride_height_m=0.1385,
     mass_kg=11.9,
     max_speed_rad_s=1.3,
@@ -48,4 +48,4 @@ P3AT = DriveBase(
 )
 
 # By the class's name without its package, in lower case.
-KNOWN_BASES = {"p2at": P2AT, "omnip2at": P2AT, "p2dx": P2DX, "omnip2dx": P2DX, "p3at": P3AT}
+STANDARD_BASES = {"p2at": P2AT, "omnip2at": P2AT, "p2dx": P2DX, "omnip2dx": P2DX, "p3at": P3AT}

@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from catoptra_protocol.optics.frames import Pose
-from catoptra_server.robot.mount import Vector
+from catoptra_server.robot.mount import Vector3
 
 # Orders of a joint command; the two relative ones add to what is.
 ANGLE, SPEED, BRAKE, RELATIVE_ANGLE, RELATIVE_SPEED = 0, 1, 3, 10, 11
 # The chassis among parents.
-ON_CHASSIS = -1
+CHASSIS_PARENT = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +28,14 @@ class LinkDescription:
 
     name: str
     parent: int
-    position_m: Vector
-    rotation_rad: Vector
+    position_m: Vector3
+    rotation_rad: Vector3
     max_speed_rad_s: float
     max_torque: float
     min_rad: float = 1.0
     max_rad: float = 0.0
 
-    def limited(self, angle_rad: float) -> float:
+    def clamp(self, angle_rad: float) -> float:
         """Return the angle within the joint's range."""
         if self.min_rad > self.max_rad:
             return angle_rad
@@ -49,19 +49,19 @@ class MissionPackageDescription:
     name: str
     links: tuple[LinkDescription, ...]
 
-    def robot_from_link(self, number: int, joints: Mapping[str, float]) -> Pose:
+    def robot_from_link(self, number: int, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Return where what a link carries is; `joints` are radians by lower-case link name."""
         at_rest = self._robot_from_joint(number, {})
         aligned = Pose(at_rest.rotation.T.copy(), Pose.identity().translation)
-        return self._robot_from_joint(number, joints) @ aligned
+        return self._robot_from_joint(number, joint_angles_rad) @ aligned
 
-    def _robot_from_joint(self, number: int, joints: Mapping[str, float]) -> Pose:
+    def _robot_from_joint(self, number: int, joint_angles_rad: Mapping[str, float]) -> Pose:
         link = self.links[number - 1]
         placed = Pose.from_rpy(link.position_m, link.rotation_rad)
-        turned = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, joints.get(link.name.lower(), 0.0)))
-        if link.parent == ON_CHASSIS:
+        turned = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, joint_angles_rad.get(link.name.lower(), 0.0)))
+        if link.parent == CHASSIS_PARENT:
             return placed @ turned
-        return self._robot_from_joint(link.parent, joints) @ placed @ turned
+        return self._robot_from_joint(link.parent, joint_angles_rad) @ placed @ turned
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,33 +85,33 @@ class Joint:
         velocity = self.velocity_rad_s
         return math.copysign(self.link.max_torque, velocity) if velocity else 0.0
 
-    def commanded(self, value: float, order: int) -> Joint:
+    def apply_command(self, value: float, order: int) -> Joint:
         """Return the joint under a command: an angle to reach, or a speed to keep.
 
         Torques are not simulated: they leave the joint as it is.
         """
         if order == ANGLE:
-            return self._going_to(value)
+            return self._move_to(value)
         if order == RELATIVE_ANGLE:
-            return self._going_to(self.angle_rad + value)
+            return self._move_to(self.angle_rad + value)
         if order == SPEED:
-            return self._kept_at(value)
+            return self._run_at(value)
         if order == RELATIVE_SPEED:
-            return self._kept_at(self.velocity_rad_s + value)
-        return self._kept_at(0.0) if order == BRAKE else self
+            return self._run_at(self.velocity_rad_s + value)
+        return self._run_at(0.0) if order == BRAKE else self
 
-    def _going_to(self, angle_rad: float) -> Joint:
+    def _move_to(self, angle_rad: float) -> Joint:
         fastest = self.link.max_speed_rad_s
-        return replace(self, target_rad=self.link.limited(angle_rad), speed_rad_s=fastest)
+        return replace(self, target_rad=self.link.clamp(angle_rad), speed_rad_s=fastest)
 
-    def _kept_at(self, speed_rad_s: float) -> Joint:
+    def _run_at(self, speed_rad_s: float) -> Joint:
         if not speed_rad_s:
             return replace(self, target_rad=self.angle_rad, speed_rad_s=0.0)
-        end = self.link.limited(math.copysign(math.inf, speed_rad_s))
+        end = self.link.clamp(math.copysign(math.inf, speed_rad_s))
         speed = min(abs(speed_rad_s), self.link.max_speed_rad_s)
         return replace(self, target_rad=end, speed_rad_s=speed)
 
-    def moved(self, duration_s: float) -> Joint:
+    def step(self, duration_s: float) -> Joint:
         """Return the joint after a time."""
         way = self.velocity_rad_s * duration_s
         arrives = abs(self.target_rad - self.angle_rad) <= abs(way)
@@ -120,7 +120,7 @@ class Joint:
 
 def _pan_tilt(name: str) -> MissionPackageDescription:
     """Return the pan-tilt head of UT2004's robots. Source: GEO and CONF of real ones."""
-    pan = LinkDescription("CameraPan", ON_CHASSIS, (0.1239, 0.0, -0.2036),
+    pan = LinkDescription("CameraPan", CHASSIS_PARENT, (0.1239, 0.0, -0.2036),
                           (math.pi, 0.0, 0.0), 0.17, 20.0)  # fmt: skip
     tilt = LinkDescription("CameraTilt", 1, (0.0, 0.0, 0.0599),
                            (0.5 * math.pi, 0.0, 0.0), 0.17, 20.0)  # fmt: skip
@@ -128,4 +128,4 @@ def _pan_tilt(name: str) -> MissionPackageDescription:
 
 
 # What a file may mount without a section of its own, by class name in lower case.
-KNOWN_PACKAGES = {"camerapantilt": _pan_tilt("CameraPanTilt")}
+STANDARD_PACKAGES = {"camerapantilt": _pan_tilt("CameraPanTilt")}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from catoptra_protocol.optics.frames import Pose
 
-Vector = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 
 # The mount that GEO names for what sits on the chassis itself.
 CHASSIS = "HARD"
@@ -16,8 +16,8 @@ CHASSIS = "HARD"
 class Mount:
     """Position, and rotation as roll, pitch, yaw, in the frame of the parent; HARD = chassis."""
 
-    position_m: Vector = (0.0, 0.0, 0.0)
-    rotation_rad: Vector = (0.0, 0.0, 0.0)
+    position_m: Vector3 = (0.0, 0.0, 0.0)
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     parent: str = CHASSIS
 
     def parent_from_item(self) -> Pose:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,11 +14,11 @@ class PerPixel:
     """The mirror's exact law in every sample."""
 
 
-Surface = PerPixel | PolygonSplit
+MirrorSurface = PerPixel | Tessellation
 
 
 @dataclass(frozen=True, slots=True)
-class Dial:
+class AccuracyTarget:
     """What is asked of a picture instead of numbers; 0 = not asked.
 
     max_error_px: how far off any outline may be at most. budget_ms: how long a frame may take. With
@@ -35,9 +35,9 @@ class Dial:
             if not (math.isfinite(value) and value >= 0.0):
                 raise DomainError(f"{name} must be 0 (not asked) or more, not {value}")
 
-    def turned(self, *, max_error_px: float | None, budget_ms: float | None) -> Dial:
+    def with_changes(self, *, max_error_px: float | None, budget_ms: float | None) -> AccuracyTarget:
         """Return the dial with another tolerance, another budget, or both; None: as it is."""
-        return Dial(
+        return AccuracyTarget(
             self.max_error_px if max_error_px is None else max_error_px,
             self.budget_ms if budget_ms is None else budget_ms,
         )
@@ -49,17 +49,17 @@ class Dial:
 
 
 @dataclass(frozen=True, slots=True)
-class RenderWish:
+class RenderSettings:
     """What the configuration asks of the picture; 0 leaves a number to the plan.
 
     texels_per_px: of the faces, where no face size is asked for. dial: where it is set, the plan
     chooses all numbers, whatever these are.
     """
 
-    surface: Surface = PerPixel()
+    surface: MirrorSurface = PerPixel()
     samples: int = 0
     face_size_px: int = 0
     face_samples: int = 0
     stride_px: int = 0
     texels_per_px: float = 0.0
-    dial: Dial = Dial()
+    accuracy_target: AccuracyTarget = AccuracyTarget()

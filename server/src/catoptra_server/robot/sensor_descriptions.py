@@ -30,7 +30,7 @@ class OdometryDescription:
     turn_noise_rad: float = 0.0
     heading_noise_rad: float = 0.0
     mount: Mount = field(default_factory=Mount)
-    is_timed: bool = True
+    has_timestamp: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class GroundTruthDescription:
     interval_s: float
     decimals: int
     mount: Mount = field(default_factory=Mount)
-    is_of_robot: bool = True
+    is_chassis_pose: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +59,13 @@ class RangeScannerDescription:
     min_range_m: float
     max_range_m: float
     noise_m: float = 0.0
-    turns_in_yaw: bool = True
-    turns_in_pitch: bool = False
+    is_panning: bool = True
+    is_tilting: bool = False
 
 
 # A level sonar's cone grazes the floor at 80 degrees or more from its normal. All captures of real
 # servers show ranges beyond that place: a floor brings no echo, walls met obliquely do.
-FLATTEST_ECHO_RAD = math.radians(75.0)
+MAX_ECHO_INCIDENCE_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +83,9 @@ class SonarDescription:
     min_range_m: float
     max_range_m: float
     noise_m: float = 0.0
-    cones: int = 3
-    rays: int = 8
-    max_incidence_rad: float = FLATTEST_ECHO_RAD
+    num_cones: int = 3
+    rays_per_cone: int = 8
+    max_incidence_rad: float = MAX_ECHO_INCIDENCE_RAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class InsDescription:
     noise: float = 0.0
     is_drifting: bool = True
     precision: float = 0.0
-    is_timed: bool = False
+    has_timestamp: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class EncoderDescription:
     shaft: str
     resolution_rad: float
     noise_rad: float = 0.0
-    is_timed: bool = True
+    has_timestamp: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class TachometerDescription:
     name: str
     interval_s: float
     mount: Mount
-    wheels: int = 4
+    num_wheels: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ class TouchDescription:
     interval_s: float
     mount: Mount
     diameter_m: float
-    is_timed: bool = True
+    has_timestamp: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ class GpsDescription:
     interval_s: float
     mount: Mount
     noise_m: float = 0.0
-    is_timed: bool = False
+    has_timestamp: bool = False
 
 
 SensorDescription = (

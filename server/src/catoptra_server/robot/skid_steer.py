@@ -23,7 +23,7 @@ class WheelSpin:
     left_rad_s: float = 0.0
     right_rad_s: float = 0.0
 
-    def limited(self, max_rad_s: float) -> WheelSpin:
+    def clamp(self, max_rad_s: float) -> WheelSpin:
         """Return the spin with each side saturated at the motor's speed."""
         return WheelSpin(
             min(max(self.left_rad_s, -max_rad_s), max_rad_s),
@@ -32,7 +32,7 @@ class WheelSpin:
 
 
 @dataclass(frozen=True, slots=True)
-class Rolled:
+class WheelTravel:
     """The way each side's wheels rolled, in metres."""
 
     left_m: float
@@ -48,30 +48,30 @@ class Rolled:
         return (self.left_m - self.right_m) / base.wheel_separation_m
 
 
-AT_REST = Rolled(0.0, 0.0)
+NO_TRAVEL = WheelTravel(0.0, 0.0)
 
 
-def rolled(base: DriveBase, spin: WheelSpin, duration_s: float) -> Rolled:
+def wheel_travel(base: DriveBase, spin: WheelSpin, duration_s: float) -> WheelTravel:
     """Return what the wheels roll in a time: what encoders see, whatever the floor does."""
     way = base.wheel_radius_m * duration_s
-    return Rolled(way * spin.left_rad_s, way * spin.right_rad_s)
+    return WheelTravel(way * spin.left_rad_s, way * spin.right_rad_s)
 
 
-def slipped(base: DriveBase, way: Rolled, generator: np.random.Generator) -> Rolled:
+def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Generator) -> WheelTravel:
     """Return what the floor makes of a rolled way: a part of the turn lost, and random slip.
 
     The random slip of a side has a variance in proportion to its way, so that it does not depend on
     how the way is cut into ticks.
     """
     left_noise, right_noise = generator.standard_normal(2)
-    lost = 0.5 * base.turn_slip * (way.left_m - way.right_m)
-    return Rolled(
-        way.left_m - lost + base.slip_noise * math.sqrt(abs(way.left_m)) * float(left_noise),
-        way.right_m + lost + base.slip_noise * math.sqrt(abs(way.right_m)) * float(right_noise),
+    lost = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
+    return WheelTravel(
+        travel.left_m - lost + base.slip_noise * math.sqrt(abs(travel.left_m)) * float(left_noise),
+        travel.right_m + lost + base.slip_noise * math.sqrt(abs(travel.right_m)) * float(right_noise),
     )
 
 
-def moved(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
+def integrate_arc(pose: PlanarPose, distance_m: float, turn_rad: float) -> PlanarPose:
     """Return where a base ends that drives an arc: exact, and regular for a straight one.
 
     The chord of the arc points along the mean heading; its length is distance * sin(a) / a, a =

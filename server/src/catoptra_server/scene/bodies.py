@@ -15,11 +15,11 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.description import Material
 from catoptra_server.scene.motion import AT_REST, Twist
-from catoptra_server.scene.primitives import Patch, joined
+from catoptra_server.scene.primitives import Patch, concatenate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyMesh:
+class ObjectMesh:
     """Triangles in a body's frame, and a sphere around them.
 
     corners: (n, 3, 3) metres. normals: (n, 3) unit, from the winding. albedo: (n, 3) linear.
@@ -39,24 +39,24 @@ class BodyMesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class DynamicObject:
     """A body at its place. Bodies of one class share their mesh.
 
     twist: of the body's frame, told at its origin in the world's axes.
     """
 
-    mesh: BodyMesh
-    world_from_body: Pose
+    mesh: ObjectMesh
+    world_from_object: Pose
     twist: Twist = AT_REST
 
     @property
     def centre(self) -> Floats:
         """Return the middle of the sphere around it, (3,) metres, world frame."""
-        return self.world_from_body.points(self.mesh.centre)
+        return self.world_from_object.transform_points(self.mesh.centre)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Facets:
+class WorldFacets:
     """What light falls on: (n, 3) normals in the world frame, (n, 3) albedo, (n,) unlit."""
 
     normals: Floats
@@ -64,16 +64,16 @@ class Facets:
     unlit: Bools
 
 
-def body_mesh(parts: Iterable[tuple[Patch, Material]]) -> BodyMesh:
+def build_object_mesh(parts: Iterable[tuple[Patch, Material]]) -> ObjectMesh:
     """Return the mesh of patches, in the body's frame, and their materials; at least one."""
     parts = tuple(parts)
     assert all(material.texture is None for _, material in parts), "bodies have no textures"
     counts = [len(patch.corners) for patch, _ in parts]
-    corners = joined([patch for patch, _ in parts]).corners
+    corners = concatenate([patch for patch, _ in parts]).corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
     centre: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
-    mesh = BodyMesh(
+    mesh = ObjectMesh(
         corners=corners,
         normals=cross / np.where(length > 0.0, length, 1.0),
         albedo=np.repeat([material.albedo for _, material in parts], counts, axis=0),
@@ -86,7 +86,7 @@ def body_mesh(parts: Iterable[tuple[Patch, Material]]) -> BodyMesh:
     return mesh
 
 
-def facets(body: Body) -> Facets:
+def world_facets(dynamic_object: DynamicObject) -> WorldFacets:
     """Return what light falls on: the mesh's facets, turned as the body is."""
-    mesh = body.mesh
-    return Facets(body.world_from_body.directions(mesh.normals), mesh.albedo, mesh.unlit)
+    mesh = dynamic_object.mesh
+    return WorldFacets(dynamic_object.world_from_object.rotate_directions(mesh.normals), mesh.albedo, mesh.unlit)

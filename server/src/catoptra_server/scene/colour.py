@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.domain import require
+from catoptra_protocol.optics.domain import require_domain
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -20,6 +20,6 @@ def srgb_from_linear(linear: Floats) -> Floats:
 
     Raises DomainError naming an element that is no number.
     """
-    require(~np.isnan(linear), linear, "light is a number")
+    require_domain(~np.isnan(linear), linear, "light is a number")
     linear = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -15,7 +15,7 @@ from catoptra_protocol.optics.frames import Pose
 Rgb = tuple[float, float, float]
 
 # A millimetre from such a lamp light still is a float32 number, and so is the sum of a hundred.
-BRIGHTEST = 1e30
+MAX_LIGHT = 1e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Rectangle:
     """A level rectangle that faces up (-z), textured once over its whole area."""
 
     size_m: tuple[float, float]
-    repeat: tuple[float, float] = (1.0, 1.0)
+    texture_repeat: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +104,11 @@ class Item:
 class HemisphereLight:
     """Light from everywhere: irradiance on a surface that faces up, and on one that faces down."""
 
-    up: Rgb
-    down: Rgb
+    up_irradiance: Rgb
+    down_irradiance: Rgb
 
     def __post_init__(self) -> None:
-        _check_light("hemisphere", self.up, self.down)
+        _check_light("hemisphere", self.up_irradiance, self.down_irradiance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +136,8 @@ class PointLight:
 def _check_light(kind: str, *colours: Rgb) -> None:
     """Raise DomainError if a light is negative, no number, or brighter than numbers allow."""
     for colour in colours:
-        if not all(0.0 <= value <= BRIGHTEST for value in colour):
-            raise DomainError(f"a {kind} light of {colour!r}: from 0 to {BRIGHTEST:g} can be shown")
+        if not all(0.0 <= value <= MAX_LIGHT for value in colour):
+            raise DomainError(f"a {kind} light of {colour!r}: from 0 to {MAX_LIGHT:g} can be shown")
 
 
 Light = HemisphereLight | DirectionalLight | PointLight
@@ -187,6 +187,6 @@ class World:
     starts: tuple[StartPlace, ...] = ()
     background: Rgb = (0.0, 0.0, 0.0)
     landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
-    tags: tuple[RfidTag, ...] = ()
+    rfid_tags: tuple[RfidTag, ...] = ()
     victims: tuple[Victim, ...] = ()
     gps_origin: GpsOrigin | None = None

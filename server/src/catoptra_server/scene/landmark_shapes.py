@@ -13,17 +13,17 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_server.scene.description import Box, Cylinder, Item, Material, Rgb
 
 WHITE: Rgb = (0.80, 0.80, 0.80)
-GOAL_WALL_M = 0.02  # thickness of a goal's boards
+GOAL_WALL_THICKNESS_M = 0.02  # thickness of a goal's boards
 
 
 def items_from_landmark(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
     """Return the items that draw a landmark, with an albedo (linear) for each colour name."""
-    return {"beacon": _beacon, "goal": _goal}[landmark.kind](landmark, albedos)
+    return {"beacon": _beacon_items, "goal": _goal_items}[landmark.kind](landmark, albedos)
 
 
-def _beacon(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
     """Return a beacon: a white post below the band, then its lower and its upper colour."""
-    middle = landmark.band_middle_m
+    middle = landmark.band_centre_m
     parts = [
         ("post", 0.0, landmark.band_bottom_m, WHITE),
         ("lower", landmark.band_bottom_m, middle, albedos[landmark.lower_colour]),
@@ -41,18 +41,18 @@ def _beacon(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
     )
 
 
-def _goal(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
+def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
     """Return a goal: a back and two sides, open towards the world's origin, floor and top open."""
     # The mouth looks along the field's length: +1 for a goal at positive x, whose back is at more
     # x.
     outward = math.copysign(1.0, landmark.x_m)
     half, height = 0.5 * landmark.width_m, landmark.band_top_m
-    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_M)
+    back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_THICKNESS_M)
     side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
     boards = [
-        ("back", back_x, 0.0, (GOAL_WALL_M, landmark.width_m + 2 * GOAL_WALL_M, height)),
-        ("left", side_x, -half - 0.5 * GOAL_WALL_M, (landmark.depth_m, GOAL_WALL_M, height)),
-        ("right", side_x, half + 0.5 * GOAL_WALL_M, (landmark.depth_m, GOAL_WALL_M, height)),
+        ("back", back_x, 0.0, (GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * GOAL_WALL_THICKNESS_M, height)),
+        ("left", side_x, -half - 0.5 * GOAL_WALL_THICKNESS_M, (landmark.depth_m, GOAL_WALL_THICKNESS_M, height)),
+        ("right", side_x, half + 0.5 * GOAL_WALL_THICKNESS_M, (landmark.depth_m, GOAL_WALL_THICKNESS_M, height)),
     ]
     material = Material(albedos[landmark.upper_colour])
     return tuple(

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import ConfigError, Where
+from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene import primitives
 from catoptra_server.scene.description import (
@@ -62,7 +62,7 @@ class SceneMesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _MeshPart:
     """A patch of one look, before all are joined."""
 
     item: int
@@ -80,11 +80,11 @@ def build_scene(world: World) -> SceneMesh:
         for item in items_from_landmark(landmark, world.landmark_albedos)
     ]
     items = (*world.items, *drawn)
-    parts = [part for index, item in enumerate(items) for part in _parts(index, item)]
-    return _joined(parts, items)
+    parts = [part for index, item in enumerate(items) for part in _item_parts(index, item)]
+    return _concatenate_parts(parts, items)
 
 
-def _joined(parts: list[_Part], items: tuple[Item, ...]) -> SceneMesh:
+def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> SceneMesh:
     counts = [len(part.patch.corners) for part in parts]
     textures: list[Texture] = []
     indices: list[int] = []
@@ -95,7 +95,7 @@ def _joined(parts: list[_Part], items: tuple[Item, ...]) -> SceneMesh:
             known = [len(textures) - 1]
         indices.append(known[0] if known else -1)
     empty = Patch(np.zeros((0, 3, 3)), np.zeros((0, 3, 2)))
-    whole = primitives.joined([empty, *(part.patch for part in parts)])
+    whole = primitives.concatenate([empty, *(part.patch for part in parts)])
     edges = whole.corners[:, 1:] - whole.corners[:, :1]
     cross = np.cross(edges[:, 0], edges[:, 1])
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
@@ -119,17 +119,17 @@ def _joined(parts: list[_Part], items: tuple[Item, ...]) -> SceneMesh:
     return mesh
 
 
-def _parts(index: int, item: Item) -> Iterator[_Part]:
+def _item_parts(index: int, item: Item) -> Iterator[_MeshPart]:
     if isinstance(item.shape, MeshFile):
         yield from _mesh_file_parts(index, item, item.shape)
         return
     assert item.material is not None, "only mesh files bring materials of their own"
     texture = load_texture(item.material.texture) if item.material.texture else None
-    patch = _placed(_patch(item.shape), item)
-    yield _Part(index, patch, item.material.albedo, item.material.unlit, texture)
+    patch = _transform_to_world(_build_shape(item.shape), item)
+    yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)
 
 
-def _patch(shape: Box | Cylinder | Rectangle | Ring | SphereBand) -> Patch:
+def _build_shape(shape: Box | Cylinder | Rectangle | Ring | SphereBand) -> Patch:
     match shape:
         case Box():
             return primitives.box(shape)
@@ -143,8 +143,8 @@ def _patch(shape: Box | Cylinder | Rectangle | Ring | SphereBand) -> Patch:
             return primitives.sphere_band(shape)
 
 
-def _placed(patch: Patch, item: Item) -> Patch:
-    return Patch(item.world_from_item.points(patch.corners), patch.uv)
+def _transform_to_world(patch: Patch, item: Item) -> Patch:
+    return Patch(item.world_from_item.transform_points(patch.corners), patch.uv)
 
 
 def load_texture(path: Path) -> Texture:
@@ -156,17 +156,17 @@ def load_texture(path: Path) -> Texture:
             texture = np.array(image.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ConfigError(
-            Where(str(path)), key="Texture", value=str(path), expected=f"an image file ({error})"
+            SourceLocation(str(path)), key="Texture", value=str(path), expected=f"an image file ({error})"
         ) from error
     texture.setflags(write=False)
     return texture
 
 
-def _mesh_file_parts(index: int, item: Item, shape: MeshFile) -> Iterator[_Part]:
+def _mesh_file_parts(index: int, item: Item, shape: MeshFile) -> Iterator[_MeshPart]:
     for mesh in load_mesh_file(shape):
-        patch = _placed(mesh.patch, item)
+        patch = _transform_to_world(mesh.patch, item)
         if item.material is None:
-            yield _Part(index, patch, mesh.albedo, False, mesh.texture)
+            yield _MeshPart(index, patch, mesh.albedo, False, mesh.texture)
         else:
             own = load_texture(item.material.texture) if item.material.texture else None
-            yield _Part(index, patch, item.material.albedo, item.material.unlit, own)
+            yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, own)

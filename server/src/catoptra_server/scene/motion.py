@@ -9,7 +9,7 @@ import numpy as np
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 
-Vector = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,29 +19,29 @@ class Twist:
     The origin and the axes are those of the frame that whoever holds it names.
     """
 
-    linear_m_s: Vector = (0.0, 0.0, 0.0)
-    angular_rad_s: Vector = (0.0, 0.0, 0.0)
+    linear_m_s: Vector3 = (0.0, 0.0, 0.0)
+    angular_rad_s: Vector3 = (0.0, 0.0, 0.0)
 
-    def at(self, offset_m: Floats) -> Twist:
+    def at_offset(self, offset_m: Floats) -> Twist:
         """Return the same motion, told at another origin: (3,) metres from this one."""
         linear = np.asarray(self.linear_m_s) + np.cross(self.angular_rad_s, offset_m)
-        return Twist(_vector(linear), self.angular_rad_s)
+        return Twist(_vector3(linear), self.angular_rad_s)
 
-    def minus(self, other: Twist) -> Twist:
+    def relative_to(self, other: Twist) -> Twist:
         """Return the motion as seen from what moves otherwise, both told at one origin."""
         linear = np.subtract(self.linear_m_s, other.linear_m_s)
-        return Twist(_vector(linear), _vector(np.subtract(self.angular_rad_s, other.angular_rad_s)))
+        return Twist(_vector3(linear), _vector3(np.subtract(self.angular_rad_s, other.angular_rad_s)))
 
-    def turned(self, rotation: Floats) -> Twist:
+    def rotate(self, rotation: Floats) -> Twist:
         """Return the same motion in axes that a (3, 3) rotation leads to."""
         linear = rotation @ np.asarray(self.linear_m_s)
-        return Twist(_vector(linear), _vector(rotation @ np.asarray(self.angular_rad_s)))
+        return Twist(_vector3(linear), _vector3(rotation @ np.asarray(self.angular_rad_s)))
 
-    def carried(self, pose: Pose, time_s: float) -> Pose:
+    def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
         """Return where a pose that moves so, told in its parent's axes, is after some seconds."""
         if self == AT_REST:
             return pose
-        turn = _rotation(np.asarray(self.angular_rad_s) * time_s)
+        turn = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
         way = np.asarray(self.linear_m_s) * time_s
         return Pose(turn @ pose.rotation, pose.translation + way)
 
@@ -54,12 +54,12 @@ class Twist:
 AT_REST = Twist()
 
 
-def _vector(values: Floats) -> Vector:
+def _vector3(values: Floats) -> Vector3:
     x, y, z = values.tolist()
     return x, y, z
 
 
-def _rotation(vector: Floats) -> Floats:
+def _rotation_from_vector(vector: Floats) -> Floats:
     """Return the (3, 3) rotation about a vector by its length in radians: Rodrigues' formula."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:

@@ -18,21 +18,21 @@ from catoptra_server.scene.meshes import SceneMesh
 from catoptra_server.scene.oriented_box import OrientedBox
 
 # Things lower than this are driven over: carpets, lines, sills.
-CLEARANCE_M = 0.03
+GROUND_CLEARANCE_M = 0.03
 
 
 # Cells a side of the grid over the world: a triangle as large as the world lies in all of them,
 # a robot in four.
-_CELLS = 64
-_SMALLEST_CELL_M = 0.5
+_CELLS_PER_SIDE = 64
+_MIN_CELL_M = 0.5
 # The three corners of a triangle from above.
-Outline = list[list[float]]
+Triangle2D = list[list[float]]
 
-_NONE: Floats = np.zeros((0, 3, 2))
+_NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Obstacles:
+class ObstacleGrid:
     """Triangles from above, (n, 3, 2) in metres, world frame, by the cells of a square grid.
 
     cells: for each cell (column, row) that has any, the triangles whose bounds reach into it.
@@ -41,33 +41,33 @@ class Obstacles:
 
     cell_m: float
     cells: Mapping[tuple[int, int], Floats]
-    moving: Floats = field(default_factory=lambda: _NONE)
+    dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
 
-    def near(self, centre: tuple[float, float], radius_m: float) -> list[Outline]:
+    def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
         """Return the triangles that reach into a square about a place; some come several times."""
-        columns, rows = (self._cells_along(middle, radius_m) for middle in centre)
+        columns, rows = (self._cell_range(middle, radius_m) for middle in centre)
         found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
-        triangles = np.concatenate((*found, self.moving)) if found else self.moving
+        triangles = np.concatenate((*found, self.dynamic_triangles)) if found else self.dynamic_triangles
         if not len(triangles):
             return []
         # Most of what lies in the same cells is out of reach, and telling so is cheap.
         low, high = triangles.min(axis=1), triangles.max(axis=1)
         place = np.array(centre)
         within = ((low <= place + radius_m) & (high >= place - radius_m)).all(axis=1)
-        outlines: list[Outline] = triangles[within].tolist()
+        outlines: list[Triangle2D] = triangles[within].tolist()
         return outlines
 
-    def _cells_along(self, middle_m: float, radius_m: float) -> range:
+    def _cell_range(self, middle_m: float, radius_m: float) -> range:
         """Return the columns, or rows, that an interval reaches into."""
         first = math.floor((middle_m - radius_m) / self.cell_m)
         return range(first, math.floor((middle_m + radius_m) / self.cell_m) + 1)
 
-    def with_outlines(self, outlines: Sequence[Floats]) -> Obstacles:
+    def with_dynamic_triangles(self, triangles: Sequence[Floats]) -> ObstacleGrid:
         """Return these obstacles and, beside them, outlines of upright boxes."""
-        return replace(self, moving=np.concatenate(outlines)) if outlines else self
+        return replace(self, dynamic_triangles=np.concatenate(triangles)) if triangles else self
 
 
-def box_outline(box: OrientedBox) -> Floats:
+def box_footprint(box: OrientedBox) -> Floats:
     """Return the (2, 3, 2) triangles of an upright box from above."""
     half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
@@ -76,30 +76,30 @@ def box_outline(box: OrientedBox) -> Floats:
     return level[[[0, 1, 2], [0, 2, 3]]]
 
 
-def obstacles_between(scene: SceneMesh, *, low_m: float, high_m: float) -> Obstacles:
+def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
     """Return the triangles that reach into a band of heights above the floor z = 0."""
     heights = -scene.corners[..., 2]
     inside = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
-    return _sorted_into_cells(np.ascontiguousarray(scene.corners[inside][..., :2]))
+    return _build_grid(np.ascontiguousarray(scene.corners[inside][..., :2]))
 
 
-def _sorted_into_cells(corners: Floats) -> Obstacles:
+def _build_grid(corners: Floats) -> ObstacleGrid:
     """Return (n, 3, 2) triangles by cells of a size that suits their extent."""
     if not len(corners):
-        return Obstacles(_SMALLEST_CELL_M, {})
+        return ObstacleGrid(_MIN_CELL_M, {})
     extent = float(np.ptp(corners, axis=(0, 1)).max())
-    cell_m = max(_SMALLEST_CELL_M, extent / _CELLS)
+    cell_m = max(_MIN_CELL_M, extent / _CELLS_PER_SIDE)
     first = np.floor(corners.min(axis=1) / cell_m).astype(int).tolist()
     last = np.floor(corners.max(axis=1) / cell_m).astype(int).tolist()
     members: dict[tuple[int, int], list[int]] = {}
     for index, ((c0, r0), (c1, r1)) in enumerate(zip(first, last, strict=True)):
         for cell in product(range(c0, c1 + 1), range(r0, r1 + 1)):
             members.setdefault(cell, []).append(index)
-    return Obstacles(cell_m, {cell: corners[indices] for cell, indices in members.items()})
+    return ObstacleGrid(cell_m, {cell: corners[indices] for cell, indices in members.items()})
 
 
-def rectangle_touches(
-    outlines: Iterable[Outline],
+def rectangle_intersects(
+    triangles: Iterable[Triangle2D],
     centre: tuple[float, float],
     yaw_rad: float,
     *,
@@ -111,15 +111,15 @@ def rectangle_touches(
     """
     x, y = centre
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    for outline in outlines:
+    for outline in triangles:
         along = [(u - x) * cos + (v - y) * sin for u, v in outline]
         across = [(v - y) * cos - (u - x) * sin for u, v in outline]
-        if not _apart(along, across, half_size_m):
+        if not _has_separating_axis(along, across, half_size_m):
             return True
     return False
 
 
-def _apart(along: list[float], across: list[float], half_size_m: tuple[float, float]) -> bool:
+def _has_separating_axis(along: list[float], across: list[float], half_size_m: tuple[float, float]) -> bool:
     """Return whether a side of the rectangle or of a triangle parts the two.
 
     The triangle's corners are in the rectangle's axes.

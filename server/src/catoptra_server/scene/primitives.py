@@ -23,12 +23,12 @@ class Patch:
     corners: Floats
     uv: Floats
 
-    def at(self, offset_m: tuple[float, float, float]) -> Patch:
+    def translate(self, offset_m: tuple[float, float, float]) -> Patch:
         """Return the patch moved by an offset."""
         return Patch(self.corners + np.asarray(offset_m), self.uv)
 
 
-def joined(patches: list[Patch]) -> Patch:
+def concatenate(patches: list[Patch]) -> Patch:
     """Return all patches as one."""
     corners = np.concatenate([patch.corners for patch in patches])
     return Patch(corners, np.concatenate([patch.uv for patch in patches]))
@@ -74,7 +74,7 @@ def box(shape: Box) -> Patch:
         ((-x, -y, -z), (0, 2 * y, 0), (2 * x, 0, 0)),
         ((x, -y, z), (0, 2 * y, 0), (-2 * x, 0, 0)),
     ]
-    return joined([_side(origin, right, up) for origin, right, up in sides])
+    return concatenate([_side(origin, right, up) for origin, right, up in sides])
 
 
 def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, ...]) -> Patch:
@@ -82,7 +82,7 @@ def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, 
     return quad(o, o + r, o + r + u, o + u)
 
 
-def _outward(patch: Patch, *, outward: Floats) -> Patch:
+def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
     """Return the patch wound so that its normals point along `outward` (3,) or (n, 3)."""
     corners = patch.corners
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -103,22 +103,22 @@ def cylinder(shape: Cylinder) -> Patch:
     side = grid(wall, uv)
     centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
     bottom, top = _disc(wall[0], outward=(0, 0, 1)), _disc(wall[1], outward=(0, 0, -1))
-    return joined([_outward(side, outward=centres), bottom, top])
+    return concatenate([_orient_outward(side, outward=centres), bottom, top])
 
 
 def _disc(rim: Floats, *, outward: tuple[float, float, float]) -> Patch:
     middle = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
     patch = grid(np.stack((rim, middle)), np.zeros((2, len(rim), 2)))
-    return _outward(patch, outward=np.asarray(outward, dtype=np.float64))
+    return _orient_outward(patch, outward=np.asarray(outward, dtype=np.float64))
 
 
 def rectangle(shape: Rectangle) -> Patch:
     """Return a level rectangle that faces up; u runs along +y, v along -x, `repeat` times."""
     x, y = (0.5 * length for length in shape.size_m)
     points = np.array([[[-x, -y, 0], [-x, y, 0]], [[x, -y, 0], [x, y, 0]]], dtype=np.float64)
-    (ru, rv) = shape.repeat
+    (ru, rv) = shape.texture_repeat
     uv = np.array([[[0, rv], [ru, rv]], [[0, 0], [ru, 0]]], dtype=np.float64)
-    return _outward(grid(points, uv), outward=np.array([0.0, 0.0, -1.0]))
+    return _orient_outward(grid(points, uv), outward=np.array([0.0, 0.0, -1.0]))
 
 
 def ring(shape: Ring) -> Patch:
@@ -126,7 +126,7 @@ def ring(shape: Ring) -> Patch:
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
     points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
-    return _outward(grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0]))
+    return _orient_outward(grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0]))
 
 
 def sphere_band(shape: SphereBand) -> Patch:
@@ -142,4 +142,4 @@ def sphere_band(shape: SphereBand) -> Patch:
         axis=-1,
     )
     patch = grid(points, np.zeros((*points.shape[:2], 2)))
-    return _outward(patch, outward=-patch.corners.mean(axis=1))
+    return _orient_outward(patch, outward=-patch.corners.mean(axis=1))

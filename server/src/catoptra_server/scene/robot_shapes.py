@@ -15,33 +15,33 @@ import numpy as np
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import BodyMesh, body_mesh
+from catoptra_server.scene.bodies import ObjectMesh, build_object_mesh
 from catoptra_server.scene.description import Box, Cylinder, Material
 from catoptra_server.scene.primitives import Patch
 
-CHASSIS = Material((0.45, 0.04, 0.03))  # ActivMedia's red
-DECK = Material((0.04, 0.04, 0.04))
-TYRE = Material((0.03, 0.03, 0.03))
-METAL = Material((0.55, 0.55, 0.55))
-HOUSING = Material((0.12, 0.12, 0.12))
-LENS = Material((0.01, 0.01, 0.015))
+CHASSIS_MATERIAL = Material((0.45, 0.04, 0.03))  # ActivMedia's red
+DECK_MATERIAL = Material((0.04, 0.04, 0.04))
+TYRE_MATERIAL = Material((0.03, 0.03, 0.03))
+MIRROR_MATERIAL = Material((0.55, 0.55, 0.55))
+HOUSING_MATERIAL = Material((0.12, 0.12, 0.12))
+LENS_MATERIAL = Material((0.01, 0.01, 0.015))
 
-DECK_M = 0.01  # thickness of the black top plate
+DECK_THICKNESS_M = 0.01  # thickness of the black top plate
 PILLAR_RADIUS_M = 0.03
 # A board camera's housing, its lens ahead of it; the lens ends at the pinhole.
 CAMERA_RADIUS_M, CAMERA_LENGTH_M = 0.025, 0.05
 LENS_RADIUS_M, LENS_LENGTH_M = 0.012, 0.003
-CARRIER_RADIUS_M = 0.005  # stands for the glass that carries the mirror over the camera
+SUPPORT_RADIUS_M = 0.005  # stands for the glass that carries the mirror over the camera
 # A tyre's width is this part of its radius: 50 mm on a P2AT, so that it ends with the robot's side.
-_TYRE_WIDTH = 0.4
+_TYRE_WIDTH_RATIO = 0.4
 # Facets around a wheel and a mirror, and rings down the mirror: round from two metres at 640 px.
 _SECTORS, _RINGS = 20, 5
 
-Part = tuple[Patch, Material]
+MaterialPatch = tuple[Patch, Material]
 
 
 @dataclass(frozen=True, slots=True)
-class RobotShape:
+class RobotDimensions:
     """A robot's outer measures, metres. wheel_base_m 0: one pair of wheels, in the middle."""
 
     dimensions_m: tuple[float, float, float]
@@ -51,71 +51,71 @@ class RobotShape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OmniTower:
+class OmniCameraTower:
     """An omnidirectional camera on a robot: its law, and where its effective viewpoint is."""
 
     camera: OmniCamera
     robot_from_mirror: Pose
 
 
-def robot_mesh(shape: RobotShape, tower: OmniTower | None = None) -> BodyMesh:
+def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = None) -> ObjectMesh:
     """Return what a robot of a class looks like; `tower` None: without an omni camera."""
-    parts = [*_chassis(shape), *_wheels(shape)]
+    parts = [*_chassis_parts(shape), *_wheel_parts(shape)]
     if tower is not None:
-        parts += _tower(tower, deck_z=_top_z(shape))
-    return body_mesh(parts)
+        parts += _tower_parts(tower, deck_z=_deck_z(shape))
+    return build_object_mesh(parts)
 
 
-def own_body_mesh(shape: RobotShape, tower: OmniTower) -> BodyMesh:
+def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
     """Return what a robot's own mirror sees of it: neither itself nor the glass that carries it."""
-    return body_mesh([*_chassis(shape), *_wheels(shape), *_camera(tower, deck_z=_top_z(shape))])
+    return build_object_mesh([*_chassis_parts(shape), *_wheel_parts(shape), *_capture_camera_parts(tower, deck_z=_deck_z(shape))])
 
 
-def _top_z(shape: RobotShape) -> float:
+def _deck_z(shape: RobotDimensions) -> float:
     """Return z of the deck. The UDK's P3AT reports no height: its wheels' then."""
     height = shape.dimensions_m[2] or 2.0 * shape.wheel_radius_m
     return shape.ride_height_m - height
 
 
-def _chassis(shape: RobotShape) -> Iterator[Part]:
+def _chassis_parts(shape: RobotDimensions) -> Iterator[MaterialPatch]:
     """Yield a box between the wheels, from half their radius above the floor, and its deck."""
     length, width, _ = shape.dimensions_m
-    inner = width - 2.0 * _TYRE_WIDTH * shape.wheel_radius_m
-    top, bottom = _top_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
-    middle = 0.5 * (top + DECK_M + bottom)
-    hull = primitives.box(Box((length, inner, bottom - top - DECK_M)))
-    yield hull.at((0.0, 0.0, middle)), CHASSIS
-    plate = primitives.box(Box((length, inner, DECK_M)))
-    yield plate.at((0.0, 0.0, top + 0.5 * DECK_M)), DECK
+    inner = width - 2.0 * _TYRE_WIDTH_RATIO * shape.wheel_radius_m
+    top, bottom = _deck_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
+    middle = 0.5 * (top + DECK_THICKNESS_M + bottom)
+    hull = primitives.box(Box((length, inner, bottom - top - DECK_THICKNESS_M)))
+    yield hull.translate((0.0, 0.0, middle)), CHASSIS_MATERIAL
+    plate = primitives.box(Box((length, inner, DECK_THICKNESS_M)))
+    yield plate.translate((0.0, 0.0, top + 0.5 * DECK_THICKNESS_M)), DECK_MATERIAL
 
 
-def _wheels(shape: RobotShape) -> Iterator[Part]:
+def _wheel_parts(shape: RobotDimensions) -> Iterator[MaterialPatch]:
     """Yield wheels on the floor whose outer sides are the robot's."""
-    width = _TYRE_WIDTH * shape.wheel_radius_m
+    width = _TYRE_WIDTH_RATIO * shape.wheel_radius_m
     tyre = primitives.cylinder(Cylinder(shape.wheel_radius_m, width, _SECTORS))
     aside = 0.5 * (shape.dimensions_m[1] - width)
     z = shape.ride_height_m - shape.wheel_radius_m
     for x in sorted({-0.5 * shape.wheel_base_m, 0.5 * shape.wheel_base_m}):
         for y in (-aside, aside):
             lying = Pose.from_rpy((x, y, z), (0.5 * math.pi, 0.0, 0.0))
-            yield Patch(lying.points(tyre.corners), tyre.uv), TYRE
+            yield Patch(lying.transform_points(tyre.corners), tyre.uv), TYRE_MATERIAL
 
 
-def _tower(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
+def _tower_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[MaterialPatch]:
     """Yield the pillar up to the capture camera, the mirror above it, and what carries it.
 
     An orthographic capture camera is nowhere in particular: its pillar ends at the deck.
     """
-    surface = _mirror(tower.camera)
-    patch = Patch(tower.robot_from_mirror.points(surface.corners), surface.uv)
-    yield patch, METAL
+    surface = _mirror_patch(tower.camera)
+    patch = Patch(tower.robot_from_mirror.transform_points(surface.corners), surface.uv)
+    yield patch, MIRROR_MATERIAL
     lens_z = _lens_z(tower, deck_z)
     apex_z = float(patch.corners[..., 2].max())
-    yield from _post(tower, PILLAR_RADIUS_M, deck_z, lens_z, DECK)
-    yield from _post(tower, CARRIER_RADIUS_M, lens_z, apex_z, DECK)
+    yield from _cylinder_parts(tower, PILLAR_RADIUS_M, deck_z, lens_z, DECK_MATERIAL)
+    yield from _cylinder_parts(tower, SUPPORT_RADIUS_M, lens_z, apex_z, DECK_MATERIAL)
 
 
-def _camera(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
+def _capture_camera_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[MaterialPatch]:
     """Yield the pillar, the capture camera's housing on it, and the lens up to the pinhole.
 
     Where the pinhole is near the deck the camera is sunk into the robot.
@@ -123,30 +123,30 @@ def _camera(tower: OmniTower, *, deck_z: float) -> Iterator[Part]:
     lens_z = _lens_z(tower, deck_z)
     top_z = min(lens_z + LENS_LENGTH_M, deck_z)
     foot_z = min(top_z + CAMERA_LENGTH_M, deck_z)
-    yield from _post(tower, PILLAR_RADIUS_M, deck_z, foot_z, DECK)
-    yield from _post(tower, CAMERA_RADIUS_M, foot_z, top_z, HOUSING)
-    yield from _post(tower, LENS_RADIUS_M, top_z, lens_z, LENS)
+    yield from _cylinder_parts(tower, PILLAR_RADIUS_M, deck_z, foot_z, DECK_MATERIAL)
+    yield from _cylinder_parts(tower, CAMERA_RADIUS_M, foot_z, top_z, HOUSING_MATERIAL)
+    yield from _cylinder_parts(tower, LENS_RADIUS_M, top_z, lens_z, LENS_MATERIAL)
 
 
-def _lens_z(tower: OmniTower, deck_z: float) -> float:
+def _lens_z(tower: OmniCameraTower, deck_z: float) -> float:
     """Return z of the pinhole, that of the deck where it would be in the robot or nowhere."""
     viewpoint_z = float(tower.robot_from_mirror.translation[2])
-    return min(viewpoint_z + tower.camera.mirror.pinhole_m, deck_z)
+    return min(viewpoint_z + tower.camera.mirror.pinhole_distance_m, deck_z)
 
 
-def _post(
-    tower: OmniTower, radius_m: float, low_z: float, high_z: float, look: Material
-) -> Iterator[Part]:
+def _cylinder_parts(
+    tower: OmniCameraTower, radius_m: float, low_z: float, high_z: float, material: Material
+) -> Iterator[MaterialPatch]:
     """Yield an upright cylinder under the viewpoint, if it has a length; z grows downwards."""
     if low_z > high_z:
         x, y, _ = tower.robot_from_mirror.translation.tolist()
         post = primitives.cylinder(Cylinder(radius_m, low_z - high_z, _SECTORS))
-        yield post.at((x, y, 0.5 * (low_z + high_z))), look
+        yield post.translate((x, y, 0.5 * (low_z + high_z))), material
 
 
-def _mirror(camera: OmniCamera) -> Patch:
+def _mirror_patch(camera: OmniCamera) -> Patch:
     """Return the mirror's own surface up to the rim, and the disc that closes it; mirror frame."""
-    r, z = camera.mirror.surface(np.linspace(0.0, camera.rim_t, _RINGS + 1))
+    r, z = camera.mirror.surface_point(np.linspace(0.0, camera.rim_t, _RINGS + 1))
     azimuth = -2.0 * math.pi * np.arange(_SECTORS + 1) / _SECTORS
     # From the axis out, round, and back to the axis at the rim's height.
     radius, height = np.append(r, 0.0)[:, None], np.append(z, z[-1])[:, None]

@@ -2,14 +2,14 @@
 
 To add one: describe it in `robot/sensor_descriptions.py`, read it in `config/sensor_items.py`,
 write `<name>.py` beside the others (the protocol is in `sensor.py`), its report in the wire's
-`readings`, then its line here: in `_SHARED_LINE` if all of a robot report together.
+`readings`, then its line here: in `_SHARED_STREAM_NAMES` if all of a robot report together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import (
     DriveBase,
     EncoderDescription,
@@ -32,10 +32,10 @@ from catoptra_server.sensors.ins import InsSensor
 from catoptra_server.sensors.odometry import OdometrySensor
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
 from catoptra_server.sensors.rfid import RfidSensor
-from catoptra_server.sensors.sensor import Moment, Move, Part, Sensor
+from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part, Sensor
 from catoptra_server.sensors.sonar import SonarRing
 from catoptra_server.sensors.tachometer import TachometerSensor
-from catoptra_server.sensors.touch import TouchSensors
+from catoptra_server.sensors.touch import TouchSensorBank
 from catoptra_server.sensors.victim_sensor import VictimSensor
 
 _SENSORS: dict[type, Callable[..., Sensor]] = {
@@ -45,7 +45,7 @@ _SENSORS: dict[type, Callable[..., Sensor]] = {
     OdometryDescription: OdometrySensor,
     EncoderDescription: EncoderBank,
     TachometerDescription: TachometerSensor,
-    TouchDescription: TouchSensors,
+    TouchDescription: TouchSensorBank,
     RfidDescription: RfidSensor,
     VictimSensorDescription: VictimSensor,
     GroundTruthDescription: GroundTruthSensor,
@@ -53,7 +53,7 @@ _SENSORS: dict[type, Callable[..., Sensor]] = {
 }
 # Of these, all that a robot has make one sensor: USARSim sends them in one line. Their noise has
 # one stream, with a name that no sensor has: with a space.
-_SHARED_LINE = {
+_SHARED_STREAM_NAMES = {
     SonarDescription: "all sonars",
     EncoderDescription: "all encoders",
     TouchDescription: "all touch sensors",
@@ -63,7 +63,7 @@ _SHARED_LINE = {
 def build_sensors(
     descriptions: Sequence[SensorDescription],
     base: DriveBase,
-    stream_of: Callable[[str], RandomStream],
+    stream_of: Callable[[str], RandomSource],
 ) -> list[Sensor]:
     """Return a robot's sensors in the order of UT2004's cycle.
 
@@ -72,11 +72,11 @@ def build_sensors(
     sensors: list[Sensor] = []
     for kind, sensor in _SENSORS.items():
         alike = [description for description in descriptions if type(description) is kind]
-        if alike and kind in _SHARED_LINE:
-            sensors.append(sensor(alike, base, stream_of(_SHARED_LINE[kind])))
+        if alike and kind in _SHARED_STREAM_NAMES:
+            sensors.append(sensor(alike, base, stream_of(_SHARED_STREAM_NAMES[kind])))
         elif alike:
             sensors.extend(sensor(one, base, stream_of(one.name)) for one in alike)
     return sensors
 
 
-__all__ = ["Moment", "Move", "Part", "Sensor", "build_sensors"]
+__all__ = ["SensorContext", "MotionStep", "Part", "Sensor", "build_sensors"]

@@ -9,11 +9,11 @@ from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
 from catoptra_server.imaging.multi_view import Tile
-from catoptra_server.imaging.shot import Take
-from catoptra_server.scene.bodies import Body
+from catoptra_server.imaging.shot import ViewRequest
+from catoptra_server.scene.bodies import DynamicObject
 
 
-class Camera(Protocol):
+class RobotCamera(Protocol):
     """A camera of a robot. tile: its place in a multi-view, where there is one."""
 
     name: str
@@ -28,23 +28,23 @@ class Camera(Protocol):
         """Return width and height of its own picture."""
 
     @property
-    def frame_interval_s(self) -> float:
+    def min_frame_interval_s(self) -> float:
         """Return the shortest time between two exposures; 0 = as fast as it can be drawn."""
 
-    def robot_from_camera(self, joints: Mapping[str, float]) -> Pose:
+    def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Return where it is; `joints` are radians by lower-case link name."""
 
-    def take(
+    def view_request(
         self,
         world_from_robot: Pose,
-        bodies: tuple[Body, ...] = (),
+        objects: tuple[DynamicObject, ...] = (),
         *,
-        joints: Mapping[str, float],
+        joint_angles_rad: Mapping[str, float],
         tile: Tile | None = None,
-    ) -> Take:
+    ) -> ViewRequest:
         """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
 
-    def law(self, tile: Tile | None = None) -> Pairs:
+    def camera_model(self, tile: Tile | None = None) -> Pairs:
         """Return the camera law, enough to give every pixel its direction."""
 
     def configuration(self) -> CameraConfiguration:

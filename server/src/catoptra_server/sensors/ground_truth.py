@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import GroundTruthReading, IntervalConfiguration
-from catoptra_server.random_streams import RandomStream
+from catoptra_protocol.wire.reports import GroundTruthReading, ScanIntervalConfiguration
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import DriveBase, GroundTruthDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import Moment, Move, Part
+from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
 
 
 class GroundTruthSensor:
@@ -17,27 +17,27 @@ class GroundTruthSensor:
     type = "GroundTruth"
 
     def __init__(
-        self, description: GroundTruthDescription, base: DriveBase, stream: RandomStream
+        self, description: GroundTruthDescription, base: DriveBase, stream: RandomSource
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
-        self._is = description
+        self._description = description
 
     @property
     def parts(self) -> Sequence[Part]:
         """Return the sensor."""
-        told = IntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._is.mount, told),)
+        told = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._description.mount, told),)
 
-    def follow(self, move: Move) -> None:
+    def update(self, motion: MotionStep) -> None:
         """Ignore the wheels: the truth is where the robot is."""
 
-    def reading(self, moment: Moment) -> GroundTruthReading:
+    def read(self, context: SensorContext) -> GroundTruthReading:
         """Return the true pose of the chassis, or of the sensor itself."""
-        pose = moment.world_from_robot
-        if not self._is.is_of_robot:
-            pose = pose @ self._is.mount.parent_from_item()
+        pose = context.world_from_robot
+        if not self._description.is_chassis_pose:
+            pose = pose @ self._description.mount.parent_from_item()
         x, y, z = (float(value) for value in pose.translation)
         return GroundTruthReading(
-            moment.time_s, self.name, (x, y, z), pose.rpy(), self._is.decimals
+            context.time_s, self.name, (x, y, z), pose.to_rpy(), self._description.decimals
         )

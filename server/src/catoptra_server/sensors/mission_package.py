@@ -24,34 +24,34 @@ class MissionPackage:
 
     def __init__(self, description: MissionPackageDescription) -> None:
         self.name = description.name
-        self._is = description
+        self._description = description
         self._joints = [Joint(link) for link in description.links]
 
-    def angles(self) -> dict[str, float]:
+    def joint_angles_rad(self) -> dict[str, float]:
         """Return radians of each joint by its link's name in lower case."""
         return {joint.link.name.lower(): joint.angle_rad for joint in self._joints}
 
-    def named_angles(self) -> list[tuple[str, float]]:
+    def list_joint_angles(self) -> list[tuple[str, float]]:
         """Return each joint's name, as the file spells it, and radians, in order."""
         return [(joint.link.name, joint.angle_rad) for joint in self._joints]
 
-    def number_of(self, name: str) -> int | None:
+    def find_link_number(self, name: str) -> int | None:
         """Return the link of a name, its own or `Package_LinkN`; None if it is none of ours."""
-        for number, link in enumerate(self._is.links, 1):
+        for number, link in enumerate(self._description.links, 1):
             if name.lower() in (link.name.lower(), f"{self.name}_link{number}".lower()):
                 return number
         return None
 
-    def command(self, number: int, value: float, order: int) -> bool:
+    def command_joint(self, number: int, value: float, order: int) -> bool:
         """Command the joint of a link, counted from 1; return whether there is one."""
         if not 1 <= number <= len(self._joints):
             return False
-        self._joints[number - 1] = self._joints[number - 1].commanded(value, order)
+        self._joints[number - 1] = self._joints[number - 1].apply_command(value, order)
         return True
 
-    def move(self, duration_s: float) -> None:
+    def step(self, duration_s: float) -> None:
         """Let the joints go on for a time."""
-        self._joints = [joint.moved(duration_s) for joint in self._joints]
+        self._joints = [joint.step(duration_s) for joint in self._joints]
 
     def status(self, time_s: float) -> MissionPackageStatus:
         """Return where the joints are. A moving one pulls with its whole torque, one at rest not.
@@ -67,18 +67,18 @@ class MissionPackage:
 
     def configuration(self) -> MissionPackageConfiguration:
         """Return what the joints can do."""
-        links = enumerate(self._is.links, 1)
-        return MissionPackageConfiguration(self.name, tuple(_conf(n, link) for n, link in links))
+        links = enumerate(self._description.links, 1)
+        return MissionPackageConfiguration(self.name, tuple(_link_configuration(n, link) for n, link in links))
 
     def geometry(self) -> MissionPackageGeometry:
         """Return where the joints sit."""
         links = (
             LinkGeometry(number, link.parent, link.position_m, link.rotation_rad)
-            for number, link in enumerate(self._is.links, 1)
+            for number, link in enumerate(self._description.links, 1)
         )
         return MissionPackageGeometry(self.name, tuple(links))
 
 
-def _conf(number: int, link: LinkDescription) -> LinkConfiguration:
+def _link_configuration(number: int, link: LinkDescription) -> LinkConfiguration:
     limits = (link.min_rad, link.max_rad) if link.min_rad <= link.max_rad else None
     return LinkConfiguration(number, link.max_speed_rad_s, link.max_torque, limits)

@@ -15,11 +15,11 @@ class MountedPart:
     type: str
     name: str
     mount: Mount
-    told: AnyConfiguration
+    configuration_report: AnyConfiguration
 
     def configuration(self) -> AnyConfiguration:
         """Return what is told."""
-        return self.told
+        return self.configuration_report
 
     def geometry(self) -> GeometryItem:
         """Return where it is mounted, and on what."""

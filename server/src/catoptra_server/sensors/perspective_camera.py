@@ -6,16 +6,16 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective
+from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective_camera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.wire.configurations import Tile as WireTile
+from catoptra_protocol.wire.configurations import TextureRegion as WireTile
 from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
 from catoptra_server.imaging.multi_view import Tile
-from catoptra_server.imaging.shot import Take
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.robot.description import CameraDescription, RobotDescription
-from catoptra_server.scene.bodies import Body
+from catoptra_server.imaging.shot import ViewRequest
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.robot.description import PerspectiveCameraDescription, RobotDescription
+from catoptra_server.scene.bodies import DynamicObject
 
 
 class PerspectiveCameraSensor:
@@ -26,7 +26,7 @@ class PerspectiveCameraSensor:
 
     type = "Camera"
 
-    def __init__(self, description: CameraDescription, robot: RobotDescription) -> None:
+    def __init__(self, description: PerspectiveCameraDescription, robot: RobotDescription) -> None:
         self.name = description.name
         self.description = description
         self.tile: Tile | None = None
@@ -40,10 +40,10 @@ class PerspectiveCameraSensor:
         self.fov_rad = min(max(wished, is_.min_fov_rad), is_.max_fov_rad)
         return self.fov_rad
 
-    def robot_from_camera(self, joints: Mapping[str, float]) -> Pose:
+    def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Return where it is; `joints` are radians by lower-case link name."""
         mount = self.description.mount
-        return self._robot.robot_from_part(mount.parent, joints) @ mount.parent_from_item()
+        return self._robot.robot_from_part(mount.parent, joint_angles_rad) @ mount.parent_from_item()
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -51,30 +51,30 @@ class PerspectiveCameraSensor:
         return self.description.width_px, self.description.height_px
 
     @property
-    def frame_interval_s(self) -> float:
+    def min_frame_interval_s(self) -> float:
         """Return 0: it is drawn as fast as it can be."""
         return 0.0
 
-    def camera_in(self, tile: Tile | None) -> PerspectiveCamera:
+    def camera_for_tile(self, tile: Tile | None) -> PerspectiveCamera:
         """Return the camera at a tile's size; at its own without one."""
         width, height = (tile.width_px, tile.height_px) if tile else self.size_px
         return PerspectiveCamera(width, height, self.fov_rad)
 
-    def take(
+    def view_request(
         self,
         world_from_robot: Pose,
-        bodies: tuple[Body, ...] = (),
+        objects: tuple[DynamicObject, ...] = (),
         *,
-        joints: Mapping[str, float],
+        joint_angles_rad: Mapping[str, float],
         tile: Tile | None = None,
-    ) -> Take:
+    ) -> ViewRequest:
         """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
-        exposure = Exposure(world_from_robot @ self.robot_from_camera(joints), bodies)
-        return Take(self.camera_in(tile), exposure)
+        exposure = CameraState(world_from_robot @ self.robot_from_camera(joint_angles_rad), objects)
+        return ViewRequest(self.camera_for_tile(tile), exposure)
 
-    def law(self, tile: Tile | None = None) -> Pairs:
+    def camera_model(self, tile: Tile | None = None) -> Pairs:
         """Return the camera law, enough to give every pixel its direction."""
-        return pairs_from_perspective(self.camera_in(tile))
+        return pairs_from_perspective_camera(self.camera_for_tile(tile))
 
     def configuration(self) -> CameraConfiguration:
         """Return its fields of view, and its tile if it has one."""
@@ -85,7 +85,7 @@ class PerspectiveCameraSensor:
             min_fov_deg=math.degrees(is_.min_fov_rad),
             max_fov_deg=math.degrees(is_.max_fov_rad),
             fov_deg=math.degrees(self.fov_rad),
-            tile=WireTile(*dataclasses.astuple(self.tile)) if self.tile else None,
+            texture_region=WireTile(*dataclasses.astuple(self.tile)) if self.tile else None,
         )
 
     def geometry(self) -> GeometryItem:

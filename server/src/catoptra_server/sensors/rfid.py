@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.numbers import format_fixed_point
 from catoptra_protocol.wire.reports import Configuration, RfidReading
-from catoptra_server.random_streams import RandomStream
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import DriveBase, RfidDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import Moment, Move, Part
+from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
 
 
 class RfidSensor:
@@ -19,28 +19,28 @@ class RfidSensor:
 
     type = "RFID"
 
-    def __init__(self, description: RfidDescription, base: DriveBase, stream: RandomStream) -> None:
+    def __init__(self, description: RfidDescription, base: DriveBase, stream: RandomSource) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
-        self._is = description
+        self._description = description
         self._robot_from_reader = description.mount.parent_from_item()
 
     @property
     def parts(self) -> Sequence[Part]:
         """Return the reader."""
-        pairs = (("Name", self.name), ("MaxRange", fixed(self._is.max_range_m)))
+        pairs = (("Name", self.name), ("MaxRange", format_fixed_point(self._description.max_range_m)))
         told = Configuration(self.type, pairs)
-        return (MountedPart(self.type, self.name, self._is.mount, told),)
+        return (MountedPart(self.type, self.name, self._description.mount, told),)
 
-    def follow(self, move: Move) -> None:
+    def update(self, motion: MotionStep) -> None:
         """Ignore the way."""
 
-    def reading(self, moment: Moment) -> RfidReading:
+    def read(self, context: SensorContext) -> RfidReading:
         """Return the tags in reach."""
-        reader = moment.world_from_robot.points(self._robot_from_reader.translation)
+        reader = context.world_from_robot.transform_points(self._robot_from_reader.translation)
         ids = tuple(
             tag.number
-            for tag in moment.around.tags
-            if np.linalg.norm(reader - tag.position_m) <= self._is.max_range_m
+            for tag in context.environment.rfid_tags
+            if np.linalg.norm(reader - tag.position_m) <= self._description.max_range_m
         )
-        return RfidReading(moment.time_s, self.name, ids)
+        return RfidReading(context.time_s, self.name, ids)

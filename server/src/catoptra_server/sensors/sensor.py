@@ -14,32 +14,32 @@ from catoptra_protocol.wire.reports import (
     Report,
 )
 from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import Rolled
-from catoptra_server.sensors.sight import EMPTY, Surroundings
+from catoptra_server.robot.skid_steer import WheelTravel
+from catoptra_server.sensors.sight import EMPTY_ENVIRONMENT, SensorEnvironment
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class MotionStep:
     """One tick of a robot: what its wheels rolled, and where it truly is afterwards.
 
     tick counts the robot's moves and keys random numbers.
     """
 
-    way: Rolled
+    wheel_travel: WheelTravel
     tick: int
     duration_s: float
     pose: PlanarPose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class SensorContext:
     """What a reading can depend on. `joints`: radians of each link of mission packages, by name."""
 
     time_s: float
     tick: int
     world_from_robot: Pose
-    around: Surroundings = EMPTY
-    joints: Mapping[str, float] = field(default_factory=dict)
+    environment: SensorEnvironment = EMPTY_ENVIRONMENT
+    joint_angles_rad: Mapping[str, float] = field(default_factory=dict)
 
 
 class Part(Protocol):
@@ -71,8 +71,8 @@ class Sensor(Protocol):
     def parts(self) -> Sequence[Part]:
         """Return what can be asked for."""
 
-    def follow(self, move: Move) -> None:
+    def update(self, motion: MotionStep) -> None:
         """Take note of one tick."""
 
-    def reading(self, moment: Moment) -> Report:
+    def read(self, context: SensorContext) -> Report:
         """Return the report of this moment."""

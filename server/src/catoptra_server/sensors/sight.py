@@ -10,7 +10,7 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.description import GpsOrigin, RfidTag, Victim
-from catoptra_server.scene.oriented_box import OrientedBox, box_distances, box_hits
+from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
 
 
 class RayCaster(Protocol):
@@ -19,29 +19,29 @@ class RayCaster(Protocol):
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Return (n,) metres along unit (n, 3) directions from (n, 3) points; inf = nothing met."""
 
-    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return the distances, and (n, 3) unit normals, of either side; 0 where nothing is met."""
 
 
-class Nothing:
+class EmptyScene:
     """A scene without anything in it."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
         """Return (n,) infinite distances."""
         return np.full(len(directions), np.inf)
 
-    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return (n,) infinite distances and (n, 3) normals of 0."""
         return self.distances(origins, directions), np.zeros(directions.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class SensorEnvironment:
     """Everything around a robot that is not itself, in the world frame."""
 
     scene: RayCaster
-    bodies: Sequence[OrientedBox] = ()
-    tags: Sequence[RfidTag] = ()
+    robot_boxes: Sequence[OrientedBox] = ()
+    rfid_tags: Sequence[RfidTag] = ()
     victims: Sequence[Victim] = ()
     gps_origin: GpsOrigin | None = None
 
@@ -49,15 +49,15 @@ class Surroundings:
         """Return (n,) metres to the first thing along (n, 3) directions from (3,) or (n, 3)."""
         origins = np.broadcast_to(origin, directions.shape)
         scene = self.scene.distances(origins, directions)
-        return np.minimum(scene, box_distances(self.bodies, origins, directions))
+        return np.minimum(scene, box_distances(self.robot_boxes, origins, directions))
 
-    def hits(self, origin: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    def closest_hits(self, origin: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return the distances, and the (n, 3) normals of what is met, of either side."""
         origins = np.broadcast_to(origin, directions.shape)
-        scene, scene_normals = self.scene.hits(origins, directions)
-        bodies, body_normals = box_hits(self.bodies, origins, directions)
+        scene, scene_normals = self.scene.closest_hits(origins, directions)
+        bodies, body_normals = closest_box_hits(self.robot_boxes, origins, directions)
         is_body = (bodies < scene)[:, None]
         return np.minimum(scene, bodies), np.where(is_body, body_normals, scene_normals)
 
 
-EMPTY = Surroundings(Nothing())
+EMPTY_ENVIRONMENT = SensorEnvironment(EmptyScene())

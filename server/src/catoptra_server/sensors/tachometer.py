@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import IntervalConfiguration, TachometerReading
-from catoptra_server.random_streams import RandomStream
+from catoptra_protocol.wire.reports import ScanIntervalConfiguration, TachometerReading
+from catoptra_server.random_streams import RandomSource
 from catoptra_server.robot.description import DriveBase, TachometerDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import Moment, Move, Part
+from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
 
-_RIGHT_AND_LEFT = (1, 0)  # front right, front left, back right, back left. Source: P3AT.uc
+_SIDE_OF_WHEEL = (1, 0)  # front right, front left, back right, back left. Source: P3AT.uc
 
 
 class TachometerSensor:
@@ -23,41 +23,41 @@ class TachometerSensor:
     type = "Tachometer"
 
     def __init__(
-        self, description: TachometerDescription, base: DriveBase, stream: RandomStream
+        self, description: TachometerDescription, base: DriveBase, stream: RandomSource
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
-        self._is = description
+        self._description = description
         self._wheel_radius_m = base.wheel_radius_m
         self._spins_rad_s = (0.0, 0.0)  # left, right
-        self._turned_rad = (0.0, 0.0)
+        self._angles_rad = (0.0, 0.0)
 
     @property
     def parts(self) -> Sequence[Part]:
         """Return the sensor."""
-        told = IntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._is.mount, told),)
+        told = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._description.mount, told),)
 
-    def follow(self, move: Move) -> None:
+    def update(self, motion: MotionStep) -> None:
         """Turn the wheels."""
         # In one division, as the way was made in one product: half of 1.0 prints as 0.5000.
-        m_per_rad_s = self._wheel_radius_m * move.duration_s
-        left, right = move.way.left_m / m_per_rad_s, move.way.right_m / m_per_rad_s
+        m_per_rad_s = self._wheel_radius_m * motion.duration_s
+        left, right = motion.wheel_travel.left_m / m_per_rad_s, motion.wheel_travel.right_m / m_per_rad_s
         self._spins_rad_s = (left, right)
-        turned_left, turned_right = self._turned_rad
-        self._turned_rad = (
-            turned_left + left * move.duration_s,
-            turned_right + right * move.duration_s,
+        turned_left, turned_right = self._angles_rad
+        self._angles_rad = (
+            turned_left + left * motion.duration_s,
+            turned_right + right * motion.duration_s,
         )
 
-    def reading(self, moment: Moment) -> TachometerReading:
+    def read(self, context: SensorContext) -> TachometerReading:
         """Return rad/s and radians of each wheel; forward is positive."""
         return TachometerReading(
-            time_s=moment.time_s,
+            time_s=context.time_s,
             name=self.name,
-            velocities_rad_s=self._of_wheels(self._spins_rad_s),
-            positions_rad=self._of_wheels(self._turned_rad),
+            velocities_rad_s=self._expand_to_wheels(self._spins_rad_s),
+            positions_rad=self._expand_to_wheels(self._angles_rad),
         )
 
-    def _of_wheels(self, sides: tuple[float, float]) -> tuple[float, ...]:
-        return tuple(sides[_RIGHT_AND_LEFT[wheel % 2]] for wheel in range(self._is.wheels))
+    def _expand_to_wheels(self, sides: tuple[float, float]) -> tuple[float, ...]:
+        return tuple(sides[_SIDE_OF_WHEEL[wheel % 2]] for wheel in range(self._description.num_wheels))

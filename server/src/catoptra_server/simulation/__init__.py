@@ -4,30 +4,30 @@
 """
 
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.loop import Clock, Simulation
+from catoptra_server.simulation.loop import ClockMode, Simulation
 from catoptra_server.simulation.requests import (
-    Asked,
+    CommandReceived,
     Client,
-    DialTurned,
-    Drawn,
-    FrameWanted,
-    LandmarksSought,
-    Left,
-    Request,
-    Stop,
+    AccuracyTargetChanged,
+    FrameRendered,
+    FrameRequested,
+    LandmarksRequested,
+    ClientDisconnected,
+    SimulationEvent,
+    StopRequested,
 )
 
 __all__ = [
-    "Asked",
+    "CommandReceived",
     "Client",
-    "Clock",
-    "DialTurned",
-    "Drawn",
+    "ClockMode",
+    "AccuracyTargetChanged",
+    "FrameRendered",
     "Fleet",
-    "FrameWanted",
-    "LandmarksSought",
-    "Left",
-    "Request",
+    "FrameRequested",
+    "LandmarksRequested",
+    "ClientDisconnected",
+    "SimulationEvent",
     "Simulation",
-    "Stop",
+    "StopRequested",
 ]

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from catoptra_protocol.wire.commands import GetConf, GetGeo
-from catoptra_protocol.wire.numbers import fixed
+from catoptra_protocol.wire.numbers import format_fixed_point
 from catoptra_protocol.wire.reports import (
     CameraConfiguration,
     Configuration,
@@ -15,52 +15,52 @@ from catoptra_protocol.wire.reports import (
     MissionPackageGeometry,
     Report,
 )
-from catoptra_server.imaging.shot import OmniEye
+from catoptra_server.imaging.shot import OmniCameraSpec
 from catoptra_server.plan.error_bound import ErrorBound
 from catoptra_server.sensors import Part
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
-from catoptra_server.simulation.spawned_robot import SpawnedRobot
+from catoptra_server.simulation.spawned_robot import Robot
 
-BoundOf = Callable[[OmniEye], ErrorBound | None]
+ErrorBoundLookup = Callable[[OmniCameraSpec], ErrorBound | None]
 
 
-def configurations(
-    robot: SpawnedRobot, asked: GetConf, bound_of: BoundOf = lambda eye: None
+def execute_get_conf(
+    robot: Robot, command: GetConf, error_bound_of: ErrorBoundLookup = lambda eye: None
 ) -> list[Report]:
     """Return one CONF a part, as UT2004; the robot's own for the type Robot.
 
-    bound_of: how far off what is seen through an eye may be; None while it is not drawn.
+    error_bound_of: how far off what is seen through an eye may be; None while it is not drawn.
     """
-    if _is_robot(asked.type):
-        return [robot.own_configuration()]
-    parts = _parts(robot, asked.type, asked.name)
-    empty = Configuration(asked.type, (("Name", asked.name),) if asked.name else ())
-    return [_configuration(part, bound_of) for part in parts] or [empty]
+    if _is_robot(command.type):
+        return [robot.vehicle_configuration()]
+    parts = _find_parts(robot, command.type, command.name)
+    empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
+    return [_configuration(part, error_bound_of) for part in parts] or [empty]
 
 
-def _configuration(part: Part, bound_of: BoundOf) -> Report:
+def _configuration(part: Part, error_bound_of: ErrorBoundLookup) -> Report:
     """Return a part's CONF; a camera whose bound is known tells it, too."""
     said = part.configuration()
-    bound = bound_of(part.eye(part.tile)) if isinstance(part, OmniCameraSensor) else None
+    bound = error_bound_of(part.camera_spec(part.tile)) if isinstance(part, OmniCameraSensor) else None
     if bound is None or not isinstance(said, CameraConfiguration):
         return said
     pairs = (
-        ("ErrorBoundPx", fixed(bound.outline_px, 6)),
-        ("ErrorRmsPx", fixed(bound.geometric.rms_px, 6)),
+        ("ErrorBoundPx", format_fixed_point(bound.outline_error_px, 6)),
+        ("ErrorRmsPx", format_fixed_point(bound.geometric.rms_px, 6)),
     )
-    return dataclasses.replace(said, others=(*said.others, *pairs))
+    return dataclasses.replace(said, extra_pairs=(*said.extra_pairs, *pairs))
 
 
-def geometries(robot: SpawnedRobot, asked: GetGeo) -> list[Report]:
+def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     """Return one GEO with all parts of a type; of mission packages one each."""
-    if _is_robot(asked.type):
-        return [robot.own_geometry()]
-    found = [part.geometry() for part in _parts(robot, asked.type, asked.name)]
+    if _is_robot(command.type):
+        return [robot.vehicle_geometry()]
+    found = [part.geometry() for part in _find_parts(robot, command.type, command.name)]
     packages = [one for one in found if isinstance(one, MissionPackageGeometry)]
     items = tuple(one for one in found if isinstance(one, GeometryItem))
     if packages and not items:
         return [*packages]
-    return [Geometry(asked.type, items, name=None if items else asked.name)]
+    return [Geometry(command.type, items, name=None if items else command.name)]
 
 
 def _is_robot(type_: str) -> bool:
@@ -68,5 +68,5 @@ def _is_robot(type_: str) -> bool:
     return type_.lower() == "robot"
 
 
-def _parts(robot: SpawnedRobot, type_: str, name: str | None) -> list[Part]:
-    return [p for p in robot.parts(type_) if name is None or p.name.lower() == name.lower()]
+def _find_parts(robot: Robot, type_: str, name: str | None) -> list[Part]:
+    return [p for p in robot.find_parts(type_) if name is None or p.name.lower() == name.lower()]

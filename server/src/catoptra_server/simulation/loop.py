@@ -15,20 +15,20 @@ from collections.abc import Callable
 from enum import Enum
 
 from catoptra_protocol.wire.commands import Step
-from catoptra_protocol.wire.reports import Report, Result
-from catoptra_server.imaging.shot import Channel, Scenery, ScreenChannel, Shot
+from catoptra_protocol.wire.reports import Report, CommandResult
+from catoptra_server.imaging.shot import Channel, FrameComposition, ImagePortChannel, FrameRequest
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.reels import Reel, Reels
+from catoptra_server.simulation.reels import ChannelState, CaptureScheduler
 from catoptra_server.simulation.requests import (
-    Asked,
+    CommandReceived,
     Client,
-    DialTurned,
-    Drawn,
-    FrameWanted,
-    LandmarksSought,
-    Left,
-    Request,
-    Stop,
+    AccuracyTargetChanged,
+    FrameRendered,
+    FrameRequested,
+    LandmarksRequested,
+    ClientDisconnected,
+    SimulationEvent,
+    StopRequested,
 )
 
 log = logging.getLogger(__name__)
@@ -39,12 +39,12 @@ TICK_NS = 20_000_000
 TICK_S = TICK_NS / _NS_PER_S
 # A server that falls behind by more than this (a suspended laptop) goes on from now instead of
 # catching up tick by tick.
-_LARGEST_LAG_S = 0.5
+_MAX_LAG_S = 0.5
 # One STEP advances at most this far: a client cannot occupy the simulation for longer.
-LONGEST_STEP_S = 60.0
+MAX_STEP_S = 60.0
 
 
-class Clock(Enum):
+class ClockMode(Enum):
     """How simulation time passes."""
 
     REALTIME = "realtime"
@@ -62,94 +62,94 @@ class Simulation:
         self,
         fleet: Fleet,
         *,
-        clock: Clock,
-        draw: Callable[[Shot], object],
-        refuse: Callable[[Channel], None],
+        clock: ClockMode,
+        render: Callable[[FrameRequest], object],
+        reject: Callable[[Channel], None],
         frame_skip: int = 1,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._fleet = fleet
         self._clock = clock
-        self._draw = draw
-        self._refuse = refuse
-        self._skip_s = frame_skip * TICK_S if frame_skip > 1 else 0.0
+        self._render = render
+        self._reject = reject
+        self._image_port_interval_s = frame_skip * TICK_S if frame_skip > 1 else 0.0
         self._monotonic = monotonic
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[SimulationEvent] = queue.SimpleQueue()
         self._time_ns = 0
         self._started_s = 0.0
-        self._reels = Reels()
+        self._scheduler = CaptureScheduler()
 
     @property
     def _time_s(self) -> float:
         """Return the double that is nearest to the time."""
         return self._time_ns / _NS_PER_S
 
-    def post(self, request: Request) -> None:
+    def post(self, event: SimulationEvent) -> None:
         """Hand over a request; from any thread."""
-        self._requests.put(request)
+        self._events.put(event)
 
-    def run(self, ready: Callable[[], None] = lambda: None) -> None:
+    def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Say that it is ready, serve requests and let time pass, until Stop."""
-        ready()
+        on_ready()
         self._started_s = self._monotonic()
         while True:
-            for request in self._next_requests():
-                if isinstance(request, Stop):
-                    log.info("%d shots in %.1f s", self._reels.total(), self._time_s)
+            for request in self._next_events():
+                if isinstance(request, StopRequested):
+                    log.info("%d shots in %.1f s", self._scheduler.count_frames(), self._time_s)
                     return
-                self._serve(request)
-            if self._clock is Clock.REALTIME:
+                self._handle(request)
+            if self._clock is ClockMode.REALTIME:
                 self._catch_up()
-            for channel, reel in self._reels.due(self._time_s):
-                self._expose(channel, reel)
+            for channel, reel in self._scheduler.due_channels(self._time_s):
+                self._capture(channel, reel)
 
-    def _next_requests(self) -> list[Request]:
+    def _next_events(self) -> list[SimulationEvent]:
         """Return all requests that wait; block until the next tick if there is none."""
         try:
-            requests = [self._requests.get(timeout=self._idle_s())]
+            requests = [self._events.get(timeout=self._wait_timeout_s())]
         except queue.Empty:
             return []
-        while not self._requests.empty():
-            requests.append(self._requests.get())
+        while not self._events.empty():
+            requests.append(self._events.get())
         return requests
 
-    def _idle_s(self) -> float | None:
-        if self._clock is Clock.LOCKSTEP:
+    def _wait_timeout_s(self) -> float | None:
+        if self._clock is ClockMode.LOCKSTEP:
             return None  # whatever was due is exposed
         return max(0.0, self._started_s + self._time_s + TICK_S - self._monotonic())
 
-    def _serve(self, request: Request) -> None:
-        match request:
-            case Asked(client, Step(time_s)):
+    def _handle(self, event: SimulationEvent) -> None:
+        match event:
+            case CommandReceived(client, Step(time_s)):
                 client.deliver(self._step(client, time_s))
-            case Asked(client, command):
-                self._fleet.obey(client, command, self._time_s)
-            case Left(client):
+            case CommandReceived(client, command):
+                self._fleet.execute(client, command, self._time_s)
+            case ClientDisconnected(client):
                 name = self._fleet.remove(client)
                 if name is not None:
-                    self._reels.forget_idle(name)
-            case FrameWanted(newer_than, channel):
-                self._reels.want(channel, newer_than)
-            case Drawn(channel):
-                self._reels.drawn(channel)
-            case DialTurned():
-                request.reply(*self._fleet.turn_dial(request))
-            case LandmarksSought(channel, reply):
-                reply(self._time_s, self._fleet.sightings(channel))
+                    self._scheduler.remove_idle(name)
+            case FrameRequested(newer_than, channel):
+                self._scheduler.request_frame(channel, newer_than)
+            case FrameRendered(channel):
+                self._scheduler.finish_frame(channel)
+            case AccuracyTargetChanged():
+                event.reply(*self._fleet.set_accuracy_target(event))
+            case LandmarksRequested(channel, reply):
+                reply(self._time_s, self._fleet.compute_landmark_visibility(channel))
 
     def _step(self, client: Client, time_s: float) -> list[Report]:
         """Advance a lockstep clock; the answer ends with the client's sensors and RES."""
-        possible = self._clock is Clock.LOCKSTEP and 0.0 <= time_s <= LONGEST_STEP_S
+        possible = self._clock is ClockMode.LOCKSTEP and 0.0 <= time_s <= MAX_STEP_S
         if possible:
             self._advance(time_s)
         status = "OK" if possible else "Failed"
-        readings = self._fleet.readings(client, self._time_s) if possible else []
-        return [*readings, Result(self._time_s, "Step", "Clock", status)]
+        readings = self._fleet.read_sensors(client, self._time_s) if possible else []
+        return [*readings, CommandResult(self._time_s, "Step", "Clock", status)]
 
     def _catch_up(self) -> None:
         """Advance to the wall clock by whole ticks."""
         behind = self._monotonic() - self._started_s - self._time_s
-        if behind > _LARGEST_LAG_S:
+        if behind > _MAX_LAG_S:
             log.warning("the simulation is %.1f s behind: it goes on from now", behind)
             self._started_s += behind - TICK_S
             behind = TICK_S
@@ -164,21 +164,21 @@ class Simulation:
 
     def _tick(self, duration_ns: int) -> None:
         self._time_ns += duration_ns
-        self._fleet.move(duration_ns / _NS_PER_S, self._time_s)
-        self._fleet.report_due(self._time_s)
+        self._fleet.step(duration_ns / _NS_PER_S, self._time_s)
+        self._fleet.deliver_due_reports(self._time_s)
 
-    def _expose(self, channel: Channel, reel: Reel) -> None:
+    def _capture(self, channel: Channel, state: ChannelState) -> None:
         """Capture what a channel shows now and have it drawn."""
-        scenery = self._fleet.scenery(channel)
+        scenery = self._fleet.compose_frame(channel)
         if scenery is None:
-            self._reels.forget(channel)
-            self._refuse(channel)
+            self._scheduler.remove(channel)
+            self._reject(channel)
             return
-        sequence = reel.expose(self._time_s, interval_s=self._interval_s(channel, scenery))
-        self._draw(Shot(channel, sequence, self._time_s, self._monotonic(), scenery))
+        sequence = state.start_frame(self._time_s, interval_s=self._min_interval_s(channel, scenery))
+        self._render(FrameRequest(channel, sequence, self._time_s, self._monotonic(), scenery))
 
-    def _interval_s(self, channel: Channel, scenery: Scenery) -> float:
-        if self._clock is Clock.LOCKSTEP:
+    def _min_interval_s(self, channel: Channel, composition: FrameComposition) -> float:
+        if self._clock is ClockMode.LOCKSTEP:
             return 0.0
-        on_screen = isinstance(channel, ScreenChannel)
-        return max(scenery.interval_s, self._skip_s if on_screen else 0.0)
+        on_screen = isinstance(channel, ImagePortChannel)
+        return max(composition.min_interval_s, self._image_port_interval_s if on_screen else 0.0)

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from catoptra_protocol.wire.commands import Command
 from catoptra_protocol.wire.reports import Report
-from catoptra_server.imaging.shot import SCREEN, CameraChannel, Channel, OmniEye
-from catoptra_server.simulation.sightings import Sighting
+from catoptra_server.imaging.shot import IMAGE_PORT, CameraChannel, Channel, OmniCameraSpec
+from catoptra_server.simulation.sightings import LandmarkVisibility
 
 
 class Client(Protocol):
@@ -19,12 +19,12 @@ class Client(Protocol):
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports, in order and together."""
 
-    def refuse_init(self) -> None:
+    def reject_init(self) -> None:
         """Take note that INIT named no known class or start: there is no robot."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class CommandReceived:
     """A client sent a command."""
 
     client: Client
@@ -32,40 +32,40 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class ClientDisconnected:
     """A client is gone, and with it its robot."""
 
     client: Client
 
 
 @dataclass(frozen=True, slots=True)
-class FrameWanted:
+class FrameRequested:
     """Somebody waits for a channel's frame with a larger sequence number; one drawn will do."""
 
     newer_than: float = math.inf
-    channel: Channel = SCREEN
+    channel: Channel = IMAGE_PORT
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class FrameRendered:
     """A channel's shot has become a frame: the next one may be taken."""
 
     channel: Channel
 
 
 @dataclass(frozen=True, slots=True)
-class LandmarksSought:
+class LandmarksRequested:
     """Somebody asks what a camera sees of the landmarks now.
 
     reply: told the time and the landmarks, None if there is no such camera; returns at once.
     """
 
     channel: CameraChannel
-    reply: Callable[[float, tuple[Sighting, ...] | None], None]
+    reply: Callable[[float, tuple[LandmarkVisibility, ...] | None], None]
 
 
 @dataclass(frozen=True, slots=True)
-class DialTurned:
+class AccuracyTargetChanged:
     """A client asks for another accuracy or time of its robot's camera; None = as it is.
 
     reply: told what is drawn from now on and the camera's name, None if there is no such camera;
@@ -76,12 +76,12 @@ class DialTurned:
     camera: str
     max_error_px: float | None
     budget_ms: float | None
-    reply: Callable[[OmniEye | None, str], None]
+    reply: Callable[[OmniCameraSpec | None, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopRequested:
     """End the simulation."""
 
 
-Request = Asked | Left | FrameWanted | Drawn | LandmarksSought | DialTurned | Stop
+SimulationEvent = CommandReceived | ClientDisconnected | FrameRequested | FrameRendered | LandmarksRequested | AccuracyTargetChanged | StopRequested

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 _SAME_TIME_S = 1e-6
 
 
-class Schedule:
+class ReportSchedule:
     """Periods that all begin at one time: the first reports are due at once."""
 
     def __init__(self, intervals_s: Sequence[float], time_s: float) -> None:
         self._intervals_s = tuple(intervals_s)
         self._due_s = [time_s] * len(self._intervals_s)
 
-    def due(self, time_s: float) -> list[int]:
+    def pop_due(self, time_s: float) -> list[int]:
         """Return which are due by now, in order, and set their next times."""
         found = [i for i, due_s in enumerate(self._due_s) if time_s >= due_s - _SAME_TIME_S]
         for i in found:

@@ -11,7 +11,7 @@ from catoptra_server.robot.pose import PlanarPose
 from catoptra_server.scene.description import StartPlace
 
 
-def class_named(classes: Sequence[RobotDescription], name: str) -> RobotDescription | None:
+def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescription | None:
     """Return the class of a name in any case; the package may be left out. The first one wins."""
     for known in classes:
         if name.lower() in (known.class_name.lower(), known.model_name.lower()):
@@ -31,7 +31,7 @@ def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose | None:
     return None
 
 
-def free_name(wished: str, taken: Collection[str]) -> str:
+def unique_name(requested: str, existing: Collection[str]) -> str:
     """Return the wished name, with a number behind it if it is taken."""
-    numbered = (f"{wished}{number}" for number in range(2, len(taken) + 3))
-    return wished if wished not in taken else next(n for n in numbered if n not in taken)
+    numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
+    return requested if requested not in existing else next(n for n in numbered if n not in existing)

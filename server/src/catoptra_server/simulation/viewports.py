@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from catoptra_protocol.wire.commands import SetViewports
 from catoptra_protocol.wire.reports import Viewport, ViewportsResult
-from catoptra_protocol.wire.results import DISABLED, FAILED, MISSING, OK, VIEWPORTS
+from catoptra_protocol.wire.results import CAMERA_DISABLED, STATUS_FAILED, CAMERA_MISSING, STATUS_OK, NUM_VIEWPORTS
 from catoptra_server.imaging.multi_view import ViewportConfig
 
 _CONFIGS = tuple(config.value for config in ViewportConfig)
 # How clients switch a viewport off.
-_OFF = ("disable", "disabled", "none")
+_DISABLE_KEYWORDS = ("disable", "disabled", "none")
 
 
 class Viewports:
@@ -24,7 +24,7 @@ class Viewports:
         self._cameras = tuple(cameras)
         self._config = _CONFIGS[0]
         first = [Viewport(name) for name in self._cameras[:1]]
-        self._viewports = (*first, *[Viewport()] * (VIEWPORTS - len(first)))
+        self._viewports = (*first, *[Viewport()] * (NUM_VIEWPORTS - len(first)))
 
     @property
     def config(self) -> ViewportConfig:
@@ -32,11 +32,11 @@ class Viewports:
         return ViewportConfig(self._config)
 
     @property
-    def shown(self) -> tuple[str, ...]:
+    def camera_names(self) -> tuple[str, ...]:
         """Return the camera of each viewport by name; one that shows none has another word."""
         return tuple(viewport.camera for viewport in self._viewports)
 
-    def obey(self, command: SetViewports, time_s: float) -> ViewportsResult:
+    def execute(self, command: SetViewports, time_s: float) -> ViewportsResult:
         """Take over what is named; a viewport that is not named stays as it is."""
         known = {config.lower(): config for config in _CONFIGS}
         wished = command.config or self._config
@@ -45,13 +45,13 @@ class Viewports:
             old if name is None else self._viewport(name)
             for old, name in zip(self._viewports, command.cameras, strict=True)
         )
-        status = OK if wished.lower() in known else FAILED
+        status = STATUS_OK if wished.lower() in known else STATUS_FAILED
         return ViewportsResult(time_s, self._config, self._viewports, status)
 
     def _viewport(self, name: str) -> Viewport:
-        if name.lower() in _OFF:
-            return Viewport(DISABLED)
+        if name.lower() in _DISABLE_KEYWORDS:
+            return Viewport(CAMERA_DISABLED)
         for camera in self._cameras:
             if camera.lower() == name.lower():
                 return Viewport(camera)
-        return Viewport(MISSING, FAILED)
+        return Viewport(CAMERA_MISSING, STATUS_FAILED)

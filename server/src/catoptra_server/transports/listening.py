@@ -11,14 +11,14 @@ import weakref
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
-Conversation = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+ConnectionHandler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 log = logging.getLogger(__name__)
 
 
 @asynccontextmanager
-async def listening(
-    host: str, port: int, converse: Conversation, *, most: int | None = None
+async def serve_tcp(
+    host: str, port: int, handler: ConnectionHandler, *, max_connections: int | None = None
 ) -> AsyncIterator[asyncio.Server]:
     """Hold a conversation with everyone who connects, until the block ends.
 
@@ -30,17 +30,17 @@ async def listening(
     # A closed connection still counts while its peer has not read what was written to it.
     transports: weakref.WeakSet[asyncio.WriteTransport] = weakref.WeakSet()
 
-    async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None, "a coroutine runs in a task"
-        if most is not None and len(tasks) >= most:
-            log.warning("%s sent away: %d are served, no more", peer_name(writer), most)
+        if max_connections is not None and len(tasks) >= max_connections:
+            log.warning("%s sent away: %d are served, no more", peer_name(writer), max_connections)
             writer.close()
             return
         tasks.add(task)
         transports.add(writer.transport)
         try:
-            await converse(reader, writer)
+            await handler(reader, writer)
         except OSError as error:  # a reset, a time-out, a host that cannot be reached any more
             log.info("%s broke off: %s", peer_name(writer), error)
         except asyncio.CancelledError:
@@ -51,7 +51,7 @@ async def listening(
             tasks.discard(task)
             writer.close()
 
-    server = await asyncio.start_server(connected, host, port)
+    server = await asyncio.start_server(handle_connection, host, port)
     try:
         yield server
     finally:

@@ -11,56 +11,56 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.wire.connection import ControlServer
 from catoptra_protocol.wire.dialect import Dialect
 from catoptra_protocol.wire.reports import Greeting, Report
-from catoptra_server.simulation import Asked, Left, Request
-from catoptra_server.transports.listening import listening, peer_name
+from catoptra_server.simulation import CommandReceived, ClientDisconnected, SimulationEvent
+from catoptra_server.transports.listening import serve_tcp, peer_name
 
 log = logging.getLogger(__name__)
 
 # A client that reads nothing: beyond the first bound it misses sensor cycles, beyond the second (it
 # asks and asks and does not read the answers) it is cut off, so that it costs nobody else memory.
-_SKIP_ABOVE_BYTES = 64 * 1024
-_CUT_ABOVE_BYTES = 1024 * 1024
+_DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
+_DISCONNECT_ABOVE_BYTES = 1024 * 1024
 _READ_BYTES = 16 * 1024
-_PERIODIC = ("SEN", "STA", "MISSTA")  # what comes again by itself
+_PERIODIC_WORDS = ("SEN", "STA", "MISSTA")  # what comes again by itself
 
 
-class ControlClient:
+class ControlPeer:
     """One connection, as the simulation sees it: its methods may be called from any thread."""
 
     def __init__(self, writer: asyncio.StreamWriter, protocol: ControlServer) -> None:
         self._loop = asyncio.get_running_loop()
         self._writer = writer
         self._protocol = protocol
-        self.peer = peer_name(writer)
+        self.address = peer_name(writer)
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports as one piece: clients that read clumsily lose least that way."""
         self._loop.call_soon_threadsafe(self._send, tuple(reports))
 
-    def refuse_init(self) -> None:
+    def reject_init(self) -> None:
         """Let the client try INIT again. The protocol has no message for it: silence."""
-        self._loop.call_soon_threadsafe(self._protocol.refuse_init)
+        self._loop.call_soon_threadsafe(self._protocol.reject_init)
 
     def _send(self, reports: Sequence[Report]) -> None:
         waiting = self._writer.transport.get_write_buffer_size()
         if self._writer.is_closing():
             return
-        if waiting > _CUT_ABOVE_BYTES:
-            log.warning("%s reads nothing: cut off with %d bytes waiting", self.peer, waiting)
+        if waiting > _DISCONNECT_ABOVE_BYTES:
+            log.warning("%s reads nothing: cut off with %d bytes waiting", self.address, waiting)
             self._writer.transport.abort()
             return
-        if waiting > _SKIP_ABOVE_BYTES and all(report.WORD in _PERIODIC for report in reports):
+        if waiting > _DROP_PERIODIC_ABOVE_BYTES and all(report.WORD in _PERIODIC_WORDS for report in reports):
             return
-        data = b"".join(map(self._bytes, reports))
-        log.debug("to %s: %r", self.peer, data)
+        data = b"".join(map(self._encode, reports))
+        log.debug("to %s: %r", self.address, data)
         self._writer.write(data)
 
-    def _bytes(self, report: Report) -> bytes:
+    def _encode(self, report: Report) -> bytes:
         """Return a report's bytes; none of one that cannot be sent, so that the others can."""
         try:
             return self._protocol.send(report)
         except LocalProtocolError as error:
-            log.error("not sent to %s: %s", self.peer, error)
+            log.error("not sent to %s: %s", self.address, error)
             return b""
 
 
@@ -69,27 +69,27 @@ def serve_control(
     port: int,
     *,
     greeting: Greeting,
-    post: Callable[[Request], None],
+    post: Callable[[SimulationEvent], None],
     dialect: Dialect = Dialect.UT2004,
-    most: int | None = None,
+    max_connections: int | None = None,
 ) -> AbstractAsyncContextManager[asyncio.Server]:
     """Listen for robots' controllers; everything that they ask is posted to the simulation.
 
     most: of them at once; None = any number.
     """
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         protocol = ControlServer(dialect)
-        client = ControlClient(writer, protocol)
-        log.info("controller %s connected", client.peer)
+        client = ControlPeer(writer, protocol)
+        log.info("controller %s connected", client.address)
         try:
             writer.write(protocol.send(greeting))
             while data := await reader.read(_READ_BYTES):
-                log.debug("from %s: %r", client.peer, data)
+                log.debug("from %s: %r", client.address, data)
                 for command in protocol.receive(data):
-                    post(Asked(client, command))
+                    post(CommandReceived(client, command))
         finally:
-            post(Left(client))
-            log.info("controller %s gone", client.peer)
+            post(ClientDisconnected(client))
+            log.info("controller %s gone", client.address)
 
-    return listening(host, port, converse, most=most)
+    return serve_tcp(host, port, handle_connection, max_connections=max_connections)

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from catoptra_protocol.wire.image import (
     ImageRequestReader,
     ImageType,
-    SubFrame,
-    WholeFrame,
-    frame_header,
+    RegionRequest,
+    FullFrameRequest,
+    encode_frame_header,
 )
-from catoptra_server.imaging.encode import cropped, encoded_payload
+from catoptra_server.imaging.encode import crop, encode_payload
 from catoptra_server.imaging.frame import Frame
 from catoptra_server.imaging.multi_view import TileLayout
-from catoptra_server.imaging.shot import SCREEN, Channel, ScreenChannel
+from catoptra_server.imaging.shot import IMAGE_PORT, Channel, ImagePortChannel
 from catoptra_server.mailbox import Mailbox, Mailboxes
-from catoptra_server.transports.listening import listening, peer_name
+from catoptra_server.transports.listening import serve_tcp, peer_name
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ class ImageOptions:
     """
 
     image_type: ImageType = ImageType.GOOD
-    legacy: bool = False
+    legacy_mode: bool = False
     multi_view: TileLayout | None = None
 
 
@@ -43,19 +43,19 @@ def serve_images(
 ) -> AbstractAsyncContextManager[asyncio.Server]:
     """Listen for viewers. Each is served at its own pace; a slow one slows nobody else."""
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer = peer_name(writer)
         log.info("viewer %s connected", peer)
-        viewer = _Viewer(writer, mailboxes, options)
+        viewer = _ImagePeer(writer, mailboxes, options)
         try:
-            await viewer.serve(reader)
+            await viewer.answer_requests(reader)
         finally:
-            log.info("viewer %s gone after %d frames", peer, viewer.sent)
+            log.info("viewer %s gone after %d frames", peer, viewer.num_sent)
 
-    return listening(host, port, converse)
+    return serve_tcp(host, port, handle_connection)
 
 
-class _Viewer:
+class _ImagePeer:
     """One connection. While a frame is on its way no request is read: TCP holds them back."""
 
     def __init__(
@@ -64,53 +64,53 @@ class _Viewer:
         self._writer = writer
         self._mailboxes = mailboxes
         self._options = options
-        self._watched: dict[Channel, tuple[Mailbox, int]] = {}
-        self.sent = 0
+        self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
+        self.num_sent = 0
 
-    async def serve(self, reader: asyncio.StreamReader) -> None:
+    async def answer_requests(self, reader: asyncio.StreamReader) -> None:
         """Answer requests, in order, until the viewer leaves."""
-        if self._options.legacy:
-            await self._answer(WholeFrame())
+        if self._options.legacy_mode:
+            await self._answer(FullFrameRequest())
         requests = ImageRequestReader()
         while data := await reader.read(_READ_BYTES):
             for request in requests.receive(data):
                 await self._answer(request)
 
-    async def _answer(self, request: WholeFrame | SubFrame) -> None:
-        channel, wanted = _channel(request, self._options.multi_view)
-        frame = await self._newest(channel)
-        payload = await asyncio.to_thread(_payload, frame, wanted, self._options.image_type)
-        self._writer.write(frame_header(self._options.image_type, len(payload)))
+    async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
+        channel, wanted = _select_channel(request, self._options.multi_view)
+        frame = await self._next_frame(channel)
+        payload = await asyncio.to_thread(_encode_payload, frame, wanted, self._options.image_type)
+        self._writer.write(encode_frame_header(self._options.image_type, len(payload)))
         self._writer.write(payload)
         await self._writer.drain()
-        self.sent += 1
+        self.num_sent += 1
 
-    async def _newest(self, channel: Channel) -> Frame:
+    async def _next_frame(self, channel: Channel) -> Frame:
         """Return a frame of a channel that this viewer has not seen."""
-        mailbox, last = self._watched.get(channel) or (self._mailboxes.of(channel), 0)
-        frame = await mailbox.newer_than(last)
-        self._watched[channel] = (mailbox, frame.sequence)
+        mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
+        frame = await mailbox.wait_for_newer(last)
+        self._subscriptions[channel] = (mailbox, frame.sequence)
         return frame
 
 
-def _channel(
-    request: WholeFrame | SubFrame, multi_view: TileLayout | None
-) -> tuple[Channel, WholeFrame | SubFrame]:
+def _select_channel(
+    request: FullFrameRequest | RegionRequest, multi_view: TileLayout | None
+) -> tuple[Channel, FullFrameRequest | RegionRequest]:
     """Return what to draw for a request: one tile alone if it asks for no more of a multi-view."""
-    if multi_view is None or isinstance(request, WholeFrame):
-        return SCREEN, request
+    if multi_view is None or isinstance(request, FullFrameRequest):
+        return IMAGE_PORT, request
     x, y, width, height = request.x, request.y, request.width, request.height
-    touched = multi_view.tiles_within(x, y, width, height)
-    tile = multi_view.tile(touched[0]) if len(touched) == 1 else None
+    touched = multi_view.tiles_overlapping(x, y, width, height)
+    tile = multi_view.tile_at(touched[0]) if len(touched) == 1 else None
     if tile is None:
-        return SCREEN, request
+        return IMAGE_PORT, request
     last_x, last_y = multi_view.width_px - 1, multi_view.height_px - 1
-    within = SubFrame(min(x, last_x) - tile.x_px, min(y, last_y) - tile.y_px, width, height)
-    return ScreenChannel(touched[0]), within
+    within = RegionRequest(min(x, last_x) - tile.x_px, min(y, last_y) - tile.y_px, width, height)
+    return ImagePortChannel(touched[0]), within
 
 
-def _payload(frame: Frame, request: WholeFrame | SubFrame, image_type: ImageType) -> bytes:
-    if isinstance(request, WholeFrame):
-        return frame.payload(image_type)
-    part = cropped(frame.rgb, request.x, request.y, request.width, request.height)
-    return encoded_payload(part, image_type)
+def _encode_payload(frame: Frame, request: FullFrameRequest | RegionRequest, image_type: ImageType) -> bytes:
+    if isinstance(request, FullFrameRequest):
+        return frame.encode(image_type)
+    part = crop(frame.rgb, request.x, request.y, request.width, request.height)
+    return encode_payload(part, image_type)

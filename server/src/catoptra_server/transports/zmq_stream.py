@@ -18,38 +18,38 @@ from catoptra_protocol.wire.stream import (
     request_from_bytes,
 )
 from catoptra_protocol.wire.stream_answers import (
-    CameraIs,
-    Pulse,
-    Refused,
-    StartsAre,
-    StatusIs,
+    CameraReply,
+    Heartbeat,
+    Error,
+    StartPosesReply,
+    StatusReply,
 )
 from catoptra_protocol.wire.stream_requests import (
-    AskCamera,
-    AskLandmarks,
-    AskPlan,
-    AskStarts,
-    AskStatus,
+    GetCameraRequest,
+    GetLandmarksRequest,
+    SetAccuracyRequest,
+    GetStartPosesRequest,
+    GetStatusRequest,
     Request,
 )
 from catoptra_server.mailbox import Mailboxes
-from catoptra_server.simulation import Request as SimulationRequest
-from catoptra_server.transports.zmq_stream_facts import StreamFacts, placement
-from catoptra_server.transports.zmq_stream_frames import FrameSlot
-from catoptra_server.transports.zmq_stream_landmarks import answer_landmarks
+from catoptra_server.simulation import SimulationEvent as SimulationRequest
+from catoptra_server.transports.zmq_stream_facts import ServerInfo, transform_from_pose
+from catoptra_server.transports.zmq_stream_frames import FrameSender
+from catoptra_server.transports.zmq_stream_landmarks import handle_landmarks_request
 from catoptra_server.transports.zmq_stream_peer import StreamPeer
-from catoptra_server.transports.zmq_stream_plans import PlanOf, answer_plan
-from catoptra_server.transports.zmq_stream_socket import RouterSocket, Sent
+from catoptra_server.transports.zmq_stream_plans import QueryPlan, handle_plan_request
+from catoptra_server.transports.zmq_stream_socket import RouterSocket, SendResult
 
 log = logging.getLogger(__name__)
 
 # How often every client is told that the server lives, and found out if it is gone.
-PULSE_S = 0.5
-_PULSE = bytes_from_message(Pulse(SCHEMA_VERSION))
+HEARTBEAT_INTERVAL_S = 0.5
+_HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 # Pulses in a row to a client that asks for nothing. It may be busy and not read: what it has not
 # read must not fill what its ZeroMQ keeps (64 messages in our client's), or its connection stands
 # still, and with it the answers to PING by which its robot stays.
-IDLE_PULSES = 16
+MAX_IDLE_HEARTBEATS = 16
 # Clients at once; each may hold a robot.
 MAX_PEERS = 256
 
@@ -64,16 +64,16 @@ class StreamServer:
         *,
         mailboxes: Mailboxes,
         post: Callable[[SimulationRequest], None],
-        facts: StreamFacts,
-        plan_of: PlanOf,
+        server_info: ServerInfo,
+        query_plan: QueryPlan,
     ) -> None:
         self._mailboxes = mailboxes
         self._post = post
-        self._facts = facts
-        self._plan_of = plan_of
+        self._server_info = server_info
+        self._query_plan = query_plan
         self._peers: dict[bytes, StreamPeer] = {}
-        self._suspects: set[bytes] = set()
-        self._socket = RouterSocket(host, port, self._received)
+        self._possibly_disconnected: set[bytes] = set()
+        self._socket = RouterSocket(host, port, self._handle_message)
         self.port = self._socket.port
 
     @property
@@ -83,107 +83,107 @@ class StreamServer:
 
     def close(self) -> None:
         """End all clients' business and the socket."""
-        self.close_peers()
+        self.disconnect_peers()
         self._socket.close()
 
-    def close_peers(self) -> None:
+    def disconnect_peers(self) -> None:
         """End all clients' business."""
         for identity in list(self._peers):
-            self._leave(identity)
+            self._disconnect(identity)
 
-    def pulse(self) -> None:
+    def send_heartbeats(self) -> None:
         """Tell clients that the server lives; forget those whose connection is gone.
 
         Only sending tells who is gone, and ZeroMQ may take note of it a moment late: who is
         suspected is sent one now and one at the next pulse.
         """
-        suspects = self._socket.suspects()
+        suspects = self._socket.poll_disconnects()
         for identity, peer in list(self._peers.items()):
-            if peer.takes_pulse(IDLE_PULSES) or identity in suspects | self._suspects:
-                self._send(identity, [_PULSE])
-        self._suspects = suspects
+            if peer.wants_heartbeat(MAX_IDLE_HEARTBEATS) or identity in suspects | self._possibly_disconnected:
+                self._send(identity, [_HEARTBEAT])
+        self._possibly_disconnected = suspects
 
-    def _send(self, identity: bytes, parts: list[bytes]) -> Sent:
+    def _send(self, identity: bytes, parts: list[bytes]) -> SendResult:
         sent = self._socket.send(identity, parts)
-        if sent is Sent.PEER_IS_GONE:
-            self._leave(identity)
+        if sent is SendResult.DISCONNECTED:
+            self._disconnect(identity)
         return sent
 
-    def _leave(self, identity: bytes) -> None:
+    def _disconnect(self, identity: bytes) -> None:
         peer = self._peers.pop(identity, None)
         if peer is not None:
-            peer.leave()
-            log.info("stream client %s gone after %d frames", identity.hex(), peer.slot.sent)
+            peer.disconnect()
+            log.info("stream client %s gone after %d frames", identity.hex(), peer.frame_sender.num_sent)
 
-    def _received(self, identity: bytes, parts: list[bytes]) -> None:
+    def _handle_message(self, identity: bytes, parts: list[bytes]) -> None:
         try:
-            request = _request(parts)
+            request = _parse_request(parts)
         except RemoteProtocolError as error:
             log.debug("from stream client %s: %s", identity.hex(), error)
-            self._send(identity, [bytes_from_message(Refused(0, str(error)))])
+            self._send(identity, [bytes_from_message(Error(0, str(error)))])
             return
         log.debug("from stream client %s: %s", identity.hex(), request)
-        peer = self._peers.get(identity) or self._welcome(identity)
+        peer = self._peers.get(identity) or self._add_peer(identity)
         if peer is None:
-            refusal = Refused(request.id, f"{MAX_PEERS} clients are served, no more")
+            refusal = Error(request.id, f"{MAX_PEERS} clients are served, no more")
             self._send(identity, [bytes_from_message(refusal)])
             return
-        peer.heard()
-        self._serve(peer, request)
+        peer.reset_idle_count()
+        self._handle_request(peer, request)
 
-    def _welcome(self, identity: bytes) -> StreamPeer | None:
+    def _add_peer(self, identity: bytes) -> StreamPeer | None:
         """Return a new client; None if there are enough."""
         if len(self._peers) >= MAX_PEERS:
             return None
 
-        def send(parts: list[bytes]) -> Sent:
+        def send(parts: list[bytes]) -> SendResult:
             return self._send(identity, parts)
 
-        slot = FrameSlot(send, self._mailboxes)
+        slot = FrameSender(send, self._mailboxes)
         peer = self._peers[identity] = StreamPeer(send, self._post, slot)
         log.info("stream client %s came", identity.hex())
         return peer
 
-    def _serve(self, peer: StreamPeer, request: Request) -> None:
+    def _handle_request(self, peer: StreamPeer, request: Request) -> None:
         """Serve what concerns the whole server; leave the rest to the client."""
         match request:
-            case AskCamera(id_, name):
-                peer.answer(self._camera(id_, name))
-            case AskLandmarks():
-                known = self._facts.landmarks
-                answer_landmarks(request, known, answer=peer.answer, post=self._post)
-            case AskPlan():
-                answer_plan(
-                    request, peer, answer=peer.answer, post=self._post, plan_of=self._plan_of
+            case GetCameraRequest(id_, name):
+                peer.send_reply(self._camera_reply(id_, name))
+            case GetLandmarksRequest():
+                known = self._server_info.landmarks
+                handle_landmarks_request(request, known, send_reply=peer.send_reply, post=self._post)
+            case SetAccuracyRequest():
+                handle_plan_request(
+                    request, peer, send_reply=peer.send_reply, post=self._post, query_plan=self._query_plan
                 )
-            case AskStarts(id_):
-                peer.answer(StartsAre(id_, self._facts.starts))
-            case AskStatus(id_):
-                peer.answer(self._status(id_, peer))
+            case GetStartPosesRequest(id_):
+                peer.send_reply(StartPosesReply(id_, self._server_info.start_poses))
+            case GetStatusRequest(id_):
+                peer.send_reply(self._status_reply(id_, peer))
             case _:
-                peer.serve(request)
+                peer.handle_request(request)
 
-    def _camera(self, id_: int, wished: str) -> CameraIs | Refused:
+    def _camera_reply(self, id_: int, name: str) -> CameraReply | Error:
         """Return the first camera with a name, or the first of all."""
-        for (class_name, name), facts in self._facts.cameras.items():
-            if wished in ("", name):
-                law, mount = dict(facts.law), placement(facts.robot_from_mirror)
-                return CameraIs(id_, class_name, name, law, mount, facts.plan)
-        known = ", ".join(name for _, name in self._facts.cameras) or "none"
-        return Refused(id_, f"no camera {wished[:80]!r}: this server's robots have {known}")
+        for (class_name, name), facts in self._server_info.cameras.items():
+            if name in ("", name):
+                law, mount = dict(facts.camera_model), transform_from_pose(facts.robot_from_mirror)
+                return CameraReply(id_, class_name, name, law, mount, facts.plan)
+        known = ", ".join(name for _, name in self._server_info.cameras) or "none"
+        return Error(id_, f"no camera {name[:80]!r}: this server's robots have {known}")
 
-    def _status(self, id_: int, peer: StreamPeer) -> StatusIs:
-        facts = self._facts
-        return StatusIs(
+    def _status_reply(self, id_: int, peer: StreamPeer) -> StatusReply:
+        facts = self._server_info
+        return StatusReply(
             version=SCHEMA_VERSION,
             id=id_,
             server=facts.server,
             world=facts.world,
             class_names=facts.class_names,
             clock=facts.clock,
-            clients=len(self._peers),
+            num_clients=len(self._peers),
             has_robot=peer.has_robot,
-            sent=peer.slot.sent,
+            sent_frames=peer.frame_sender.num_sent,
         )
 
 
@@ -194,12 +194,12 @@ async def serve_stream(
     *,
     mailboxes: Mailboxes,
     post: Callable[[SimulationRequest], None],
-    facts: StreamFacts,
-    plan_of: PlanOf,
+    server_info: ServerInfo,
+    query_plan: QueryPlan,
 ) -> AsyncIterator[StreamServer]:
     """Listen for clients of the stream until the block ends. Raises OSError without the port."""
-    server = StreamServer(host, port, mailboxes=mailboxes, post=post, facts=facts, plan_of=plan_of)
-    pulses = asyncio.create_task(_pulses(server))
+    server = StreamServer(host, port, mailboxes=mailboxes, post=post, server_info=server_info, query_plan=query_plan)
+    pulses = asyncio.create_task(_run_heartbeats(server))
     try:
         yield server
     finally:
@@ -208,13 +208,13 @@ async def serve_stream(
         server.close()
 
 
-async def _pulses(server: StreamServer) -> None:
+async def _run_heartbeats(server: StreamServer) -> None:
     while True:
-        await asyncio.sleep(PULSE_S)
-        server.pulse()
+        await asyncio.sleep(HEARTBEAT_INTERVAL_S)
+        server.send_heartbeats()
 
 
-def _request(parts: list[bytes]) -> Request:
+def _parse_request(parts: list[bytes]) -> Request:
     if len(parts) != 1:
         raise RemoteProtocolError(f"a message of {len(parts)} parts: a request is one part")
     return request_from_bytes(parts[0])

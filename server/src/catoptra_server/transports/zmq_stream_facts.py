@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from catoptra_protocol.camera_conf import Pairs, pairs_from_camera
+from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.stream_answers import EffectRecord, Placement, StartRecord
-from catoptra_server.effects.decide import Decision
+from catoptra_protocol.wire.stream_answers import EffectRecord, Transform, StartPoseRecord
+from catoptra_server.effects.decide import EffectDecision
 from catoptra_server.robot.description import RobotDescription
 from catoptra_server.scene.description import World
 
@@ -18,70 +18,70 @@ CameraKey = tuple[str, str]  # class of the robot, name of the camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraFacts:
+class CameraInfo:
     """A camera's law, as the pairs of CONF, where its viewpoint sits, and how it is drawn."""
 
-    law: Pairs
+    camera_model: Pairs
     robot_from_mirror: Pose
     plan: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StreamFacts:
+class ServerInfo:
     """Classes that can be spawned, the clock, and cameras by class and name."""
 
     server: str
     world: str
     class_names: tuple[str, ...]
     clock: str
-    cameras: dict[CameraKey, CameraFacts]
+    cameras: dict[CameraKey, CameraInfo]
     landmarks: tuple[Landmark, ...]
-    starts: tuple[StartRecord, ...]
+    start_poses: tuple[StartPoseRecord, ...]
 
 
-def facts_of(
+def build_server_info(
     robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[str, str]
-) -> StreamFacts:
+) -> ServerInfo:
     """Return the facts of a server; plans by class name."""
-    cameras: dict[CameraKey, CameraFacts] = {}
+    cameras: dict[CameraKey, CameraInfo] = {}
     for robot in robots:
         omni = robot.omni_camera
         if omni is not None:
-            law = pairs_from_camera(omni.camera, robot.viewpoint_height_m)
+            law = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
             plan = plans.get(robot.class_name)
-            cameras[robot.class_name, omni.name] = CameraFacts(law, omni.robot_from_mirror, plan)
-    return StreamFacts(
+            cameras[robot.class_name, omni.name] = CameraInfo(law, omni.robot_from_mirror, plan)
+    return ServerInfo(
         server=f"Catoptra {version('catoptra-server')}",
         world=world.name,
         class_names=tuple(robot.class_name for robot in robots),
         clock=clock,
         cameras=cameras,
         landmarks=world.landmarks,
-        starts=tuple(StartRecord(s.name, s.location_m, s.rotation_rad) for s in world.starts),
+        start_poses=tuple(StartPoseRecord(s.name, s.location_m, s.rotation_rad) for s in world.starts),
     )
 
 
-def placement(pose: Pose) -> Placement:
+def transform_from_pose(pose: Pose) -> Transform:
     """Return a pose as it is sent."""
     x, y, z = map(float, pose.translation)
     a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
-    return Placement((x, y, z), (a, b, c, d, e, f, g, h, i))
+    return Transform((x, y, z), (a, b, c, d, e, f, g, h, i))
 
 
-def effect_records(
-    decisions: Sequence[Decision], stage_ms: Mapping[str, float]
+def records_from_decisions(
+    decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
 ) -> tuple[EffectRecord, ...]:
     """Return decisions as they are sent; stage_ms: of the picture that they were taken for."""
-    return tuple(_record(decision, stage_ms.get(decision.effect)) for decision in decisions)
+    return tuple(_record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions)
 
 
-def _record(decision: Decision, ms: float | None) -> EffectRecord:
+def _record_from_decision(decision: EffectDecision, ms: float | None) -> EffectRecord:
     return EffectRecord(
         name=decision.effect,
-        is_on=decision.is_on,
+        enabled=decision.enabled,
         bound=decision.bound,
         threshold=decision.threshold,
         unit=decision.unit,
         reason=decision.reason,
-        ms=None if ms is None else float(ms),
+        duration_ms=None if ms is None else float(ms),
     )

@@ -7,49 +7,49 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.wire.stream_answers import Answer, LandmarkRecord, LandmarksAre, Refused
-from catoptra_protocol.wire.stream_requests import AskLandmarks
+from catoptra_protocol.wire.stream_answers import Reply, LandmarkRecord, LandmarksReply, Error
+from catoptra_protocol.wire.stream_requests import GetLandmarksRequest
 from catoptra_server.imaging.shot import CameraChannel
-from catoptra_server.simulation import LandmarksSought, Request
-from catoptra_server.simulation.sightings import Sighting
+from catoptra_server.simulation import LandmarksRequested, SimulationEvent
+from catoptra_server.simulation.sightings import LandmarkVisibility
 
 
-def answer_landmarks(
-    request: AskLandmarks,
-    known: Sequence[Landmark],
+def handle_landmarks_request(
+    request: GetLandmarksRequest,
+    landmarks: Sequence[Landmark],
     *,
-    answer: Callable[[Answer], None],
-    post: Callable[[Request], None],
+    send_reply: Callable[[Reply], None],
+    post: Callable[[SimulationEvent], None],
 ) -> None:
     """Answer at once, or as soon as the simulation has looked through the camera in question."""
     if request.robot is None and request.camera is None:
-        answer(LandmarksAre(request.id, tuple(map(_record, known))))
+        send_reply(LandmarksReply(request.id, tuple(map(_record_from_landmark, landmarks))))
         return
     loop = asyncio.get_running_loop()
 
-    def reply(time_s: float, seen: tuple[Sighting, ...] | None) -> None:
-        loop.call_soon_threadsafe(answer, _answer(request, time_s, seen))
+    def reply(time_s: float, seen: tuple[LandmarkVisibility, ...] | None) -> None:
+        loop.call_soon_threadsafe(send_reply, _landmarks_reply(request, time_s, seen))
 
-    post(LandmarksSought(CameraChannel(request.robot or "", request.camera or ""), reply))
+    post(LandmarksRequested(CameraChannel(request.robot or "", request.camera or ""), reply))
 
 
-def nothing_shown(id_: int, robot: str, camera: str) -> Refused:
+def camera_not_found(id_: int, robot: str, camera: str) -> Error:
     """Return the refusal of a camera that is not there."""
     whose = f"robot {robot!r}" if robot else "the robot on the screen"
     which = f"camera {camera!r}" if camera else "camera"
-    return Refused(id_, f"there is no {which} of {whose}")
+    return Error(id_, f"there is no {which} of {whose}")
 
 
-def _answer(request: AskLandmarks, time_s: float, seen: tuple[Sighting, ...] | None) -> Answer:
-    if seen is None:
-        return nothing_shown(request.id, request.robot or "", request.camera or "")
+def _landmarks_reply(request: GetLandmarksRequest, time_s: float, visible: tuple[LandmarkVisibility, ...] | None) -> Reply:
+    if visible is None:
+        return camera_not_found(request.id, request.robot or "", request.camera or "")
     records = (
-        dataclasses.replace(_record(one.landmark), pixel=one.pixel, visible=one.visible)
-        for one in seen
+        dataclasses.replace(_record_from_landmark(one.landmark), pixel=one.pixel, visible=one.is_visible)
+        for one in visible
     )
-    return LandmarksAre(request.id, tuple(records), time_s)
+    return LandmarksReply(request.id, tuple(records), time_s)
 
 
-def _record(landmark: Landmark) -> LandmarkRecord:
+def _record_from_landmark(landmark: Landmark) -> LandmarkRecord:
     fields = dataclasses.fields(Landmark)
     return LandmarkRecord(**{field.name: getattr(landmark, field.name) for field in fields})

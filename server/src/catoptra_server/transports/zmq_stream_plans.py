@@ -9,68 +9,68 @@ import asyncio
 from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.wire.stream_answers import Answer, PlanIs, PlanStep, Refused
-from catoptra_protocol.wire.stream_requests import AskPlan
-from catoptra_server.imaging.drawing import Told
-from catoptra_server.imaging.shot import OmniEye
+from catoptra_protocol.wire.stream_answers import Reply, PlanReply, PlanAlternative, Error
+from catoptra_protocol.wire.stream_requests import SetAccuracyRequest
+from catoptra_server.imaging.drawing import PlanCallback
+from catoptra_server.imaging.shot import OmniCameraSpec
 from catoptra_server.imaging.views import ViewState
-from catoptra_server.plan.planner import Option
-from catoptra_server.robot.render_wish import Dial
-from catoptra_server.simulation import Client, DialTurned, Request
+from catoptra_server.plan.planner import PlanOption
+from catoptra_server.robot.render_wish import AccuracyTarget
+from catoptra_server.simulation import Client, AccuracyTargetChanged, SimulationEvent
 
 # Hands over an eye; the second is called, by any thread, with how it is drawn.
-PlanOf = Callable[[OmniEye, Told], None]
+QueryPlan = Callable[[OmniCameraSpec, PlanCallback], None]
 
 
-def answer_plan(
-    request: AskPlan,
+def handle_plan_request(
+    request: SetAccuracyRequest,
     client: Client,
     *,
-    answer: Callable[[Answer], None],
-    post: Callable[[Request], None],
-    plan_of: PlanOf,
+    send_reply: Callable[[Reply], None],
+    post: Callable[[SimulationEvent], None],
+    query_plan: QueryPlan,
 ) -> None:
     """Answer once the simulation has turned the dial and the drawing thread has planned."""
     try:
-        Dial().turned(max_error_px=request.max_error_px, budget_ms=request.budget_ms)
+        AccuracyTarget().with_changes(max_error_px=request.max_error_px, budget_ms=request.budget_ms)
     except DomainError as error:
-        answer(Refused(request.id, str(error)))
+        send_reply(Error(request.id, str(error)))
         return
     loop = asyncio.get_running_loop()
 
-    def found(eye: OmniEye | None, name: str) -> None:
-        def told(state: ViewState | None) -> None:
-            loop.call_soon_threadsafe(answer, _answer(request.id, name, eye, state))
+    def query_camera_plan(eye: OmniCameraSpec | None, name: str) -> None:
+        def reply(state: ViewState | None) -> None:
+            loop.call_soon_threadsafe(send_reply, _plan_reply(request.id, name, eye, state))
 
         if eye is None:
-            told(None)
+            reply(None)
         else:
-            plan_of(eye, told)
+            query_plan(eye, reply)
 
-    post(DialTurned(client, request.camera, request.max_error_px, request.budget_ms, found))
+    post(AccuracyTargetChanged(client, request.camera, request.max_error_px, request.budget_ms, query_camera_plan))
 
 
-def _answer(id_: int, name: str, eye: OmniEye | None, state: ViewState | None) -> Answer:
+def _plan_reply(id_: int, name: str, eye: OmniCameraSpec | None, state: ViewState | None) -> Reply:
     if eye is None or state is None:
-        return Refused(
+        return Error(
             id_, f"your robot has no omnidirectional camera {name[:80]!r}, or is not there"
         )
-    choice, dial = state.choice, eye.wish.dial
-    return PlanIs(
+    choice, dial = state.choice, eye.render_settings.accuracy_target
+    return PlanReply(
         id=id_,
         camera=name,
         max_error_px=dial.max_error_px,
         budget_ms=dial.budget_ms,
         plan=str(choice.plan),
-        keeps_word=choice.keeps_word,
-        error_px=choice.bound.outline_px if choice.bound else None,
-        bound=choice.bound.as_dict() if choice.bound else None,
-        cost_ms=choice.ms,
-        median_ms=state.median_ms,
-        better=_step(choice.better),
-        cheaper=_step(choice.cheaper),
+        target_met=choice.target_met,
+        error_bound_px=choice.bound.outline_error_px if choice.bound else None,
+        error_bounds=choice.bound.as_dict() if choice.bound else None,
+        cost_ms=choice.predicted_ms,
+        median_frame_ms=state.median_ms,
+        more_accurate=_plan_alternative(choice.more_accurate),
+        faster=_plan_alternative(choice.faster),
     )
 
 
-def _step(option: Option | None) -> PlanStep | None:
-    return PlanStep(option.plan.numbers, option.error_px, option.ms) if option else None
+def _plan_alternative(option: PlanOption | None) -> PlanAlternative | None:
+    return PlanAlternative(option.plan.description, option.error_bound_px, option.predicted_ms) if option else None

@@ -10,21 +10,21 @@ from __future__ import annotations
 from catoptra_protocol.errors import RemoteProtocolError
 
 # A request is one part; a few more are refused in words, which helps who writes a client.
-MOST_PARTS = 8
+MAX_PARTS = 8
 _GREETING_BYTES = 64
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
 # Older peers have frames of another form.
-_OLDEST_VERSION = 3
+_MIN_VERSION = 3
 _MORE, _LONG, _COMMAND = 1, 2, 4
 
 
-class UpstreamParts:
+class ZmtpPartCounter:
     """Counts the parts of one connection's messages as its bytes come."""
 
     def __init__(self) -> None:
         self._head = bytearray()  # of the greeting or of a frame, as far as it came
         self._head_bytes = _GREETING_BYTES
-        self._head_is_here = self._read_greeting
+        self._parse_head = self._read_greeting
         self._body_bytes = 0  # still to come
         self._parts = 0  # of the message that has not ended
 
@@ -39,18 +39,18 @@ class UpstreamParts:
                 taken = self._head_bytes - len(self._head)
                 self._head += data[at : at + taken]
                 if len(self._head) == self._head_bytes:
-                    self._head_is_here()
+                    self._parse_head()
             at += taken
 
     def _read_greeting(self) -> None:
         head = self._head
         # As libzmq tells versions apart: it must not take for an older one what passes here.
-        if head[0] != 0xFF or not head[9] & 1 or head[10] < _OLDEST_VERSION:
+        if head[0] != 0xFF or not head[9] & 1 or head[10] < _MIN_VERSION:
             raise RemoteProtocolError(f"no greeting of ZMTP 3: it begins {head[:11].hex(' ')}")
-        self._head_is_here = self._read_frame
-        self._await_frame()
+        self._parse_head = self._read_frame
+        self._expect_frame_head()
 
-    def _await_frame(self) -> None:
+    def _expect_frame_head(self) -> None:
         self._head.clear()
         self._head_bytes = _SHORT_HEAD_BYTES
 
@@ -59,16 +59,16 @@ class UpstreamParts:
         if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
             self._head_bytes = _LONG_HEAD_BYTES
             return
-        self._count(flags)
+        self._count_part(flags)
         self._body_bytes = int.from_bytes(self._head[1:], "big")
-        self._await_frame()
+        self._expect_frame_head()
 
-    def _count(self, flags: int) -> None:
+    def _count_part(self, flags: int) -> None:
         """Count a part. A command may stand between two parts; it ends no message."""
         if flags & _COMMAND:
             if flags & _MORE:
                 raise RemoteProtocolError("a ZMTP command with more parts to follow")
             return
         self._parts = self._parts + 1 if flags & _MORE else 0
-        if self._parts == MOST_PARTS:
-            raise RemoteProtocolError(f"a message of more than {MOST_PARTS} parts")
+        if self._parts == MAX_PARTS:
+            raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from catoptra_client.experiment.cost.key_steps import (
-    add_landmarks,
-    key_steps,
-    read_study,
-    write_robot,
+    write_localization,
+    select_key_levels,
+    read_cost_json,
+    write_robot_file,
 )
 from catoptra_protocol.errors import CatoptraError
 
@@ -40,12 +40,12 @@ STUDY: dict[str, Any] = {
 
 
 def test_key_steps_go_from_coarse_to_exact() -> None:
-    assert [step.name for step in key_steps(STUDY)] == ["coarse", "exact"]
+    assert [step.name for step in select_key_levels(STUDY)] == ["coarse", "exact"]
 
 
 def test_study_when_a_field_is_missing_is_refused() -> None:
     with pytest.raises(CatoptraError, match="another version"):
-        key_steps({"steps": [{"is_key": True}]})
+        select_key_levels({"steps": [{"is_key": True}]})
 
 
 @pytest.mark.parametrize("text", [None, "no json"], ids=["missing", "broken"])
@@ -56,11 +56,11 @@ def test_study_when_there_is_none_is_refused_with_a_remedy(
     if text is not None:
         path.write_text(text)
     with pytest.raises(CatoptraError, match="let catoptra-server cost measure first"):
-        read_study(path)
+        read_cost_json(path)
 
 
 def test_robot_file_is_based_on_another_and_draws_as_the_step_says(tmp_path: Path) -> None:
-    write_robot(key_steps(STUDY)[0], tmp_path / "base.ini", tmp_path / "robot.ini")
+    write_robot_file(select_key_levels(STUDY)[0], tmp_path / "base.ini", tmp_path / "robot.ini")
     assert (tmp_path / "robot.ini").read_text() == (
         f"[Configuration]\nBasedOn={tmp_path.resolve() / 'base.ini'}\n"
         "[Catoptra.OmniCaptureCamera]\nSamples=3\n"
@@ -69,5 +69,5 @@ def test_robot_file_is_based_on_another_and_draws_as_the_step_says(tmp_path: Pat
 
 def test_landmarks_are_added_and_all_else_stays(tmp_path: Path) -> None:
     path = tmp_path / "cost.json"
-    add_landmarks(STUDY, {"runs": 5, "rows": []}, path)
+    write_localization(STUDY, {"runs": 5, "rows": []}, path)
     assert json.loads(path.read_text()) == {**STUDY, "landmarks": {"runs": 5, "rows": []}}

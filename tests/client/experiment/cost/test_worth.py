@@ -9,9 +9,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from catoptra_client.experiment.cost.worth import summary, worth
-from catoptra_client.experiment.recording import Recording, Seen, Step
-from catoptra_client.experiment.replay import Trace
+from catoptra_client.experiment.cost.worth import summarise_localization, localization_accuracy
+from catoptra_client.experiment.recording import DriveLog, LandmarkMeasurement, DriveStep
+from catoptra_client.experiment.replay import FilterRun
 from catoptra_client.experiment.route import Waypoint
 from catoptra_client.experiment.session import SetupResult
 from catoptra_client.experiment.setups import SIM
@@ -20,28 +20,28 @@ from catoptra_protocol.landmarks import Landmark
 
 NEAR = Landmark("near", "beacon", 1.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 FAR = Landmark("far", "beacon", 0.0, 2.0, 0.1, 0.1, 0.2, 0.4, "magenta", "cyan")
-HERE = Step(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0), ())
+HERE = DriveStep(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0), ())
 
 
-def result(*seen: tuple[Seen, ...]) -> SetupResult:
-    steps = (HERE, *(Step(HERE.truth, HERE.odometry, found) for found in seen))
+def result(*seen: tuple[LandmarkMeasurement, ...]) -> SetupResult:
+    steps = (HERE, *(DriveStep(HERE.truth, HERE.odometry, found) for found in seen))
     traces = {
         "paper": (trace([0.0, 0.1, 0.3]), trace([0.0, 0.2, 0.2]), trace([0.0, 0.9, 0.9])),
         "honest": (trace([0.0, 0.1, 0.1]),),
     }
-    return SetupResult(SIM, (Recording("sim", 0, steps),), traces)
+    return SetupResult(SIM, (DriveLog("sim", 0, steps),), traces)
 
 
-def trace(errors_m: list[float]) -> Trace:
+def trace(errors_m: list[float]) -> FilterRun:
     """Return as much of a trace as its worth is judged by; odometry is twice as far off."""
     errors = np.array(errors_m)
     known = SimpleNamespace(estimate_error_m=errors, odometry_error_m=2.0 * errors)
-    return cast(Trace, known)
+    return cast(FilterRun, known)
 
 
 def test_row_has_shares_errors_and_medians_over_the_runs() -> None:
-    seen = (Seen("near", 1.03, math.radians(4.0)),)
-    row = worth("a step", result(seen, ()), (NEAR, FAR))
+    seen = (LandmarkMeasurement("near", 1.03, math.radians(4.0)),)
+    row = localization_accuracy("a step", result(seen, ()), (NEAR, FAR))
     assert row["step"] == "a step"
     assert row["frames"] == 2
     assert row["found_near"] == 0.5
@@ -54,13 +54,13 @@ def test_row_has_shares_errors_and_medians_over_the_runs() -> None:
 
 
 def test_row_when_nothing_was_seen_has_no_errors() -> None:
-    row = worth("blind", result(()), (NEAR,))
+    row = localization_accuracy("blind", result(()), (NEAR,))
     assert (row["range_rms_m"], row["bearing_rms_deg"]) == (None, None)
     assert row["found"] == 0.0
 
 
 def test_summary_tells_runs_steps_and_odometry_alone() -> None:
-    told = summary([{"step": "a"}], result(()))
+    told = summarise_localization([{"step": "a"}], result(()))
     assert told == {
         "runs": 3,
         "steps_a_run": 2,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import pixel_centres
+from catoptra_protocol.optics.camera import pixel_sample_positions
 from catoptra_protocol.optics.lenses import LENSES, PerspectiveCamera
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
@@ -37,7 +37,7 @@ def test_field_of_view_is_the_picture_width() -> None:
 @pytest.mark.parametrize("size", [(1, 1), (320, 240), (101, 733)])
 def test_inverse_returns_to_every_pixel(fov_deg: float, size: tuple[int, int]) -> None:
     camera = PerspectiveCamera(*size, math.radians(fov_deg))
-    pixel = pixel_centres(camera, 1)[::7, ::7]
+    pixel = pixel_sample_positions(camera, 1)[::7, ::7]
     direction, valid = camera.direction_from_pixel(pixel)
     back, seen = camera.pixel_from_direction(direction)
     assert valid.all()

@@ -19,18 +19,18 @@ from catoptra_protocol.optics.mirrors.hyperbolic import HyperbolicMirror, eq2_ra
 
 PAPER = HyperbolicMirror(11.546, 2.321)
 EPS = float(np.finfo(np.float64).eps)
-NEAR_2 = (math.nextafter(2.0, 3.0), 2.0 + 1e-12, 2.0001)
-KS = (*NEAR_2, 3.0, 11.546, 1e3, 1e9, 1e15)
+SMALLEST_KS = (math.nextafter(2.0, 3.0), 2.0 + 1e-12, 2.0001)
+KS = (*SMALLEST_KS, 3.0, 11.546, 1e3, 1e9, 1e15)
 
 
-def t_at(degrees: float) -> float:
+def t_from_degrees(degrees: float) -> float:
     return math.tan(math.radians(0.5 * degrees))
 
 
-def hard_ts(mirror: HyperbolicMirror) -> list[float]:
+def edge_case_ts(mirror: HyperbolicMirror) -> list[float]:
     """Return t at the axis, the horizon and its neighbours, the rim, and before the asymptote."""
     limit = mirror.t_limit
-    inside = [0.0, 1e-250, 1e-12, 1e-3, 0.5, math.nextafter(1.0, 0.0), 1.0, t_at(120.0)]
+    inside = [0.0, 1e-250, 1e-12, 1e-3, 0.5, math.nextafter(1.0, 0.0), 1.0, t_from_degrees(120.0)]
     outside = [limit * (1.0 - 1e-3), limit * (1.0 - 1e-9), math.nextafter(limit, 0.0)]
     return [t for t in inside if t < limit] + outside
 
@@ -55,7 +55,7 @@ def relative_error(value: float, exact: mpmath.mpf) -> float:
     return float(abs(mpmath.mpf(value) - exact) / exact) if exact else abs(value)
 
 
-def condition(mirror: HyperbolicMirror, t: float) -> float:
+def condition_number(mirror: HyperbolicMirror, t: float) -> float:
     """Return by how much the ratio's relative error may exceed that of t: 1 / (1 - kappa t)."""
     return 1.0 / (1.0 - mirror.kappa * t)
 
@@ -79,7 +79,7 @@ def test_asymptote_when_the_paper_s_is_at_155_405263_degrees() -> None:
 
 
 def test_radius_at_the_horizon_is_the_semi_latus_rectum() -> None:
-    r, z = PAPER.surface(np.array(1.0))
+    r, z = PAPER.surface_point(np.array(1.0))
     assert r == pytest.approx(0.2210795892, abs=5e-11)
     assert z == 0.0
 
@@ -98,7 +98,7 @@ def test_radius_at_the_horizon_is_the_semi_latus_rectum() -> None:
 def test_ratio_when_of_the_table_s_angles_has_its_digits(
     degrees: float, exact: float, eq2: float
 ) -> None:
-    t = np.array(t_at(degrees))
+    t = np.array(t_from_degrees(degrees))
     assert PAPER.radius_ratio_from_t(t) == pytest.approx(exact, abs=5.1e-10)
     assert eq2_radius_ratio_from_t(t) == pytest.approx(eq2, abs=5.1e-10)
 
@@ -116,9 +116,9 @@ def test_ratio_when_of_the_table_s_angles_has_its_digits(
 def test_rim_when_of_the_table_s_angles_has_its_radius_and_camera_angle(
     degrees: float, rim_radius: float, psi_deg: float
 ) -> None:
-    r, z = PAPER.surface(np.array(t_at(degrees)))
+    r, z = PAPER.surface_point(np.array(t_from_degrees(degrees)))
     assert r == pytest.approx(rim_radius, abs=5.1e-9)
-    assert math.degrees(math.atan2(r, PAPER.pinhole_m - z)) == pytest.approx(psi_deg, abs=5.1e-4)
+    assert math.degrees(math.atan2(r, PAPER.pinhole_distance_m - z)) == pytest.approx(psi_deg, abs=5.1e-4)
 
 
 def test_eq_2_when_compared_departs_most_below_the_horizon_at_60_degrees() -> None:
@@ -132,16 +132,16 @@ def test_eq_2_when_compared_departs_most_below_the_horizon_at_60_degrees() -> No
 def test_ratio_when_at_hard_places_is_that_of_50_digits(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
     with mpmath.workdps(50):
-        for t in hard_ts(mirror):
+        for t in edge_case_ts(mirror):
             value = float(mirror.radius_ratio_from_t(np.array(t)))
             error = relative_error(value, exact_ratio(mirror, t))
-            assert error <= 8.0 * EPS * condition(mirror, t), (k, t)
+            assert error <= 8.0 * EPS * condition_number(mirror, t), (k, t)
 
 
 @pytest.mark.parametrize("k", KS)
 def test_t_when_read_back_at_hard_places_is_the_same(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
-    for t in hard_ts(mirror):
+    for t in edge_case_ts(mirror):
         back = float(mirror.t_from_radius_ratio(mirror.radius_ratio_from_t(np.array(t))))
         assert back == pytest.approx(t, rel=16.0 * EPS, abs=0.0), (k, t)
 
@@ -151,8 +151,8 @@ def test_t_when_read_back_at_hard_places_is_the_same(k: float) -> None:
 def test_surface_when_at_hard_places_is_that_of_50_digits(k: float, c_m: float) -> None:
     mirror = HyperbolicMirror(k, c_m)
     with mpmath.workdps(50):
-        for t in hard_ts(mirror)[:-2]:
-            r, z = (float(value) for value in mirror.surface(np.array(t)))
+        for t in edge_case_ts(mirror)[:-2]:
+            r, z = (float(value) for value in mirror.surface_point(np.array(t)))
             exact_r, exact_z = exact_mirror_point(mirror, t)
             scale = 1.0 / (1.0 - mirror.kappa * t * t)
             assert relative_error(r, exact_r) <= 8.0 * EPS * scale, (k, t)
@@ -164,8 +164,8 @@ def test_surface_when_at_hard_places_is_that_of_50_digits(k: float, c_m: float) 
 @pytest.mark.parametrize("k", KS)
 def test_eq_1_when_put_in_at_the_surface_is_fulfilled(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
-    for t in hard_ts(mirror)[:-2]:
-        r, z = (float(value) for value in mirror.surface(np.array(t)))
+    for t in edge_case_ts(mirror)[:-2]:
+        r, z = (float(value) for value in mirror.surface_point(np.array(t)))
         c = mirror.c_m
         squares = ((z - 0.5 * c) ** 2, r * r * (0.5 * k - 1.0), 0.25 * c * c * (k - 2.0) / k)
         # z is known to eps c, but lies nearer than that to c / 2 where the mirror is nearly flat.
@@ -177,13 +177,13 @@ def test_eq_1_when_put_in_at_the_surface_is_fulfilled(k: float) -> None:
 @pytest.mark.parametrize("k", KS[2:])
 def test_ray_when_aimed_at_the_viewpoint_reflects_to_the_pinhole(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
-    t = np.array([t for t in hard_ts(mirror)[:-2] if t > 1e-9])
-    r, z = mirror.surface(t)
+    t = np.array([t for t in edge_case_ts(mirror)[:-2] if t > 1e-9])
+    r, z = mirror.surface_point(t)
     normal = np.stack((-r * (0.5 * k - 1.0), z - 0.5 * mirror.c_m), axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     inward = -np.stack((r, z), axis=-1) / np.hypot(r, z)[:, None]
     reflected = inward - 2.0 * np.einsum("ij,ij->i", inward, normal)[:, None] * normal
-    to_pinhole = np.stack((-r, mirror.pinhole_m - z), axis=-1)
+    to_pinhole = np.stack((-r, mirror.pinhole_distance_m - z), axis=-1)
     cross = reflected[:, 0] * to_pinhole[:, 1] - reflected[:, 1] * to_pinhole[:, 0]
     sine = cross / np.hypot(*to_pinhole.T)
     # Double precision in the reflection itself; the mirror point is known better.

@@ -24,13 +24,13 @@ def test_ratio_is_eq_2_and_its_own_inverse() -> None:
 
 
 def test_surface_lies_on_the_paraboloid_and_on_the_ray() -> None:
-    r, z = MIRROR.surface(T)
+    r, z = MIRROR.surface_point(T)
     np.testing.assert_allclose(z, (0.05**2 - r**2) / 0.1, rtol=1e-14, atol=1e-17)
     np.testing.assert_allclose(r * (1.0 - T**2), z * 2.0 * T, rtol=1e-14, atol=1e-17)
 
 
 def test_ray_when_aimed_at_the_viewpoint_leaves_along_the_axis() -> None:
-    r, z = MIRROR.surface(T)
+    r, z = MIRROR.surface_point(T)
     normal = np.stack((r / 0.05, np.ones_like(r)), axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     inward = -np.stack((r, z), axis=-1) / np.hypot(r, z)[:, None]
@@ -46,7 +46,7 @@ def test_slope_is_the_derivative() -> None:
 
 
 def test_camera_is_orthographic_and_sees_all_but_the_antipode() -> None:
-    assert (MIRROR.pinhole_m, MIRROR.t_limit) == (math.inf, math.inf)
+    assert (MIRROR.pinhole_distance_m, MIRROR.t_limit) == (math.inf, math.inf)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.effects.shared.grey_levels import change_by_gain, change_by_offset, grey_level
+from catoptra_server.effects.shared.grey_levels import max_change_by_gain, max_change_by_offset, grey_level
 from catoptra_server.scene.colour import srgb_from_linear
 
 LIGHT = np.concatenate((np.geomspace(1e-6, 20.0, 40001), [1.0]))
@@ -14,7 +14,7 @@ LIGHT = np.concatenate((np.geomspace(1e-6, 20.0, 40001), [1.0]))
 def test_change_by_gain_is_the_largest_of_all_greys(gain: float, largest: float) -> None:
     light = np.append(LIGHT[LIGHT <= largest], largest)
     changes = 255.0 * np.abs(srgb_from_linear(gain * light) - srgb_from_linear(light))
-    assert changes.max() == pytest.approx(change_by_gain(gain, largest), rel=2e-3, abs=2e-3)
+    assert changes.max() == pytest.approx(max_change_by_gain(gain, largest), rel=2e-3, abs=2e-3)
 
 
 @pytest.mark.parametrize("largest", [1e-4, 0.02, 1.0, 20.0])
@@ -22,7 +22,7 @@ def test_change_by_offset_is_the_largest_of_all_greys(largest: float) -> None:
     light = np.append(LIGHT[LIGHT <= largest], largest)
     for offset in (0.003, -0.003):
         changes = 255.0 * np.abs(srgb_from_linear(light + offset) - srgb_from_linear(light))
-        assert changes.max() <= change_by_offset(lambda x: np.full_like(x, 0.003), largest) + 1e-3
+        assert changes.max() <= max_change_by_offset(lambda x: np.full_like(x, 0.003), largest) + 1e-3
 
 
 def test_grey_level_is_the_curves() -> None:

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import FACE_AXES, Face, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face, face_coordinates, face_from_direction
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import parts_by_density, parts_of_size
+from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import Atlas, pack_atlas
-from helpers.worlds import omni_camera
+from helpers.worlds import make_omni_camera
 
 
 def atlas(limit_deg: float, *, size: int = 64, max_texels: int = 16384) -> Atlas:
-    parts = parts_of_size(math.radians(limit_deg), size)
-    return pack_atlas(parts, guard=2, max_texels=max_texels)
+    parts = regions_of_size(math.radians(limit_deg), size)
+    return pack_atlas(parts, guard_texels=2, max_texels=max_texels)
 
 
 def dense_atlas(rim_deg: float) -> Atlas:
-    camera = omni_camera(rim_deg=rim_deg)
-    parts = parts_by_density(camera, camera.rim_rad, texels_per_px=1.0)
-    return pack_atlas(parts, guard=2, max_texels=16384)
+    camera = make_omni_camera(rim_deg=rim_deg)
+    parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
+    return pack_atlas(parts, guard_texels=2, max_texels=16384)
 
 
 def directions_up_to(limit_deg: float) -> Floats:
@@ -42,7 +42,7 @@ def test_faces_that_nothing_sees_have_no_cell(limit_deg: float, cells: int) -> N
 
 def test_rows_above_the_rim_have_no_texels() -> None:
     # t = -tan 30 deg sqrt 2 = -0.816: 26 of 32 rows above the horizon, 32 below, twice the guard.
-    side = next(cell for cell in atlas(120.0).cells if cell.part.face is Face.N)
+    side = next(cell for cell in atlas(120.0).cells if cell.region.face is Face.N)
     assert side.height == math.ceil(32 * (1.0 + math.tan(math.radians(30.0)) * math.sqrt(2.0))) + 4
     assert side.width == 68
 
@@ -68,10 +68,10 @@ def test_projection_puts_a_direction_on_its_texel(rim_deg: float) -> None:
     packed = dense_atlas(rim_deg)
     rng = np.random.default_rng(3)
     for cell in packed.cells:
-        window = cell.part.window
+        window = cell.region.window
         low, high = (window.left, window.top), (window.right, window.bottom)
         st = rng.uniform(low, high, (50, 2))
-        directions = np.column_stack((np.ones(len(st)), st)) @ FACE_AXES[cell.part.face].T
+        directions = np.column_stack((np.ones(len(st)), st)) @ MIRROR_FROM_FACE_ROTATIONS[cell.region.face].T
         x, y, w = cell.clip_from_mirror @ (2.5 * directions.T)
         texel_x = cell.x + 0.5 * (x / w + 1.0) * cell.width
         texel_y = cell.y + 0.5 * (y / w + 1.0) * cell.height
@@ -97,7 +97,7 @@ def test_place_of_a_direction_is_on_the_face_that_the_cube_names() -> None:
     packed = atlas(130.0)
     directions = np.random.default_rng(5).normal(size=(2000, 3))
     face = face_from_direction(directions)
-    places = {cell.part.face: cell.place for cell in packed.cells}
+    places = {cell.region.face: cell.texel_transform for cell in packed.cells}
     middle, per_unit = np.split(np.array([places[Face(f)] for f in face]), 2, axis=-1)
     expected = middle + face_coordinates(directions, face) * per_unit
     assert packed.texels_from_direction(directions) == pytest.approx(expected, abs=1e-9)
@@ -106,7 +106,7 @@ def test_place_of_a_direction_is_on_the_face_that_the_cube_names() -> None:
 def test_spread_is_the_distance_of_the_farthest_corner_one_metre_ahead() -> None:
     cell = atlas(130.0).cells[0]
     edge = 1.0 + 2.0 * 2 / 64
-    assert cell.spread == pytest.approx(math.sqrt(1.0 + 2.0 * edge**2))
+    assert cell.max_depth_ratio == pytest.approx(math.sqrt(1.0 + 2.0 * edge**2))
 
 
 @pytest.mark.parametrize(("size", "limit"), [(17000, 16384), (9000, 16384)])

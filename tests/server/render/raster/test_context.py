@@ -17,7 +17,7 @@ def test_missing_library_is_named_with_the_packages_that_bring_it(
     monkeypatch.setattr(module, library, "libabsent.so.1")
     with pytest.raises(OpenGLMissingError, match="libgl1 libegl1 libgl1-mesa-dri") as caught:
         open_device()
-    assert caught.value.what.startswith("libabsent.so.1 cannot be loaded")
+    assert caught.value.reason.startswith("libabsent.so.1 cannot be loaded")
 
 
 def test_context_that_cannot_be_made_is_told_with_the_reason(

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.chunks import make_chunks
+from catoptra_server.render.chunks import make_clusters
 from catoptra_server.render.raster.depth import (
-    FARTHEST_NEAR_M,
-    NEAREST_M,
+    MAX_NEAR_M,
+    MIN_NEAR_M,
     DepthRange,
-    Surroundings,
+    DepthRangeFinder,
 )
 
 SPREAD = math.sqrt(3.0)
 
 
 def near_and_far(corners: Floats, viewpoint: tuple[float, float, float]) -> DepthRange:
-    chunks = make_chunks(corners, np.zeros(len(corners), dtype=np.intp))
-    surroundings = Surroundings(chunks, corners)
-    return surroundings.depth_range(np.asarray(viewpoint, dtype=np.float64), spread=SPREAD)
+    chunks = make_clusters(corners, np.zeros(len(corners), dtype=np.intp))
+    surroundings = DepthRangeFinder(chunks, corners)
+    return surroundings.find_range(np.asarray(viewpoint, dtype=np.float64), max_depth_ratio=SPREAD)
 
 
 def wall(turn_rad: float) -> Floats:
@@ -41,11 +41,11 @@ def test_near_plane_lies_before_a_wall_however_it_is_turned(
 
 
 def test_near_plane_in_the_open_is_as_far_as_it_is_of_use() -> None:
-    assert near_and_far(wall(0.0), (0.0, 3.0, 0.0)).near_m == FARTHEST_NEAR_M
+    assert near_and_far(wall(0.0), (0.0, 3.0, 0.0)).near_m == MAX_NEAR_M
 
 
 def test_near_plane_in_a_surface_is_the_nearest() -> None:
-    assert near_and_far(wall(0.0), (0.0, 0.0, 0.0)).near_m == NEAREST_M
+    assert near_and_far(wall(0.0), (0.0, 0.0, 0.0)).near_m == MIN_NEAR_M
 
 
 def test_far_plane_holds_the_farthest_corner() -> None:
@@ -69,15 +69,15 @@ def test_clip_depth_is_minus_w_and_w_on_the_planes() -> None:
 def test_what_is_beside_the_scene_widens_the_range() -> None:
     at = np.array([0.0, 3.0, 0.0])
     corners = wall(0.0)
-    surroundings = Surroundings(make_chunks(corners, np.zeros(2, dtype=np.intp)), corners)
-    depth = surroundings.depth_range(at, spread=SPREAD, beside=(0.05, 70.0))
+    surroundings = DepthRangeFinder(make_clusters(corners, np.zeros(2, dtype=np.intp)), corners)
+    depth = surroundings.find_range(at, max_depth_ratio=SPREAD, object_distances_m=(0.05, 70.0))
     assert depth.near_m == pytest.approx(0.05 / SPREAD)
     assert depth.far_m > 70.0
 
 
 def test_what_is_beside_an_empty_scene_has_a_range_of_its_own() -> None:
     corners = np.zeros((0, 3, 3))
-    surroundings = Surroundings(make_chunks(corners, np.zeros(0, dtype=np.intp)), corners)
-    depth = surroundings.depth_range(np.zeros(3), spread=SPREAD, beside=(0.05, 70.0))
+    surroundings = DepthRangeFinder(make_clusters(corners, np.zeros(0, dtype=np.intp)), corners)
+    depth = surroundings.find_range(np.zeros(3), max_depth_ratio=SPREAD, object_distances_m=(0.05, 70.0))
     assert depth.near_m == pytest.approx(0.05 / SPREAD)
     assert depth.far_m > 70.0

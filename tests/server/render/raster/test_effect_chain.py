@@ -8,32 +8,32 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects.decide import decide
-from catoptra_server.effects.effect import Effect, EffectWishes, Mode, Wish
+from catoptra_server.effects.decide import plan_effects
+from catoptra_server.effects.effect import ImageEffect, EffectSettings, EffectMode, EffectSetting
 from catoptra_server.effects.motion_blur import MotionBlur
 from catoptra_server.effects.rolling_shutter import RollingShutter
-from catoptra_server.plan.render_plan import PerPixel, Surface
+from catoptra_server.plan.render_plan import PerPixel, MirrorSurface
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.staging import staged
-from catoptra_server.render.summaries import SceneSummaries
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.staging import apply_scene_effects
+from catoptra_server.render.summaries import SceneSummarizer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.motion import Twist
-from helpers.effects import CAMERA, effect_of
+from helpers.effects import CAMERA, make_effect
 from helpers.pictures import level_differences
-from helpers.worlds import VIEW, raster_plan, room
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
-NOISY = (effect_of("Vignetting"), effect_of("ShotNoise"), effect_of("ReadNoise"))
-METERED = (effect_of("AutoExposure"),)
+NOISY = (make_effect("Vignetting"), make_effect("ShotNoise"), make_effect("ReadNoise"))
+METERED = (make_effect("AutoExposure"),)
 
 
 @pytest.fixture
 def renderer(device: GlDevice) -> RasterRenderer:
-    world = room()
+    world = make_test_world()
     return RasterRenderer(build_scene(world), world, device=device)
 
 
@@ -47,24 +47,24 @@ def renderer(device: GlDevice) -> RasterRenderer:
 )
 def test_view_when_effects_run_has_a_pass_and_a_program_for_each(
     renderer: RasterRenderer,
-    effects: tuple[Effect, ...],
+    effects: tuple[ImageEffect, ...],
     passes: tuple[str, ...],
     programs: int,
 ) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    before = len(renderer.programs_built)
-    assert tuple(view.draw(VIEW, effects).stage_ms) == (*passes, "readback")
-    assert view.passes == passes
-    assert len(renderer.programs_built) - before == programs
-    assert view.pictures == 1
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    before = len(renderer.program_names)
+    assert tuple(view.render(CAMERA_STATE, effects).stage_ms) == (*passes, "readback")
+    assert view.pass_names == passes
+    assert len(renderer.program_names) - before == programs
+    assert view.num_sequences == 1
     view.close()
 
 
 def test_view_when_no_effect_is_asked_for_has_what_it_always_had(renderer: RasterRenderer) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    view.draw(VIEW)
-    assert view.passes == ("faces", "mirror")
-    assert not [name for name in renderer.programs_built if "effect" in name or "LINEAR" in name]
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    view.render(CAMERA_STATE)
+    assert view.pass_names == ("faces", "mirror")
+    assert not [name for name in renderer.program_names if "effect" in name or "LINEAR" in name]
     view.close()
 
 
@@ -76,8 +76,8 @@ def test_chain_however_long_has_two_pictures_at_most(
     with context:
         target = context.framebuffer([context.renderbuffer((96, 96), 3)])
         made = counted(context)
-        effects = (effect_of("Vignetting"),) * count
-        chain = EffectChain(context, Programs(context), effects, CAMERA, target)
+        effects = (make_effect("Vignetting"),) * count
+        chain = EffectChain(context, ShaderPrograms(context), effects, CAMERA, target)
         assert len(made) == pictures
         chain.close()
 
@@ -96,48 +96,48 @@ def counted(context: moderngl.Context) -> list[moderngl.Texture]:
     return made
 
 
-@pytest.mark.parametrize("surface", [PerPixel(), PolygonSplit(16, 16)])
+@pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_picture_when_no_effect_changes_it_is_the_usual_one(
-    renderer: RasterRenderer, surface: Surface, samples: int
+    renderer: RasterRenderer, surface: MirrorSurface, samples: int
 ) -> None:
-    plan = raster_plan(CAMERA, surface, samples=samples)
+    plan = make_plan(CAMERA, surface, samples=samples)
     view = renderer.prepare(CAMERA, plan)
-    usual = view.draw(VIEW).rgb
-    encoded = srgb_from_linear(view.draw_linear(VIEW).astype(np.float64))
+    usual = view.render(CAMERA_STATE).rgb
+    encoded = srgb_from_linear(view.render_linear(CAMERA_STATE).astype(np.float64))
     assert level_differences(usual, np.rint(255.0 * encoded).astype(np.uint8)).max() <= 1
     view.close()
 
 
 def test_frame_when_drawn_twice_has_the_same_bytes(renderer: RasterRenderer) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    np.testing.assert_array_equal(view.draw(VIEW, NOISY).rgb, view.draw(VIEW, NOISY).rgb)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    np.testing.assert_array_equal(view.render(CAMERA_STATE, NOISY).rgb, view.render(CAMERA_STATE, NOISY).rgb)
     view.close()
 
 
 def test_view_when_effects_change_keeps_the_last_four_lists_ready(
     renderer: RasterRenderer,
 ) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
     for effects in (NOISY, METERED, NOISY, NOISY[:1], NOISY[1:], NOISY[:2], NOISY):
-        view.draw(VIEW, effects)
-    assert view.pictures == 4
+        view.render(CAMERA_STATE, effects)
+    assert view.num_sequences == 4
     view.close()
 
 
 def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRenderer) -> None:
-    world = room()
+    world = make_test_world()
     moving = (RollingShutter(0.05), MotionBlur(1.0 / 60.0))
-    named = EffectWishes(tuple(Wish(effect, Mode.AUTO) for effect in (*moving, *NOISY)))
-    summaries = SceneSummaries(build_scene(world), world)
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
+    named = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in (*moving, *NOISY)))
+    summaries = SceneSummarizer(build_scene(world), world)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
     built: dict[bool, object] = {}
     faster = (0.0, *np.geomspace(0.03, 3.0, 9))
     for speed_m_s in (*faster, *reversed(faster)) * 3:
-        exposure = replace(VIEW, twist=Twist((speed_m_s, 0.0, 0.0)))
-        plan = decide(named, summaries.of(exposure, CAMERA), CAMERA)
-        lasting = staged(exposure, plan)
-        view.draw(lasting, plan.active)
-        assert built.setdefault(lasting.shutter is None, view.steps[-1]) is view.steps[-1]
+        exposure = replace(CAMERA_STATE, twist=Twist((speed_m_s, 0.0, 0.0)))
+        plan = plan_effects(named, summaries.summarize(exposure, CAMERA), CAMERA)
+        lasting = apply_scene_effects(exposure, plan)
+        view.render(lasting, plan.image_effects)
+        assert built.setdefault(lasting.shutter is None, view.active_passes[-1]) is view.active_passes[-1]
     assert len(built) == 2
     view.close()

@@ -5,7 +5,7 @@ import pytest
 
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec
 from catoptra_server.scene.description import PointLight
 
 LAMPS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
@@ -13,12 +13,12 @@ LAMPS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
 
 def uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
     viewpoint, origin = np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    return FrameUniforms.of(viewpoint, (1.0, -2.0), lights=lights, origin=origin)
+    return FrameUniforms.from_viewpoint(viewpoint, (1.0, -2.0), lights=lights, origin=origin)
 
 
 def test_lights_are_placed_relative_to_the_viewpoint() -> None:
-    assert uniforms(LAMPS).light_place.tolist() == [[0.5, 1.0, 3.0]]
-    assert uniforms(()).light_place.shape == (0, 3)
+    assert uniforms(LAMPS).light_positions.tolist() == [[0.5, 1.0, 3.0]]
+    assert uniforms(()).light_positions.shape == (0, 3)
 
 
 @pytest.mark.parametrize("lights", [(), LAMPS])
@@ -26,6 +26,6 @@ def test_programs_with_and_without_lights_take_them(
     device: GlDevice, lights: tuple[PointLight, ...]
 ) -> None:
     define = (("POINT_LIGHTS", len(lights)),) if lights else ()
-    program = Programs(device.context).get(ProgramSpec("face", "face", define))
-    uniforms(lights).set_on(program)
+    program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
+    uniforms(lights).apply_to(program)
     assert program["depth_from_forward"].value == (1.0, -2.0)

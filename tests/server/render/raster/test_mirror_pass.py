@@ -6,41 +6,41 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.mirror_pass import polygon_around_rim
+from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import omni_camera, raster_plan
+from helpers.worlds import make_omni_camera, make_plan
 
 # Off centre, not square, cut by the image: nothing of the mirror may be left out.
 OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 40.0, 2.0, 0.4)
 
 
-@pytest.mark.parametrize("camera", [omni_camera(), OFF_CENTRE], ids=["centred", "off centre"])
+@pytest.mark.parametrize("camera", [make_omni_camera(), OFF_CENTRE], ids=["centred", "off centre"])
 def test_polygon_holds_every_sample_that_sees_the_mirror(camera: OmniCamera) -> None:
     size = np.array((camera.width_px, camera.height_px))
-    corners = 0.5 * (polygon_around_rim(camera) + 1.0) * size
+    corners = 0.5 * (rim_polygon(camera) + 1.0) * size
     along = np.roll(corners, -1, axis=0) - corners
     outwards = np.stack((along[:, 1], -along[:, 0]), axis=-1)
     # A pixel is drawn where its centre is inside, and then for all its samples.
-    _, seen = direction_from_pixel(camera, pixel_centres(camera, 4))
-    centres = pixel_centres(camera)[:, :, 0][seen.any(axis=-1)]
+    _, seen = direction_from_pixel(camera, pixel_sample_positions(camera, 4))
+    centres = pixel_sample_positions(camera)[:, :, 0][seen.any(axis=-1)]
     beyond = np.einsum("pci,ci->pc", centres[:, None] - corners, outwards)
     assert (beyond <= 0.0).all()
 
 
 def test_more_samples_than_a_texture_holds_are_refused(device: GlDevice) -> None:
-    camera = omni_camera(width_px=1100)
+    camera = make_omni_camera(width_px=1100)
     renderer = RasterRenderer(build_scene(World("empty", ())), World("empty", ()), device=device)
     with pytest.raises(DomainError, match=r"16\^2 samples of 1100 x 1100 px are too many"):
-        renderer.prepare(camera, raster_plan(camera, samples=16, face_size_px=32))
+        renderer.prepare(camera, make_plan(camera, samples=16, face_size_px=32))
 
 
 def test_polygon_follows_the_image_centre() -> None:
-    camera = omni_camera()
+    camera = make_omni_camera()
     aside = replace(camera, centre_px=(camera.centre_px[0] + 10.0, camera.centre_px[1]))
-    shift = polygon_around_rim(aside) - polygon_around_rim(camera)
+    shift = rim_polygon(aside) - rim_polygon(camera)
     assert shift == pytest.approx(np.broadcast_to((2.0 * 10.0 / camera.width_px, 0.0), (16, 2)))

@@ -5,13 +5,13 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.passes import LINEAR_STORAGE, AveragePass, Output
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.raster.passes import LINEAR_DTYPE, AveragePass, OutputImage
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.colour import srgb_from_linear
 
 WIDTH, HEIGHT = 5, 3  # an odd width: rows of 15 bytes are aligned to nothing
-EXPOSURE = Exposure(Pose.identity())
+EXPOSURE = CameraState(Pose.identity())
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3])
@@ -19,9 +19,9 @@ def test_average_is_taken_in_linear_light_and_encoded(device: GlDevice, samples:
     context = device.context
     size = (samples * WIDTH, samples * HEIGHT)
     light = np.random.default_rng(0).uniform(0.0, 1.0, (size[1], size[0], 4)).astype(np.float16)
-    picture = context.texture(size, 4, light.tobytes(), dtype=LINEAR_STORAGE)
-    output = Output(context, WIDTH, HEIGHT)
-    AveragePass(context, Programs(context), picture, samples, output.target).draw(EXPOSURE)
+    picture = context.texture(size, 4, light.tobytes(), dtype=LINEAR_DTYPE)
+    output = OutputImage(context, WIDTH, HEIGHT)
+    AveragePass(context, ShaderPrograms(context), picture, samples, output.target).draw(EXPOSURE)
     blocks = light.astype(np.float64).reshape(HEIGHT, samples, WIDTH, samples, 4)
     expected = 255.0 * srgb_from_linear(blocks.mean(axis=(1, 3))[..., :3])
     assert np.abs(output.read() - expected).max() < 0.52  # half a level and the shader's pow
@@ -31,14 +31,14 @@ def test_light_beyond_white_counts_in_the_average(device: GlDevice) -> None:
     context = device.context
     light = np.zeros((2, 2, 4), dtype=np.float16)
     light[0, 0] = 4.0
-    picture = context.texture((2, 2), 4, light.tobytes(), dtype=LINEAR_STORAGE)
-    output = Output(context, 1, 1)
-    AveragePass(context, Programs(context), picture, 2, output.target).draw(EXPOSURE)
+    picture = context.texture((2, 2), 4, light.tobytes(), dtype=LINEAR_DTYPE)
+    output = OutputImage(context, 1, 1)
+    AveragePass(context, ShaderPrograms(context), picture, 2, output.target).draw(EXPOSURE)
     assert output.read().tolist() == [[[255, 255, 255]]]
 
 
 def test_picture_that_was_read_is_its_own_and_read_only(device: GlDevice) -> None:
-    output = Output(device.context, WIDTH, HEIGHT)
+    output = OutputImage(device.context, WIDTH, HEIGHT)
     output.target.clear(1.0, 0.0, 0.0)
     red = output.read()
     output.target.clear(0.0, 1.0, 0.0)
@@ -49,7 +49,7 @@ def test_picture_that_was_read_is_its_own_and_read_only(device: GlDevice) -> Non
 
 
 def test_row_zero_of_the_target_is_the_top_of_the_picture(device: GlDevice) -> None:
-    output = Output(device.context, WIDTH, HEIGHT)
+    output = OutputImage(device.context, WIDTH, HEIGHT)
     output.target.clear()
     output.target.clear(1.0, 1.0, 1.0, viewport=(0, 0, WIDTH, 1))
     assert output.read()[:, 0, 0].tolist() == [255, 0, 0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_uniform, source
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_uniform, load_source
 
 ROOT = Path(str(files("catoptra_server") / "glsl"))
 SHADERS = sorted(path for path in ROOT.rglob("*") if path.is_file())
@@ -26,26 +26,26 @@ def test_shader_file_says_what_it_provides_and_names_its_twin(path: Path) -> Non
 
 
 def test_source_puts_version_and_definitions_first() -> None:
-    lines = source("average.frag", (("SAMPLES", 3),)).splitlines()
+    lines = load_source("average.frag", (("SAMPLES", 3),)).splitlines()
     assert lines[:2] == ["#version 330 core", "#define SAMPLES 3"]
 
 
 def test_source_resolves_includes_to_the_end() -> None:
-    text = source("polygon_places.frag", (("FACES", 5),))
+    text = load_source("polygon_places.frag", (("FACES", 5),))
     assert "#include" not in text
     assert text.count("vec2 atlas_position(vec3 direction)\n{") == 1
 
 
 def test_program_is_built_once_and_counted(device: GlDevice) -> None:
-    programs = Programs(device.context)
-    assert programs.built == ()
+    programs = ShaderPrograms(device.context)
+    assert programs.names == ()
     spec = ProgramSpec("cover", "average", (("SAMPLES", 2),))
     assert programs.get(spec) is programs.get(spec)
-    assert programs.built == ("average SAMPLES=2",)
+    assert programs.names == ("average SAMPLES=2",)
 
 
 def test_uniform_array_is_written_whole(device: GlDevice) -> None:
     define = (("POINT_LIGHTS", 2),)
-    program = Programs(device.context).get(ProgramSpec("face", "face", define))
+    program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
     set_uniform(program, "light_place", np.arange(6.0).reshape(2, 3))
     assert program["light_place"].value == [(0.0, 1.0, 2.0), (3.0, 4.0, 5.0)]

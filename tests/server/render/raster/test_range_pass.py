@@ -7,29 +7,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.mirror_pass import law_places
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.mirror_pass import make_lookup_texture
+from catoptra_server.render.raster.programs import ShaderPrograms
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from helpers.effects import BODY, CAMERA, effect_of
-from helpers.ranges import ABOVE, EYE_M, FLOOR, Ranges, traced
-from helpers.worlds import VIEW, raster_plan, room
+from helpers.effects import DYNAMIC_OBJECT, CAMERA, make_effect
+from helpers.ranges import CAMERA_ABOVE_FLOOR, VIEWPOINT_HEIGHT_M, FLOOR, Ranges, trace_ranges
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def rastered(world: World, exposure: Exposure, device: GlDevice) -> Ranges:
+def rastered(world: World, exposure: CameraState, device: GlDevice) -> Ranges:
     with device.context as context:
-        programs = Programs(context)
+        programs = ShaderPrograms(context)
         scene = SceneBuffers(context, programs, build_scene(world), world)
-        atlas = pack_atlas(raster_plan(CAMERA).face_parts, guard=GUARD_TEXELS, max_texels=4096)
-        places = law_places(context, CAMERA, atlas, 1)
+        atlas = pack_atlas(make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096)
+        places = make_lookup_texture(context, CAMERA, atlas, 1)
         step = RangePass(context, programs, scene, atlas, CAMERA, places)
         step.draw(exposure)
         seen = step.read()
@@ -39,32 +39,32 @@ def rastered(world: World, exposure: Exposure, device: GlDevice) -> Ranges:
 
 
 def test_range_when_over_a_level_floor_is_that_of_the_law(device: GlDevice) -> None:
-    directions, on_mirror = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[..., 0, :])
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     down = directions[..., 2]
     near = on_mirror & (down > 0.1)
-    seen = rastered(FLOOR, ABOVE, device)
+    seen = rastered(FLOOR, CAMERA_ABOVE_FLOOR, device)
     assert not np.isfinite(seen[~on_mirror | (down < 0.0)]).any()
-    ratio = seen[near] * down[near] / EYE_M
+    ratio = seen[near] * down[near] / VIEWPOINT_HEIGHT_M
     # Half a texel of an atlas of a texel a pixel, where the floor is seen at six degrees.
     assert np.abs(ratio - 1.0).max() < 0.2
     assert np.median(np.abs(ratio - 1.0)) < 0.01
 
 
 def test_renderers_when_a_body_is_in_view_see_as_far_at_the_same_pixels(device: GlDevice) -> None:
-    exposure = replace(VIEW, bodies=(BODY,))
-    trace, raster = traced(room(), exposure), rastered(room(), exposure, device)
+    exposure = replace(CAMERA_STATE, bodies=(DYNAMIC_OBJECT,))
+    trace, raster = trace_ranges(make_test_world(), exposure), rastered(make_test_world(), exposure, device)
     with np.errstate(invalid="ignore"):
         close = np.isclose(trace, raster, rtol=0.05)
     assert close.mean() > 0.95
 
 
 def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None:
-    world = room()
+    world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    view.draw(VIEW, (effect_of("Vignetting"),))
-    assert "ranges" not in view.passes
-    assert not [name for name in renderer.programs_built if "range" in name]
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    view.render(CAMERA_STATE, (make_effect("Vignetting"),))
+    assert "ranges" not in view.pass_names
+    assert not [name for name in renderer.program_names if "range" in name]
     view.close()
 
 
@@ -72,10 +72,10 @@ def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None
 def test_bodies_when_they_come_and_go_are_seen_before_the_floor(
     count: int, device: GlDevice
 ) -> None:
-    bodies = (BODY, replace(BODY, world_from_body=Pose.from_rpy((-1.0, -0.5, -0.3))))[:count]
+    bodies = (DYNAMIC_OBJECT, replace(DYNAMIC_OBJECT, world_from_body=Pose.from_rpy((-1.0, -0.5, -0.3))))[:count]
     alone, seen = (
-        rastered(FLOOR, ABOVE, device),
-        rastered(FLOOR, replace(ABOVE, bodies=bodies), device),
+        rastered(FLOOR, CAMERA_ABOVE_FLOOR, device),
+        rastered(FLOOR, replace(CAMERA_ABOVE_FLOOR, bodies=bodies), device),
     )
     assert (seen <= alone).all()
     nearer = (seen < alone).sum()

@@ -11,31 +11,31 @@ from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.optics.cube import Face
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.plan.render_plan import PerPixel, Surface
+from catoptra_server.plan.render_plan import PerPixel, MirrorSurface
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.renderer import Exposure, FaceCamera, Image
+from catoptra_server.render.renderer import CameraState, FaceCamera, Image
 from catoptra_server.scene.description import Box, Item, Material, World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import PolygonSplit
+from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.pictures import level_differences
-from helpers.worlds import SKY, VIEW, moved, omni_camera, raster_plan, room
+from helpers.worlds import HEMISPHERE_LIGHT, CAMERA_STATE, translate_world, make_omni_camera, make_plan, make_test_world
 
-CAMERA = omni_camera(width_px=120)
-HERE = Exposure(Pose.identity())
+CAMERA = make_omni_camera(width_px=120)
+HERE = CameraState(Pose.identity())
 
 
 @pytest.fixture(scope="module")
 def renderer(device: GlDevice) -> RasterRenderer:
-    world = room()
+    world = make_test_world()
     return RasterRenderer(build_scene(world), world, device=device)
 
 
-def picture(device: GlDevice, world: World, exposure: Exposure) -> Image:
+def picture(device: GlDevice, world: World, exposure: CameraState) -> Image:
     view = RasterRenderer(build_scene(world), world, device=device).prepare(
-        CAMERA, raster_plan(CAMERA)
+        CAMERA, make_plan(CAMERA)
     )
-    image = view.draw(exposure).rgb
+    image = view.render(exposure).rgb
     view.close()
     return image
 
@@ -43,7 +43,7 @@ def picture(device: GlDevice, world: World, exposure: Exposure) -> Image:
 def box_at(x: float, y: float, z: float, *, size: float = 0.4) -> World:
     red = Material((1.0, 0.0, 0.0), unlit=True)
     item = Item("box", Box((size, size, size)), Pose.from_rpy((x, y, z)), red)
-    return World("box", (item,), lights=(SKY,), background=(0.0, 0.0, 1.0))
+    return World("box", (item,), lights=(HEMISPHERE_LIGHT,), background=(0.0, 0.0, 1.0))
 
 
 def red_middle(image: Image) -> tuple[float, float]:
@@ -65,61 +65,61 @@ def test_thing_appears_mirrored_where_the_law_puts_it(
     [
         (PerPixel(), 1, ("faces", "mirror")),
         (PerPixel(), 3, ("faces", "mirror")),
-        (PolygonSplit(8, 8), 1, ("faces", "mirror")),
-        (PolygonSplit(64, 64), 2, ("faces", "mirror")),
+        (Tessellation(8, 8), 1, ("faces", "mirror")),
+        (Tessellation(64, 64), 2, ("faces", "mirror")),
     ],
 )
 def test_view_has_the_passes_that_its_plan_needs_and_times_each(
-    renderer: RasterRenderer, surface: Surface, samples: int, passes: tuple[str, ...]
+    renderer: RasterRenderer, surface: MirrorSurface, samples: int, passes: tuple[str, ...]
 ) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA, surface, samples=samples))
-    assert tuple(view.draw(VIEW).stage_ms) == (*passes, "readback")
-    assert view.passes == passes
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, surface, samples=samples))
+    assert tuple(view.render(CAMERA_STATE).stage_ms) == (*passes, "readback")
+    assert view.pass_names == passes
     view.close()
 
 
 def test_programs_are_shared_by_views_of_one_kind(renderer: RasterRenderer) -> None:
-    first = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    picture = first.draw(VIEW).rgb
-    built = renderer.programs_built
-    second = renderer.prepare(omni_camera(width_px=64), raster_plan(omni_camera(width_px=64)))
-    assert picture.shape != second.draw(VIEW).rgb.shape
-    assert renderer.programs_built == built
+    first = renderer.prepare(CAMERA, make_plan(CAMERA))
+    picture = first.render(CAMERA_STATE).rgb
+    built = renderer.program_names
+    second = renderer.prepare(make_omni_camera(width_px=64), make_plan(make_omni_camera(width_px=64)))
+    assert picture.shape != second.render(CAMERA_STATE).rgb.shape
+    assert renderer.program_names == built
     first.close()
     second.close()
 
 
 def test_views_do_not_disturb_each_other(renderer: RasterRenderer) -> None:
-    other_camera = omni_camera(mirror=ParabolicMirror(0.03), width_px=64, rim_deg=100.0)
-    one = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    alone = one.draw(VIEW).rgb
-    other = renderer.prepare(other_camera, raster_plan(other_camera, samples=2))
+    other_camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=64, rim_deg=100.0)
+    one = renderer.prepare(CAMERA, make_plan(CAMERA))
+    alone = one.render(CAMERA_STATE).rgb
+    other = renderer.prepare(other_camera, make_plan(other_camera, samples=2))
     face = renderer.prepare_face(FaceCamera(Face.C, 40), 2)
     for view in (other, face):
-        view.draw(HERE)
-    assert np.array_equal(one.draw(VIEW).rgb, alone)
+        view.render(HERE)
+    assert np.array_equal(one.render(CAMERA_STATE).rgb, alone)
     for view in (one, other, face):
         view.close()
 
 
 def test_same_exposure_gives_the_same_bytes(renderer: RasterRenderer) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA, face_samples=4))
-    first = view.draw(VIEW).rgb
-    view.draw(HERE)
-    assert np.array_equal(view.draw(VIEW).rgb, first)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, face_samples=4))
+    first = view.render(CAMERA_STATE).rgb
+    view.render(HERE)
+    assert np.array_equal(view.render(CAMERA_STATE).rgb, first)
     view.close()
 
 
 def test_polygons_of_an_orthographic_camera_are_refused(renderer: RasterRenderer) -> None:
-    camera = omni_camera(mirror=ParabolicMirror(0.03))
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03))
     with pytest.raises(DomainError, match="pinhole"):
-        renderer.prepare(camera, raster_plan(camera, PolygonSplit(8, 8)))
+        renderer.prepare(camera, make_plan(camera, Tessellation(8, 8)))
 
 
 def test_world_far_from_the_origin_looks_the_same(device: GlDevice) -> None:
     away = (2.0e6, -1.0e6, 300.0)
-    there = Exposure(Pose.from_rpy(away) @ VIEW.world_from_mirror)
-    near, far = picture(device, room(), VIEW), picture(device, moved(room(), away), there)
+    there = CameraState(Pose.from_rpy(away) @ CAMERA_STATE.world_from_mirror)
+    near, far = picture(device, make_test_world(), CAMERA_STATE), picture(device, translate_world(make_test_world(), away), there)
     # Poses themselves are rounded to 2e-10 m out there: only edges may jump, by a pixel.
     assert (level_differences(near, far) > 1).mean() < 0.002
 
@@ -174,7 +174,7 @@ def test_renderer_is_refused_in_another_thread(renderer: RasterRenderer) -> None
 
     def prepare() -> None:
         try:
-            renderer.prepare(CAMERA, raster_plan(CAMERA))
+            renderer.prepare(CAMERA, make_plan(CAMERA))
         except AssertionError as error:
             errors.append(error)
 

@@ -7,30 +7,30 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.programs import ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import MAX_POINT_LIGHTS, SceneBuffers
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import LAMP, SKY, moved, room, smooth_texture
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, translate_world, make_test_world, write_smooth_texture
 
 
 def programs_for(device: GlDevice, world: World) -> tuple[str, ...]:
-    programs = Programs(device.context)
+    programs = ShaderPrograms(device.context)
     SceneBuffers(device.context, programs, build_scene(world), world).close()
-    return programs.built
+    return programs.names
 
 
 def test_plain_world_builds_the_plain_program_only(device: GlDevice) -> None:
-    assert programs_for(device, room()) == ("face",)
+    assert programs_for(device, make_test_world()) == ("face",)
 
 
 def test_texture_adds_one_program_for_its_group(device: GlDevice, tmp_path: Path) -> None:
-    world = room(texture=smooth_texture(tmp_path / "waves.png"))
+    world = make_test_world(texture=write_smooth_texture(tmp_path / "waves.png"))
     assert programs_for(device, world) == ("face", "face TEXTURED=1")
 
 
 def test_point_light_changes_every_program(device: GlDevice, tmp_path: Path) -> None:
-    world = room(lights=(SKY, LAMP), texture=smooth_texture(tmp_path / "waves.png"))
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png"))
     built = programs_for(device, world)
     assert built == ("face POINT_LIGHTS=1", "face TEXTURED=1 POINT_LIGHTS=1")
 
@@ -40,21 +40,21 @@ def test_empty_world_builds_nothing(device: GlDevice) -> None:
 
 
 def test_too_many_point_lights_are_refused(device: GlDevice) -> None:
-    world = room(lights=(LAMP,) * (MAX_POINT_LIGHTS + 1))
+    world = make_test_world(lights=(POINT_LIGHT,) * (MAX_POINT_LIGHTS + 1))
     with pytest.raises(DomainError, match="at most 100 point lights"):
         programs_for(device, world)
 
 
 def test_largest_number_of_point_lights_compiles(device: GlDevice) -> None:
-    assert programs_for(device, room(lights=(LAMP,) * MAX_POINT_LIGHTS)) == (
+    assert programs_for(device, make_test_world(lights=(POINT_LIGHT,) * MAX_POINT_LIGHTS)) == (
         "face POINT_LIGHTS=100",
     )
 
 
 def test_origin_is_the_middle_of_the_scene(device: GlDevice) -> None:
-    world = moved(room(), (1e4, 0.0, -20.0))
+    world = translate_world(make_test_world(), (1e4, 0.0, -20.0))
     scene = build_scene(world)
-    buffers = SceneBuffers(device.context, Programs(device.context), scene, world)
+    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), scene, world)
     middle = 0.5 * (scene.corners.min((0, 1)) + scene.corners.max((0, 1)))
     assert np.array_equal(buffers.origin, middle)
     buffers.close()

@@ -4,28 +4,28 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_server.render.chunks import make_chunks
+from catoptra_server.render.chunks import make_clusters
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.raster.scene_look import FacetLight, SceneLook, attribute
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.scene_look import FacetLighting, SceneBatches, make_attribute
 from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import LAMP, SKY, SUN, room, smooth_texture
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, make_test_world, write_smooth_texture
 
 
 def test_look_when_light_varies_by_place_alone_has_the_programs_that_need_normals(
     device: GlDevice, tmp_path: Path
 ) -> None:
-    world = room(lights=(SKY, SUN, LAMP), texture=smooth_texture(tmp_path / "t.png"))
+    world = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "t.png"))
     scene = build_scene(world)
-    chunks = make_chunks(scene.corners, (scene.texture_index + 1).astype(np.intp))
-    position = attribute(device.context, scene.corners[chunks.order])
+    chunks = make_clusters(scene.corners, (scene.texture_index + 1).astype(np.intp))
+    position = make_attribute(device.context, scene.corners[chunks.order])
     built = []
     for varying in ((), (("POINT_LIGHTS", 1),)):
-        programs = Programs(device.context)
-        light = FacetLight(world.lights, varying)
-        look = SceneLook(device.context, programs, scene, chunks, position=position, light=light)
+        programs = ShaderPrograms(device.context)
+        light = FacetLighting(world.lights, varying)
+        look = SceneBatches(device.context, programs, scene, chunks, position=position, lighting=light)
         assert len(look.programs) == 2
-        built.append(programs.built)
+        built.append(programs.names)
         look.close()
     assert built == [
         ("face", "face TEXTURED=1"),

@@ -12,60 +12,60 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render import shading
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.raster.shadow_maps import MAX_LAMPS, MAX_SUNS, ShadowMaps
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.shadow_maps import MAX_SHADOWED_POINT_LIGHTS, MAX_SHADOWED_DIRECTIONAL_LIGHTS, ShadowMaps
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.description import DirectionalLight, Light, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
-from helpers.shadows import DUSK, LAMP, SUN, box_at, floor, world_of
-from helpers.worlds import omni_camera, raster_plan
+from helpers.shadows import HEMISPHERE_LIGHT, POINT_LIGHT, DIRECTIONAL_LIGHT, box_item, floor_item, make_world
+from helpers.worlds import make_omni_camera, make_plan
 
-WORLD = world_of(floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=(DUSK, SUN, LAMP))
-AT = Exposure(Pose.from_rpy((0.05, 0.03, -1.0)))
+WORLD = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
+AT = CameraState(Pose.from_rpy((0.05, 0.03, -1.0)))
 
 
 def shadow_programs(renderer: RasterRenderer) -> list[str]:
-    return [name for name in renderer.programs_built if "shadow" in name or "SHADOWS" in name]
+    return [name for name in renderer.program_names if "shadow" in name or "SHADOWS" in name]
 
 
 def test_exposures_when_without_shadows_build_nothing_for_them(device: GlDevice) -> None:
     renderer = RasterRenderer(build_scene(WORLD), WORLD, device=device)
-    view = renderer.prepare(omni_camera(), raster_plan(omni_camera()))
-    view.draw(AT)
+    view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    view.render(AT)
     assert shadow_programs(renderer) == []
-    view.draw(dataclasses.replace(AT, has_shadows=True))
+    view.render(dataclasses.replace(AT, has_shadows=True))
     assert shadow_programs(renderer) == ["shadow", "face SHADOWS=1 MAP_COLUMNS=3 SUNS=1 LAMPS=1"]
     view.close()
 
 
 def test_world_when_no_light_casts_shadows_builds_nothing_for_them(device: GlDevice) -> None:
-    world = dataclasses.replace(WORLD, lights=(DUSK,))
+    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT,))
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    view = renderer.prepare(omni_camera(), raster_plan(omni_camera()))
-    view.draw(dataclasses.replace(AT, has_shadows=True))
+    view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    view.render(dataclasses.replace(AT, has_shadows=True))
     assert shadow_programs(renderer) == []
     view.close()
 
 
 def maps_of(device: GlDevice, world: World) -> ShadowMaps:
-    lights = shading.hideable_lights(world.lights)
+    lights = shading.shadow_casting_lights(world.lights)
     scene = build_scene(world)
-    return ShadowMaps(device.context, Programs(device.context), scene, lights, origin=np.zeros(3))
+    return ShadowMaps(device.context, ShaderPrograms(device.context), scene, lights, origin=np.zeros(3))
 
 
 def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice) -> None:
     with device.context:
         maps = maps_of(device, WORLD)
-        assert maps.define == (("SHADOWS", 1), ("MAP_COLUMNS", 3), ("SUNS", 1), ("LAMPS", 1))
-        assert maps.bytes_held == 4 * (3 * 1024) ** 2
-        maps.draw_bodies(TWO_ROBOTS)
-        assert maps.bytes_held == 4 * (3 * 1024) ** 2 + 4 * (3 * 512) ** 2
+        assert maps.definitions == (("SHADOWS", 1), ("MAP_COLUMNS", 3), ("SUNS", 1), ("LAMPS", 1))
+        assert maps.texture_bytes == 4 * (3 * 1024) ** 2
+        maps.draw_objects(TWO_ROBOTS)
+        assert maps.texture_bytes == 4 * (3 * 1024) ** 2 + 4 * (3 * 512) ** 2
         maps.close()
 
 
 @pytest.mark.parametrize(
-    "lights", [(SUN,) * (MAX_SUNS + 1), (LAMP,) * (MAX_LAMPS + 1)], ids=["suns", "lamps"]
+    "lights", [(DIRECTIONAL_LIGHT,) * (MAX_SHADOWED_DIRECTIONAL_LIGHTS + 1), (POINT_LIGHT,) * (MAX_SHADOWED_POINT_LIGHTS + 1)], ids=["suns", "lamps"]
 )
 def test_maps_when_lights_are_too_many_are_refused_by_number(
     device: GlDevice, lights: tuple[Light, ...]
@@ -77,14 +77,14 @@ def test_maps_when_lights_are_too_many_are_refused_by_number(
 def test_lights_when_as_many_as_are_allowed_are_drawn(device: GlDevice) -> None:
     suns = [
         DirectionalLight((0.6 * np.cos(a), 0.6 * np.sin(a), 0.8), (0.05,) * 3)
-        for a in np.linspace(0.0, 5.0, MAX_SUNS)
+        for a in np.linspace(0.0, 5.0, MAX_SHADOWED_DIRECTIONAL_LIGHTS)
     ]
-    lamps = [dataclasses.replace(LAMP, intensity=(0.01,) * 3)] * MAX_LAMPS
-    world = dataclasses.replace(WORLD, lights=(DUSK, *suns, *lamps))
+    lamps = [dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)] * MAX_SHADOWED_POINT_LIGHTS
+    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT, *suns, *lamps))
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    view = renderer.prepare(omni_camera(), raster_plan(omni_camera()))
-    lit = view.draw(AT).rgb.astype(int)
-    shadowed = view.draw(dataclasses.replace(AT, has_shadows=True)).rgb
+    view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    lit = view.render(AT).rgb.astype(int)
+    shadowed = view.render(dataclasses.replace(AT, has_shadows=True)).rgb
     assert (shadowed <= lit + 1).all()
     assert (lit - shadowed).max() > 10
     view.close()

@@ -6,44 +6,44 @@ import numpy as np
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import Programs
+from catoptra_server.render.raster.programs import ShaderPrograms
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
-from helpers.shadows import DUSK, box_at, floor, world_of
+from helpers.shadows import HEMISPHERE_LIGHT, box_item, floor_item, make_world
 
-WORLD = world_of(floor(), box_at(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)))
-PLAIN = Exposure(Pose.from_rpy((0.0, 0.0, -1.0)), TWO_ROBOTS)
+WORLD = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)))
+PLAIN = CameraState(Pose.from_rpy((0.0, 0.0, -1.0)), TWO_ROBOTS)
 SHADOWED = dataclasses.replace(PLAIN, has_shadows=True)
 
 
 def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
     device: GlDevice,
 ) -> None:
-    buffers = SceneBuffers(device.context, Programs(device.context), build_scene(WORLD), WORLD)
-    assert buffers.lit(PLAIN) is buffers
-    shadowed = buffers.lit(SHADOWED)
+    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), build_scene(WORLD), WORLD)
+    assert buffers.with_lighting(PLAIN) is buffers
+    shadowed = buffers.with_lighting(SHADOWED)
     assert shadowed is not buffers
-    assert buffers.lit(SHADOWED) is shadowed
+    assert buffers.with_lighting(SHADOWED) is shadowed
     buffers.close()
 
 
 def test_scene_when_no_light_can_be_hidden_has_one_look(device: GlDevice) -> None:
-    world = dataclasses.replace(WORLD, lights=(DUSK,))
-    buffers = SceneBuffers(device.context, Programs(device.context), build_scene(world), world)
-    assert buffers.lit(SHADOWED) is buffers
+    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT,))
+    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), build_scene(world), world)
+    assert buffers.with_lighting(SHADOWED) is buffers
     buffers.close()
 
 
 def test_bodies_when_shadowed_are_drawn_by_a_program_that_knows_shadows(device: GlDevice) -> None:
-    programs = Programs(device.context)
+    programs = ShaderPrograms(device.context)
     buffers = SceneBuffers(device.context, programs, build_scene(WORLD), WORLD)
-    scene = buffers.lit(SHADOWED)
-    scene.bodies.place(TWO_ROBOTS)
-    scene.place(np.zeros(3), (1.0, -0.1))
-    (program,) = scene.bodies.programs
+    scene = buffers.with_lighting(SHADOWED)
+    scene.dynamic_objects.upload(TWO_ROBOTS)
+    scene.set_frame(np.zeros(3), (1.0, -0.1))
+    (program,) = scene.dynamic_objects.programs
     assert "scene_maps" in program
-    scene.bodies.place(())
-    assert scene.bodies.programs == set()
+    scene.dynamic_objects.upload(())
+    assert scene.dynamic_objects.programs == set()
     buffers.close()

@@ -8,19 +8,19 @@ from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.meshes import build_scene
-from helpers.effects import CAMERA, effect_of
-from helpers.worlds import VIEW, raster_plan, room
+from helpers.effects import CAMERA, make_effect
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
 def renderer_on(device: GlDevice) -> RasterRenderer:
-    world = room()
+    world = make_test_world()
     return RasterRenderer(build_scene(world), world, device=device)
 
 
 def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
-    effects = (effect_of("Vignetting"),)
-    view = renderer_on(device).prepare(CAMERA, raster_plan(CAMERA))
-    light, rgb = view.draw_linear(VIEW, effects), view.draw(VIEW, effects).rgb
+    effects = (make_effect("Vignetting"),)
+    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
+    light, rgb = view.render_linear(CAMERA_STATE, effects), view.render(CAMERA_STATE, effects).rgb
     assert (light.dtype, light.shape) == (np.float32, rgb.shape)
     # Half a level is rounding, the rest the shader's square roots.
     assert np.abs(255.0 * srgb_from_linear(light.astype(np.float64)) - rgb).max() < 0.5 + 0.03
@@ -29,12 +29,12 @@ def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
 
 
 def test_view_when_drawn_by_another_thread_says_so(device: GlDevice) -> None:
-    view = renderer_on(device).prepare(CAMERA, raster_plan(CAMERA))
+    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
     said: list[str] = []
 
     def draw() -> None:
         try:
-            view.draw(VIEW)
+            view.render(CAMERA_STATE)
         except AssertionError as error:
             said.append(str(error))
 

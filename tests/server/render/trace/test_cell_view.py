@@ -11,11 +11,11 @@ import pytest
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
-from catoptra_server.render.renderer import Exposure, Image
+from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.outlines import Outlines
-from catoptra_server.scene.bodies import Body
+from catoptra_server.render.trace.outlines import SilhouetteEdges
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import (
     Box,
     Item,
@@ -26,12 +26,12 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.robot_shapes import OmniTower, own_body_mesh
-from helpers.bodies import P2AT, TWO_ROBOTS, cube
+from catoptra_server.scene.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from helpers.bodies import P2AT, TWO_ROBOTS, build_cube_mesh
 from helpers.pictures import level_differences
-from helpers.worlds import LAMP, SKY, SUN, VIEW, omni_camera, raster_plan, room, smooth_texture
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world, write_smooth_texture
 
-CAMERA = omni_camera(width_px=240)
+CAMERA = make_omni_camera(width_px=240)
 
 
 def clutter(seed: int) -> World:
@@ -65,7 +65,7 @@ def poses(count: int, seed: int = 3) -> list[Pose]:
 
 def pictures(
     world: World,
-    exposures: list[Exposure],
+    exposures: list[CameraState],
     *,
     stride_px: int,
     camera: OmniCamera = CAMERA,
@@ -73,14 +73,14 @@ def pictures(
     threads: int = 2,
 ) -> list[Image]:
     renderer = TraceRenderer(build_scene(world), world, threads=threads)
-    plan = replace(raster_plan(camera, samples=samples), stride_px=stride_px)
+    plan = replace(make_plan(camera, samples=samples), stride_px=stride_px)
     view = renderer.prepare(camera, plan)
-    drawn = [view.draw(exposure).rgb for exposure in exposures]
+    drawn = [view.render(exposure).rgb for exposure in exposures]
     renderer.close()
     return drawn
 
 
-def worst(world: World, exposures: list[Exposure], **how: object) -> int:
+def worst(world: World, exposures: list[CameraState], **how: object) -> int:
     """Return the greatest difference from tracing every ray, in grey levels."""
     stride_px = how.pop("stride_px", 4)
     filled = pictures(world, exposures, stride_px=stride_px, **how)  # type: ignore[arg-type]
@@ -94,7 +94,7 @@ def worst(world: World, exposures: list[Exposure], **how: object) -> int:
 def test_thin_things_when_between_the_corners_of_cells_are_all_drawn(
     seed: int, stride_px: int
 ) -> None:
-    exposures = [Exposure(pose) for pose in poses(6)]
+    exposures = [CameraState(pose) for pose in poses(6)]
     assert worst(clutter(seed), exposures, stride_px=stride_px) == 0
 
 
@@ -104,30 +104,30 @@ def test_thin_things_when_outlines_were_not_followed_would_be_lost(
     def nothing(*_: object) -> np.ndarray[tuple[int]]:
         return np.zeros(0, dtype=np.int32)
 
-    monkeypatch.setattr(Outlines, "passed", nothing)
-    assert worst(clutter(1), [Exposure(pose) for pose in poses(2)]) > 50
+    monkeypatch.setattr(SilhouetteEdges, "passed", nothing)
+    assert worst(clutter(1), [CameraState(pose) for pose in poses(2)]) > 50
 
 
 @pytest.mark.parametrize("samples", [2, 3])
 def test_picture_when_of_several_samples_is_that_of_all_rays(samples: int) -> None:
-    exposures = [Exposure(pose) for pose in poses(3)]
+    exposures = [CameraState(pose) for pose in poses(3)]
     assert worst(clutter(1), exposures, samples=samples) == 0
 
 
 @pytest.mark.parametrize(
     "camera",
     [
-        omni_camera(width_px=121, mirror=HyperbolicMirror(4.0, 0.1)),
-        omni_camera(width_px=90, mirror=ParabolicMirror(0.05), rim_deg=150.0),
-        omni_camera(width_px=90, rim_deg=60.0),
-        replace(omni_camera(width_px=100), up_azimuth_rad=0.7),
-        replace(omni_camera(width_px=100), width_px=131, height_px=83),
-        omni_camera(width_px=3),
+        make_omni_camera(width_px=121, mirror=HyperbolicMirror(4.0, 0.1)),
+        make_omni_camera(width_px=90, mirror=ParabolicMirror(0.05), rim_deg=150.0),
+        make_omni_camera(width_px=90, rim_deg=60.0),
+        replace(make_omni_camera(width_px=100), up_azimuth_rad=0.7),
+        replace(make_omni_camera(width_px=100), width_px=131, height_px=83),
+        make_omni_camera(width_px=3),
     ],
     ids=["uneven, curved", "parabolic, wide", "narrow", "turned", "cut off", "smaller than a cell"],
 )
 def test_picture_when_of_another_camera_is_that_of_all_rays(camera: OmniCamera) -> None:
-    assert worst(clutter(2), [Exposure(pose) for pose in poses(3)], camera=camera) == 0
+    assert worst(clutter(2), [CameraState(pose) for pose in poses(3)], camera=camera) == 0
 
 
 def test_picture_when_of_small_triangles_is_that_of_all_rays() -> None:
@@ -136,19 +136,19 @@ def test_picture_when_of_small_triangles_is_that_of_all_rays() -> None:
         Item(f"ball {i}", ball, Pose.from_rpy((1.0 + i, 0.3 * i, -0.3)), Material((0.2, 0.5, 0.9)))
         for i in range(2)
     )
-    world = room()
+    world = make_test_world()
     world = replace(world, items=(*world.items, *balls))
     assert len(build_scene(world)) > 4000  # so that there are clusters
-    assert worst(world, [VIEW, Exposure(Pose.from_rpy((1.0, 0.0, -0.3)))]) == 0
+    assert worst(world, [CAMERA_STATE, CameraState(Pose.from_rpy((1.0, 0.0, -0.3)))]) == 0
 
 
-@pytest.mark.parametrize("lights", [(SKY, SUN), (SKY, LAMP)], ids=["texture", "lamp"])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)], ids=["texture", "lamp"])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(
     tmp_path: Path, lights: tuple[PointLight, ...], samples: int
 ) -> None:
-    world = room(lights=lights, texture=smooth_texture(tmp_path / "waves.png"))
-    exposures = [VIEW, *(Exposure(pose) for pose in poses(2))]
+    world = make_test_world(lights=lights, texture=write_smooth_texture(tmp_path / "waves.png"))
+    exposures = [CAMERA_STATE, *(CameraState(pose) for pose in poses(2))]
     # Where on a triangle a pixel looks is rounded in another place: it may tip a level.
     assert worst(world, exposures, samples=samples) <= 1
 
@@ -156,32 +156,32 @@ def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(
 @pytest.mark.parametrize("roll_rad", [0.0, 0.3])
 def test_body_when_it_is_all_around_the_pole_is_drawn_as_by_all_rays(roll_rad: float) -> None:
     mirror = Pose.from_rpy((0.0, 0.0, -0.4543), (roll_rad, 0.0, 0.0))
-    mesh = own_body_mesh(P2AT, OmniTower(CAMERA, mirror))
+    mesh = build_ego_body_mesh(P2AT, OmniCameraTower(CAMERA, mirror))
     base = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
-    own = Exposure(base @ mirror, (Body(mesh, base),))
-    plain = Exposure(base @ mirror)
-    shown, without = pictures(room(), [own, plain], stride_px=4)
+    own = CameraState(base @ mirror, (DynamicObject(mesh, base),))
+    plain = CameraState(base @ mirror)
+    shown, without = pictures(make_test_world(), [own, plain], stride_px=4)
     assert (level_differences(shown, without) > 0).mean() > 0.03
-    assert worst(room(), [own]) == 0
+    assert worst(make_test_world(), [own]) == 0
 
 
 def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:
-    near = Body(cube(0.3), Pose.from_rpy((0.5, 0.4, -0.5)))
-    speck = Body(cube(0.005), Pose.from_rpy((0.0, 0.6, -0.5)))
+    near = DynamicObject(build_cube_mesh(0.3), Pose.from_rpy((0.5, 0.4, -0.5)))
+    speck = DynamicObject(build_cube_mesh(0.005), Pose.from_rpy((0.0, 0.6, -0.5)))
     exposures = [
-        replace(VIEW, bodies=TWO_ROBOTS),
-        replace(VIEW, bodies=(near, speck)),
-        replace(VIEW, bodies=(Body(cube(3.0), VIEW.world_from_mirror),)),  # the camera is inside
+        replace(CAMERA_STATE, bodies=TWO_ROBOTS),
+        replace(CAMERA_STATE, bodies=(near, speck)),
+        replace(CAMERA_STATE, bodies=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),)),  # the camera is inside
     ]
-    assert worst(room(), exposures) == 0
+    assert worst(make_test_world(), exposures) == 0
 
 
 def test_picture_when_nothing_is_there_is_background() -> None:
-    assert worst(World("w", (), background=(0.5, 0.5, 0.5)), [VIEW]) == 0
+    assert worst(World("w", (), background=(0.5, 0.5, 0.5)), [CAMERA_STATE]) == 0
 
 
 def test_picture_when_drawn_by_more_threads_has_the_same_bytes() -> None:
-    one, three = (pictures(clutter(1), [VIEW], stride_px=4, threads=n)[0] for n in (1, 3))
+    one, three = (pictures(clutter(1), [CAMERA_STATE], stride_px=4, threads=n)[0] for n in (1, 3))
     assert one.tobytes() == three.tobytes()
 
 
@@ -190,7 +190,7 @@ def test_room_when_drawn_needs_less_than_half_of_its_rays(
     monkeypatch: pytest.MonkeyPatch, samples: int
 ) -> None:
     rays = 0
-    run = EmbreeScene.met
+    run = EmbreeScene.intersect
 
     def counted(
         scene: EmbreeScene, origins: np.ndarray[tuple[int]], directions: np.ndarray[tuple[int]]
@@ -200,5 +200,5 @@ def test_room_when_drawn_needs_less_than_half_of_its_rays(
         return run(scene, origins, directions)
 
     monkeypatch.setattr(EmbreeScene, "met", counted)
-    pictures(room(), [VIEW], stride_px=4, samples=samples)
+    pictures(make_test_world(), [CAMERA_STATE], stride_px=4, samples=samples)
     assert 0 < rays < 0.5 * np.pi * 120.0**2 * samples**2

@@ -7,21 +7,21 @@ import pytest
 
 from catoptra_protocol.optics.camera import direction_from_pixel
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.samples import omni_samples
-from helpers.worlds import omni_camera, raster_plan
+from catoptra_server.render.trace.samples import omni_rays
+from helpers.worlds import make_omni_camera, make_plan
 
-CAMERA = omni_camera(width_px=62)
+CAMERA = make_omni_camera(width_px=62)
 
 
 def grid_of(*, samples: int = 1, side_px: int = 4) -> CellGrid:
-    rays = omni_samples(CAMERA, raster_plan(CAMERA, samples=samples))
-    return CellGrid.of(CAMERA, rays, side_px=side_px)
+    rays = omni_rays(CAMERA, make_plan(CAMERA, samples=samples))
+    return CellGrid.from_camera(CAMERA, rays, side_px=side_px)
 
 
 @pytest.mark.parametrize("side_px", [2, 4, 5])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_cells_and_other_pixels_have_every_ray_once(samples: int, side_px: int) -> None:
-    rays = omni_samples(CAMERA, raster_plan(CAMERA, samples=samples))
+    rays = omni_rays(CAMERA, make_plan(CAMERA, samples=samples))
     grid = grid_of(samples=samples, side_px=side_px)
     pixels = np.concatenate((grid.pixels.reshape(-1), grid.others.pixels))
     directions = np.concatenate((grid.directions.reshape(-1, 3), grid.others.directions))
@@ -71,7 +71,7 @@ def test_cells_agree_where_all_four_corners_do() -> None:
     grid = grid_of()
     at_nodes = np.zeros((grid.rows + 1, grid.columns + 1), dtype=np.int32)
     at_nodes[3, 5] = 9
-    agree = grid.agreeing(at_nodes.reshape(-1)).reshape(grid.rows, grid.columns)
+    agree = grid.has_equal_nodes(at_nodes.reshape(-1)).reshape(grid.rows, grid.columns)
     assert {(int(r), int(c)) for r, c in np.argwhere(~agree)} == {(2, 4), (2, 5), (3, 4), (3, 5)}
     first = grid.first_node(at_nodes.reshape(-1)).reshape(grid.rows, grid.columns)
     assert np.argwhere(first == 9).tolist() == [[3, 5]]

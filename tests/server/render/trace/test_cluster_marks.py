@@ -10,19 +10,19 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
-from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.samples import omni_samples
-from helpers.worlds import omni_camera, raster_plan
+from catoptra_server.render.trace.pixel_law import ProjectionTable
+from catoptra_server.render.trace.samples import omni_rays
+from helpers.worlds import make_omni_camera, make_plan
 
-CAMERA = omni_camera(width_px=200)
-GRID = CellGrid.of(CAMERA, omni_samples(CAMERA, raster_plan(CAMERA)), side_px=4)
+CAMERA = make_omni_camera(width_px=200)
+GRID = CellGrid.from_camera(CAMERA, omni_rays(CAMERA, make_plan(CAMERA)), side_px=4)
 POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
 def covered(centre: Floats, radius_m: float) -> Floats:
     """Return the cells (rows, columns) that a sphere in the mirror frame covers."""
-    middle, radius = POSE.points(np.atleast_2d(centre)), np.array([radius_m])
-    cells = covered_cells(middle, radius, pose=POSE, law=PixelLaw.of(CAMERA), grid=GRID)
+    middle, radius = POSE.transform_points(np.atleast_2d(centre)), np.array([radius_m])
+    cells = covered_cells(middle, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID)
     return cells.reshape(GRID.rows, GRID.columns)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.packed_light import LightScale
+from catoptra_server.render.trace.packed_light import SrgbScale
 from catoptra_server.scene.description import (
     HemisphereLight,
     Item,
@@ -20,9 +20,9 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import build_scene
-from helpers.meshes import quarters
+from helpers.meshes import make_quadrant_image
 
-SCALE = LightScale.for_samples(1)
+SCALE = SrgbScale.for_samples(1)
 SKY = HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0))
 DOWN = (0.0, 0.0, 1.0)
 
@@ -40,13 +40,13 @@ def colours(
     scene = EmbreeScene(build_scene(world), world)
     origins = np.array([origin for origin, _ in rays]) - scene.origin
     directions = np.array([direction for _, direction in rays])
-    light = scene.hit_light(
+    light = scene.trace_radiance(
         origins.astype(np.float32),
         directions.astype(np.float32),
-        table=scene.light_table(SCALE),
+        table=scene.radiance_table(SCALE),
         scale=SCALE,
     )
-    found: list[list[int]] = SCALE.colours(light).tolist()
+    found: list[list[int]] = SCALE.unpack(light).tolist()
     return found
 
 
@@ -83,7 +83,7 @@ def test_lamp_when_above_lights_by_the_place_that_is_hit() -> None:
 def test_texture_when_on_the_floor_lies_as_it_is_seen_from_above(
     tmp_path: Path, x: float, y: float, colour: list[int]
 ) -> None:
-    quarters().save(tmp_path / "q.png")
+    make_quadrant_image().save(tmp_path / "q.png")
     picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png", unlit=True)
     assert colours(floor_world(picture), ((x, y, 0), DOWN)) == [colour]
 

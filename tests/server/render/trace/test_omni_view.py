@@ -6,38 +6,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.frame_key import FrameKey
-from catoptra_server.plan.render_plan import PerPixel, Surface
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.frame_key import NoiseSeed
+from catoptra_server.plan.render_plan import PerPixel, MirrorSurface
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import PolygonSplit
-from helpers.effects import CAMERA, effect_of
+from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.effects import CAMERA, make_effect
 from helpers.pictures import level_differences
-from helpers.worlds import VIEW, raster_plan, room
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
-CHAIN = (effect_of("Vignetting"), effect_of("ShotNoise"), effect_of("Bayer"))
+CHAIN = (make_effect("Vignetting"), make_effect("ShotNoise"), make_effect("Bayer"))
 
 
 @pytest.fixture
 def renderer() -> Iterator[TraceRenderer]:
-    world = room()
+    world = make_test_world()
     renderer = TraceRenderer(build_scene(world), world, threads=2)
     yield renderer
     renderer.close()
 
 
-@pytest.mark.parametrize("surface", [PerPixel(), PolygonSplit(16, 16)])
+@pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_picture_when_no_effect_changes_it_is_the_usual_one(
-    renderer: TraceRenderer, surface: Surface, samples: int
+    renderer: TraceRenderer, surface: MirrorSurface, samples: int
 ) -> None:
-    plan = raster_plan(CAMERA, surface, samples=samples)
+    plan = make_plan(CAMERA, surface, samples=samples)
     view = renderer.prepare(CAMERA, plan)
-    encoded = srgb_from_linear(view.draw_linear(VIEW).astype(np.float64))
-    difference = level_differences(view.draw(VIEW).rgb, np.rint(255.0 * encoded).astype(np.uint8))
+    encoded = srgb_from_linear(view.render_linear(CAMERA_STATE).astype(np.float64))
+    difference = level_differences(view.render(CAMERA_STATE).rgb, np.rint(255.0 * encoded).astype(np.uint8))
     # A sample brighter than white is clipped by itself in the one, with its pixel in the other.
     assert (difference > 1).mean() < 0.01
     assert np.median(difference) == 0
@@ -46,18 +46,18 @@ def test_picture_when_no_effect_changes_it_is_the_usual_one(
 def test_picture_when_effects_run_is_what_they_make_of_the_linear_one(
     renderer: TraceRenderer,
 ) -> None:
-    plan = raster_plan(CAMERA, samples=2)
+    plan = make_plan(CAMERA, samples=2)
     view = renderer.prepare(CAMERA, plan)
-    light = view.draw_linear(VIEW).astype(np.float64)
+    light = view.render_linear(CAMERA_STATE).astype(np.float64)
     for effect in CHAIN:
-        light = effect.apply(light, CAMERA, Capture(VIEW.key))
-    drawn = view.draw_linear(VIEW, CHAIN)
+        light = effect.apply(light, CAMERA, CaptureContext(CAMERA_STATE.noise_seed))
+    drawn = view.render_linear(CAMERA_STATE, CHAIN)
     np.testing.assert_allclose(drawn, light, atol=1e-6)
 
 
 def test_stages_when_timed_are_called_as_the_effects(renderer: TraceRenderer) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    stages = tuple(view.draw(VIEW, CHAIN).stage_ms)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    stages = tuple(view.render(CAMERA_STATE, CHAIN).stage_ms)
     assert stages == ("cells", "trace", "Vignetting", "ShotNoise", "Bayer", "encode")
     view.close()
 
@@ -65,9 +65,9 @@ def test_stages_when_timed_are_called_as_the_effects(renderer: TraceRenderer) ->
 def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
     renderer: TraceRenderer,
 ) -> None:
-    view = renderer.prepare(CAMERA, raster_plan(CAMERA))
-    first, again = view.draw(VIEW, CHAIN).rgb, view.draw(VIEW, CHAIN).rgb
-    later = view.draw(replace(VIEW, key=FrameKey(index=1)), CHAIN).rgb
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    first, again = view.render(CAMERA_STATE, CHAIN).rgb, view.render(CAMERA_STATE, CHAIN).rgb
+    later = view.render(replace(CAMERA_STATE, key=NoiseSeed(tick=1)), CHAIN).rgb
     assert not first.flags.writeable
     np.testing.assert_array_equal(first, again)
     assert (first != later).mean() > 0.3
@@ -76,6 +76,6 @@ def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
 def test_light_when_brighter_than_white_is_handed_over_as_it_is() -> None:
     world = World("glare", (), background=(4.0, 2.0, 0.5))
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    light = renderer.prepare(CAMERA, raster_plan(CAMERA)).draw_linear(VIEW)
+    light = renderer.prepare(CAMERA, make_plan(CAMERA)).render_linear(CAMERA_STATE)
     np.testing.assert_allclose(light[48, 20], (4.0, 2.0, 0.5), rtol=1e-5)
     renderer.close()

@@ -9,25 +9,25 @@ from catoptra_protocol.optics.camera import pixel_from_direction
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.outlines import Outlines
-from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.samples import omni_samples
-from helpers.worlds import omni_camera, raster_plan
+from catoptra_server.render.trace.outlines import SilhouetteEdges
+from catoptra_server.render.trace.pixel_law import ProjectionTable
+from catoptra_server.render.trace.samples import omni_rays
+from helpers.worlds import make_omni_camera, make_plan
 
-CAMERA = omni_camera(width_px=200)
-LAW = PixelLaw.of(CAMERA)
+CAMERA = make_omni_camera(width_px=200)
+LAW = ProjectionTable.from_camera(CAMERA)
 POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
 def grid_of(side_px: int = 4) -> CellGrid:
-    return CellGrid.of(CAMERA, omni_samples(CAMERA, raster_plan(CAMERA)), side_px=side_px)
+    return CellGrid.from_camera(CAMERA, omni_rays(CAMERA, make_plan(CAMERA)), side_px=side_px)
 
 
 def passed(ends: Floats, grid: CellGrid, *, plane: tuple[float, float, float] = (0, 0, 0)) -> set:
     """Return the cells that lines, given in the mirror frame, pass in front of m . d = 1 / far."""
-    outlines = Outlines(POSE.points(ends), LAW, grid)
+    outlines = SilhouetteEdges(POSE.transform_points(ends), LAW, grid)
     vectors = np.tile(np.float32(plane), (grid.rows * grid.columns, 1))
-    return set(outlines.passed(POSE, vectors).tolist())
+    return set(outlines.find_cells(POSE, vectors).tolist())
 
 
 def seen_cells(ends: Floats, grid: CellGrid) -> set[int]:

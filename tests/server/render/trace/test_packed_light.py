@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.packed_light import LightScale, LinearScale, encoded_levels
+from catoptra_server.render.trace.packed_light import SrgbScale, LinearScale, encode_srgb
 from catoptra_server.scene.colour import srgb_from_linear
 
 
 def shown(radiance: np.ndarray, samples: int) -> np.ndarray:
     """Return (n, 3) colours of (3, n * samples) radiance."""
-    scale = LightScale.for_samples(samples)
-    return scale.colours(scale.pixel_sums(scale.packed(radiance.astype(np.float32))))
+    scale = SrgbScale.for_samples(samples)
+    return scale.unpack(scale.sum_pixels(scale.pack(radiance.astype(np.float32))))
 
 
 @pytest.mark.parametrize("samples", [1, 4, 9, 16, 25, 256])
@@ -51,15 +51,15 @@ def test_channels_when_packed_do_not_mix() -> None:
 @pytest.mark.parametrize("samples", [1, 4, 16])
 def test_linear_scale_when_light_exceeds_white_keeps_it(samples: int) -> None:
     radiance = np.random.default_rng(1).uniform(0.0, 3.0, (3, 200 * samples)).astype(np.float32)
-    scale = LinearScale.for_samples(samples, largest=3.0)
-    light = scale.colours(scale.pixel_sums(scale.packed(radiance)))
+    scale = LinearScale.for_samples(samples, max_radiance=3.0)
+    light = scale.unpack(scale.sum_pixels(scale.pack(radiance)))
     mean = radiance.reshape(3, 200, samples).mean(axis=-1).T
     assert light.dtype == np.float32
     # Half a level of the scale, and float32.
-    assert np.abs(light - mean).max() <= 0.5 * 3.0 / scale.top + 1e-6
+    assert np.abs(light - mean).max() <= 0.5 * 3.0 / scale.max_level + 1e-6
 
 
 def test_encoded_levels_are_within_a_tenth_of_a_level_of_float64() -> None:
     light = np.linspace(-0.2, 1.4, 20001, dtype=np.float32)
     exact = 255.0 * srgb_from_linear(light.astype(np.float64))
-    assert np.abs(encoded_levels(light) - exact).max() < 0.5 + 0.1
+    assert np.abs(encode_srgb(light) - exact).max() < 0.5 + 0.1

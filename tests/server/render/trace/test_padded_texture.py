@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.shading import texture_value
+from catoptra_server.render.shading import sample_texture
 from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.colour import linear_from_srgb
 
@@ -13,8 +13,8 @@ from catoptra_server.scene.colour import linear_from_srgb
 def differences(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Return how far the padded texture is from the reference at (n, 2) float32 coordinates."""
     uv = uv.astype(np.float32)
-    value = PaddedTexture.of(texture).value(uv[:, 0], uv[:, 1]).T
-    return np.abs(value - texture_value(linear_from_srgb(texture / 255.0), uv.astype(np.float64)))
+    value = PaddedTexture.from_image(texture).sample(uv[:, 0], uv[:, 1]).T
+    return np.abs(value - sample_texture(linear_from_srgb(texture / 255.0), uv.astype(np.float64)))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (7, 1), (2, 2), (16, 9)])

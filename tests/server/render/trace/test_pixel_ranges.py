@@ -2,15 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
 from helpers.effects import CAMERA
-from helpers.ranges import ABOVE, EYE_M, FLOOR, traced
+from helpers.ranges import CAMERA_ABOVE_FLOOR, VIEWPOINT_HEIGHT_M, FLOOR, trace_ranges
 
 
 def test_range_when_over_a_level_floor_is_that_of_the_law() -> None:
-    directions, on_mirror = direction_from_pixel(CAMERA, pixel_centres(CAMERA)[..., 0, :])
+    directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     down = directions[..., 2]
     near = on_mirror & (down > 0.1)
-    seen = traced(FLOOR, ABOVE)
+    seen = trace_ranges(FLOOR, CAMERA_ABOVE_FLOOR)
     assert not np.isfinite(seen[~on_mirror | (down < 0.0)]).any()
-    np.testing.assert_allclose(seen[near], EYE_M / down[near], rtol=1e-5)
+    np.testing.assert_allclose(seen[near], VIEWPOINT_HEIGHT_M / down[near], rtol=1e-5)

@@ -7,18 +7,18 @@ import numpy as np
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import build_scene
-from helpers.rooms import Room, room_world
+from helpers.rooms import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 
 
 def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out() -> None:
-    caster = EmbreeRayCaster(build_scene(room_world(HALF_M)))
+    caster = EmbreeRayCaster(build_scene(make_room_world(HALF_M)))
     generator = np.random.default_rng(1)
     directions = generator.standard_normal((20_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = generator.uniform(-0.95, 0.95, (20_000, 3)) * HALF_M
-    exact = Room(HALF_M).distances(origins, directions)
+    exact = RoomRayCaster(HALF_M).distances(origins, directions)
     # float32 around 80 m: 8 micrometres a step, a few of them; the promise is a millimetre.
     np.testing.assert_allclose(caster.distances(origins, directions), exact, atol=1e-4)
 
@@ -26,7 +26,7 @@ def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out() -> None:
 def test_distances_when_nothing_is_met_are_infinite() -> None:
     directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     outside = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -9.0]])
-    caster = EmbreeRayCaster(build_scene(room_world()))
+    caster = EmbreeRayCaster(build_scene(make_room_world()))
     assert np.isinf(caster.distances(outside, directions)).all()
 
 
@@ -36,13 +36,13 @@ def test_distances_when_the_scene_is_empty_are_infinite() -> None:
 
 
 def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls() -> None:
-    caster = EmbreeRayCaster(build_scene(room_world(HALF_M)))
+    caster = EmbreeRayCaster(build_scene(make_room_world(HALF_M)))
     generator = np.random.default_rng(2)
     directions = generator.standard_normal((2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = generator.uniform(-0.9, 0.9, (2000, 3)) * HALF_M
-    distances, normals = caster.hits(origins, directions)
-    exact, inward = Room(HALF_M).hits(origins, directions)
+    distances, normals = caster.closest_hits(origins, directions)
+    exact, inward = RoomRayCaster(HALF_M).closest_hits(origins, directions)
     np.testing.assert_allclose(distances, exact, atol=1e-4)
     # In a corner a float32 may take the other wall: none of 2000 did by more than the tolerance.
     assert (np.abs(np.sum(normals * inward, axis=1)) > 0.999).mean() > 0.998
@@ -50,7 +50,7 @@ def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls() -> No
 
 def test_hits_when_nothing_is_met_are_infinite_and_without_normal() -> None:
     outside, up = np.array([[0.0, 0.0, -9.0]]), np.array([[0.0, 0.0, -1.0]])
-    for world in (room_world(), World("empty", ())):
-        distances, normals = EmbreeRayCaster(build_scene(world)).hits(outside, up)
+    for world in (make_room_world(), World("empty", ())):
+        distances, normals = EmbreeRayCaster(build_scene(world)).closest_hits(outside, up)
         assert np.isinf(distances).all()
         assert not normals.any()

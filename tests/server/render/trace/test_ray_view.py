@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import BodyScenes
-from catoptra_server.render.trace.packed_light import LightScale
-from catoptra_server.render.trace.ray_colours import RayColours
-from catoptra_server.render.trace.ray_view import RayView, ray_chunks
-from catoptra_server.render.trace.samples import omni_samples
+from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
+from catoptra_server.render.trace.packed_light import SrgbScale
+from catoptra_server.render.trace.ray_colours import UnshadowedShader
+from catoptra_server.render.trace.ray_view import RayView, split_rays
+from catoptra_server.render.trace.samples import omni_rays
 from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import VIEW, omni_camera, raster_plan, room
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
-CAMERA = omni_camera(width_px=240)
+CAMERA = make_omni_camera(width_px=240)
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_chunks_have_every_ray_once(samples: int) -> None:
-    rays = omni_samples(CAMERA, raster_plan(CAMERA, samples=samples))
-    chunks = ray_chunks(rays)
+    rays = omni_rays(CAMERA, make_plan(CAMERA, samples=samples))
+    chunks = split_rays(rays)
     assert len(chunks) == 2 if samples == 1 else len(chunks) > 2
     np.testing.assert_array_equal(np.concatenate([c.pixels for c in chunks]), rays.pixels)
     np.testing.assert_array_equal(np.concatenate([c.directions for c in chunks]), rays.directions)
@@ -30,17 +30,17 @@ def test_chunks_have_every_ray_once(samples: int) -> None:
 
 
 def test_rays_when_there_are_none_are_no_chunks() -> None:
-    rays = omni_samples(CAMERA, raster_plan(CAMERA))
-    assert ray_chunks(rays.only(np.zeros(len(rays.pixels), dtype=bool))) == []
+    rays = omni_rays(CAMERA, make_plan(CAMERA))
+    assert split_rays(rays.select(np.zeros(len(rays.pixels), dtype=bool))) == []
 
 
 def test_picture_when_drawn_is_that_of_all_rays_at_once() -> None:
-    world = room()
-    rays = omni_samples(CAMERA, raster_plan(CAMERA, samples=2))
-    scene, bodies = EmbreeScene(build_scene(world), world), BodyScenes(world.lights)
-    colours = RayColours(scene, bodies, LightScale.for_samples(4))
+    world = make_test_world()
+    rays = omni_rays(CAMERA, make_plan(CAMERA, samples=2))
+    scene, bodies = EmbreeScene(build_scene(world), world), EmbreeObjectScenes(world.lights)
+    colours = UnshadowedShader(scene, bodies, SrgbScale.for_samples(4))
     with ThreadPoolExecutor(2) as pool:
-        image = RayView(colours, rays, pool).draw(VIEW).rgb
+        image = RayView(colours, rays, pool).render(CAMERA_STATE).rgb
     off = np.flatnonzero(~rays.on_mirror)
-    expected = colours.of_rays(rays.directions, colours.placed(VIEW), off_mirror=off)
+    expected = colours.shade_rays(rays.directions, colours.transform_view(CAMERA_STATE), off_mirror=off)
     np.testing.assert_array_equal(image.reshape(-1, 3)[rays.pixels], expected)

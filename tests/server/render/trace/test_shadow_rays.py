@@ -10,61 +10,61 @@ import pytest
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import BodyScenes
-from catoptra_server.render.trace.packed_light import LightScale
-from catoptra_server.render.trace.shadow_rays import ShadowRays, casters
-from catoptra_server.scene.bodies import Body, body_mesh
+from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
+from catoptra_server.render.trace.packed_light import SrgbScale
+from catoptra_server.render.trace.shadow_rays import ShadowRays, make_occlusion_query
+from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
 from catoptra_server.scene.description import Box, DirectionalLight, PointLight, World
 from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.primitives import box
-from helpers.shadows import GREY, box_at, floor, world_of
-from helpers.worlds import moved
+from helpers.shadows import GREY, box_item, floor_item, make_world
+from helpers.worlds import translate_world
 
 NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
 LAMP = PointLight((0.0, 0.0, -1.0), (0.5, 0.5, 0.5))
-TABLE = box_at(0.0, 0.0, -0.5, (0.4, 0.4, 0.02))
+TABLE = box_item(0.0, 0.0, -0.5, (0.4, 0.4, 0.02))
 PLACES = np.array(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
 UP = np.tile((0.0, 0.0, -1.0), (2, 1))
 
 
-def irradiance(world: World, places: Floats = PLACES, *bodies: Body) -> list[float]:
+def irradiance(world: World, places: Floats = PLACES, *bodies: DynamicObject) -> list[float]:
     scene = build_scene(world)
     embree = EmbreeScene(scene, world)
-    rays = ShadowRays(casters(embree, scene), embree.origin, world.lights)
-    placed = BodyScenes(()).placed(bodies, np.zeros(3), LightScale.for_samples(1))
+    rays = ShadowRays(make_occlusion_query(embree, scene), embree.origin, world.lights)
+    placed = EmbreeObjectScenes(()).place_objects(bodies, np.zeros(3), SrgbScale.for_samples(1))
     found: list[float] = rays.irradiance(places - embree.origin, UP, placed)[:, 0].tolist()
     return found
 
 
 def test_place_when_a_table_stands_above_sees_no_sun_and_another_does() -> None:
-    assert irradiance(world_of(floor(), TABLE, lights=(NOON,))) == [0.0, 0.5]
+    assert irradiance(make_world(floor_item(), TABLE, lights=(NOON,))) == [0.0, 0.5]
 
 
 def test_place_when_the_table_is_beyond_the_lamp_sees_it() -> None:
-    above = box_at(0.0, 0.0, -1.5, (0.4, 0.4, 0.02))
-    assert irradiance(world_of(floor(), above, lights=(LAMP,)))[0] == pytest.approx(0.5, rel=1e-4)
-    assert irradiance(world_of(floor(), TABLE, lights=(LAMP,)))[0] == 0.0
+    above = box_item(0.0, 0.0, -1.5, (0.4, 0.4, 0.02))
+    assert irradiance(make_world(floor_item(), above, lights=(LAMP,)))[0] == pytest.approx(0.5, rel=1e-4)
+    assert irradiance(make_world(floor_item(), TABLE, lights=(LAMP,)))[0] == 0.0
 
 
 def test_place_when_what_is_above_lets_light_through_sees_the_sun() -> None:
     glass = dataclasses.replace(TABLE, casts_shadows=False)
-    assert irradiance(world_of(floor(), glass, lights=(NOON,))) == [0.5, 0.5]
-    clear = dataclasses.replace(floor(), casts_shadows=False)
-    assert irradiance(world_of(clear, lights=(NOON,))) == [0.5, 0.5]
+    assert irradiance(make_world(floor_item(), glass, lights=(NOON,))) == [0.5, 0.5]
+    clear = dataclasses.replace(floor_item(), casts_shadows=False)
+    assert irradiance(make_world(clear, lights=(NOON,))) == [0.5, 0.5]
 
 
 def test_place_when_a_body_stands_above_sees_no_sun() -> None:
-    mesh = body_mesh([(box(Box((0.4, 0.4, 0.02))), GREY)])
-    body = Body(mesh, Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.2, 0.3)))
-    assert irradiance(world_of(floor(), lights=(NOON,)), PLACES, body) == [0.0, 0.5]
-    below = dataclasses.replace(body, world_from_body=Pose.from_rpy((0.0, 0.0, 0.5)))
-    assert irradiance(world_of(floor(), lights=(NOON,)), PLACES, below) == [0.5, 0.5]
+    mesh = build_object_mesh([(box(Box((0.4, 0.4, 0.02))), GREY)])
+    body = DynamicObject(mesh, Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.2, 0.3)))
+    assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, body) == [0.0, 0.5]
+    below = dataclasses.replace(body, world_from_object=Pose.from_rpy((0.0, 0.0, 0.5)))
+    assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, below) == [0.5, 0.5]
 
 
 @pytest.mark.parametrize("far_m", [0.0, 1e4])
 def test_facet_when_places_are_rounded_does_not_hide_its_own_light(far_m: float) -> None:
     low = DirectionalLight((0.9999, 0.0, 0.01414), (70.7, 70.7, 70.7))
-    world = moved(world_of(floor(20.0), lights=(low,)), (far_m, 0.0, far_m))
+    world = translate_world(make_world(floor_item(20.0), lights=(low,)), (far_m, 0.0, far_m))
     places = np.random.default_rng(2).uniform(-10.0, 10.0, (2, 3)) * (1.0, 1.0, 0.0)
     places = np.add(places, (far_m, 0.0, far_m)).astype(np.float32).astype(np.float64)
     assert irradiance(world, places) == pytest.approx([1.0, 1.0], rel=1e-3)

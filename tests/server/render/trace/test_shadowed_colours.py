@@ -7,37 +7,37 @@ import numpy as np
 import pytest
 
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import BodyScenes
-from catoptra_server.render.trace.packed_light import LightScale
-from catoptra_server.render.trace.ray_colours import RayColours
+from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
+from catoptra_server.render.trace.packed_light import SrgbScale
+from catoptra_server.render.trace.ray_colours import UnshadowedShader
 from catoptra_server.render.trace.renderer import TraceRenderer
-from catoptra_server.render.trace.shadowed_colours import LitTriangles, ShadowedColours
+from catoptra_server.render.trace.shadowed_colours import ShadowReceivers, ShadowedShader
 from catoptra_server.scene.description import Material, World
 from catoptra_server.scene.meshes import build_scene
 from helpers.bodies import TWO_ROBOTS
 from helpers.pictures import level_differences
-from helpers.shadows import DUSK, SUN, box_at, floor, world_of
-from helpers.worlds import LAMP, SKY, VIEW, omni_camera, raster_plan, room, smooth_texture
+from helpers.shadows import HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, box_item, floor_item, make_world
+from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world, write_smooth_texture
 
 NONE = np.zeros(0, dtype=np.intp)
 
 
-def colours_of(world: World) -> tuple[ShadowedColours, RayColours]:
+def colours_of(world: World) -> tuple[ShadowedShader, UnshadowedShader]:
     scene = build_scene(world)
-    embree, bodies = EmbreeScene(scene, world), BodyScenes(world.lights)
-    scale = LightScale.for_samples(1)
-    lit = LitTriangles(embree, scene, world)
-    return ShadowedColours(embree, bodies, scale, lit), RayColours(embree, bodies, scale)
+    embree, bodies = EmbreeScene(scene, world), EmbreeObjectScenes(world.lights)
+    scale = SrgbScale.for_samples(1)
+    lit = ShadowReceivers(embree, scene, world)
+    return ShadowedShader(embree, bodies, scale, lit), UnshadowedShader(embree, bodies, scale)
 
 
 def test_light_when_nothing_is_hidden_is_that_without_shadows(tmp_path: Path) -> None:
-    look = Material((0.5, 0.5, 0.5), smooth_texture(tmp_path / "waves.png"))
-    world = world_of(floor(material=look), lights=(DUSK, SUN, LAMP))
+    look = Material((0.5, 0.5, 0.5), write_smooth_texture(tmp_path / "waves.png"))
+    world = make_world(floor_item(material=look), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
     rays = np.random.default_rng(1).normal(size=(2000, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    exposure = dataclasses.replace(VIEW, has_shadows=True)
+    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True)
     found = [
-        colours.of_rays(rays, colours.placed(exposure), off_mirror=NONE).astype(int)
+        colours.shade_rays(rays, colours.transform_view(exposure), off_mirror=NONE).astype(int)
         for colours in colours_of(world)
     ]
     # The lights are added in another order.
@@ -45,28 +45,28 @@ def test_light_when_nothing_is_hidden_is_that_without_shadows(tmp_path: Path) ->
 
 
 def test_light_when_facets_are_turned_away_or_shine_themselves_does_not_vary() -> None:
-    shadowed, plain = colours_of(world_of(floor(), box_at(0, 0, -0.2, (0.2, 0.2, 0.2))))
-    normals = shadowed.scene.met  # the same scene: one commit serves both
-    assert normals == plain.scene.met
+    shadowed, plain = colours_of(make_world(floor_item(), box_item(0, 0, -0.2, (0.2, 0.2, 0.2))))
+    normals = shadowed.scene.intersect  # the same scene: one commit serves both
+    assert normals == plain.scene.intersect
     triangles = np.arange(-1, 14, dtype=np.int32)
-    varies = shadowed.varies(triangles)
+    varies = shadowed.has_varying_light(triangles)
     assert not varies[0], "the background"
     assert varies[1:3].all(), "the floor under the sun"
     assert 0 < varies[3:].sum() < 12, "half of the box"
-    assert not plain.varies(triangles).any()
+    assert not plain.has_varying_light(triangles).any()
 
 
 @pytest.mark.parametrize("stride_px", [1, 4])
-@pytest.mark.parametrize("lights", [(SKY, SUN), (SKY, SUN, LAMP)])
+@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)])
 def test_cells_when_filled_show_the_shadows_of_all_rays(lights: tuple, stride_px: int) -> None:
-    world, camera = room(lights=lights), omni_camera()
+    world, camera = make_test_world(lights=lights), make_omni_camera()
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    exposure = dataclasses.replace(VIEW, has_shadows=True, bodies=TWO_ROBOTS)
+    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, bodies=TWO_ROBOTS)
     plans = [
-        dataclasses.replace(raster_plan(camera, samples=2), stride_px=stride)
+        dataclasses.replace(make_plan(camera, samples=2), stride_px=stride)
         for stride in (1, stride_px)
     ]
-    whole, filled = (renderer.prepare(camera, plan).draw(exposure).rgb for plan in plans)
+    whole, filled = (renderer.prepare(camera, plan).render(exposure).rgb for plan in plans)
     renderer.close()
     difference = level_differences(whole, filled)
     # Places of filled cells are computed on planes: a ray at a shadow's outline may go either way.

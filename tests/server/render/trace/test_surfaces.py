@@ -12,7 +12,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_server.render.trace.surfaces import (
     BACKGROUND,
     NO_SURFACE,
-    surfaces_of,
+    find_surfaces,
     uv_planes,
 )
 from catoptra_server.scene.description import (
@@ -26,7 +26,7 @@ from catoptra_server.scene.description import (
     World,
 )
 from catoptra_server.scene.meshes import SceneMesh, build_scene
-from helpers.worlds import smooth_texture
+from helpers.worlds import write_smooth_texture
 
 GREY = Material((0.5, 0.5, 0.5))
 AT = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, 1.0))
@@ -38,44 +38,44 @@ def scene_of(*shapes: Shape, material: Material = GREY) -> SceneMesh:
 
 
 def test_box_when_joined_has_six_surfaces_and_twelve_outlines() -> None:
-    surfaces = surfaces_of(scene_of(Box((1.0, 2.0, 3.0))))
+    surfaces = find_surfaces(scene_of(Box((1.0, 2.0, 3.0))))
     assert len(surfaces.triangle) == 2 + 6
-    lengths = np.linalg.norm(np.diff(surfaces.outlines, axis=1)[:, 0], axis=-1)
+    lengths = np.linalg.norm(np.diff(surfaces.edges, axis=1)[:, 0], axis=-1)
     np.testing.assert_allclose(np.sort(lengths), np.repeat([1.0, 2.0, 3.0], 4))
     assert sorted(surfaces.of_triangle[:-1]) == sorted([*range(2, 8)] * 2)
     assert surfaces.of_triangle[-1] == BACKGROUND
 
 
 def test_curved_thing_when_joined_keeps_the_edges_between_its_facets() -> None:
-    surfaces = surfaces_of(scene_of(Cylinder(0.5, 1.0)))
+    surfaces = find_surfaces(scene_of(Cylinder(0.5, 1.0)))
     facets = len(surfaces.triangle) - 2 - 2
-    assert len(surfaces.outlines) == 3 * facets
+    assert len(surfaces.edges) == 3 * facets
 
 
 def test_neighbours_when_of_two_colours_are_two_surfaces() -> None:
     scene = scene_of(Rectangle((1.0, 1.0)))
     albedo = scene.albedo.copy()
     albedo[1] = 0.7
-    assert len(surfaces_of(scene).triangle) == 2 + 1
-    assert len(surfaces_of(scene).outlines) == 4
-    painted = surfaces_of(replace(scene, albedo=albedo))
+    assert len(find_surfaces(scene).triangle) == 2 + 1
+    assert len(find_surfaces(scene).edges) == 4
+    painted = find_surfaces(replace(scene, albedo=albedo))
     assert len(painted.triangle) == 2 + 2
-    assert len(painted.outlines) == 5
+    assert len(painted.edges) == 5
 
 
 @pytest.mark.parametrize(("shift", "count"), [(0.0, 1), (0.25, 2)])
 def test_neighbours_when_their_texture_does_not_go_on_are_two_surfaces(
     tmp_path: Path, shift: float, count: int
 ) -> None:
-    material = Material((1.0, 1.0, 1.0), smooth_texture(tmp_path / "t.png"))
+    material = Material((1.0, 1.0, 1.0), write_smooth_texture(tmp_path / "t.png"))
     scene = scene_of(Rectangle((1.0, 2.0), (3.0, 2.0)), material=material)
     uv = scene.uv.copy()
     uv[1] += shift
-    assert len(surfaces_of(replace(scene, uv=uv)).triangle) == 2 + count
+    assert len(find_surfaces(replace(scene, uv=uv)).triangle) == 2 + count
 
 
 def test_uv_of_a_plane_is_that_of_its_corners(tmp_path: Path) -> None:
-    material = Material((1.0, 1.0, 1.0), smooth_texture(tmp_path / "t.png"))
+    material = Material((1.0, 1.0, 1.0), write_smooth_texture(tmp_path / "t.png"))
     scene = scene_of(Box((1.0, 2.0, 3.0)), material=material)
     offset, gradient = uv_planes(scene, np.arange(len(scene)))
     found = np.einsum("nci,nki->nck", scene.corners, gradient) + offset[:, None]
@@ -85,7 +85,7 @@ def test_uv_of_a_plane_is_that_of_its_corners(tmp_path: Path) -> None:
 def test_small_triangles_when_many_lie_in_spheres_and_large_ones_do_not() -> None:
     scene = scene_of(SphereBand(0.2, 0.0, 3.1, 80, 40), Rectangle((5.0, 5.0)))
     assert len(scene) > 4000
-    surfaces = surfaces_of(scene)
+    surfaces = find_surfaces(scene)
     large = surfaces.of_triangle[:-1] != NO_SURFACE
     assert large[scene.item_index == 1].all()
     small = scene.corners[~large].reshape(-1, 3)
@@ -96,6 +96,6 @@ def test_small_triangles_when_many_lie_in_spheres_and_large_ones_do_not() -> Non
 
 
 def test_scene_when_empty_has_no_surface_but_the_background() -> None:
-    surfaces = surfaces_of(build_scene(World("w", ())))
+    surfaces = find_surfaces(build_scene(World("w", ())))
     assert surfaces.of_triangle.tolist() == [BACKGROUND]
-    assert len(surfaces.outlines) == len(surfaces.cluster_centre) == 0
+    assert len(surfaces.edges) == len(surfaces.cluster_centre) == 0

@@ -16,25 +16,25 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from catoptra_client.experiment.cost.key_steps import (
-    KeyStep,
-    add_landmarks,
-    key_steps,
-    read_study,
-    write_robot,
+    KeyLevel,
+    write_localization,
+    select_key_levels,
+    read_cost_json,
+    write_robot_file,
 )
-from catoptra_client.experiment.cost.worth import summary, worth
+from catoptra_client.experiment.cost.worth import summarise_localization, localization_accuracy
 from catoptra_client.experiment.session import (
-    Plan,
+    ExperimentConfig,
     SetupResult,
     run_setup,
     train_classifier,
 )
-from catoptra_client.experiment.setups import SIM, Setup
+from catoptra_client.experiment.setups import SIM, ExperimentSetup
 from catoptra_client.landmarks import ColourClassifier
 from catoptra_protocol.errors import CatoptraError
 
-EXIT_CANNOT_DRIVE = 2
-_TRAINING_FRAMES = 30
+EXIT_FAILURE = 2
+_NUM_TRAINING_FRAMES = 30
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,62 +42,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(arguments)
     console = Console(stderr=True)
     try:
-        _add(parsed, console)
+        _add_localization(parsed, console)
     except (CatoptraError, OSError) as error:
         console.print(f"cost: {error}", style="red", markup=False, soft_wrap=True)
-        return EXIT_CANNOT_DRIVE
+        return EXIT_FAILURE
     return 0
 
 
-def _add(parsed: argparse.Namespace, console: Console) -> None:
+def _add_localization(parsed: argparse.Namespace, console: Console) -> None:
     path = parsed.output / "cost.json"
-    study = read_study(path)
-    steps = key_steps(study)
+    study = read_cost_json(path)
+    steps = select_key_levels(study)
     with _progress(console) as progress:
-        plan = _plan(parsed, steps[-1])
+        plan = _level_config(parsed, steps[-1])
         classifier, _ = train_classifier(
-            plan, _advance(progress, "train: labelled frames", _TRAINING_FRAMES)
+            plan, _progress_callback(progress, "train: labelled frames", _NUM_TRAINING_FRAMES)
         )
         rows = []
         for step in steps:
-            advance = _advance(progress, step.name, plan.runs * (len(SIM.route) - 1))
-            result = _driven(parsed, step, classifier, advance)
-            rows.append(worth(step.name, result, plan.landmarks))
-    add_landmarks(study, summary(rows, result), path)
+            advance = _progress_callback(progress, step.name, plan.num_runs * (len(SIM.route) - 1))
+            result = _run_level(parsed, step, classifier, advance)
+            rows.append(localization_accuracy(step.name, result, plan.landmarks))
+    write_localization(study, summarise_localization(rows, result), path)
 
 
-def _advance(progress: Progress, title: str, total: int) -> Callable[[str], None]:
+def _progress_callback(progress: Progress, title: str, total: int) -> Callable[[str], None]:
     task = progress.add_task(title, total=total)
     return lambda _: progress.advance(task)
 
 
-def _driven(
+def _run_level(
     parsed: argparse.Namespace,
-    step: KeyStep,
+    level: KeyLevel,
     classifier: ColourClassifier,
-    advance: Callable[[str], None],
+    on_progress: Callable[[str], None],
 ) -> SetupResult:
-    plan = _plan(parsed, step)
-    return run_setup(plan, plan.setups[0], classifier, advance)
+    plan = _level_config(parsed, level)
+    return run_setup(plan, plan.setups[0], classifier, on_progress)
 
 
-def _plan(parsed: argparse.Namespace, step: KeyStep) -> Plan:
+def _level_config(parsed: argparse.Namespace, level: KeyLevel) -> ExperimentConfig:
     """Return the plan of the paper's simulated run, drawn as a step says."""
-    return Plan(
-        configs=parsed.configs,
-        output=parsed.output,
-        setups=(_setup(parsed, step),),
-        runs=1 if parsed.quick else parsed.runs,
+    return ExperimentConfig(
+        config_folder=parsed.configs,
+        output_folder=parsed.output,
+        setups=(_level_setup(parsed, level),),
+        num_runs=1 if parsed.quick else parsed.runs,
         seed=parsed.seed,
-        training_frames=_TRAINING_FRAMES,
-        server_arguments=("--renderer", step.renderer),
+        num_training_frames=_NUM_TRAINING_FRAMES,
+        server_arguments=("--renderer", level.renderer),
     )
 
 
-def _setup(parsed: argparse.Namespace, step: KeyStep) -> Setup:
+def _level_setup(parsed: argparse.Namespace, level: KeyLevel) -> ExperimentSetup:
     """Write the step's robot file into the output; return the set-up that drives it."""
     robot: Path = parsed.output.resolve() / "robot.ini"
-    write_robot(step, parsed.configs / "robots" / SIM.robot_file, robot)
+    write_robot_file(level, parsed.configs / "robots" / SIM.robot_file, robot)
     return replace(SIM, robot_file=str(robot))
 
 

@@ -16,16 +16,16 @@ from catoptra_protocol.errors import CatoptraError
 
 
 @dataclass(frozen=True, slots=True)
-class KeyStep:
+class KeyLevel:
     """A step to be driven. robot_lines: what a robot file says to get it. rmse: in grey levels."""
 
     name: str
     renderer: str
-    robot_lines: str
+    robot_ini: str
     rmse: float
 
 
-def read_study(path: Path) -> dict[str, Any]:
+def read_cost_json(path: Path) -> dict[str, Any]:
     """Return cost.json as it is. Raises CatoptraError if there is none."""
     try:
         study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -36,12 +36,12 @@ def read_study(path: Path) -> dict[str, Any]:
     return study
 
 
-def key_steps(study: Mapping[str, Any]) -> tuple[KeyStep, ...]:
+def select_key_levels(results: Mapping[str, Any]) -> tuple[KeyLevel, ...]:
     """Return the key steps from coarse to exact."""
     try:
         steps = [
-            KeyStep(row["name"], row["renderer"], row["robot_lines"], row["rmse"])
-            for row in study["steps"]
+            KeyLevel(row["name"], row["renderer"], row["robot_lines"], row["rmse"])
+            for row in results["steps"]
             if row["is_key"]
         ]
     except (KeyError, TypeError) as error:
@@ -49,13 +49,13 @@ def key_steps(study: Mapping[str, Any]) -> tuple[KeyStep, ...]:
     return tuple(sorted(steps, key=lambda step: -step.rmse))
 
 
-def write_robot(step: KeyStep, base: Path, path: Path) -> None:
+def write_robot_file(level: KeyLevel, base_robot: Path, path: Path) -> None:
     """Write a robot file that is another one, drawn as the step says."""
-    based_on = f"[Configuration]\nBasedOn={base.resolve()}\n"
-    path.write_text(based_on + step.robot_lines, encoding="utf-8")
+    based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
+    path.write_text(based_on + level.robot_ini, encoding="utf-8")
 
 
-def add_landmarks(study: Mapping[str, Any], landmarks: Mapping[str, Any], path: Path) -> None:
+def write_localization(results: Mapping[str, Any], localization: Mapping[str, Any], path: Path) -> None:
     """Write cost.json again with what was found out here."""
-    text = json.dumps({**study, "landmarks": landmarks}, indent=2)
+    text = json.dumps({**results, "landmarks": localization}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")

@@ -16,16 +16,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from catoptra_client.experiment.degraded.ladders import LADDERS, Ladder
-from catoptra_client.experiment.degraded.study import LadderResult, drives, run_study
-from catoptra_client.experiment.degraded.telling import document, markdown, verdict_table
-from catoptra_client.experiment.pictures.degraded import draw_all, draw_ladder
-from catoptra_client.experiment.session import Plan
+from catoptra_client.experiment.degraded.ladders import SWEEPS, DegradationSweep
+from catoptra_client.experiment.degraded.study import SweepResult, num_drives, run_degradation_study
+from catoptra_client.experiment.degraded.telling import summarise_degradation, format_degradation_report, failure_table
+from catoptra_client.experiment.pictures.degraded import draw_all_sweeps, draw_sweep
+from catoptra_client.experiment.session import ExperimentConfig
 from catoptra_client.experiment.setups import SIM
 from catoptra_protocol.errors import CatoptraError
 
-EXIT_CANNOT_DRIVE = 2
-_TRAINING_FRAMES = 20
+EXIT_FAILURE = 2
+_NUM_TRAINING_FRAMES = 20
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,53 +33,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(arguments)
     console = Console(stderr=True)
     try:
-        plan = _plan(parsed)
-        ladders = [ladder for ladder in LADDERS if ladder.slug in (parsed.ladder or _SLUGS)]
-        results = _measured(plan, ladders, parsed.configs / "robots", console)
-        write_study(parsed.output, plan, results)
+        plan = _experiment_config(parsed)
+        ladders = [ladder for ladder in SWEEPS if ladder.slug in (parsed.ladder or _SWEEP_SLUGS)]
+        results = _run_with_progress(plan, ladders, parsed.configs / "robots", console)
+        write_degradation_results(parsed.output, plan, results)
     except (CatoptraError, OSError) as error:
         console.print(f"degraded: {error}", style="red", markup=False, soft_wrap=True)
-        return EXIT_CANNOT_DRIVE
-    for line in verdict_table(results):
+        return EXIT_FAILURE
+    for line in failure_table(results):
         Console().print(line, markup=False, highlight=False, soft_wrap=True)
     return 0
 
 
-def write_study(output: Path, plan: Plan, results: Sequence[LadderResult]) -> None:
+def write_degradation_results(output_folder: Path, config: ExperimentConfig, results: Sequence[SweepResult]) -> None:
     """Write degraded.json, DEGRADED.md, degraded.png and a page a ladder."""
-    text = json.dumps(document(results, runs=plan.runs, seed=plan.seed), indent=2, allow_nan=False)
-    (output / "degraded.json").write_text(text + "\n", encoding="utf-8")
-    (output / "DEGRADED.md").write_text(markdown(results, runs=plan.runs), encoding="utf-8")
-    draw_all(output / "degraded.png", results)
+    text = json.dumps(summarise_degradation(results, num_runs=config.num_runs, seed=config.seed), indent=2, allow_nan=False)
+    (output_folder / "degraded.json").write_text(text + "\n", encoding="utf-8")
+    (output_folder / "DEGRADED.md").write_text(format_degradation_report(results, num_runs=config.num_runs), encoding="utf-8")
+    draw_all_sweeps(output_folder / "degraded.png", results)
     for result in results:
-        draw_ladder(output / f"degraded_{result.ladder.slug}.png", result)
+        draw_sweep(output_folder / f"degraded_{result.sweep.slug}.png", result)
 
 
-def _measured(
-    plan: Plan, ladders: Sequence[Ladder], robots: Path, console: Console
-) -> tuple[LadderResult, ...]:
+def _run_with_progress(
+    config: ExperimentConfig, sweeps: Sequence[DegradationSweep], robot_folder: Path, console: Console
+) -> tuple[SweepResult, ...]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=console) as progress:
-        task = progress.add_task("drives", total=drives(plan, ladders))
-        return run_study(plan, ladders, robots=robots, on_drive=lambda: progress.advance(task))
+        task = progress.add_task("drives", total=num_drives(config, sweeps))
+        return run_degradation_study(config, sweeps, robot_folder=robot_folder, on_drive=lambda: progress.advance(task))
 
 
-def _plan(parsed: argparse.Namespace) -> Plan:
+def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
     """Return the plan; robot files and servers' logs go into a folder of their own."""
     folder: Path = parsed.output / "degraded"
     folder.mkdir(parents=True, exist_ok=True)
-    return Plan(
-        configs=parsed.configs,
-        output=folder,
+    return ExperimentConfig(
+        config_folder=parsed.configs,
+        output_folder=folder,
         setups=(SIM,),
-        runs=1 if parsed.quick else max(1, parsed.runs),
+        num_runs=1 if parsed.quick else max(1, parsed.runs),
         seed=parsed.seed,
-        training_frames=_TRAINING_FRAMES,
+        num_training_frames=_NUM_TRAINING_FRAMES,
         server_arguments=("--renderer", "trace", "--threads", "1"),
     )
 
 
-_SLUGS = [ladder.slug for ladder in LADDERS]
+_SWEEP_SLUGS = [ladder.slug for ladder in SWEEPS]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--configs", type=Path, default=Path("configs"), metavar="DIR")
     add("--output", type=Path, default=Path("out/effects"), metavar="DIR")
-    add("--ladder", action="append", choices=_SLUGS, help="only this one; may be repeated")
+    add("--ladder", action="append", choices=_SWEEP_SLUGS, help="only this one; may be repeated")
     add("--runs", type=int, default=2, help="seeds a rung")
     add("--quick", action="store_true", help="one seed a rung")
     add("--seed", type=int, default=0, help="of all random numbers")

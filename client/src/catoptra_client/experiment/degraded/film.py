@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from catoptra_client.experiment.recording import ROBOT_CLASS, Recording, Seen, driven
+from catoptra_client.experiment.recording import ROBOT_CLASS, DriveLog, LandmarkMeasurement, drive_route
 from catoptra_client.experiment.route import Waypoint
 from catoptra_client.experiment.server_process import ServerAddress
-from catoptra_client.experiment.setups import LONGEST_RANGE_M, Setup
-from catoptra_client.images import ImageStream
+from catoptra_client.experiment.setups import MAX_RANGE_M, ExperimentSetup
+from catoptra_client.images import ImageClient
 from catoptra_client.landmarks import (
     ColourClassifier,
     Detection,
@@ -22,45 +22,45 @@ from catoptra_client.landmarks import (
     detect,
     make_detector,
 )
-from catoptra_client.landmarks.histogram import Bytes
-from catoptra_client.robot import Robot
+from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.robot import RobotClient
 from catoptra_client.stream import StreamClient
-from catoptra_client.stream_landmarks import SeenLandmark
+from catoptra_client.stream_landmarks import LandmarkProjection
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.camera import OmniCamera
 
 # Two servers and what else the machine does may keep a frame waiting: a study is not lost by that.
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class LabelledFrame:
     """A (h, w, 3) frame, and what geometry says of the landmarks in it."""
 
-    frame: Bytes
-    landmarks: tuple[SeenLandmark, ...]
+    rgb: UInt8Array
+    landmarks: tuple[LandmarkProjection, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Film:
+class RecordedDrive:
     """A drive whose steps have seen nothing yet, and a shot for each step after the start."""
 
-    drive: Recording
-    shots: tuple[Shot, ...]
+    log: DriveLog
+    frames: tuple[LabelledFrame, ...]
     camera: OmniCamera
     height_m: float
 
 
-def filmed(setup: Setup, seed: int, address: ServerAddress, *, on_step: Callable[[], None]) -> Film:
+def record_drive(setup: ExperimentSetup, seed: int, address: ServerAddress, *, on_step: Callable[[], None]) -> RecordedDrive:
     """Drive a set-up's route on a lockstep server and keep every frame."""
     if address.stream_port is None:
         raise CatoptraError("a film needs the server's stream: it says what can be seen")
-    start, name, shots = setup.route[0], f"Run{seed}", list[Shot]()
+    start, name, shots = setup.route[0], f"Run{seed}", list[LabelledFrame]()
     with (
-        Robot.connect(address.host, address.control_port, _PATIENCE_S) as robot,
-        ImageStream.connect(address.host, address.image_port, _PATIENCE_S) as images,
-        StreamClient.connect(address.host, address.stream_port, _PATIENCE_S) as stream,
+        RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
+        ImageClient.connect(address.host, address.image_port, _TIMEOUT_S) as images,
+        StreamClient.connect(address.host, address.stream_port, _TIMEOUT_S) as stream,
     ):
         robot.spawn(
             ROBOT_CLASS,
@@ -68,40 +68,40 @@ def filmed(setup: Setup, seed: int, address: ServerAddress, *, on_step: Callable
             location_m=(start.x_m, start.y_m, 0.0),
             rotation_rad=(0.0, 0.0, start.yaw_rad),
         )
-        camera, height_m = robot.camera_and_height()
+        camera, height_m = robot.get_camera_and_height()
 
-        def look(truth: Waypoint) -> tuple[Seen, ...]:
-            shots.append(Shot(images.frame().rgb, stream.landmarks_seen(name)))
+        def look(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
+            shots.append(LabelledFrame(images.get_frame().rgb, stream.get_landmark_projections(name)))
             return ()
 
-        steps = driven(setup, robot, look, on_step)
-    return Film(Recording(setup.name, seed, steps), tuple(shots), camera, height_m)
+        steps = drive_route(setup, robot, look, on_step)
+    return RecordedDrive(DriveLog(setup.name, seed, steps), tuple(shots), camera, height_m)
 
 
-def detector_for(
-    film: Film, classifier: ColourClassifier, landmarks: Sequence[Landmark]
+def make_drive_detector(
+    drive: RecordedDrive, classifier: ColourClassifier, landmarks: Sequence[Landmark]
 ) -> Detector:
     """Return the detector for a film's camera."""
-    viewpoint = Viewpoint(film.height_m)
-    return make_detector(film.camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
+    viewpoint = Viewpoint(drive.height_m)
+    return make_detector(drive.camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
 
 
-def sightings(film: Film, detector: Detector) -> tuple[tuple[Detection, ...], ...]:
+def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Detection, ...], ...]:
     """Return the beacons that a detector finds, with their range, in each shot."""
     return tuple(
-        tuple(d for d in detect(detector, shot.frame) if d.kind == "beacon" and d.has_range)
-        for shot in film.shots
+        tuple(d for d in detect(detector, shot.rgb) if d.kind == "beacon" and d.has_range)
+        for shot in drive.frames
     )
 
 
-def with_sightings(film: Film, found: Sequence[Sequence[Detection]]) -> Recording:
+def add_measurements(drive: RecordedDrive, detections: Sequence[Sequence[Detection]]) -> DriveLog:
     """Return the drive as a filter gets it: with what was measured to be near enough."""
-    start, *rest = film.drive.steps
-    looked = (replace(step, seen=_near(seen)) for step, seen in zip(rest, found, strict=True))
-    return replace(film.drive, steps=(start, *looked))
+    start, *rest = drive.log.steps
+    looked = (replace(step, measurements=_measurements_in_range(seen)) for step, seen in zip(rest, detections, strict=True))
+    return replace(drive.log, steps=(start, *looked))
 
 
-def _near(found: Sequence[Detection]) -> tuple[Seen, ...]:
+def _measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
     return tuple(
-        Seen(d.name, d.range_m, d.bearing_rad) for d in found if d.range_m <= LONGEST_RANGE_M
+        LandmarkMeasurement(d.name, d.range_m, d.bearing_rad) for d in detections if d.range_m <= MAX_RANGE_M
     )

@@ -8,35 +8,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_client.experiment.degraded.film import Film, with_sightings
-from catoptra_client.experiment.recording import Step
-from catoptra_client.experiment.replay import Trace, replay
-from catoptra_client.experiment.setups import LONGEST_RANGE_M, PAPER_FILTER, Setup
+from catoptra_client.experiment.degraded.film import RecordedDrive, add_measurements
+from catoptra_client.experiment.recording import DriveStep
+from catoptra_client.experiment.replay import FilterRun, replay_filter
+from catoptra_client.experiment.setups import MAX_RANGE_M, PAPER_FILTER, ExperimentSetup
 from catoptra_client.landmarks import Detection
-from catoptra_client.localization import landmark_map
+from catoptra_client.localization import make_landmark_map
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
 
 # Two sigmas of the bearing that the paper's filter believes: farther off is another thing.
-SAME_WITHIN_RAD = math.radians(5.0)
+MATCH_TOLERANCE_RAD = math.radians(5.0)
 
-Sightings = Sequence[Sequence[Detection]]
+DriveDetections = Sequence[Sequence[Detection]]
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class DegradationMetrics:
     """What came of some films.
 
     visible: beacons that the stream called visible, within the range that is used; found: those of
-    them that were detected within SAME_WITHIN_RAD of their bearing. false_a_frame: detections
+    them that were detected within MATCH_TOLERANCE_RAD of their bearing. false_per_frame: detections
     of what is not there. Errors are of what was found, rms; None where nothing was. EKF errors are
     the paper's filter's, metres, medians over the films.
     """
 
-    frames: int
-    visible: int
-    found: int
-    false_a_frame: float
+    num_frames: int
+    num_visible: int
+    num_detected: int
+    false_per_frame: float
     bearing_rms_deg: float | None
     range_rms_m: float | None
     ekf_max_m: float
@@ -44,37 +44,37 @@ class Figures:
     odometry_max_m: float
 
     @property
-    def rate(self) -> float:
+    def detection_rate(self) -> float:
         """Return the share of the visible beacons that were found; 0 where there was none."""
-        return self.found / self.visible if self.visible else 0.0
+        return self.num_detected / self.num_visible if self.num_visible else 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class FrameEvaluation:
     """A frame's sightings, judged: errors (range in m, bearing in rad) of each one found."""
 
-    visible: frozenset[str]
-    found: dict[str, tuple[float, float]]
-    false: tuple[Detection, ...]
+    visible_beacons: frozenset[str]
+    detection_errors: dict[str, tuple[float, float]]
+    false_detections: tuple[Detection, ...]
 
 
-def figures(
-    films: Sequence[Film],
-    found: Sequence[Sightings],
+def compute_degradation_metrics(
+    drives: Sequence[RecordedDrive],
+    detections: Sequence[DriveDetections],
     *,
-    setup: Setup,
+    setup: ExperimentSetup,
     landmarks: Sequence[Landmark],
-) -> Figures:
+) -> DegradationMetrics:
     """Return the figures of films with what a detector found in each of their shots."""
-    judged = [j for film, seen in zip(films, found, strict=True) for j in judgements(film, seen)]
-    errors = [error for frame in judged for error in frame.found.values()]
-    traces = _traces(films, found, setup, landmarks)
-    range_m, bearing_rad = _rms(errors)
-    return Figures(
-        frames=len(judged),
-        visible=sum(len(frame.visible) for frame in judged),
-        found=len(errors),
-        false_a_frame=sum(len(frame.false) for frame in judged) / len(judged),
+    judged = [j for film, seen in zip(drives, detections, strict=True) for j in evaluate_drive(film, seen)]
+    errors = [error for frame in judged for error in frame.detection_errors.values()]
+    traces = _run_filter(drives, detections, setup, landmarks)
+    range_m, bearing_rad = _rms_errors(errors)
+    return DegradationMetrics(
+        num_frames=len(judged),
+        num_visible=sum(len(frame.visible_beacons) for frame in judged),
+        num_detected=len(errors),
+        false_per_frame=sum(len(frame.false_detections) for frame in judged) / len(judged),
         bearing_rms_deg=None if bearing_rad is None else math.degrees(bearing_rad),
         range_rms_m=range_m,
         ekf_max_m=_median([trace.estimate_error_m.max() for trace in traces]),
@@ -83,48 +83,48 @@ def figures(
     )
 
 
-def judgements(film: Film, found: Sightings) -> Iterator[Judged]:
+def evaluate_drive(drive: RecordedDrive, detections: DriveDetections) -> Iterator[FrameEvaluation]:
     """Yield for each shot what was there, what was found of it, and what else."""
-    for step, shot, seen in zip(film.drive.steps[1:], film.shots, found, strict=True):
+    for step, shot, seen in zip(drive.log.steps[1:], drive.frames, detections, strict=True):
         shown = {s.landmark.name: s.landmark for s in shot.landmarks if s.visible}
-        polar = {name: true_polar(step, mark) for name, mark in shown.items()}
-        yield judged(polar, {n for n, m in shown.items() if m.kind == "beacon"}, seen)
+        polar = {name: true_range_bearing(step, mark) for name, mark in shown.items()}
+        yield evaluate_frame(polar, {n for n, m in shown.items() if m.kind == "beacon"}, seen)
 
 
-def judged(
-    polar: dict[str, tuple[float, float]], beacons: set[str], seen: Sequence[Detection]
-) -> Judged:
+def evaluate_frame(
+    range_bearing: dict[str, tuple[float, float]], beacons: set[str], detections: Sequence[Detection]
+) -> FrameEvaluation:
     """Return the judgement of a frame; polar: (range, bearing) of all that is visible in it."""
-    visible = frozenset(name for name in beacons if polar[name][0] <= LONGEST_RANGE_M)
+    visible = frozenset(name for name in beacons if range_bearing[name][0] <= MAX_RANGE_M)
     found, false = {}, []
-    for one in seen:
-        there = polar.get(one.name)
+    for one in detections:
+        there = range_bearing.get(one.name)
         off_rad = math.inf if there is None else wrap_angle(one.bearing_rad - there[1])
-        if there is None or abs(off_rad) > SAME_WITHIN_RAD:
+        if there is None or abs(off_rad) > MATCH_TOLERANCE_RAD:
             false.append(one)
         elif one.name in visible:
             found[one.name] = (one.range_m - there[0], off_rad)
-    return Judged(visible, found, tuple(false))
+    return FrameEvaluation(visible, found, tuple(false))
 
 
-def true_polar(step: Step, landmark: Landmark) -> tuple[float, float]:
+def true_range_bearing(step: DriveStep, landmark: Landmark) -> tuple[float, float]:
     """Return true range in metres and bearing in radians of a landmark from a step's place."""
     dx, dy = landmark.x_m - step.truth.x_m, landmark.y_m - step.truth.y_m
     return math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - step.truth.yaw_rad)
 
 
-def _traces(
-    films: Sequence[Film],
-    found: Sequence[Sightings],
-    setup: Setup,
+def _run_filter(
+    recorded_drives: Sequence[RecordedDrive],
+    detections: Sequence[DriveDetections],
+    setup: ExperimentSetup,
     landmarks: Sequence[Landmark],
-) -> list[Trace]:
-    known = landmark_map(landmarks)
-    drives = (with_sightings(film, seen) for film, seen in zip(films, found, strict=True))
-    return [replay(drive, setup, PAPER_FILTER, known) for drive in drives]
+) -> list[FilterRun]:
+    known = make_landmark_map(landmarks)
+    drives = (add_measurements(film, seen) for film, seen in zip(recorded_drives, detections, strict=True))
+    return [replay_filter(drive, setup, PAPER_FILTER, known) for drive in drives]
 
 
-def _rms(errors: Sequence[tuple[float, float]]) -> tuple[float | None, float | None]:
+def _rms_errors(errors: Sequence[tuple[float, float]]) -> tuple[float | None, float | None]:
     if not errors:
         return None, None
     range_m, bearing_rad = np.sqrt(np.mean(np.square(errors), axis=0))

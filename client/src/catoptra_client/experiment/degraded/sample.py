@@ -7,49 +7,49 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_client.experiment.degraded.film import Film
-from catoptra_client.experiment.degraded.measures import Judged, Sightings, judgements
-from catoptra_client.landmarks.histogram import Bytes
+from catoptra_client.experiment.degraded.film import RecordedDrive
+from catoptra_client.experiment.degraded.measures import FrameEvaluation, DriveDetections, evaluate_drive
+from catoptra_client.landmarks.histogram import UInt8Array
 
 Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class ExampleFrame:
     """A (h, w, 3) frame; where its beacons are that were found, and those missed; false ones.
 
-    false_rad: bearings of detections of what is not there. centre_px: of the picture's mirror.
+    false_bearings_rad: bearings of detections of what is not there. centre_px: of the picture's mirror.
     """
 
-    frame: Bytes
-    found: tuple[Pixel, ...]
-    missed: tuple[Pixel, ...]
-    false_rad: tuple[float, ...]
+    rgb: UInt8Array
+    detected_px: tuple[Pixel, ...]
+    missed_px: tuple[Pixel, ...]
+    false_bearings_rad: tuple[float, ...]
     centre_px: Pixel
 
 
-def sample(film: Film, found: Sightings) -> Sample:
+def select_example(drive: RecordedDrive, detections: DriveDetections) -> ExampleFrame:
     """Return the first of the frames that show most beacons within range."""
-    judged = list(judgements(film, found))
-    number = fullest(judged)
-    shot, frame = film.shots[number], judged[number]
+    judged = list(evaluate_drive(drive, detections))
+    number = argmax_visible_beacons(judged)
+    shot, frame = drive.frames[number], judged[number]
     places = {s.landmark.name: s.pixel for s in shot.landmarks if s.pixel is not None}
-    return Sample(
-        frame=shot.frame,
-        found=tuple(places[name] for name in sorted(frame.found)),
-        missed=tuple(places[name] for name in sorted(frame.visible - set(frame.found))),
-        false_rad=tuple(one.bearing_rad for one in frame.false),
-        centre_px=film.camera.centre_px,
+    return ExampleFrame(
+        rgb=shot.rgb,
+        detected_px=tuple(places[name] for name in sorted(frame.detection_errors)),
+        missed_px=tuple(places[name] for name in sorted(frame.visible_beacons - set(frame.detection_errors))),
+        false_bearings_rad=tuple(one.bearing_rad for one in frame.false_detections),
+        centre_px=drive.camera.centre_px,
     )
 
 
-def changed(shown: Sample, clean: Sample) -> float:
+def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
     """Return the rms difference of two samples of the same place, in grey levels."""
-    difference = shown.frame.astype(np.float64) - clean.frame
+    difference = degraded.rgb.astype(np.float64) - clean.rgb
     return float(np.sqrt(np.mean(np.square(difference))))
 
 
-def fullest(judged: Sequence[Judged]) -> int:
+def argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
     """Return the index of the first frame with the most visible beacons."""
-    counts = [len(frame.visible) for frame in judged]
+    counts = [len(frame.visible_beacons) for frame in evaluations]
     return counts.index(max(counts))

@@ -12,128 +12,128 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from catoptra_client.experiment.degraded.film import Film, detector_for, filmed, sightings
-from catoptra_client.experiment.degraded.ladders import Ladder, clean_text, robot_text
-from catoptra_client.experiment.degraded.measures import Figures, figures
-from catoptra_client.experiment.degraded.sample import Sample, sample
-from catoptra_client.experiment.session import Plan, server_for
-from catoptra_client.experiment.training_frames import labelled_frames
+from catoptra_client.experiment.degraded.film import RecordedDrive, make_drive_detector, record_drive, detect_beacons
+from catoptra_client.experiment.degraded.ladders import DegradationSweep, clean_robot_ini, degraded_robot_ini
+from catoptra_client.experiment.degraded.measures import DegradationMetrics, compute_degradation_metrics
+from catoptra_client.experiment.degraded.sample import ExampleFrame, select_example
+from catoptra_client.experiment.session import ExperimentConfig, open_server
+from catoptra_client.experiment.training_frames import capture_training_frames
 from catoptra_client.landmarks import ColourClassifier, train
 
 # What a classifier has learnt from.
-FROM_CLEAN = "clean"
-FROM_SAME = "same"
+TRAINED_ON_CLEAN = "clean"
+TRAINED_ON_DEGRADED = "same"
 # A server draws while another's frame is looked at: two fill two cores.
-_AT_ONCE = 2
+_NUM_WORKERS = 2
 
-Advance = Callable[[], None]
+DriveCallback = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RungResult:
-    """What came of a rung, by what the classifier had learnt from; the sample is FROM_CLEAN's."""
+class LevelResult:
+    """What came of a rung, by what the classifier had learnt from; the sample is TRAINED_ON_CLEAN's."""
 
     label: str
-    figures: Mapping[str, Figures]
-    sample: Sample
+    metrics: Mapping[str, DegradationMetrics]
+    example: ExampleFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LadderResult:
+class SweepResult:
     """What came of a ladder."""
 
-    ladder: Ladder
-    clean: RungResult
-    rungs: tuple[RungResult, ...]
+    sweep: DegradationSweep
+    clean: LevelResult
+    levels: tuple[LevelResult, ...]
 
 
-def drives(plan: Plan, ladders: Sequence[Ladder]) -> int:
+def num_drives(config: ExperimentConfig, sweeps: Sequence[DegradationSweep]) -> int:
     """Return how many drives a study takes."""
-    return plan.runs * (1 + sum(len(ladder.rungs) for ladder in ladders))
+    return config.num_runs * (1 + sum(len(ladder.levels) for ladder in sweeps))
 
 
-def run_study(
-    plan: Plan, ladders: Sequence[Ladder], *, robots: Path, on_drive: Advance
-) -> tuple[LadderResult, ...]:
+def run_degradation_study(
+    config: ExperimentConfig, sweeps: Sequence[DegradationSweep], *, robot_folder: Path, on_drive: DriveCallback
+) -> tuple[SweepResult, ...]:
     """Return the ladders' results; the plan's first set-up says which way to drive."""
-    learnt, clean = _clean(plan, clean_text(robots), on_drive)
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    learnt, clean = _run_clean(config, clean_robot_ini(robot_folder), on_drive)
+    with ThreadPoolExecutor(_NUM_WORKERS) as pool:
 
-        def begun(ladder: Ladder, number: int) -> Future[RungResult]:
-            rung = ladder.rungs[number]
+        def begun(ladder: DegradationSweep, number: int) -> Future[LevelResult]:
+            rung = ladder.levels[number]
             return pool.submit(
-                _rung,
-                plan,
-                robot_text(ladder, rung, robots),
+                _run_level,
+                config,
+                degraded_robot_ini(ladder, rung, robot_folder),
                 name=f"{ladder.slug}_{number + 1}",
                 label=rung.label,
-                learnt=learnt,
+                clean_classifier=learnt,
                 on_drive=on_drive,
             )
 
-        begun_all = [[begun(one, n) for n in range(len(one.rungs))] for one in ladders]
+        begun_all = [[begun(one, n) for n in range(len(one.levels))] for one in sweeps]
         try:
             return tuple(
-                LadderResult(ladder, clean, tuple(rung.result() for rung in rungs))
-                for ladder, rungs in zip(ladders, begun_all, strict=True)
+                SweepResult(ladder, clean, tuple(rung.result() for rung in rungs))
+                for ladder, rungs in zip(sweeps, begun_all, strict=True)
             )
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)  # else all others are measured first
             raise
 
 
-def _clean(plan: Plan, robot: str, on_drive: Advance) -> tuple[ColourClassifier, RungResult]:
+def _run_clean(config: ExperimentConfig, robot_ini: str, on_drive: DriveCallback) -> tuple[ColourClassifier, LevelResult]:
     """Return the classifier that learns from clean pictures, and how it does in them."""
-    classifier, films = _films(plan, robot, "clean", on_drive)
-    return classifier, _result(plan, films, "clean", {FROM_CLEAN: classifier})
+    classifier, films = _record_drives(config, robot_ini, "clean", on_drive)
+    return classifier, _evaluate_level(config, films, "clean", {TRAINED_ON_CLEAN: classifier})
 
 
-def _rung(
-    plan: Plan,
-    robot: str,
+def _run_level(
+    config: ExperimentConfig,
+    robot_ini: str,
     *,
     name: str,
     label: str,
-    learnt: ColourClassifier,
-    on_drive: Advance,
-) -> RungResult:
-    anew, films = _films(plan, robot, name, on_drive)
-    return _result(plan, films, label, {FROM_CLEAN: learnt, FROM_SAME: anew})
+    clean_classifier: ColourClassifier,
+    on_drive: DriveCallback,
+) -> LevelResult:
+    anew, films = _record_drives(config, robot_ini, name, on_drive)
+    return _evaluate_level(config, films, label, {TRAINED_ON_CLEAN: clean_classifier, TRAINED_ON_DEGRADED: anew})
 
 
-def _films(
-    plan: Plan, robot: str, name: str, on_drive: Advance
-) -> tuple[ColourClassifier, tuple[Film, ...]]:
+def _record_drives(
+    config: ExperimentConfig, robot_ini: str, name: str, on_drive: DriveCallback
+) -> tuple[ColourClassifier, tuple[RecordedDrive, ...]]:
     """Return a classifier trained from a server's pictures, and a film of each seed on it."""
-    file = plan.output.resolve() / f"{name}.ini"
-    file.write_text(robot, encoding="utf-8")
-    setup = replace(plan.setups[0], name=name, robot_file=str(file))
-    with server_for(plan, setup) as address:
-        frames = labelled_frames(
+    file = config.output_folder.resolve() / f"{name}.ini"
+    file.write_text(robot_ini, encoding="utf-8")
+    setup = replace(config.setups[0], name=name, robot_file=str(file))
+    with open_server(config, setup) as address:
+        frames = capture_training_frames(
             address,
-            landmarks=plan.landmarks,
-            count=plan.training_frames,
-            seed=plan.seed + 1,
+            landmarks=config.landmarks,
+            num_frames=config.num_training_frames,
+            seed=config.seed + 1,
             on_frame=lambda: None,
         )
         classifier = train(frames)
         films = []
-        for run in range(plan.runs):
-            films.append(filmed(setup, run, address, on_step=lambda: None))
+        for run in range(config.num_runs):
+            films.append(record_drive(setup, run, address, on_step=lambda: None))
             on_drive()
     return classifier, tuple(films)
 
 
-def _result(
-    plan: Plan, films: Sequence[Film], label: str, classifiers: Mapping[str, ColourClassifier]
-) -> RungResult:
-    landmarks = plan.landmarks
+def _evaluate_level(
+    config: ExperimentConfig, drives: Sequence[RecordedDrive], label: str, classifiers: Mapping[str, ColourClassifier]
+) -> LevelResult:
+    landmarks = config.landmarks
     found = {
-        learnt: [sightings(f, detector_for(f, classifier, landmarks)) for f in films]
+        learnt: [detect_beacons(f, make_drive_detector(f, classifier, landmarks)) for f in drives]
         for learnt, classifier in classifiers.items()
     }
     numbers = {
-        learnt: figures(films, seen, setup=plan.setups[0], landmarks=landmarks)
+        learnt: compute_degradation_metrics(drives, seen, setup=config.setups[0], landmarks=landmarks)
         for learnt, seen in found.items()
     }
-    return RungResult(label, numbers, sample(films[0], found[FROM_CLEAN][0]))
+    return LevelResult(label, numbers, select_example(drives[0], found[TRAINED_ON_CLEAN][0]))

@@ -6,17 +6,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from catoptra_client.experiment.degraded.measures import Figures
-from catoptra_client.experiment.degraded.sample import changed
+from catoptra_client.experiment.degraded.measures import DegradationMetrics
+from catoptra_client.experiment.degraded.sample import rms_difference
 from catoptra_client.experiment.degraded.study import (
-    FROM_CLEAN,
-    FROM_SAME,
-    LadderResult,
-    RungResult,
+    TRAINED_ON_CLEAN,
+    TRAINED_ON_DEGRADED,
+    SweepResult,
+    LevelResult,
 )
-from catoptra_client.experiment.degraded.verdict import Verdict, verdict
+from catoptra_client.experiment.degraded.verdict import FailureLevels, find_failure_levels
 
-_HEAD = """\
+_REPORT_HEADER = """\
 # What degraded images do to colour classification
 
 Written by `make effects`. {runs} drives of {frames} frames a rung, the same seeds everywhere. A
@@ -26,99 +26,99 @@ learnt from clean pictures, as the paper's; "taught anew": from pictures as bad 
 shown. "Grey levels": how far a picture is from the clean one of the same place, rms. Odometry
 alone comes to be {odometry:.2f} m off.
 """
-_RUNG_HEAD = (
+_LEVEL_HEADER = (
     *("grey levels", "found", "false a frame", "bearing", "range", "EKF largest", "EKF final"),
     *("taught anew: found", "false a frame", "EKF largest"),
 )
 
 
-def verdicts(result: LadderResult) -> dict[str, Verdict]:
+def failure_levels_by_training(result: SweepResult) -> dict[str, FailureLevels]:
     """Return a ladder's verdict by what the classifier had learnt from."""
-    clean = result.clean.figures[FROM_CLEAN]
+    clean = result.clean.metrics[TRAINED_ON_CLEAN]
     return {
-        learnt: verdict(clean, [(rung.label, rung.figures[learnt]) for rung in result.rungs])
-        for learnt in (FROM_CLEAN, FROM_SAME)
+        learnt: find_failure_levels(clean, [(rung.label, rung.metrics[learnt]) for rung in result.levels])
+        for learnt in (TRAINED_ON_CLEAN, TRAINED_ON_DEGRADED)
     }
 
 
-def document(results: Sequence[LadderResult], *, runs: int, seed: int) -> dict[str, Any]:
+def summarise_degradation(results: Sequence[SweepResult], *, num_runs: int, seed: int) -> dict[str, Any]:
     """Return all that degraded.json holds."""
-    return {"version": 1, "runs": runs, "seed": seed, "ladders": [_ladder(r) for r in results]}
+    return {"version": 1, "runs": num_runs, "seed": seed, "ladders": [_summarise_sweep(r) for r in results]}
 
 
-def _ladder(result: LadderResult) -> dict[str, Any]:
-    ladder = result.ladder
+def _summarise_sweep(result: SweepResult) -> dict[str, Any]:
+    ladder = result.sweep
     return {
         "name": ladder.name,
-        "words": ladder.words,
+        "words": ladder.description,
         "unit": ladder.unit,
-        "keys": ladder.keys.split("|") if ladder.keys else [],
-        "clean": _rung(result.clean, result),
+        "keys": ladder.ini_keys.split("|") if ladder.ini_keys else [],
+        "clean": _summarise_level(result.clean, result),
         "rungs": [
-            {**_rung(measured, result), "keys": rung.keys.split("|")}
-            for measured, rung in zip(result.rungs, ladder.rungs, strict=True)
+            {**_summarise_level(measured, result), "keys": rung.ini_keys.split("|")}
+            for measured, rung in zip(result.levels, ladder.levels, strict=True)
         ],
-        "verdicts": {learnt: asdict(v) for learnt, v in verdicts(result).items()},
+        "verdicts": {learnt: asdict(v) for learnt, v in failure_levels_by_training(result).items()},
     }
 
 
-def _rung(rung: RungResult, result: LadderResult) -> dict[str, Any]:
-    told = {learnt: {**asdict(f), "rate": f.rate} for learnt, f in rung.figures.items()}
-    return {"label": rung.label, "changed_grey_levels": _changed(rung, result), "taught": told}
+def _summarise_level(level: LevelResult, result: SweepResult) -> dict[str, Any]:
+    told = {learnt: {**asdict(f), "rate": f.detection_rate} for learnt, f in level.metrics.items()}
+    return {"label": level.label, "changed_grey_levels": _rms_difference(level, result), "taught": told}
 
 
-def _changed(rung: RungResult, result: LadderResult) -> float:
-    return changed(rung.sample, result.clean.sample)
+def _rms_difference(level: LevelResult, result: SweepResult) -> float:
+    return rms_difference(level.example, result.clean.example)
 
 
-def markdown(results: Sequence[LadderResult], *, runs: int) -> str:
+def format_degradation_report(results: Sequence[SweepResult], *, num_runs: int) -> str:
     """Return the page: verdicts first, then each ladder's rungs."""
-    clean = results[0].clean.figures[FROM_CLEAN]
-    head = _HEAD.format(runs=runs, frames=clean.frames // runs, odometry=clean.odometry_max_m)
-    tables = (line for result in results for line in _rung_table(result))
-    return "\n".join([head, *verdict_table(results), *tables]) + "\n"
+    clean = results[0].clean.metrics[TRAINED_ON_CLEAN]
+    head = _REPORT_HEADER.format(runs=num_runs, frames=clean.num_frames // num_runs, odometry=clean.odometry_max_m)
+    tables = (line for result in results for line in _level_table(result))
+    return "\n".join([head, *failure_table(results), *tables]) + "\n"
 
 
-def verdict_table(results: Sequence[LadderResult]) -> Iterator[str]:
+def failure_table(results: Sequence[SweepResult]) -> Iterator[str]:
     """Yield the table's lines: at which rung each ladder starts to fail."""
-    yield from _row("ladder", "unit", "rungs", "found < 90 %", "< 50 %", "EKF > 2x", "> 0.6 m",
+    yield from _table_row("ladder", "unit", "rungs", "found < 90 %", "< 50 %", "EKF > 2x", "> 0.6 m",
                     "taught anew: < 90 %", "< 50 %", "> 0.6 m")  # fmt: skip
-    yield from _row(*["---"] * 10)
+    yield from _table_row(*["---"] * 10)
     for result in results:
-        taught = verdicts(result)
-        clean, anew = taught[FROM_CLEAN], taught[FROM_SAME]
-        happens = (clean.falters, clean.fails, clean.drifts, clean.lost)
-        again = (anew.falters, anew.fails, anew.lost)
-        yield from _row(
-            result.ladder.name,
-            result.ladder.unit,
-            f"{result.rungs[0].label} … {result.rungs[-1].label}",
+        taught = failure_levels_by_training(result)
+        clean, anew = taught[TRAINED_ON_CLEAN], taught[TRAINED_ON_DEGRADED]
+        happens = (clean.detection_below_90_percent, clean.detection_below_50_percent, clean.ekf_error_above_twice_clean, clean.ekf_error_above_paper)
+        again = (anew.detection_below_90_percent, anew.detection_below_50_percent, anew.ekf_error_above_paper)
+        yield from _table_row(
+            result.sweep.name,
+            result.sweep.unit,
+            f"{result.levels[0].label} … {result.levels[-1].label}",
             *(label or "–" for label in (*happens, *again)),
         )
 
 
-def _rung_table(result: LadderResult) -> Iterator[str]:
-    ladder = result.ladder
-    yield from ("", f"## {ladder.name}", "", f"{ladder.words[0].upper()}{ladder.words[1:]}.", "")
-    yield from _row(ladder.unit, *_RUNG_HEAD)
-    yield from _row(*["---"] * (1 + len(_RUNG_HEAD)))
-    for rung in (result.clean, *result.rungs):
-        taught = rung.figures[FROM_CLEAN]
-        anew = rung.figures.get(FROM_SAME, taught)
-        level = f"{_changed(rung, result):.1f}"
-        yield from _row(rung.label, level, *_cells(taught), *_short_cells(anew))
+def _level_table(result: SweepResult) -> Iterator[str]:
+    ladder = result.sweep
+    yield from ("", f"## {ladder.name}", "", f"{ladder.description[0].upper()}{ladder.description[1:]}.", "")
+    yield from _table_row(ladder.unit, *_LEVEL_HEADER)
+    yield from _table_row(*["---"] * (1 + len(_LEVEL_HEADER)))
+    for rung in (result.clean, *result.levels):
+        taught = rung.metrics[TRAINED_ON_CLEAN]
+        anew = rung.metrics.get(TRAINED_ON_DEGRADED, taught)
+        level = f"{_rms_difference(rung, result):.1f}"
+        yield from _table_row(rung.label, level, *_metric_cells(taught), *_short_cells(anew))
 
 
-def _cells(f: Figures) -> tuple[str, ...]:
-    bearing = "–" if f.bearing_rms_deg is None else f"{f.bearing_rms_deg:.2f}°"
-    range_ = "–" if f.range_rms_m is None else f"{1e3 * f.range_rms_m:.0f} mm"
-    found, false, largest = _short_cells(f)
-    return found, false, bearing, range_, largest, f"{f.ekf_final_m:.2f} m"
+def _metric_cells(metrics: DegradationMetrics) -> tuple[str, ...]:
+    bearing = "–" if metrics.bearing_rms_deg is None else f"{metrics.bearing_rms_deg:.2f}°"
+    range_ = "–" if metrics.range_rms_m is None else f"{1e3 * metrics.range_rms_m:.0f} mm"
+    found, false, largest = _short_cells(metrics)
+    return found, false, bearing, range_, largest, f"{metrics.ekf_final_m:.2f} m"
 
 
-def _short_cells(f: Figures) -> tuple[str, str, str]:
-    return f"{f.rate:.0%}", f"{f.false_a_frame:.2f}", f"{f.ekf_max_m:.2f} m"
+def _short_cells(metrics: DegradationMetrics) -> tuple[str, str, str]:
+    return f"{metrics.detection_rate:.0%}", f"{metrics.false_per_frame:.2f}", f"{metrics.ekf_max_m:.2f} m"
 
 
-def _row(*cells: str) -> Iterator[str]:
+def _table_row(*cells: str) -> Iterator[str]:
     yield f"| {' | '.join(cells)} |"

@@ -9,64 +9,64 @@ from typing import Any
 import numpy as np
 
 from catoptra_client.experiment.pictures import style
-from catoptra_client.landmarks import COLOUR_CODES, Detector, View
-from catoptra_client.landmarks.histogram import Bytes
+from catoptra_client.landmarks import COLOUR_CODES, Detector, DetectionStages
+from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_protocol.optics.camera import pixel_from_direction
 
 
-def draw_classifier_view(path: Path, frame: Bytes, detector: Detector, view: View) -> None:
+def draw_classifier_output(path: Path, frame: UInt8Array, detector: Detector, stages: DetectionStages) -> None:
     """Write the omni frame with bearings, the cylinder, and its labels with the detections."""
-    with style.figure(path, figsize=(11.0, 5.2)) as drawing:
+    with style.open_figure(path, figsize=(11.0, 5.2)) as drawing:
         left, right = drawing.subfigures(1, 2, width_ratios=(1.0, 1.55))
-        draw_bearings(left.subplots(), frame, detector, view)
+        draw_bearings(left.subplots(), frame, detector, stages)
         above, below = right.subplots(2, 1)
-        above.imshow(view.cylinder)
+        above.imshow(stages.cylinder)
         above.set_title("cylinder unwarped from the frame")
-        below.imshow(_painted(view))
+        below.imshow(_label_image(stages))
         below.set_title("pixels that pass Eq. 3, and the landmarks built of them")
-        _names(below, detector, view)
+        _label_landmarks(below, detector, stages)
         for axis in (above, below):
-            _azimuth_ticks(axis, view.cylinder.shape[1], detector)
+            _set_azimuth_ticks(axis, stages.cylinder.shape[1], detector)
 
 
-def draw_bearings(axis: Any, frame: Bytes, detector: Detector, view: View) -> None:
+def draw_bearings(axes: Any, frame: UInt8Array, detector: Detector, stages: DetectionStages) -> None:
     """Draw a frame and a ray towards each landmark found in it."""
-    axis.imshow(frame)
-    camera = detector.eye.camera
-    for detection in view.detections:
+    axes.imshow(frame)
+    camera = detector.view.camera
+    for detection in stages.detections:
         direction = np.array(
             [math.cos(detection.bearing_rad), math.sin(detection.bearing_rad), 0.0]
         )
         pixel, _ = pixel_from_direction(camera, direction)
         u, v = pixel - 0.5  # imshow counts pixel centres as integers
         centre = [c - 0.5 for c in camera.centre_px]
-        axis.plot([centre[0], u], [centre[1], v], color="white", lw=1.2)
-    axis.set_title("omnidirectional frame with the bearings found")
-    axis.set_axis_off()
+        axes.plot([centre[0], u], [centre[1], v], color="white", lw=1.2)
+    axes.set_title("omnidirectional frame with the bearings found")
+    axes.set_axis_off()
 
 
-def _painted(view: View) -> Bytes:
+def _label_image(stages: DetectionStages) -> UInt8Array:
     """Return the labels as a picture: landmark colours on a faint cylinder."""
-    painted = (255 - (255 - view.cylinder.mean(axis=-1, keepdims=True)) * 0.25).astype(np.uint8)
+    painted = (255 - (255 - stages.cylinder.mean(axis=-1, keepdims=True)) * 0.25).astype(np.uint8)
     painted = np.repeat(painted, 3, axis=-1)
     for colour, code in COLOUR_CODES.items():
         hexadecimal = style.LANDMARK_COLOURS[colour].lstrip("#")
-        painted[view.labels == code] = list(bytes.fromhex(hexadecimal))
+        painted[stages.labels == code] = list(bytes.fromhex(hexadecimal))
     return painted
 
 
-def _names(axis: Any, detector: Detector, view: View) -> None:
+def _label_landmarks(axes: Any, detector: Detector, stages: DetectionStages) -> None:
     """Write name, bearing and range over each landmark; labels that would touch are stacked."""
-    columns = view.cylinder.shape[1]
-    ordered = sorted(view.detections, key=lambda d: d.bearing_rad)
+    columns = stages.cylinder.shape[1]
+    ordered = sorted(stages.detections, key=lambda d: d.bearing_rad)
     for number, detection in enumerate(ordered):
         column = (
-            detector.eye.cylinder.column_from_azimuth(np.array(detection.bearing_rad)) % columns
+            detector.view.cylinder.column_from_azimuth(np.array(detection.bearing_rad)) % columns
         )
         range_ = f", {detection.range_m:.2f} m" if detection.has_range else ""
         name = detection.name.replace("_", " ")
         text = f"{name}\n{math.degrees(detection.bearing_rad):.1f}°{range_}"
-        axis.annotate(
+        axes.annotate(
             text,
             xy=(column, 60),
             xytext=(min(max(column, 70), columns - 70), 128 + 26 * (number % 2)),
@@ -77,9 +77,9 @@ def _names(axis: Any, detector: Detector, view: View) -> None:
         )
 
 
-def _azimuth_ticks(axis: Any, columns: int, detector: Detector) -> None:
+def _set_azimuth_ticks(axes: Any, columns: int, detector: Detector) -> None:
     degrees = np.array([-135, -90, -45, 0, 45, 90, 135])
-    places = [detector.eye.cylinder.column_from_azimuth(np.array(math.radians(d))) for d in degrees]
-    axis.set_xticks([float(p) % columns for p in places], [f"{d}°" for d in degrees])
-    axis.set_yticks([])
-    axis.grid(visible=False)
+    places = [detector.view.cylinder.column_from_azimuth(np.array(math.radians(d))) for d in degrees]
+    axes.set_xticks([float(p) % columns for p in places], [f"{d}°" for d in degrees])
+    axes.set_yticks([])
+    axes.grid(visible=False)

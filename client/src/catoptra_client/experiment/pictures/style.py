@@ -32,7 +32,7 @@ _DPI = 110
 
 
 @contextmanager
-def figure(path: Path, **arguments: Any) -> Iterator[Any]:
+def open_figure(path: Path, **arguments: Any) -> Iterator[Any]:
     """Yield a matplotlib figure with this style; it is written when the block ends."""
     try:
         import matplotlib as mpl

@@ -14,7 +14,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 
 # A nanometre seen from a kilometre. Much narrower the focal length grows beyond all numbers.
-_NARROWEST_RAD = 1e-12
+_MIN_FOV_RAD = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,21 +23,21 @@ class PerspectiveCamera:
 
     width_px: int
     height_px: int
-    fov_rad: float
+    horizontal_fov_rad: float
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
             raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
-        if not _NARROWEST_RAD <= self.fov_rad < math.pi:
+        if not _MIN_FOV_RAD <= self.horizontal_fov_rad < math.pi:
             raise DomainError(
-                f"a flat picture cannot show {math.degrees(self.fov_rad):g} deg: its field of view "
-                f"must be above 0 ({_NARROWEST_RAD:g} rad) and below 180 deg"
+                f"a flat picture cannot show {math.degrees(self.horizontal_fov_rad):g} deg: its field of view "
+                f"must be above 0 ({_MIN_FOV_RAD:g} rad) and below 180 deg"
             )
 
     @property
-    def focal_px(self) -> float:
+    def focal_length_px(self) -> float:
         """Return the distance from the pinhole to the picture, in pixels."""
-        return 0.5 * self.width_px / math.tan(0.5 * self.fov_rad)
+        return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
 
     @np.errstate(under="ignore")  # what vanishes beside the largest component may
     def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
@@ -54,11 +54,11 @@ class PerspectiveCamera:
         x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
         # Not y / x: inside the picture a quotient is bounded, beside it x may be next to nothing.
         inside = np.maximum(
-            np.abs(y) * (2.0 * self.focal_px / self.width_px),
-            np.abs(z) * (2.0 * self.focal_px / self.height_px),
+            np.abs(y) * (2.0 * self.focal_length_px / self.width_px),
+            np.abs(z) * (2.0 * self.focal_length_px / self.height_px),
         )
         valid = (x > 0.0) & (inside <= x)
-        per_ahead = self.focal_px / np.where(valid, x, 1.0)
+        per_ahead = self.focal_length_px / np.where(valid, x, 1.0)
         u = np.where(valid, y, 0.0) * per_ahead + 0.5 * self.width_px
         v = np.where(valid, z, 0.0) * per_ahead + 0.5 * self.height_px
         return np.stack((u, v), axis=-1), valid
@@ -73,7 +73,7 @@ class PerspectiveCamera:
         u, v = pixel[..., 0], pixel[..., 1]
         # A comparison with NaN is false. Axis by axis: a zoom computes every sample of a picture.
         valid = (u >= 0.0) & (u <= self.width_px) & (v >= 0.0) & (v <= self.height_px)
-        y = np.where(valid, u - 0.5 * self.width_px, 0.0) / self.focal_px
-        z = np.where(valid, v - 0.5 * self.height_px, 0.0) / self.focal_px
+        y = np.where(valid, u - 0.5 * self.width_px, 0.0) / self.focal_length_px
+        z = np.where(valid, v - 0.5 * self.height_px, 0.0) / self.focal_length_px
         norm = np.sqrt(1.0 + y * y + z * z)
         return np.stack((1.0 / norm, y / norm, z / norm), axis=-1), np.asarray(valid)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require, squarable
+from catoptra_protocol.optics.domain import require_domain, has_finite_square
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -54,7 +54,7 @@ class HyperbolicMirror:
         return 0.5 / self._half_sum
 
     @property
-    def kappa_left(self) -> float:
+    def one_minus_kappa(self) -> float:
         """Return 1 - kappa = (k - 2 + s) / (k - 1 + s), which does not cancel near k = 2."""
         return (0.5 * (self.k - 2.0) + 0.5 * self.s) / self._half_sum
 
@@ -74,7 +74,7 @@ class HyperbolicMirror:
         return self.s / (self.k - 1.0)
 
     @property
-    def vertex_m(self) -> float:
+    def vertex_height_m(self) -> float:
         """Return the height of the mirror's vertex over the viewpoint, towards the pinhole."""
         return 0.5 * self.c_m / (0.5 * self.k + 0.5 * self.s)
 
@@ -84,19 +84,19 @@ class HyperbolicMirror:
         return math.sqrt(2.0) * math.sqrt(self._half_sum)
 
     @property
-    def pinhole_m(self) -> float:
+    def pinhole_distance_m(self) -> float:
         """Return c: the pinhole is the second focus."""
         return self.c_m
 
     @np.errstate(under="ignore")  # what vanishes beside 1 may
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Return r_i / h. Domain: 0 <= t < 1/kappa (the mirror itself ends at t_limit before)."""
-        return 2.0 * self.kappa_s * t / (self._left(t) * (1.0 + self.kappa * t))
+        return 2.0 * self.kappa_s * t / (self._one_minus_kappa_t(t) * (1.0 + self.kappa * t))
 
     @np.errstate(under="ignore")
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Return t. Domain: 0 <= ratio < inf; hypot keeps it finite for any of them."""
-        require((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
+        require_domain((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
         return ratio / (self.kappa_s + np.hypot(self.kappa_s, self.kappa * ratio))
 
     @np.errstate(under="ignore")
@@ -105,23 +105,23 @@ class HyperbolicMirror:
 
         Domain: that of radius_ratio_from_t, with a finite square of t.
         """
-        require(squarable(t), t, "a slope needs 0 <= t = tan(theta / 2) with a finite square")
+        require_domain(has_finite_square(t), t, "a slope needs 0 <= t = tan(theta / 2) with a finite square")
         kt = self.kappa * t
-        steepness = (1.0 + np.square(kt)) / np.square(self._left(t) * (1.0 + kt))
+        steepness = (1.0 + np.square(kt)) / np.square(self._one_minus_kappa_t(t) * (1.0 + kt))
         return self.kappa_s * (1.0 + np.square(t)) * steepness
 
     @np.errstate(under="ignore")
-    def surface(self, t: Floats) -> tuple[Floats, Floats]:
+    def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point. Domain: 0 <= t < t_limit."""
         expected = f"a mirror point needs 0 <= t = tan(theta / 2) < {self.t_limit!r}, its asymptote"
-        require((t >= 0.0) & (t < self.t_limit) & squarable(t), t, expected)
+        require_domain((t >= 0.0) & (t < self.t_limit) & has_finite_square(t), t, expected)
         nearness = (1.0 - t) * (1.0 + t)
-        scale = self.vertex_m / (self.kappa_left + self.kappa * nearness)
+        scale = self.vertex_height_m / (self.one_minus_kappa + self.kappa * nearness)
         return 2.0 * scale * t, scale * nearness
 
-    def _left(self, t: Floats) -> Floats:
+    def _one_minus_kappa_t(self, t: Floats) -> Floats:
         """Return 1 - kappa t, exact where both are next to 1; DomainError where nothing is left."""
-        left: Floats = self.kappa_left + self.kappa * (1.0 - t)
+        left: Floats = self.one_minus_kappa + self.kappa * (1.0 - t)
         inside = (t >= 0.0) & (left > 0.0)
-        require(inside, t, "an image radius needs 0 <= t = tan(theta / 2) < 1 / kappa")
+        require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) < 1 / kappa")
         return left

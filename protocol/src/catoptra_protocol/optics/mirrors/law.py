@@ -20,7 +20,7 @@ class CentralMirror(Protocol):
         """Return the t that rays approach but never reach (the asymptote); inf if there is none."""
 
     @property
-    def pinhole_m(self) -> float:
+    def pinhole_distance_m(self) -> float:
         """Return the distance from viewpoint to pinhole; inf for an orthographic camera."""
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
@@ -32,5 +32,5 @@ class CentralMirror(Protocol):
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Return d(radius ratio) / d(theta), per radian."""
 
-    def surface(self, t: Floats) -> tuple[Floats, Floats]:
+    def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point that a scene ray of t meets."""

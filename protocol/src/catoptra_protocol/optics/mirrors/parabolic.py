@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require, squarable
+from catoptra_protocol.optics.domain import require_domain, has_finite_square
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -34,29 +34,29 @@ class ParabolicMirror:
         return math.inf
 
     @property
-    def pinhole_m(self) -> float:
+    def pinhole_distance_m(self) -> float:
         """Return inf: the camera is orthographic."""
         return math.inf
 
     def radius_ratio_from_t(self, t: Floats) -> Floats:
         """Return r_i / h = t. Domain: 0 <= t < inf."""
         expected = "an image radius needs a finite t = tan(theta / 2) >= 0"
-        require((t >= 0.0) & (t < math.inf), t, expected)
+        require_domain((t >= 0.0) & (t < math.inf), t, expected)
         return t
 
     def t_from_radius_ratio(self, ratio: Floats) -> Floats:
         """Return t = r_i / h. Domain: 0 <= ratio < inf."""
-        require((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
+        require_domain((ratio >= 0.0) & (ratio < math.inf), ratio, "an image radius is 0 or more")
         return ratio
 
     @np.errstate(under="ignore")  # what vanishes beside 1 may
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Return d(r_i / h) / d(theta) = (1 + t^2) / 2. Domain: t >= 0 with a finite square."""
-        require((t >= 0.0) & squarable(t), t, "a slope needs t >= 0 with a finite square")
+        require_domain((t >= 0.0) & has_finite_square(t), t, "a slope needs t >= 0 with a finite square")
         return 0.5 * (1.0 + np.square(t))
 
     @np.errstate(under="ignore")
-    def surface(self, t: Floats) -> tuple[Floats, Floats]:
+    def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point. Domain: t >= 0 with a finite square."""
-        require((t >= 0.0) & squarable(t), t, "a mirror point needs t >= 0 with a finite square")
+        require_domain((t >= 0.0) & has_finite_square(t), t, "a mirror point needs t >= 0 with a finite square")
         return self.horizon_radius_m * t, 0.5 * self.horizon_radius_m * (1.0 - t) * (1.0 + t)

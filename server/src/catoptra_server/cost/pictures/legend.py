@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from catoptra_server.cost.document import StepCost
-from catoptra_server.cost.error_map import scale_bar
+from catoptra_server.cost.document import LevelCost
+from catoptra_server.cost.error_map import colour_bar
 from catoptra_server.figures import style
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SeriesStyle:
     """How the points of a family are drawn."""
 
     name: str
@@ -20,49 +20,49 @@ class Look:
     marker: str
 
 
-TRACE = Look("trace, exact law in every ray", style.BLUE, "D")
-PER_PIXEL = Look("raster, exact law in every pixel", style.TEAL, "o")
-UV = Look("raster, polygons, UV as in the paper", style.ORANGE, "s")
-POSITION = Look("raster, polygons, position", style.RED, "^")
-LOOKS = (TRACE, PER_PIXEL, UV, POSITION)
+TRACE_STYLE = SeriesStyle("trace, exact law in every ray", style.BLUE, "D")
+PER_PIXEL_STYLE = SeriesStyle("raster, exact law in every pixel", style.TEAL, "o")
+UV_STYLE = SeriesStyle("raster, polygons, UV as in the paper", style.ORANGE, "s")
+POSITION_STYLE = SeriesStyle("raster, polygons, position", style.RED, "^")
+SERIES_STYLES = (TRACE_STYLE, PER_PIXEL_STYLE, UV_STYLE, POSITION_STYLE)
 
 
-def look_of(step: StepCost) -> Look:
+def series_style(level: LevelCost) -> SeriesStyle:
     """Return how a step is drawn."""
-    if step.renderer == "trace":
-        return TRACE
-    if not step.polygons:
-        return PER_PIXEL
-    return UV if "(uv)" in step.name else POSITION
+    if level.renderer == "trace":
+        return TRACE_STYLE
+    if not level.num_polygons:
+        return PER_PIXEL_STYLE
+    return UV_STYLE if "(uv)" in level.name else POSITION_STYLE
 
 
-def draw_scale(
+def draw_colour_bar(
     page: style.Page,
-    ends: tuple[float, float],
+    limits: tuple[float, float],
     *,
     left: int,
     top: int,
     width: int,
-    marks: Sequence[float],
+    ticks: Sequence[float],
     title: str,
 ) -> None:
-    """Draw the scale of `error_colours` between two ends, with marks below and its title beside."""
-    least, largest = ends
-    bar = style.picture(page, scale_bar(width, 22, least, largest), left, top, width)
+    """Draw the scale of `map_error_colours` between two ends, with marks below and its title beside."""
+    least, largest = limits
+    bar = style.show_image(page, colour_bar(width, 22, least, largest), left, top, width)
     bar.axis("on")
     bar.set_yticks([])
     bar.grid(visible=False)
-    bar.set_xticks([_along(mark, ends, width) for mark in marks], [f"{mark:g}" for mark in marks])
-    style.words(page, left - 14, top + 11, title, ha="right", va="center")
+    bar.set_xticks([_bar_position(mark, limits, width) for mark in ticks], [f"{mark:g}" for mark in ticks])
+    style.add_text(page, left - 14, top + 11, title, ha="right", va="center")
 
 
-def framed(on: style.Axes) -> None:
+def draw_border(axes: style.Axes) -> None:
     """Draw a thin frame round a picture whose own ground is white."""
-    on.axis("on")
-    on.set(xticks=[], yticks=[])
-    on.spines[:].set(visible=True, color=style.FAINT)
+    axes.axis("on")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(visible=True, color=style.LIGHT_GREY)
 
 
-def _along(value: float, ends: tuple[float, float], width: int) -> float:
-    least, largest = ends
+def _bar_position(value: float, limits: tuple[float, float], width: int) -> float:
+    least, largest = limits
     return width * math.log(value / least) / math.log(largest / least)

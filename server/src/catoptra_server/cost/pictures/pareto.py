@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from catoptra_server.cost.document import StepCost
-from catoptra_server.cost.pareto import LEAST_GAIN, pareto_front
-from catoptra_server.cost.pictures.legend import LOOKS, look_of
-from catoptra_server.cost.tables import number
+from catoptra_server.cost.document import LevelCost
+from catoptra_server.cost.pareto import MIN_GAIN, pareto_front
+from catoptra_server.cost.pictures.legend import SERIES_STYLES, series_style
+from catoptra_server.cost.tables import format_number
 from catoptra_server.figures import style
 
 WIDTH_PX, HEIGHT_PX = 1520, 1150
-_TOP_PX, _PANEL_PX, _TALL_PX = 90, 600, 560
+_TOP_PX, _PANEL_WIDTH_PX, _PANEL_HEIGHT_PX = 90, 600, 560
 _TICKS_MS = (2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
 
-Error = Callable[[StepCost], float]
+ErrorMetric = Callable[[LevelCost], float]
 
 
-def draw(page: style.Page, steps: Sequence[StepCost]) -> None:
+def draw(page: style.Page, levels: Sequence[LevelCost]) -> None:
     """Draw both panels, a legend, and the names of the numbered steps."""
-    bound = _panel(
-        page, steps, lambda step: step.bound_max_px, left=110,
+    bound = _draw_panel(
+        page, levels, lambda step: step.bound_max_px, left=110,
         title="geometry: no place is farther off, px",
     )  # fmt: skip
-    seen = _panel(
-        page, steps, lambda step: step.rmse, left=860,
+    seen = _draw_panel(
+        page, levels, lambda step: step.rmse, left=860,
         title="picture: RMSE against the reference, grey levels",
     )  # fmt: skip
-    _names(page, bound[1], lambda step: f"{number(step.bound_max_px, 2)} px", left=40)
-    _names(page, seen[1], lambda step: f"RMSE {number(step.rmse, 2)}", left=790)
+    _list_front_levels(page, bound[1], lambda step: f"{format_number(step.bound_max_px, 2)} px", left=40)
+    _list_front_levels(page, seen[1], lambda step: f"RMSE {format_number(step.rmse, 2)}", left=790)
     handles, labels = seen[0].get_legend_handles_labels()
     page.legend(
         handles, labels, loc="upper center", ncols=4, fontsize=6.5, handletextpad=0.1,
@@ -36,68 +36,68 @@ def draw(page: style.Page, steps: Sequence[StepCost]) -> None:
     )  # fmt: skip
 
 
-def _panel(
-    page: style.Page, steps: Sequence[StepCost], error: Error, *, left: int, title: str
-) -> tuple[style.Axes, list[StepCost]]:
+def _draw_panel(
+    page: style.Page, levels: Sequence[LevelCost], error: ErrorMetric, *, left: int, title: str
+) -> tuple[style.Axes, list[LevelCost]]:
     """Draw the points of all steps, their front as stairs; return the axes and the front."""
-    on = style.axes(page, left, _TOP_PX + 30, _PANEL_PX, _TALL_PX)
+    on = style.add_axes(page, left, _TOP_PX + 30, _PANEL_WIDTH_PX, _PANEL_HEIGHT_PX)
     on.set(xscale="log", yscale="log", xlabel="a frame, ms")
     on.set_title(title, loc="left", fontsize=8)
-    for look in LOOKS:
-        of_look = [step for step in steps if look_of(step) is look]
+    for look in SERIES_STYLES:
+        of_look = [step for step in levels if series_style(step) is look]
         on.plot(
-            [step.ms for step in of_look], [error(step) for step in of_look], look.marker,
+            [step.wall_ms for step in of_look], [error(step) for step in of_look], look.marker,
             color=look.colour, markersize=4, alpha=0.75, label=look.name,
         )  # fmt: skip
-    front = _front(steps, error)
-    _counts(on, steps, error)
-    _stairs(on, front, error)
-    _ticks(on, [step.ms for step in steps])
+    front = _pareto_levels(levels, error)
+    _label_polygon_counts(on, levels, error)
+    _draw_front(on, front, error)
+    _set_time_ticks(on, [step.wall_ms for step in levels])
     return on, front
 
 
-def _front(steps: Sequence[StepCost], error: Error) -> list[StepCost]:
-    points = [(step.ms, error(step)) for step in steps]
-    return [steps[index] for index in pareto_front(points, least_gain=LEAST_GAIN)]
+def _pareto_levels(levels: Sequence[LevelCost], error: ErrorMetric) -> list[LevelCost]:
+    points = [(step.wall_ms, error(step)) for step in levels]
+    return [levels[index] for index in pareto_front(points, min_gain=MIN_GAIN)]
 
 
-def _stairs(on: style.Axes, front: Sequence[StepCost], error: Error) -> None:
+def _draw_front(axes: style.Axes, front: Sequence[LevelCost], error: ErrorMetric) -> None:
     """Draw the front and number it."""
-    x, y = [step.ms for step in front], [error(step) for step in front]
-    on.plot(x, y, drawstyle="steps-post", color=style.INK, linewidth=0.9, zorder=1)
-    on.set_ylim(bottom=0.45 * min(y))
+    x, y = [step.wall_ms for step in front], [error(step) for step in front]
+    axes.plot(x, y, drawstyle="steps-post", color=style.FOREGROUND, linewidth=0.9, zorder=1)
+    axes.set_ylim(bottom=0.45 * min(y))
     for row, place in enumerate(zip(x, y, strict=True), 1):
-        on.annotate(
+        axes.annotate(
             str(row), place, (0, -9), textcoords="offset points", fontsize=7, ha="center",
-            va="center", color=style.PAPER, fontweight="bold", zorder=5,
-            bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.INK, "edgecolor": "none"},
+            va="center", color=style.BACKGROUND, fontweight="bold", zorder=5,
+            bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.FOREGROUND, "edgecolor": "none"},
         )  # fmt: skip
 
 
-def _counts(on: style.Axes, steps: Sequence[StepCost], error: Error) -> None:
+def _label_polygon_counts(axes: style.Axes, levels: Sequence[LevelCost], error: ErrorMetric) -> None:
     """Write its number of polygons beside each of the paper's meshes."""
-    for step in steps:
-        if step.polygons and step.is_key:
-            on.annotate(
-                str(step.polygons), (step.ms, error(step)), (5, 3), textcoords="offset points",
+    for step in levels:
+        if step.num_polygons and step.is_key:
+            axes.annotate(
+                str(step.num_polygons), (step.wall_ms, error(step)), (5, 3), textcoords="offset points",
                 fontsize=7, color=style.ORANGE,
             )  # fmt: skip
 
 
-def _ticks(on: style.Axes, times: Sequence[float]) -> None:
-    low, high = 0.85 * min(times), 1.2 * max(times)
+def _set_time_ticks(axes: style.Axes, times_ms: Sequence[float]) -> None:
+    low, high = 0.85 * min(times_ms), 1.2 * max(times_ms)
     ticks = [tick for tick in _TICKS_MS if low <= tick <= high]
-    on.set_xlim(low, high)
-    on.set_xticks(ticks, [str(tick) for tick in ticks])
-    on.minorticks_off()
+    axes.set_xlim(low, high)
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
 
 
-def _names(
-    page: style.Page, front: Sequence[StepCost], told: Callable[[StepCost], str], *, left: int
+def _list_front_levels(
+    page: style.Page, front: Sequence[LevelCost], format_error: Callable[[LevelCost], str], *, left: int
 ) -> None:
-    top = _TOP_PX + _TALL_PX + 130
-    style.words(page, left, top, "never beaten in time and this error at once", fontweight="bold",
+    top = _TOP_PX + _PANEL_HEIGHT_PX + 130
+    style.add_text(page, left, top, "never beaten in time and this error at once", fontweight="bold",
                 fontsize=7.5)  # fmt: skip
     for row, step in enumerate(front, 1):
-        text = f"{row}  {step.name}: {step.ms:.1f} ms, {told(step)}"
-        style.words(page, left, top + 30 * row, text, fontsize=7)
+        text = f"{row}  {step.name}: {step.wall_ms:.1f} ms, {format_error(step)}"
+        style.add_text(page, left, top + 30 * row, text, fontsize=7)

@@ -6,50 +6,50 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_server.cost.error_map import error_colours
-from catoptra_server.cost.image_error import difference
-from catoptra_server.cost.pictures.legend import draw_scale, framed
-from catoptra_server.cost.step_costs import Drawn
+from catoptra_server.cost.error_map import map_error_colours
+from catoptra_server.cost.image_error import signed_difference
+from catoptra_server.cost.pictures.legend import draw_colour_bar, draw_border
+from catoptra_server.cost.step_costs import MeasuredLevel
 from catoptra_server.figures import style
-from catoptra_server.figures.polygon_detail import worst_place
+from catoptra_server.figures.polygon_detail import find_max_difference_window
 from catoptra_server.render.renderer import Image
 
-MOST = 6
+MAX_COLUMNS = 6
 DETAIL_PX, _ZOOM = 60, 4
 _SIDE_PX, _GAP_PX, _TOP_PX = DETAIL_PX * _ZOOM, 10, 100
 WIDTH_PX, HEIGHT_PX = 1520, _TOP_PX + 2 * _SIDE_PX + 120
-GREYS = (1.0, 128.0)
+GREY_LEVEL_RANGE = (1.0, 128.0)
 
 
-def draw(page: style.Page, drawn: Sequence[Drawn], reference: Image, horizon_px: float) -> None:
+def draw(page: style.Page, levels: Sequence[MeasuredLevel], reference: Image, horizon_radius_px: float) -> None:
     """Draw a column for each step of the front, from fast to exact."""
-    front = shown(drawn)
+    front = select_front_levels(levels)
     side = min(DETAIL_PX, reference.shape[0] // 3)
-    row, column = worst_place(front[0].frame, reference, side, within_px=horizon_px)
+    row, column = find_max_difference_window(front[0].frame, reference, side, max_radius_px=horizon_radius_px)
     part = slice(row, row + side), slice(column, column + side)
     for index, one in enumerate(front):
         left = 15 + index * (_SIDE_PX + _GAP_PX)
-        _head(page, one, left)
-        style.picture(page, one.frame[part], left, _TOP_PX, _SIDE_PX)
-        error = np.abs(difference(one.frame[part], reference[part])).max(axis=-1)
-        colours = error_colours(error, *GREYS)
-        framed(style.picture(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX))
-    draw_scale(
-        page, GREYS, left=820, top=HEIGHT_PX - 84, width=480, marks=(1, 4, 16, 64, 128),
+        _draw_heading(page, one, left)
+        style.show_image(page, one.frame[part], left, _TOP_PX, _SIDE_PX)
+        error = np.abs(signed_difference(one.frame[part], reference[part])).max(axis=-1)
+        colours = map_error_colours(error, *GREY_LEVEL_RANGE)
+        draw_border(style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX))
+    draw_colour_bar(
+        page, GREY_LEVEL_RANGE, left=820, top=HEIGHT_PX - 84, width=480, ticks=(1, 4, 16, 64, 128),
         title="below: difference from the reference, grey levels",
     )  # fmt: skip
 
 
-def shown(drawn: Sequence[Drawn]) -> list[Drawn]:
+def select_front_levels(levels: Sequence[MeasuredLevel]) -> list[MeasuredLevel]:
     """Return the steps of the front from fast to exact, evenly thinned to the most that fit."""
-    front = sorted((one for one in drawn if one.cost.is_on_front), key=lambda one: one.cost.ms)
-    chosen = np.linspace(0, len(front) - 1, min(len(front), MOST)).round().astype(int)
+    front = sorted((one for one in levels if one.cost.is_on_pareto_front), key=lambda one: one.cost.wall_ms)
+    chosen = np.linspace(0, len(front) - 1, min(len(front), MAX_COLUMNS)).round().astype(int)
     return [front[index] for index in chosen]
 
 
-def _head(page: style.Page, one: Drawn, left: int) -> None:
-    what, _, how = one.cost.name.partition(", ")
-    style.words(page, left, 12, what, fontweight="bold", fontsize=7.5)
-    style.words(page, left, 39, how, fontsize=7.5)
-    numbers = f"{one.cost.ms:.1f} ms, RMSE {one.cost.rmse:.2g}"
-    style.words(page, left, 66, numbers, fontsize=7.5, color=style.QUIET)
+def _draw_heading(page: style.Page, level: MeasuredLevel, left: int) -> None:
+    what, _, how = level.cost.name.partition(", ")
+    style.add_text(page, left, 12, what, fontweight="bold", fontsize=7.5)
+    style.add_text(page, left, 39, how, fontsize=7.5)
+    numbers = f"{level.cost.wall_ms:.1f} ms, RMSE {level.cost.rmse:.2g}"
+    style.add_text(page, left, 66, numbers, fontsize=7.5, color=style.MUTED)

@@ -21,83 +21,83 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.effects.effect import Real
-from catoptra_server.effects.shared.symmetric_kernels import pair_count, pair_sizes, pairs
+from catoptra_server.effects.shared.symmetric_kernels import num_offset_pairs, pair_multiplicities, offset_pairs
 
 # Rows of the table a px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
 ROWS_PER_PX2 = 64
 # Steps of the diameter of the disc that is laid.
-_STEP_PX = 0.02
+_DIAMETER_STEP_PX = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DiscTable:
+class DiscKernelTable:
     """Weights of kernels with growing variance.
 
     reach_px: how far the widest reaches. weights: (rows, pairs), row n for a variance of n /
     ROWS_PER_PX2.
     """
 
-    reach_px: int
+    half_width_px: int
     weights: Floats
 
-    def reach_up_to(self, row: float) -> int:
+    def half_width_up_to_row(self, row: float) -> int:
         """Return how far kernels up to a row reach."""
-        return _reach(self.weights[: math.ceil(row) + 1], self.reach_px)
+        return _half_width(self.weights[: math.ceil(row) + 1], self.half_width_px)
 
-    def mixed(self, row: npt.NDArray[Real], reach_px: int) -> npt.NDArray[Real]:
+    def interpolate(self, row: npt.NDArray[Real], half_width_px: int) -> npt.NDArray[Real]:
         """Return the (pairs, ...) weights of (...) rows, between two rows both; up to a reach."""
         row = np.minimum(row, row.dtype.type(len(self.weights) - 1))
         below = np.minimum(row.astype(np.intp), len(self.weights) - 2)
         share = row - below.astype(row.dtype)
-        weights = self.weights[:, : pair_count(reach_px)].T.astype(row.dtype)
+        weights = self.weights[:, : num_offset_pairs(half_width_px)].T.astype(row.dtype)
         steps = np.diff(weights, axis=1)
         mixed = np.zeros((len(weights), *row.shape), dtype=row.dtype)
         for pair, (lower, step) in enumerate(zip(weights, steps, strict=True)):
             mixed[pair] = lower.take(below) + share * step.take(below)
         return mixed
 
-    def texture(self) -> npt.NDArray[np.float32]:
+    def to_texture(self) -> npt.NDArray[np.float32]:
         """Return the weights as shaders read them, (rows, pairs, 1)."""
-        return _texture(self)
+        return _weights_texture(self)
 
 
-def row_of(diameter_px: Floats) -> Floats:
+def table_row(diameter_px: Floats) -> Floats:
     """Return the row, with its fraction, of the kernel of a disc."""
     row: Floats = (ROWS_PER_PX2 / 16.0) * np.square(diameter_px)
     return row
 
 
 @lru_cache(maxsize=8)
-def disc_table(largest_px: float) -> DiscTable:
+def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
     """Return the kernels of all discs up to a diameter."""
-    rows = math.ceil(float(row_of(np.array(largest_px)))) + 2
+    rows = math.ceil(float(table_row(np.array(max_diameter_px)))) + 2
     variance = np.arange(rows) / ROWS_PER_PX2
     # A disc of 1 px changes nothing; one of largest_px + 1 is always wider than what is meant.
-    laid = np.arange(1.0, max(largest_px, 1.0) + 1.0 + _STEP_PX, _STEP_PX)
+    laid = np.arange(1.0, max(max_diameter_px, 1.0) + 1.0 + _DIAMETER_STEP_PX, _DIAMETER_STEP_PX)
     reach = math.ceil(0.5 * laid[-1] - 0.5)
-    shares = covered_shares(laid, reach)
+    shares = disc_area_fractions(laid, reach)
     spread = _variances(shares, reach)
     weights = np.stack([np.interp(variance, spread, share) for share in shares.T], axis=-1)
-    reach = _reach(weights, reach)
-    weights = np.ascontiguousarray(weights[:, : pair_count(reach)])
+    reach = _half_width(weights, reach)
+    weights = np.ascontiguousarray(weights[:, : num_offset_pairs(reach)])
     weights.setflags(write=False)
-    return DiscTable(reach, weights)
+    return DiscKernelTable(reach, weights)
 
 
-def _reach(weights: Floats, reach_px: int) -> int:
+def _half_width(weights: Floats, half_width_px: int) -> int:
     """Return how far (rows, pairs) weights reach: 0 beyond."""
-    return max(i for (i, _), column in zip(pairs(reach_px), weights.T, strict=True) if column.any())
+    return max(i for (i, _), column in zip(offset_pairs(half_width_px), weights.T, strict=True) if column.any())
 
 
 @lru_cache(maxsize=8)
-def _texture(table: DiscTable) -> npt.NDArray[np.float32]:
+def _weights_texture(table: DiscKernelTable) -> npt.NDArray[np.float32]:
     return table.weights.astype(np.float32)[..., None]
 
 
-def covered_shares(diameter_px: Floats, reach_px: int) -> Floats:
+def disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
     """Return the (n, pairs) shares of discs' areas that lie in one pixel of each pair."""
     radius = 0.5 * np.asarray(diameter_px)[:, None]
-    i, j = np.array(list(pairs(reach_px))).T.astype(np.float64)
+    i, j = np.array(list(offset_pairs(half_width_px))).T.astype(np.float64)
     corners = [
         sign * _corner_area(i + dx, j + dy, radius)
         for dx, dy, sign in ((0.5, 0.5, 1), (-0.5, 0.5, -1), (0.5, -0.5, -1), (-0.5, -0.5, 1))
@@ -113,19 +113,19 @@ def _corner_area(x: Floats, y: Floats, radius: Floats) -> Floats:
     x, y = np.minimum(np.abs(x), radius), np.minimum(np.abs(y), radius)
     # Up to there the circle lies above y.
     flat = np.minimum(np.sqrt(np.square(radius) - np.square(y)), x)
-    area: Floats = y * flat + _under_circle(x, radius) - _under_circle(flat, radius)
+    area: Floats = y * flat + _circle_integral(x, radius) - _circle_integral(flat, radius)
     return sign * area
 
 
-def _under_circle(x: Floats, radius: Floats) -> Floats:
+def _circle_integral(x: Floats, radius: Floats) -> Floats:
     """Return the integral of the circle's ordinate from 0 to x."""
     chord = np.sqrt(np.maximum(np.square(radius) - np.square(x), 0.0))
     area: Floats = 0.5 * (x * chord + np.square(radius) * np.arcsin(np.minimum(x / radius, 1.0)))
     return area
 
 
-def _variances(weights: Floats, reach_px: int) -> Floats:
+def _variances(weights: Floats, half_width_px: int) -> Floats:
     """Return the (n,) variances along an axis of kernels of (n, pairs) weights."""
-    squares = np.array([0.5 * (i * i + j * j) for i, j in pairs(reach_px)])
-    variances: Floats = weights @ (squares * pair_sizes(reach_px))
+    squares = np.array([0.5 * (i * i + j * j) for i, j in offset_pairs(half_width_px)])
+    variances: Floats = weights @ (squares * pair_multiplicities(half_width_px))
     return variances

@@ -14,56 +14,56 @@ from itertools import pairwise
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.image_scale import image_scale
+from catoptra_protocol.optics.image_scale import compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.effect import Bound
-from catoptra_server.effects.scene_summary import RINGS, SceneSummary
+from catoptra_server.effects.effect import EffectBound
+from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
 # Between the radii at which scales are known they are smooth, and pixels' middles reach no farther.
-_BETWEEN = 1.001
+_INTERPOLATION_MARGIN = 1.001
 
 
-def largest_way(summary: SceneSummary, camera: OmniCamera, duration_s: float) -> Bound:
+def max_displacement(summary: SceneSummary, camera: OmniCamera, duration_s: float) -> EffectBound:
     """Return the px that anything is carried in a duration, and what carries it."""
-    ways_px = duration_s * largest_speeds(summary, camera)
+    ways_px = duration_s * max_speeds_px_s(summary, camera)
     ring = int(ways_px.argmax())
-    return Bound(float(ways_px[ring]), told(summary, ring, duration_s))
+    return EffectBound(float(ways_px[ring]), describe_motion(summary, ring, duration_s))
 
 
-def largest_speeds(summary: SceneSummary, camera: OmniCamera) -> Floats:
+def max_speeds_px_s(summary: SceneSummary, camera: OmniCamera) -> Floats:
     """Return the (RINGS,) largest px/s in each ring."""
-    scale, radius_px = ring_scales(camera)
-    x, y, z = summary.motion.angular_rad_s
-    passing = summary.motion.speed_m_s / np.asarray(summary.nearest_m)
-    passing = passing + np.asarray(summary.passing_rad_s) + math.hypot(x, y)
+    scale, radius_px = ring_scales_and_radii(camera)
+    x, y, z = summary.scene_twist.angular_rad_s
+    passing = summary.scene_twist.speed_m_s / np.asarray(summary.min_distances_m)
+    passing = passing + np.asarray(summary.max_object_rates_rad_s) + math.hypot(x, y)
     speeds: Floats = passing * scale + abs(z) * radius_px
     return speeds
 
 
 @lru_cache(maxsize=16)
-def ring_scales(camera: OmniCamera) -> tuple[Floats, Floats]:
+def ring_scales_and_radii(camera: OmniCamera) -> tuple[Floats, Floats]:
     """Return the largest px a radian of each ring, and its outer radius in px, (RINGS,) each."""
-    scale = image_scale(camera)
-    largest = np.maximum(scale.along, scale.across)
+    scale = compute_image_scale(camera)
+    largest = np.maximum(scale.radial, scale.tangential)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(scale.t)
-    edges_px = np.linspace(0.0, camera.rim_radius_px, RINGS + 1)
+    edges_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
     # Beyond both of its edges, up to the next known radius.
     at = np.concatenate((radius_px, edges_px))
     of_edges = np.interp(edges_px, radius_px, largest)
     values = np.concatenate((largest, of_edges))
     rings = [values[(inner <= at) & (at <= outer)].max() for inner, outer in pairwise(edges_px)]
-    return _BETWEEN * np.array(rings), edges_px[1:]
+    return _INTERPOLATION_MARGIN * np.array(rings), edges_px[1:]
 
 
-def told(summary: SceneSummary, ring: int, duration_s: float) -> str:
+def describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str:
     """Return in words what moves in a ring, and how long."""
-    nearest_m = summary.nearest_m[ring]
+    nearest_m = summary.min_distances_m[ring]
     parts = []
-    if summary.motion.speed_m_s > 0.0 and math.isfinite(nearest_m):
-        parts.append(f"up to {summary.motion.speed_m_s:.2g} m/s at {nearest_m:.2g} m")
-    turn = math.degrees(math.hypot(*summary.motion.angular_rad_s))
+    if summary.scene_twist.speed_m_s > 0.0 and math.isfinite(nearest_m):
+        parts.append(f"up to {summary.scene_twist.speed_m_s:.2g} m/s at {nearest_m:.2g} m")
+    turn = math.degrees(math.hypot(*summary.scene_twist.angular_rad_s))
     if turn > 0.0:
         parts.append(f"turns by up to {turn:.3g} degrees/s")
-    if summary.passing_rad_s[ring] > 0.0:
-        parts.append(f"bodies pass by at {math.degrees(summary.passing_rad_s[ring]):.2g} degrees/s")
+    if summary.max_object_rates_rad_s[ring] > 0.0:
+        parts.append(f"bodies pass by at {math.degrees(summary.max_object_rates_rad_s[ring]):.2g} degrees/s")
     return ", ".join((*parts, f"{1e3 * duration_s:.3g} ms")) if parts else "nothing moves"

@@ -35,14 +35,14 @@ import numpy as np
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.effects.scene_summary import RINGS, SceneSummary
-from catoptra_server.effects.vignetting import inverse_focal
+from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
+from catoptra_server.effects.vignetting import inverse_focal_length
 
 # Discs are smooth in the radius: so many steps find the largest to 1e-4.
-_RADII = 257
+_NUM_RADII = 257
 # A thing that reaches into the mirror is not nearer than this to it; only so that nothing is
 # divided by 0, of what nobody can see.
-_LEAST_NEARNESS = 1e-6
+_MIN_DENOMINATOR = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,35 +55,35 @@ class Aperture:
 
     f_number: float
     pixel_pitch_m: float
-    focus_m: float
+    focus_distance_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlurLaw:
+class CircleOfConfusion:
     """The signed diameter of discs, px: fixed + near / (power range + offset). Arrays broadcast.
 
     range is from the effective viewpoint. A negative one is that of what lies behind the focus.
     """
 
-    fixed_px: Floats
+    infinity_diameter_px: Floats
     near_px: Floats
     power_per_m: Floats
     offset: Floats
 
-    def added_px(self, range_m: Floats) -> Floats:
+    def near_term_px(self, range_m: Floats) -> Floats:
         """Return what a range adds to the signed diameter of infinity, 0 or more."""
-        nearness = np.maximum(self.power_per_m * range_m + self.offset, _LEAST_NEARNESS)
+        nearness = np.maximum(self.power_per_m * range_m + self.offset, _MIN_DENOMINATOR)
         added: Floats = self.near_px / nearness
         return added
 
     def diameter_px(self, range_m: Floats) -> Floats:
         """Return the diameter of the disc of what is in a range; of infinity the fixed part."""
-        diameter: Floats = np.abs(self.fixed_px + self.added_px(range_m))
+        diameter: Floats = np.abs(self.infinity_diameter_px + self.near_term_px(range_m))
         return diameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Image:
+class _VirtualImage:
     """What the lens sees of infinity: (n,) image radii.
 
     rho_m, power_per_m: of the mirror. cos_psi: of the ray to the lens. sharpness: 1/Z of the
@@ -93,72 +93,72 @@ class _Image:
     rho_m: Floats
     power_per_m: Floats
     cos_psi: Floats
-    sharpness: Floats
+    focus_coordinate: Floats
 
 
-def virtual_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
+def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
     """Return how far along the axis from the pinhole the lens sees what is before the mirror.
 
     t: tan(theta / 2); distance_m: from the mirror's point, inf allowed. Domain: a camera with a
     pinhole.
     """
-    r, z = camera.mirror.surface(t)
-    rho, depth = np.hypot(r, z), camera.mirror.pinhole_m - z
+    r, z = camera.mirror.surface_point(t)
+    rho, depth = np.hypot(r, z), camera.mirror.pinhole_distance_m - z
     q = np.hypot(r, depth)
     behind: Floats = 1.0 / (1.0 / distance_m + (1.0 / rho - 1.0 / q))
     return depth + behind * depth / q
 
 
-def _image(camera: OmniCamera, radius_px: Floats) -> _Image:
+def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _VirtualImage:
     """Return what is seen of infinity at image radii up to the rim."""
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
-    r, z = camera.mirror.surface(t)
+    r, z = camera.mirror.surface_point(t)
     rho = np.hypot(r, z)
-    if math.isinf(camera.mirror.pinhole_m):
-        return _Image(rho, 1.0 / rho, np.ones_like(rho), z - rho)
-    depth = camera.mirror.pinhole_m - z
+    if math.isinf(camera.mirror.pinhole_distance_m):
+        return _VirtualImage(rho, 1.0 / rho, np.ones_like(rho), z - rho)
+    depth = camera.mirror.pinhole_distance_m - z
     q = np.hypot(r, depth)
-    sharpness = 1.0 / virtual_depth_m(camera, t, np.array(math.inf))
-    return _Image(rho, 1.0 / rho - 1.0 / q, depth / q, sharpness)
+    sharpness = 1.0 / virtual_image_depth_m(camera, t, np.array(math.inf))
+    return _VirtualImage(rho, 1.0 / rho - 1.0 / q, depth / q, sharpness)
 
 
-def focused_at(aperture: Aperture, camera: OmniCamera) -> float:
+def lens_focus_coordinate(aperture: Aperture, camera: OmniCamera) -> float:
     """Return 1/Z_f of what is sharp, or of an orthographic camera its height along the axis."""
-    if aperture.focus_m > 0.0 and not math.isinf(camera.mirror.pinhole_m):
-        return 1.0 / aperture.focus_m
-    sharpness = _image(camera, radii_px(camera)).sharpness
+    if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
+        return 1.0 / aperture.focus_distance_m
+    sharpness = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
     return 0.5 * float(sharpness.min() + sharpness.max())
 
 
-def radii_px(camera: OmniCamera) -> Floats:
+def sample_radii_px(camera: OmniCamera) -> Floats:
     """Return the image radii at which bounds are looked for."""
-    return np.linspace(*visible_radii_px(camera), _RADII)
+    return np.linspace(*visible_radii_px(camera), _NUM_RADII)
 
 
-def _px_per_sharpness(aperture: Aperture, camera: OmniCamera, focused: float) -> float:
+def _px_per_focus_coordinate(aperture: Aperture, camera: OmniCamera, focus_coordinate: float) -> float:
     """Return the disc's diameter over the distance from the focus, in the image's measure."""
-    if math.isinf(camera.mirror.pinhole_m):
-        rim_m = float(camera.mirror.surface(np.array(camera.rim_t))[0])
+    if math.isinf(camera.mirror.pinhole_distance_m):
+        rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
         return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
-    focal_px = 1.0 / inverse_focal(camera)
-    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focused)
+    focal_px = 1.0 / inverse_focal_length(camera)
+    focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + focus_coordinate)
     return focal_m / aperture.f_number * focal_px
 
 
-def blur_law(aperture: Aperture, camera: OmniCamera, radius_px: Floats) -> BlurLaw:
+def circle_of_confusion(aperture: Aperture, camera: OmniCamera, radius_px: Floats) -> CircleOfConfusion:
     """Return the law of the discs at image radii."""
-    image = _image(camera, np.minimum(radius_px, camera.rim_radius_px))
-    focused = focused_at(aperture, camera)
-    gain = _px_per_sharpness(aperture, camera, focused)
+    image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
+    focused = lens_focus_coordinate(aperture, camera)
+    gain = _px_per_focus_coordinate(aperture, camera, focused)
     # What a thing at a distance D brings nearer than infinity: (cos(psi) / P) / (1 + P D), and
     # 1/Z of that.
     nearer = image.cos_psi / image.power_per_m
-    shift, slope = image.sharpness * nearer, np.square(image.sharpness)
-    if math.isinf(camera.mirror.pinhole_m):
+    shift, slope = image.focus_coordinate * nearer, np.square(image.focus_coordinate)
+    if math.isinf(camera.mirror.pinhole_distance_m):
         shift, slope = np.zeros_like(nearer), np.ones_like(nearer)
-    return BlurLaw(
-        fixed_px=gain * (image.sharpness - focused),
+    return CircleOfConfusion(
+        infinity_diameter_px=gain * (image.focus_coordinate - focused),
         near_px=gain * slope * nearer,
         power_per_m=image.power_per_m,
         offset=1.0 - image.power_per_m * image.rho_m - shift,
@@ -166,53 +166,53 @@ def blur_law(aperture: Aperture, camera: OmniCamera, radius_px: Floats) -> BlurL
 
 
 @lru_cache(maxsize=16)
-def touching_px(aperture: Aperture, camera: OmniCamera) -> float:
+def max_diameter_px(aperture: Aperture, camera: OmniCamera) -> float:
     """Return the largest disc of all that can be: of infinity, or of what touches the mirror."""
-    radius = radii_px(camera)
-    law = blur_law(aperture, camera, radius)
-    rho_m = _image(camera, radius).rho_m
-    return float(np.maximum(np.abs(law.fixed_px), law.diameter_px(rho_m)).max())
+    radius = sample_radii_px(camera)
+    law = circle_of_confusion(aperture, camera, radius)
+    rho_m = _virtual_image_of_infinity(camera, radius).rho_m
+    return float(np.maximum(np.abs(law.infinity_diameter_px), law.diameter_px(rho_m)).max())
 
 
 @lru_cache(maxsize=4)
-def pixel_law(aperture: Aperture, camera: OmniCamera) -> BlurLaw:
+def circle_of_confusion_map(aperture: Aperture, camera: OmniCamera) -> CircleOfConfusion:
     """Return the law of every pixel's middle; (h, w) arrays."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    law = blur_law(aperture, camera, np.hypot(u[None, :], v[:, None]))
-    for values in (law.fixed_px, law.near_px, law.power_per_m, law.offset):
+    law = circle_of_confusion(aperture, camera, np.hypot(u[None, :], v[:, None]))
+    for values in (law.infinity_diameter_px, law.near_px, law.power_per_m, law.offset):
         values.setflags(write=False)
     return law
 
 
 @lru_cache(maxsize=4)
-def whole_pixels(camera: OmniCamera) -> Bools:
+def interior_mask(camera: OmniCamera) -> Bools:
     """Return the (h, w) pixels that see the mirror with their whole square."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    whole: Bools = u[None, :] ** 2 + v[:, None] ** 2 < whole_radius_px(camera) ** 2
+    whole: Bools = u[None, :] ** 2 + v[:, None] ** 2 < interior_radius_px(camera) ** 2
     whole.setflags(write=False)
     return whole
 
 
-def whole_radius_px(camera: OmniCamera) -> float:
+def interior_radius_px(camera: OmniCamera) -> float:
     """Return up to which image radius of its middle a pixel sees the mirror wholly."""
     return camera.rim_radius_px - math.sqrt(0.5)
 
 
-def nearest_at(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:
+def min_distance_at_radius(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:
     """Return how near at least is what is seen at image radii; on a border of rings the nearer."""
-    place = radius_px / camera.rim_radius_px * RINGS
-    nearest = np.array(summary.in_view_m)
-    inner = np.clip(np.ceil(place) - 1.0, 0, RINGS - 1).astype(np.intp)
-    outer = np.clip(np.floor(place), 0, RINGS - 1).astype(np.intp)
+    place = radius_px / camera.rim_radius_px * NUM_RINGS
+    nearest = np.array(summary.visible_min_distances_m)
+    inner = np.clip(np.ceil(place) - 1.0, 0, NUM_RINGS - 1).astype(np.intp)
+    outer = np.clip(np.floor(place), 0, NUM_RINGS - 1).astype(np.intp)
     at_least: Floats = np.minimum(nearest[inner], nearest[outer])
     return at_least
 
 
-def telling(aperture: Aperture, camera: OmniCamera) -> str:
+def describe_lens(aperture: Aperture, camera: OmniCamera) -> str:
     """Return the lens in words."""
-    if math.isinf(camera.mirror.pinhole_m):
+    if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
-    focus_mm = 1e3 / focused_at(aperture, camera)
+    focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)
     return f"F/{aperture.f_number:g}, focused at {focus_mm:.0f} mm"

@@ -3,7 +3,7 @@
 Counter-based: a 32-bit integer hash of pixel and key, so that neither threads nor tiles nor their
 order matter. Source of the hash: pcg3d, Jarzynski and Olano 2020, "Hash Functions for GPU
 Rendering", JCGT 9(3). Normal numbers come from a table of 2^16 quantiles of unit variance, a
-look-up for each half of a word; the sum of the two, over sqrt(2), ends at `LARGEST_NORMAL`. An
+look-up for each half of a word; the sum of the two, over sqrt(2), ends at `MAX_NORMAL_VARIATE`. An
 addition and a product are all that float32 does, so both sides draw the same.
 """
 
@@ -16,15 +16,15 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.effects.frame_key import FrameKey
+from catoptra_server.effects.frame_key import NoiseSeed
 
-Words = npt.NDArray[np.uint32]  # (3,)
-TABLE_SIDE = 256
-_HALF = np.float32(np.sqrt(0.5))
+UInt32Array = npt.NDArray[np.uint32]  # (3,)
+QUANTILE_TABLE_SIDE = 256
+_SQRT_HALF = np.float32(np.sqrt(0.5))
 _MULTIPLIER, _INCREMENT = np.uint32(1664525), np.uint32(1013904223)
 
 
-def hashed(x: Words, y: Words, z: Words) -> tuple[Words, Words, Words]:
+def pcg3d(x: UInt32Array, y: UInt32Array, z: UInt32Array) -> tuple[UInt32Array, UInt32Array, UInt32Array]:
     """Return three uniform words of three words; arrays broadcast. Arithmetic is modulo 2^32."""
     x, y, z = (word * _MULTIPLIER + _INCREMENT for word in (x, y, z))
     x = x + y * z
@@ -37,39 +37,39 @@ def hashed(x: Words, y: Words, z: Words) -> tuple[Words, Words, Words]:
     return x, y, z
 
 
-def frame_words(key: FrameKey, what: str) -> Words:
+def frame_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
     """Return the three words that the numbers of one exposure are keyed by, for one purpose."""
-    return _words(*key.camera, key.index, what)
+    return _noise_key(*seed.camera_key, seed.tick, purpose)
 
 
-def camera_words(key: FrameKey, what: str) -> Words:
+def camera_noise_key(seed: NoiseSeed, purpose: str) -> UInt32Array:
     """Return the words of a camera's own pattern, the same in every exposure."""
-    return _words(*key.camera, 0, what)
+    return _noise_key(*seed.camera_key, 0, purpose)
 
 
-def _words(first: int, second: int, index: int, what: str) -> Words:
-    salt = zlib.crc32(what.encode())
+def _noise_key(first: int, second: int, index: int, purpose: str) -> UInt32Array:
+    salt = zlib.crc32(purpose.encode())
     inputs = (first ^ salt, second, index & 0xFFFFFFFF)
     x, y, z = (np.array([word], dtype=np.uint32) for word in inputs)
-    return np.concatenate(hashed(x, y, z))
+    return np.concatenate(pcg3d(x, y, z))
 
 
-def normals(words: Words, height: int, width: int) -> npt.NDArray[np.float32]:
+def normal_variates(key: UInt32Array, height: int, width: int) -> npt.NDArray[np.float32]:
     """Return (height, width, 3) normal numbers, one for each pixel and colour."""
-    x = np.arange(width, dtype=np.uint32)[None, :] + words[0]
-    y = np.arange(height, dtype=np.uint32)[:, None] + words[1]
-    table = normal_table()
+    x = np.arange(width, dtype=np.uint32)[None, :] + key[0]
+    y = np.arange(height, dtype=np.uint32)[:, None] + key[1]
+    table = normal_quantile_table()
     drawn = np.zeros((height, width, 3), dtype=np.float32)
-    for channel, word in enumerate(hashed(x, y, words[2:])):
+    for channel, word in enumerate(pcg3d(x, y, key[2:])):
         low = table.take(word & np.uint32(0xFFFF))
-        drawn[..., channel] = (low + table.take(word >> np.uint32(16))) * _HALF
+        drawn[..., channel] = (low + table.take(word >> np.uint32(16))) * _SQRT_HALF
     return drawn
 
 
 @cache
-def normal_table() -> npt.NDArray[np.float32]:
+def normal_quantile_table() -> npt.NDArray[np.float32]:
     """Return the (2^16,) middle quantiles of the normal distribution, scaled to unit variance."""
-    count = TABLE_SIDE * TABLE_SIDE
+    count = QUANTILE_TABLE_SIDE * QUANTILE_TABLE_SIDE
     quantile = NormalDist().inv_cdf
     upper = np.array([quantile((index + 0.5) / count) for index in range(count // 2, count)])
     table = np.concatenate((-upper[::-1], upper))
@@ -79,4 +79,4 @@ def normal_table() -> npt.NDArray[np.float32]:
 
 
 # Twice the table's last entry, over sqrt(2); the entry is that of the quantile 1 - 2^-17.
-LARGEST_NORMAL = 6.12
+MAX_NORMAL_VARIATE = 6.12

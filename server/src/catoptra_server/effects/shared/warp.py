@@ -13,33 +13,33 @@ import numpy.typing as npt
 
 from catoptra_server.effects.effect import Real
 
-Whole = npt.NDArray[np.intp]
-Float32s = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.intp]
+Float32Array = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Warp:
+class WarpMap:
     """Where (h w) pixels are read: upper left, upper right, lower left, lower right.
 
     across, down: (h w, 3) the shares of what is right and below, equal for the three colours.
     """
 
-    corners: tuple[Whole, Whole, Whole, Whole]
-    across: Float32s
-    down: Float32s
+    corner_indices: tuple[Indices, Indices, Indices, Indices]
+    right_weights: Float32Array
+    lower_weights: Float32Array
 
 
-def warp_aside(aside: Float32s) -> Warp:
+def warp_map_from_offsets(offsets_px: Float32Array) -> WarpMap:
     """Return the warp of a picture whose pixels are read (h, w, 2) aside of their middles, px."""
-    height, width = aside.shape[:2]
-    whole = np.floor(aside)
+    height, width = offsets_px.shape[:2]
+    whole = np.floor(offsets_px)
     row, column = np.indices((height, width), sparse=True)
     columns, rows = (
         [np.clip(at + whole[..., axis].astype(np.intp) + step, 0, last) for step in (0, 1)]
         for axis, at, last in ((0, column, width - 1), (1, row, height - 1))
     )
-    across, down = np.moveaxis((aside - whole).reshape(-1, 2), -1, 0)
-    return Warp(
+    across, down = np.moveaxis((offsets_px - whole).reshape(-1, 2), -1, 0)
+    return WarpMap(
         (
             (rows[0] * width + columns[0]).ravel(),
             (rows[0] * width + columns[1]).ravel(),
@@ -51,12 +51,12 @@ def warp_aside(aside: Float32s) -> Warp:
     )
 
 
-def warped(light: npt.NDArray[Real], warp: Warp) -> npt.NDArray[Real]:
+def warp(image: npt.NDArray[Real], warp_map: WarpMap) -> npt.NDArray[Real]:
     """Return a (h, w, 3) picture as the warp reads it, a new array."""
-    flat = light.reshape(-1, 3)
+    flat = image.reshape(-1, 3)
     # All of them are within the picture: what `clip` saves is only the check.
-    above, right, below, far = (flat.take(at, axis=0, mode="clip") for at in warp.corners)
-    above += warp.across * (right - above)
-    below += warp.across * (far - below)
-    above += warp.down * (below - above)
-    return above.reshape(light.shape)
+    above, right, below, far = (flat.take(at, axis=0, mode="clip") for at in warp_map.corner_indices)
+    above += warp_map.right_weights * (right - above)
+    below += warp_map.right_weights * (far - below)
+    above += warp_map.lower_weights * (below - above)
+    return above.reshape(image.shape)

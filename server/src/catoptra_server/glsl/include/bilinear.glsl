@@ -1,9 +1,9 @@
-// Provides vec3 bilinear(picture, px), bilinear_aside(picture, pixel, aside_px): light between.
-// Twin: catoptra_server.effects.shared.resampling.bilinear, bilinear_aside.
+// Provides vec3 bilinear(picture, px), sample_bilinear_at_offset(picture, pixel, aside_px): light between.
+// Twin: catoptra_server.effects.shared.resampling.bilinear, sample_bilinear_at_offset.
 
 // Pixels' middles are at +0.5. Beyond the border the last pixel's light goes on. What is aside of a pixel's middle is told as
 // that, since a place in a wide picture would have lost the last bits of it.
-vec3 bilinear_aside(sampler2D picture, ivec2 pixel, vec2 aside_px)
+vec3 sample_bilinear_at_offset(sampler2D picture, ivec2 pixel, vec2 aside_px)
 {
     ivec2 last = textureSize(picture, 0) - 1;
     vec2 whole = floor(aside_px);
@@ -20,5 +20,5 @@ vec3 bilinear_aside(sampler2D picture, ivec2 pixel, vec2 aside_px)
 vec3 bilinear(sampler2D picture, vec2 px)
 {
     vec2 pixel = floor(px);
-    return bilinear_aside(picture, ivec2(pixel), px - pixel - 0.5);
+    return sample_bilinear_at_offset(picture, ivec2(pixel), px - pixel - 0.5);
 }

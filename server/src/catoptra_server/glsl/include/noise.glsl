@@ -1,6 +1,6 @@
 // Provides vec3 normals(uvec3 words, ivec2 pixel): a normal number for each colour.
 // Twin: catoptra_server.effects.shared.noise.normals, the same bits.
-uniform sampler2D normal_table;      // 2^16 quantiles, 256 a row
+uniform sampler2D normal_quantile_table;      // 2^16 quantiles, 256 a row
 
 uvec3 hashed(uvec3 v)
 {
@@ -19,7 +19,7 @@ float normal(uint word)
 {
     ivec2 low = ivec2(word & 255u, (word >> 8u) & 255u);
     ivec2 high = ivec2((word >> 16u) & 255u, word >> 24u);
-    float sum = texelFetch(normal_table, low, 0).r + texelFetch(normal_table, high, 0).r;
+    float sum = texelFetch(normal_quantile_table, low, 0).r + texelFetch(normal_quantile_table, high, 0).r;
     return sum * 0.70710678;
 }
 

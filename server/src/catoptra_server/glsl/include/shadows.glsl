@@ -26,9 +26,9 @@ uniform vec3 sun_irradiance[SUNS];   // on a facet that faces it
 uniform mat4 sun_scene_map[SUNS];    // from places relative to the viewpoint to (u, v, depth)
 uniform mat4 sun_body_map[SUNS];
 
-bool sun_is_behind(sampler2D maps, int cell, mat4 map_from_place, vec3 place)
+bool sun_is_behind(sampler2D maps, int cell, mat4 map_from_offset, vec3 place)
 {
-    vec3 at = (map_from_place * vec4(place, 1.0)).xyz;
+    vec3 at = (map_from_offset * vec4(place, 1.0)).xyz;
     return at.xy == clamp(at.xy, 0.0, 1.0) && is_behind(maps, cell, at);
 }
 

@@ -16,26 +16,26 @@ from itertools import accumulate
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import FACE_AXES, Face
+from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import FacePart
+from catoptra_server.plan.face_sizes import FaceRegion
 
 # A bilinear look-up reaches half a texel beyond its place; one more texel covers the rounding of
 # places in float32, and the second makes cells an even number of texels apart.
 GUARD_TEXELS = 2
 # In a texture up to this side a place in float32 is good to 2^-12 texels.
-PRECISE_TEXELS = 2**13
+MAX_PRECISE_TEXELS = 2**13
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class AtlasCell:
     """A part's place in the atlas: a rectangle of texels with its guard band.
 
     x, y, width, height: the rectangle. column, row: of its first texel, in a grid of texels that
     counts from the middle of the face.
     """
 
-    part: FacePart
+    region: FaceRegion
     x: int
     y: int
     width: int
@@ -49,9 +49,9 @@ class Cell:
         return self.x, self.y, self.width, self.height
 
     @property
-    def place(self) -> tuple[float, float, float, float]:
+    def texel_transform(self) -> tuple[float, float, float, float]:
         """Return (x, y) of the face's middle in the atlas, and texels a unit of s and of t."""
-        part = self.part
+        part = self.region
         return self.x - self.column, self.y - self.row, part.columns_per_unit, part.rows_per_unit
 
     @property
@@ -60,17 +60,17 @@ class Cell:
 
         w is the distance along the face's axis. y grows with t: row 0 of the texture is the top.
         """
-        forward, right, down = FACE_AXES[self.part.face].T
-        columns, rows = 2.0 * self.part.columns_per_unit, 2.0 * self.part.rows_per_unit
+        forward, right, down = MIRROR_FROM_FACE_ROTATIONS[self.region.face].T
+        columns, rows = 2.0 * self.region.columns_per_unit, 2.0 * self.region.rows_per_unit
         x = (columns * right - (2.0 * self.column + self.width) * forward) / self.width
         y = (rows * down - (2.0 * self.row + self.height) * forward) / self.height
         return np.stack((x, y, forward))
 
     @property
-    def spread(self) -> float:
+    def max_depth_ratio(self) -> float:
         """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
-        across = max(-self.column, self.column + self.width) / self.part.columns_per_unit
-        along = max(-self.row, self.row + self.height) / self.part.rows_per_unit
+        across = max(-self.column, self.column + self.width) / self.region.columns_per_unit
+        along = max(-self.row, self.row + self.height) / self.region.rows_per_unit
         return math.sqrt(1.0 + across**2 + along**2)
 
 
@@ -78,20 +78,20 @@ class Cell:
 class Atlas:
     """All cells, and the size of the texture that holds them."""
 
-    cells: tuple[Cell, ...]
+    cells: tuple[AtlasCell, ...]
     width: int
     height: int
 
     @property
-    def faces(self) -> int:
+    def num_faces(self) -> int:
         """Return how many faces a direction is compared with: U only where it is drawn."""
-        return len(Face) if any(cell.part.face is Face.U for cell in self.cells) else len(Face) - 1
+        return len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
 
-    def places(self) -> Floats:
+    def texel_transforms(self) -> Floats:
         """Return (faces, 4): Cell.place of each face, zero where it is not drawn."""
-        places = np.zeros((self.faces, 4))
+        places = np.zeros((self.num_faces, 4))
         for cell in self.cells:
-            places[cell.part.face] = cell.place
+            places[cell.region.face] = cell.texel_transform
         return places
 
     def texels_from_direction(self, direction: Floats) -> Floats:
@@ -101,9 +101,9 @@ class Atlas:
         upward face a direction beyond a side face's upper edge is held at that edge.
         """
         flat = direction.reshape(-1, 3)
-        face = np.argmax(flat @ FACE_AXES[: self.faces, :, 0].T, axis=-1)
+        face = np.argmax(flat @ MIRROR_FROM_FACE_ROTATIONS[: self.num_faces, :, 0].T, axis=-1)
         texels = np.empty((len(flat), 2))
-        for axes, index, place in zip(FACE_AXES, Face, self.places(), strict=False):
+        for axes, index, place in zip(MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False):
             own = face == index
             local = flat[own] @ axes
             st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
@@ -111,17 +111,17 @@ class Atlas:
         return texels.reshape(*direction.shape[:-1], 2)
 
 
-def pack_atlas(parts: tuple[FacePart, ...], *, guard: int, max_texels: int) -> Atlas:
+def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels: int) -> Atlas:
     """Return an atlas of the parts in a texture of at most `max_texels` a side.
 
     Cells stand in rows, the highest first; of all lengths of the first row that is taken which
     wastes least, because every texel of the atlas is cleared in every frame. An atlas so large that
     float32 places lose their precision is kept as square as it can be.
     """
-    loose = sorted((_cell(part, guard) for part in parts), key=lambda cell: -cell.height)
+    loose = sorted((_make_cell(part, guard_texels) for part in regions), key=lambda cell: -cell.height)
     lengths = accumulate(cell.width for cell in loose)
-    packings = [tuple(_rows(loose, length)) for length in lengths if length <= max_texels]
-    sized = [(_extent(cells), cells) for cells in packings]
+    packings = [tuple(_pack_shelves(loose, length)) for length in lengths if length <= max_texels]
+    sized = [(_packed_size(cells), cells) for cells in packings]
     fitting = [((w, h), cells) for (w, h), cells in sized if max(w, h) <= max_texels]
     if not fitting:
         widest = max(max(cell.width, cell.height) for cell in loose)
@@ -129,33 +129,33 @@ def pack_atlas(parts: tuple[FacePart, ...], *, guard: int, max_texels: int) -> A
             f"faces of up to {widest} px are too large: this OpenGL ends at {max_texels} px a side"
         )
     (width, height), cells = min(
-        fitting, key=lambda packed: (max(PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
+        fitting, key=lambda packed: (max(MAX_PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
     )
     return Atlas(cells, width, height)
 
 
-def _cell(part: FacePart, guard: int) -> Cell:
+def _make_cell(region: FaceRegion, guard_texels: int) -> AtlasCell:
     """Return the cell of a part, not placed yet: whole texels that cover it, and the guard."""
-    window = part.window
-    columns = _texels(window.left, window.right, part.columns_per_unit)
-    rows = _texels(window.top, window.bottom, part.rows_per_unit)
-    width, height = columns[1] - columns[0] + 2 * guard, rows[1] - rows[0] + 2 * guard
-    return Cell(part, 0, 0, width, height, columns[0] - guard, rows[0] - guard)
+    window = region.window
+    columns = _texel_interval(window.left, window.right, region.columns_per_unit)
+    rows = _texel_interval(window.top, window.bottom, region.rows_per_unit)
+    width, height = columns[1] - columns[0] + 2 * guard_texels, rows[1] - rows[0] + 2 * guard_texels
+    return AtlasCell(region, 0, 0, width, height, columns[0] - guard_texels, rows[0] - guard_texels)
 
 
-def _texels(low: float, high: float, per_unit: float) -> tuple[int, int]:
+def _texel_interval(low: float, high: float, per_unit: float) -> tuple[int, int]:
     return math.floor(low * per_unit), math.ceil(high * per_unit)
 
 
-def _rows(cells: Iterable[Cell], longest: int) -> Iterator[Cell]:
+def _pack_shelves(cells: Iterable[AtlasCell], max_width: int) -> Iterator[AtlasCell]:
     """Yield the cells side by side, in a new row wherever one would reach beyond `longest`."""
     x = y = row_height = 0
     for cell in cells:
-        if x + cell.width > longest:
+        if x + cell.width > max_width:
             x, y, row_height = 0, y + row_height, 0
         yield replace(cell, x=x, y=y)
         x, row_height = x + cell.width, max(row_height, cell.height)
 
 
-def _extent(cells: tuple[Cell, ...]) -> tuple[int, int]:
+def _packed_size(cells: tuple[AtlasCell, ...]) -> tuple[int, int]:
     return max(cell.x + cell.width for cell in cells), max(cell.y + cell.height for cell in cells)

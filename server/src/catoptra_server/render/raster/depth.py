@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.chunks import Chunks
+from catoptra_server.render.chunks import TriangleClusters
 
 # What is nearer than a millimetre is cut away.
-NEAREST_M = 0.001
+MIN_NEAR_M = 0.001
 # A near plane beyond this buys nothing: at 0.1 m the buffer resolves 0.25 mm at 20 m.
-FARTHEST_NEAR_M = 0.1
+MAX_NEAR_M = 0.1
 # The far plane lies this much beyond the farthest corner, for the rounding of depth.
 FAR_MARGIN = 1.01
 
@@ -38,12 +38,12 @@ class DepthRange:
         return (self.far_m + self.near_m) / extent, -2.0 * self.far_m * self.near_m / extent
 
 
-class Surroundings:
+class DepthRangeFinder:
     """Answers how near and how far the scene is from a point, in the scene's frame."""
 
-    def __init__(self, chunks: Chunks, corners: Floats) -> None:
-        self._chunks = chunks
-        ordered = corners[chunks.order]
+    def __init__(self, clusters: TriangleClusters, corners: Floats) -> None:
+        self._clusters = clusters
+        ordered = corners[clusters.order]
         self._low = ordered.min(axis=1)
         self._high = ordered.max(axis=1)
         cross = np.cross(ordered[:, 1] - ordered[:, 0], ordered[:, 2] - ordered[:, 0])
@@ -51,40 +51,40 @@ class Surroundings:
         self._normals = cross / np.where(length > 0.0, length, 1.0)
         self._offsets = np.einsum("ni,ni->n", self._normals, ordered[:, 0])
 
-    def depth_range(
-        self, viewpoint: Floats, *, spread: float, beside: tuple[float, float] = (math.inf, 0.0)
+    def find_range(
+        self, viewpoint: Floats, *, max_depth_ratio: float, object_distances_m: tuple[float, float] = (math.inf, 0.0)
     ) -> DepthRange:
         """Return the range for faces whose corners are `spread` metres away at one metre ahead.
 
         beside: the nearest and the farthest distance of what else is drawn.
         """
-        nearest = min(self._nearest(viewpoint, FARTHEST_NEAR_M * spread), beside[0])
-        near = min(max(nearest / spread, NEAREST_M), FARTHEST_NEAR_M)
-        farthest = max(self._farthest(viewpoint), beside[1])
+        nearest = min(self._min_distance(viewpoint, MAX_NEAR_M * max_depth_ratio), object_distances_m[0])
+        near = min(max(nearest / max_depth_ratio, MIN_NEAR_M), MAX_NEAR_M)
+        farthest = max(self._max_distance(viewpoint), object_distances_m[1])
         return DepthRange(near, max(FAR_MARGIN * farthest, 2.0 * near))
 
-    def _farthest(self, viewpoint: Floats) -> float:
+    def _max_distance(self, viewpoint: Floats) -> float:
         """Return a distance within which all of the scene is."""
         if not len(self._offsets):
             return 0.0
         farthest = np.maximum(
-            viewpoint - self._chunks.low.min(axis=0), self._chunks.high.max(axis=0) - viewpoint
+            viewpoint - self._clusters.box_min.min(axis=0), self._clusters.box_max.max(axis=0) - viewpoint
         )
         return math.hypot(*farthest)
 
-    def _nearest(self, viewpoint: Floats, enough: float) -> float:
+    def _min_distance(self, viewpoint: Floats, cutoff_m: float) -> float:
         """Return a distance within which no surface is, at most `enough` metres.
 
         Of boxes that reach closer the triangles are asked: none is nearer than its own box or its
         own plane.
         """
-        close = np.flatnonzero(self._chunks.distance(viewpoint) < enough)
-        borders = self._chunks.borders
-        bounds = [self._bound(slice(borders[c], borders[c + 1]), viewpoint) for c in close]
-        return min(bounds, default=enough)
+        close = np.flatnonzero(self._clusters.distances(viewpoint) < cutoff_m)
+        borders = self._clusters.offsets
+        bounds = [self._bound_triangles(slice(borders[c], borders[c + 1]), viewpoint) for c in close]
+        return min(bounds, default=cutoff_m)
 
-    def _bound(self, part: slice, viewpoint: Floats) -> float:
-        return nearest_bound(
+    def _bound_triangles(self, part: slice, viewpoint: Floats) -> float:
+        return min_distance_bound(
             self._low[part],
             self._high[part],
             self._normals[part],
@@ -93,7 +93,7 @@ class Surroundings:
         )
 
 
-def nearest_bound(
+def min_distance_bound(
     low: Floats, high: Floats, normals: Floats, offsets: Floats, *, point: Floats
 ) -> float:
     """Return a distance from a (3,) point within which none of n triangles is; at least one.

@@ -16,15 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.auto_exposure import LUMINANCE, mirror_pixels
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import Effect
-from catoptra_server.effects.shared.noise import TABLE_SIDE, normal_table
+from catoptra_server.effects.auto_exposure import LUMINANCE_WEIGHTS, count_mirror_pixels
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.shared.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
 from catoptra_server.render.raster.passes import AveragePass, Pass
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler
-from catoptra_server.render.renderer import Exposure, LinearImage
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_sampler
+from catoptra_server.render.renderer import CameraState, LinearImage
 
-Values = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
+UniformValues = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 
 
 # What an effect tells is a map if it has so many dimensions.
@@ -32,7 +32,7 @@ _MAP_DIMENSIONS = 3
 # Texture units: the picture has 0, what each pixel sees 1, maps the next ones.
 _RANGE_UNIT, _FIRST_MAP_UNIT = 1, 2
 # Light is summed in so many rectangles a side before the sums are read back.
-_METER_GRID = 16
+_METER_GRID_SIDE = 16
 
 
 class EffectChain:
@@ -41,32 +41,32 @@ class EffectChain:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
-        effects: tuple[Effect, ...],
+        programs: ShaderPrograms,
+        effects: tuple[ImageEffect, ...],
         camera: OmniCamera,
         target: moderngl.Framebuffer,
         *,
         ranges: RangeSource | None = None,
     ) -> None:
-        self._pictures = [
-            LinearPicture(context, camera.width_px, camera.height_px)
+        self._images = [
+            LinearImageTarget(context, camera.width_px, camera.height_px)
             for _ in range(min(len(effects), 1) + 1)
         ]
         self._programs = programs
         self._context = context
         self._ranges = ranges
-        steps = [self._step(effect, camera, index) for index, effect in enumerate(effects)]
-        self._last = self._pictures[len(effects) % len(self._pictures)]
+        steps = [self._make_effect_pass(effect, camera, index) for index, effect in enumerate(effects)]
+        self._last = self._images[len(effects) % len(self._images)]
         encode = EncodePass(context, programs, self._last.texture, target)
         self.passes: tuple[Pass, ...] = (*steps, encode)
 
     @property
-    def first(self) -> moderngl.Framebuffer:
+    def input_target(self) -> moderngl.Framebuffer:
         """Return the target of what comes before the effects."""
-        return self._pictures[0].target
+        return self._images[0].target
 
-    def _step(self, effect: Effect, camera: OmniCamera, index: int) -> EffectPass:
-        source, target = self._pictures[index % 2], self._pictures[(index + 1) % 2]
+    def _make_effect_pass(self, effect: ImageEffect, camera: OmniCamera, index: int) -> EffectPass:
+        source, target = self._images[index % 2], self._images[(index + 1) % 2]
         return EffectPass(
             self._context,
             self._programs,
@@ -74,7 +74,7 @@ class EffectChain:
             camera,
             source.texture,
             target.target,
-            ranges=self._ranges if effect.uses_range else None,
+            ranges=self._ranges if effect.needs_range else None,
         )
 
     def read(self) -> LinearImage:
@@ -83,7 +83,7 @@ class EffectChain:
 
     def close(self) -> None:
         """Free the pictures; passes are freed by who draws them."""
-        for picture in self._pictures:
+        for picture in self._images:
             picture.close()
 
 
@@ -101,8 +101,8 @@ class EffectPass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
-        effect: Effect,
+        programs: ShaderPrograms,
+        effect: ImageEffect,
         camera: OmniCamera,
         source: moderngl.Texture,
         target: moderngl.Framebuffer,
@@ -115,21 +115,21 @@ class EffectPass:
         self._camera = camera
         self._source = source
         self._target = target
-        self._program = programs.get(ProgramSpec("cover", f"effect_{_file_name(effect.name)}"))
-        self._cover = context.vertex_array(self._program, [])
-        self._meter = Meter(context, programs, source)
-        self._maps = Maps(context, self._program)
+        self._program = programs.get(ProgramSpec("cover", f"effect_{_shader_name(effect.name)}"))
+        self._fullscreen_triangle = context.vertex_array(self._program, [])
+        self._meter = LuminanceMeter(context, programs, source)
+        self._textures = EffectTextures(context, self._program)
         self._ranges = ranges
         if "normal_table" in self._program:
-            self._maps.use("normal_table", normal_table().reshape(TABLE_SIDE, TABLE_SIDE, 1))
+            self._textures.set_values("normal_table", normal_quantile_table().reshape(QUANTILE_TABLE_SIDE, QUANTILE_TABLE_SIDE, 1))
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
-        mean_light = partial(self._meter.mean, self._camera)
-        told = self._effect.uniforms(self._camera, Capture(exposure.key), mean_light)
+        mean_light = partial(self._meter.measure_mean_luminance, self._camera)
+        told = self._effect.uniforms(self._camera, CaptureContext(camera_state.noise_seed), mean_light)
         for name, values in told.items():
             if values.ndim == _MAP_DIMENSIONS:
-                self._maps.use(name, values)
+                self._textures.set_values(name, values)
                 continue
             uniform = self._program[name]
             assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
@@ -137,30 +137,30 @@ class EffectPass:
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._source.use(0)
-        self._maps.bind()
+        self._textures.bind()
         if self._ranges is not None:
             set_sampler(self._program, "range_m", _RANGE_UNIT)
             self._ranges.texture.use(_RANGE_UNIT)
-        self._cover.render(vertices=3)
+        self._fullscreen_triangle.render(vertices=3)
 
     def close(self) -> None:
         """Free the vertex array, the maps and the meter, where they are."""
-        self._cover.release()
+        self._fullscreen_triangle.release()
         self._meter.close()
-        self._maps.close()
+        self._textures.close()
 
 
-class Maps:
+class EffectTextures:
     """The textures of one effect's program, by name; what stays the same is uploaded once."""
 
     def __init__(self, context: moderngl.Context, program: moderngl.Program) -> None:
         self._context = context
         self._program = program
-        self._held: dict[str, tuple[Values, moderngl.Texture]] = {}
+        self._textures: dict[str, tuple[UniformValues, moderngl.Texture]] = {}
 
-    def use(self, name: str, values: Values) -> None:
+    def set_values(self, name: str, values: UniformValues) -> None:
         """Have a name mean (rows, columns, channels) values; the same array is not sent again."""
-        held = self._held.get(name)
+        held = self._textures.get(name)
         if held is not None and held[0] is values:
             return
         if held is not None:
@@ -169,19 +169,19 @@ class Maps:
         data = np.ascontiguousarray(values, dtype=np.float32).tobytes()
         texture = self._context.texture((columns, rows), channels, data, dtype="f4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._held[name] = (values, texture)
+        self._textures[name] = (values, texture)
 
     def bind(self) -> None:
         """Bind all textures for a draw."""
-        for unit, (name, (_, texture)) in enumerate(self._held.items(), _FIRST_MAP_UNIT):
+        for unit, (name, (_, texture)) in enumerate(self._textures.items(), _FIRST_MAP_UNIT):
             set_sampler(self._program, name, unit)
             texture.use(unit)
 
     def close(self) -> None:
         """Free the textures."""
-        for _, texture in self._held.values():
+        for _, texture in self._textures.values():
             texture.release()
-        self._held.clear()
+        self._textures.clear()
 
 
 class EncodePass:
@@ -192,44 +192,44 @@ class EncodePass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
-        picture: moderngl.Texture,
+        programs: ShaderPrograms,
+        image: moderngl.Texture,
         target: moderngl.Framebuffer,
     ) -> None:
-        self._average = AveragePass(context, programs, picture, 1, target)
+        self._average = AveragePass(context, programs, image, 1, target)
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
-        self._average.draw(exposure)
+        self._average.draw(camera_state)
 
     def close(self) -> None:
         """Free what the pass holds."""
         self._average.close()
 
 
-class Meter:
+class LuminanceMeter:
     """The mean light of a picture on the device; nothing is built before it is asked for."""
 
     def __init__(
-        self, context: moderngl.Context, programs: Programs, picture: moderngl.Texture
+        self, context: moderngl.Context, programs: ShaderPrograms, image: moderngl.Texture
     ) -> None:
         self._context = context
         self._programs = programs
-        self._picture = picture
-        self._sums: LinearPicture | None = None
+        self._image = image
+        self._sums: LinearImageTarget | None = None
 
-    def mean(self, camera: OmniCamera) -> float:
+    def measure_mean_luminance(self, camera: OmniCamera) -> float:
         """Return the mean luminance of the pixels that see the mirror."""
         if self._sums is None:
-            self._sums = LinearPicture(self._context, _METER_GRID, _METER_GRID)
-            program = self._programs.get(ProgramSpec("cover", "meter", (("GRID", _METER_GRID),)))
+            self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
+            program = self._programs.get(ProgramSpec("cover", "meter", (("GRID", _METER_GRID_SIDE),)))
             self._cover = self._context.vertex_array(program, [])
         self._context.enable_only(moderngl.NOTHING)
         self._sums.target.use()
-        self._picture.use(0)
+        self._image.use(0)
         self._cover.render(vertices=3)
         colours = self._sums.read().sum(axis=(0, 1), dtype=np.float64)
-        return float(colours @ LUMINANCE) / max(mirror_pixels(camera), 1)
+        return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
 
     def close(self) -> None:
         """Free what was built."""
@@ -238,7 +238,7 @@ class Meter:
             self._sums.close()
 
 
-class LinearPicture:
+class LinearImageTarget:
     """A float32 picture on the device: a texture to read, a target to draw into."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
@@ -258,6 +258,6 @@ class LinearPicture:
         self.texture.release()
 
 
-def _file_name(name: str) -> str:
+def _shader_name(name: str) -> str:
     """Return an effect's name as files are called: ShotNoise, shot_noise."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()

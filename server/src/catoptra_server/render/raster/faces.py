@@ -14,11 +14,11 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.depth import FARTHEST_NEAR_M, DepthRange
-from catoptra_server.render.raster.moving_bodies import reach_of
-from catoptra_server.render.raster.passes import LINEAR_STORAGE
+from catoptra_server.render.raster.depth import MAX_NEAR_M, DepthRange
+from catoptra_server.render.raster.moving_bodies import object_distance_range
+from catoptra_server.render.raster.passes import LINEAR_DTYPE
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 
 
 class Projection(Protocol):
@@ -41,11 +41,11 @@ class Projection(Protocol):
         """Return the (3, 3) map from directions in the mirror frame to clip x, y and w."""
 
     @property
-    def spread(self) -> float:
+    def max_depth_ratio(self) -> float:
         """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
 
 
-class Layout(Protocol):
+class FaceLayout(Protocol):
     """A texture of flat pictures: an atlas of faces, or one lens."""
 
     @property
@@ -61,33 +61,33 @@ class Layout(Protocol):
         """Return the pictures."""
 
 
-LayoutT = TypeVar("LayoutT", bound=Layout)
+FaceLayoutT = TypeVar("FaceLayoutT", bound=FaceLayout)
 
 
 @dataclass(frozen=True, slots=True)
 class DrawCounts:
     """What a frame's faces cost: cells with their texels, draw calls, triangles sent."""
 
-    cells: int
-    texels: int
-    calls: int
-    triangles: int
+    num_cells: int
+    num_texels: int
+    num_draw_calls: int
+    num_triangles: int
 
 
-def frame_depth(scene: SceneBuffers, exposure: Exposure, spread: float) -> DepthRange:
+def frame_depth_range(scene: SceneBuffers, camera_state: CameraState, max_depth_ratio: float) -> DepthRange:
     """Return between which distances faces are drawn; spread: the largest of their cells'."""
-    at = exposure.world_from_mirror.translation
-    reach = reach_of(exposure.bodies, at, FARTHEST_NEAR_M * spread)
-    return scene.surroundings.depth_range(at - scene.origin, spread=spread, beside=reach)
+    at = camera_state.world_from_mirror.translation
+    reach = object_distance_range(camera_state.objects, at, MAX_NEAR_M * max_depth_ratio)
+    return scene.depth_range_finder.find_range(at - scene.origin, max_depth_ratio=max_depth_ratio, object_distances_m=reach)
 
 
-def edge_planes(clip_from_scene: Floats) -> Floats:
+def frustum_planes(clip_from_scene: Floats) -> Floats:
     """Return the (n, 5, 3) normals of the planes around what (n, 3, 3) maps show."""
     x, y, w = np.moveaxis(clip_from_scene, 1, 0)
     return np.stack((w + x, w - x, w + y, w - y, w), axis=1)
 
 
-class FacePass(Generic[LayoutT]):
+class FacePass(Generic[FaceLayoutT]):
     """The atlas of one view, and how it is filled."""
 
     name = "faces"
@@ -96,7 +96,7 @@ class FacePass(Generic[LayoutT]):
         self,
         context: moderngl.Context,
         scene: SceneBuffers,
-        atlas: LayoutT,
+        atlas: FaceLayoutT,
         samples: int,
     ) -> None:
         if samples > context.max_samples:
@@ -107,15 +107,15 @@ class FacePass(Generic[LayoutT]):
         self._scene = scene
         self.atlas = atlas
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
-        self._spread = max(cell.spread for cell in atlas.cells)
+        self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         self._texels = sum(cell.width * cell.height for cell in atlas.cells)
         size = (atlas.width, atlas.height)
-        self.texture = context.texture(size, 4, dtype=LINEAR_STORAGE)
+        self.texture = context.texture(size, 4, dtype=LINEAR_DTYPE)
         self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.texture.repeat_x = self.texture.repeat_y = False
         multi = samples if samples > 1 else 0
         colour = (
-            context.texture(size, 4, dtype=LINEAR_STORAGE, samples=multi) if multi else self.texture
+            context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) if multi else self.texture
         )
         depth = context.depth_renderbuffer(size, samples=multi)
         self._target = context.framebuffer([colour], depth)
@@ -123,14 +123,14 @@ class FacePass(Generic[LayoutT]):
         self._owned = [self._target, depth, *((colour, self._resolved) if multi else ())]
         self.counts = DrawCounts(0, 0, 0, 0)
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the atlas with what is seen from an exposure's viewpoint."""
-        pose = exposure.world_from_mirror
+        pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
-        depth = frame_depth(self._scene, exposure, self._spread)
-        scene = self._scene.lit(exposure)
-        scene.bodies.place(exposure.bodies)
-        scene.place(viewpoint, depth.clip_z_from_w)
+        depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
+        scene = self._scene.with_lighting(camera_state)
+        scene.dynamic_objects.upload(camera_state.objects)
+        scene.set_frame(viewpoint, depth.clip_z_from_w)
         self._begin()
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
@@ -150,14 +150,14 @@ class FacePass(Generic[LayoutT]):
         self, scene: LitScene, clip_from_scene: Floats, viewpoint: Floats
     ) -> tuple[int, int]:
         """Draw all faces by their (n, 3, 3) maps; return the draw calls and the triangles sent."""
-        planes = edge_planes(clip_from_scene)
-        visible = self._scene.chunks.in_front(planes, viewpoint)
-        calls, triangles = 0, int((visible @ self._scene.chunk_sizes).sum())
+        planes = frustum_planes(clip_from_scene)
+        visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
+        calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
         for cell, clip, edges, seen in zip(
             self.atlas.cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
-            more_calls, more = scene.bodies.draw(clip, edges, viewpoint)
+            more_calls, more = scene.dynamic_objects.draw(clip, edges, viewpoint)
             calls += scene.draw(clip, seen) + more_calls
             triangles += more
         return calls, triangles

@@ -16,19 +16,19 @@ from catoptra_server.scene.description import PointLight
 class FrameUniforms:
     """A (3,) viewpoint in the scene's frame, z = a w + b, and the point lights.
 
-    light_place: (k, 3) relative to the viewpoint. light_intensity: (k, 3).
+    light_positions: (k, 3) relative to the viewpoint. light_intensities: (k, 3).
     """
 
     viewpoint: Floats
-    depth: tuple[float, float]
-    light_place: Floats
-    light_intensity: Floats
+    depth_from_forward: tuple[float, float]
+    light_positions: Floats
+    light_intensities: Floats
 
     @classmethod
-    def of(
+    def from_viewpoint(
         cls,
         viewpoint: Floats,
-        depth: tuple[float, float],
+        depth_from_forward: tuple[float, float],
         *,
         lights: tuple[PointLight, ...],
         origin: Floats,
@@ -38,15 +38,15 @@ class FrameUniforms:
         intensity = [light.intensity for light in lights]
         return cls(
             viewpoint,
-            depth,
+            depth_from_forward,
             np.asarray(towards).reshape(-1, 3),
             np.asarray(intensity, dtype=np.float64).reshape(-1, 3),
         )
 
-    def set_on(self, program: moderngl.Program) -> None:
+    def apply_to(self, program: moderngl.Program) -> None:
         """Set them; a program of the face pass has lights exactly where the world has."""
         set_uniform(program, "viewpoint", self.viewpoint)
-        set_uniform(program, "depth_from_forward", self.depth)
-        if len(self.light_place):
-            set_uniform(program, "light_place", self.light_place)
-            set_uniform(program, "light_intensity", self.light_intensity)
+        set_uniform(program, "depth_from_forward", self.depth_from_forward)
+        if len(self.light_positions):
+            set_uniform(program, "light_place", self.light_positions)
+            set_uniform(program, "light_intensity", self.light_intensities)

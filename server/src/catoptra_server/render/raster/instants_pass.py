@@ -5,14 +5,14 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.render.instants import instants
-from catoptra_server.render.raster.effect_chain import LinearPicture
+from catoptra_server.render.instants import sample_shutter
+from catoptra_server.render.raster.effect_chain import LinearImageTarget
 from catoptra_server.render.raster.passes import Pass
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_sampler
+from catoptra_server.render.renderer import CameraState
 
 
-class InstantsPass:
+class AccumulationPass:
     """From the scene to the mean light of an exposure.
 
     sharp: the passes of one instant, whose last draws into `picture`; the pass frees both, but the
@@ -24,44 +24,44 @@ class InstantsPass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         camera: OmniCamera,
-        sharp: tuple[Pass, Pass],
-        picture: LinearPicture,
+        sharp_passes: tuple[Pass, Pass],
+        image: LinearImageTarget,
         target: moderngl.Framebuffer,
     ) -> None:
         self._context = context
-        self._faces, self._mirror = sharp
-        self._picture = picture
+        self._faces, self._mirror = sharp_passes
+        self._image = image
         self._target = target
         self._rows = camera.height_px
         self._program = programs.get(ProgramSpec("cover", "weigh"))
-        self._cover = context.vertex_array(self._program, [])
+        self._fullscreen_triangle = context.vertex_array(self._program, [])
         self._weights = context.texture((1, self._rows), 1, dtype="f4")
         self._weights.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
         self._target.clear()
-        for instant, weights in instants(exposure, self._rows):
+        for instant, weights in sample_shutter(camera_state, self._rows):
             self._faces.draw(instant)
             self._mirror.draw(instant)
             self._weights.write(weights.tobytes())
-            self._add()
+            self._accumulate()
 
-    def _add(self) -> None:
+    def _accumulate(self) -> None:
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._target.use()
         set_sampler(self._program, "weights", 1)
-        self._picture.texture.use(0)
+        self._image.texture.use(0)
         self._weights.use(1)
-        self._cover.render(vertices=3)
+        self._fullscreen_triangle.render(vertices=3)
         self._context.enable_only(moderngl.NOTHING)
 
     def close(self) -> None:
         """Free what the pass holds."""
         self._mirror.close()
-        self._cover.release()
+        self._fullscreen_triangle.release()
         self._weights.release()
-        self._picture.close()
+        self._image.close()

@@ -17,7 +17,7 @@ from catoptra_protocol.optics.numerics import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LensCell:
+class LensProjection:
     """A picture with samples^2 texels a pixel. mirror_from_camera: (3, 3), turns the camera."""
 
     camera: PerspectiveCamera
@@ -35,7 +35,7 @@ class LensCell:
         return self.camera.height_px * self.samples
 
     @property
-    def cells(self) -> tuple[LensCell, ...]:
+    def cells(self) -> tuple[LensProjection, ...]:
         """Return what is drawn: this alone."""
         return (self,)
 
@@ -51,32 +51,32 @@ class LensCell:
         y grows downwards in the picture: row 0 of the texture is the top.
         """
         forward, right, down = self.mirror_from_camera.T
-        across, along = self._focal_in_halves
+        across, along = self._normalized_focal_lengths
         return np.stack((across * right, along * down, forward))
 
     @property
-    def spread(self) -> float:
+    def max_depth_ratio(self) -> float:
         """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
-        across, along = self._focal_in_halves
+        across, along = self._normalized_focal_lengths
         return math.sqrt(1.0 + 1.0 / across**2 + 1.0 / along**2)
 
     @property
-    def _focal_in_halves(self) -> tuple[float, float]:
+    def _normalized_focal_lengths(self) -> tuple[float, float]:
         """Return the focal length in units of half the picture's width and of half its height."""
-        focal = 2.0 * self.camera.focal_px
+        focal = 2.0 * self.camera.focal_length_px
         return focal / self.camera.width_px, focal / self.camera.height_px
 
 
-def lens_cell(
+def make_lens_projection(
     camera: PerspectiveCamera,
     samples: int,
     mirror_from_camera: Floats | None = None,
     *,
     max_texels: int,
-) -> LensCell:
+) -> LensProjection:
     """Return the cell of a camera. Raises DomainError where no texture is that large."""
     turn = np.eye(3) if mirror_from_camera is None else mirror_from_camera
-    cell = LensCell(camera, samples, turn)
+    cell = LensProjection(camera, samples, turn)
     if max(cell.width, cell.height) > max_texels:
         raise DomainError(
             f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "

@@ -15,21 +15,21 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.faces import FacePass
-from catoptra_server.render.raster.mirror_places import mirror_places
+from catoptra_server.render.raster.mirror_places import compute_lookup_map
 from catoptra_server.render.raster.passes import ENCODED
-from catoptra_server.render.raster.programs import Definitions, Programs, ProgramSpec
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.raster.programs import Definitions, ShaderPrograms, ProgramSpec
+from catoptra_server.render.renderer import CameraState
 
 # Sides of the polygon around the rim circle: it covers 1.3 % more than the disc, a square 27 %;
 # more sides cost more in half-empty blocks of fragments than they save on llvmpipe.
-_RIM_SIDES = 16
+_NUM_RIM_SIDES = 16
 
 
-def polygon_around_rim(camera: OmniCamera) -> Floats:
+def rim_polygon(camera: OmniCamera) -> Floats:
     """Return the (n, 2) clip positions of a polygon that holds every pixel that sees the mirror."""
-    azimuth = 2.0 * math.pi * np.arange(_RIM_SIDES) / _RIM_SIDES
+    azimuth = 2.0 * math.pi * np.arange(_NUM_RIM_SIDES) / _NUM_RIM_SIDES
     # A pixel whose middle lies beyond the rim may have samples within it.
-    radius = (camera.rim_radius_px + 1.0) / math.cos(math.pi / _RIM_SIDES)
+    radius = (camera.rim_radius_px + 1.0) / math.cos(math.pi / _NUM_RIM_SIDES)
     circle = radius * np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
     size = np.array((camera.width_px, camera.height_px))
     clip: Floats = 2.0 * (circle + camera.centre_px) / size - 1.0
@@ -47,10 +47,10 @@ class MirrorPass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         faces: FacePass[Atlas],
         camera: OmniCamera,
-        places: moderngl.Texture,
+        lookup_map: moderngl.Texture,
         samples: int,
         target: moderngl.Framebuffer,
         *,
@@ -62,14 +62,14 @@ class MirrorPass:
         define = (("SAMPLES", samples), *encoding)
         self._program = programs.get(ProgramSpec("mirror", "mirror", define))
         self._program["places"] = 1
-        self._places = places
-        self._corners = context.buffer(polygon_around_rim(camera).astype(np.float32).tobytes())
+        self._lookup_map = lookup_map
+        self._corners = context.buffer(rim_polygon(camera).astype(np.float32).tobytes())
         self._vertices = context.vertex_array(self._program, [(self._corners, "2f", "position")])
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
         self._faces.texture.use(0)
-        self._places.use(1)
+        self._lookup_map.use(1)
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.clear()
@@ -81,17 +81,17 @@ class MirrorPass:
         self._corners.release()
 
 
-def law_places(
+def make_lookup_texture(
     context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
 ) -> moderngl.Texture:
     """Return the texture of the places that the mirror's law gives."""
-    size = places_size(context, camera, samples)
-    texture = context.texture(size, 2, mirror_places(camera, atlas, samples), dtype="f4")
+    size = lookup_map_size(context, camera, samples)
+    texture = context.texture(size, 2, compute_lookup_map(camera, atlas, samples), dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 
-def places_size(context: moderngl.Context, camera: OmniCamera, samples: int) -> tuple[int, int]:
+def lookup_map_size(context: moderngl.Context, camera: OmniCamera, samples: int) -> tuple[int, int]:
     """Return width and height of a texture of places. Raises DomainError where none is so large."""
     size = (samples * camera.width_px, samples * camera.height_px)
     limit = context.info["GL_MAX_TEXTURE_SIZE"]

@@ -17,30 +17,30 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
 
 # What a sample looks up that sees no mirror.
-NOWHERE = -1.0
+OUTSIDE_MIRROR = -1.0
 # Rows at a time: the float64 values between stay in the processor's cache.
-_SAMPLES_AT_ONCE = 2**16
+_SAMPLES_PER_BATCH = 2**16
 
 
-def mirror_places(camera: OmniCamera, atlas: Atlas, samples: int) -> npt.NDArray[np.float32]:
+def compute_lookup_map(camera: OmniCamera, atlas: Atlas, samples: int) -> npt.NDArray[np.float32]:
     """Return (height samples, width samples, 2): places over the atlas' size, or NOWHERE.
 
     Row and column r of the array are those of a grid of samples x samples in each pixel, as
-    pixel_centres has them.
+    pixel_sample_positions has them.
     """
     columns = (np.arange(camera.width_px * samples) + 0.5) / samples
     rows = (np.arange(camera.height_px * samples) + 0.5) / samples
     places = np.empty((len(rows), len(columns), 2), dtype=np.float32)
-    at_once = max(1, _SAMPLES_AT_ONCE // len(columns))
+    at_once = max(1, _SAMPLES_PER_BATCH // len(columns))
     for first in range(0, len(rows), at_once):
         part = slice(first, first + at_once)
-        places[part] = places_of(camera, atlas, np.stack(np.meshgrid(columns, rows[part]), axis=-1))
+        places[part] = atlas_coordinates(camera, atlas, np.stack(np.meshgrid(columns, rows[part]), axis=-1))
     return places
 
 
-def places_of(camera: OmniCamera, atlas: Atlas, pixels: Floats) -> npt.NDArray[np.float32]:
+def atlas_coordinates(camera: OmniCamera, atlas: Atlas, pixels: Floats) -> npt.NDArray[np.float32]:
     """Return the (..., 2) places that (..., 2) pixels look up, over the atlas' size, or NOWHERE."""
     directions, on_mirror = direction_from_pixel(camera, pixels)
     texels = atlas.texels_from_direction(directions)
-    places = np.where(on_mirror[..., None], texels / (atlas.width, atlas.height), NOWHERE)
+    places = np.where(on_mirror[..., None], texels / (atlas.width, atlas.height), OUTSIDE_MIRROR)
     return places.astype(np.float32)

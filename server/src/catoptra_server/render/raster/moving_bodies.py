@@ -13,77 +13,77 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render import shading
-from catoptra_server.render.chunks import Indices, runs
-from catoptra_server.render.raster.depth import nearest_bound
+from catoptra_server.render.chunks import Indices, visible_runs
+from catoptra_server.render.raster.depth import min_distance_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_uniform
-from catoptra_server.render.raster.scene_look import FacetLight
-from catoptra_server.scene.bodies import Body, facets
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_uniform
+from catoptra_server.render.raster.scene_look import FacetLighting
+from catoptra_server.scene.bodies import DynamicObject, world_facets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
+class _BoundingSpheres:
     """The bodies of one exposure: spheres around them, scene frame, and where they lie."""
 
     centres: Floats
     radii: Floats
-    borders: Indices
+    offsets: Indices
 
 
-class MovingBodies:
+class DynamicObjectBuffer:
     """What moves in one world. `origin`: (3,), of the scene's frame in the world."""
 
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
-        light: FacetLight,
+        programs: ShaderPrograms,
+        lighting: FacetLighting,
         origin: Floats,
     ) -> None:
         self._context = context
         self._programs = programs
-        self._light = light
+        self._lighting = lighting
         self._origin = origin
         self._buffer: moderngl.Buffer | None = None
         self._vertices: moderngl.VertexArray | None = None
-        self._placed: _Placed | None = None
+        self._spheres: _BoundingSpheres | None = None
 
     @property
-    def bytes_held(self) -> int:
+    def buffer_bytes(self) -> int:
         """Return the size of the vertex buffer: 0 as long as no body was seen."""
         return 0 if self._buffer is None else int(self._buffer.size)
 
     @property
     def programs(self) -> set[moderngl.Program]:
         """Return the program that draws what moves in this exposure, if anything does."""
-        if self._vertices is None or self._placed is None:
+        if self._vertices is None or self._spheres is None:
             return set()
         return {self._vertices.program}
 
-    def place(self, bodies: tuple[Body, ...]) -> None:
+    def upload(self, objects: tuple[DynamicObject, ...]) -> None:
         """Take over the bodies of an exposure and where they are."""
-        if not bodies:
-            self._placed = None
+        if not objects:
+            self._spheres = None
             return
-        self._placed = _Placed(
-            centres=np.array([body.centre - self._origin for body in bodies]),
-            radii=np.array([body.mesh.radius_m for body in bodies]),
-            borders=np.cumsum([0, *(len(body.mesh) for body in bodies)]),
+        self._spheres = _BoundingSpheres(
+            centres=np.array([body.centre - self._origin for body in objects]),
+            radii=np.array([body.mesh.radius_m for body in objects]),
+            offsets=np.cumsum([0, *(len(body.mesh) for body in objects)]),
         )
-        self._upload(np.concatenate([self._vertex_data(body) for body in bodies]))
+        self._write_vertices(np.concatenate([self._vertex_data(body) for body in objects]))
 
-    def _vertex_data(self, body: Body) -> Floats:
+    def _vertex_data(self, dynamic_object: DynamicObject) -> Floats:
         """Return the (3 n, 6) or (3 n, 12) attributes of a body's corners."""
-        lit = facets(body)
-        look = [shading.facet_radiance(lit, self._light.constant)]
-        if self._light.varying:
+        lit = world_facets(dynamic_object)
+        look = [shading.facet_radiance(lit, self._lighting.constant_lights)]
+        if self._lighting.definitions:
             look += [lit.normals, lit.albedo * ~lit.unlit[:, None]]
-        places = body.world_from_body.points(body.mesh.corners) - self._origin
+        places = dynamic_object.world_from_object.transform_points(dynamic_object.mesh.corners) - self._origin
         of_triangles = np.concatenate(look, axis=-1)
         shared = np.broadcast_to(of_triangles[:, None], (*places.shape[:2], of_triangles.shape[1]))
         return np.concatenate((places, shared), axis=-1).reshape(-1, 3 + of_triangles.shape[1])
 
-    def _upload(self, values: Floats) -> None:
+    def _write_vertices(self, values: Floats) -> None:
         """Write the vertices; the buffer grows when it must and never shrinks."""
         data = values.astype(np.float32).tobytes()
         if self._buffer is None or self._buffer.size < len(data):
@@ -96,24 +96,24 @@ class MovingBodies:
 
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
         names, layout = ["position", "radiance"], "3f 3f"
-        if self._light.varying:
+        if self._lighting.definitions:
             names, layout = [*names, "normal", "lit_albedo"], "3f 3f 3f 3f"
-        program = self._programs.get(ProgramSpec("face", "face", self._light.varying))
+        program = self._programs.get(ProgramSpec("face", "face", self._lighting.definitions))
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
-    def use(self, frame: FrameUniforms) -> None:
+    def set_frame(self, frame: FrameUniforms) -> None:
         """Set the uniforms of a frame, if there is anything to draw in it."""
         for program in self.programs:
-            frame.set_on(program)
+            frame.apply_to(program)
 
     def draw(self, clip_from_scene: Floats, planes: Floats, viewpoint: Floats) -> tuple[int, int]:
         """Draw what is in front of (p, 3) planes; return the draw calls and triangles sent."""
-        at = self._placed
+        at = self._spheres
         if self._vertices is None or at is None:
             return 0, 0
         reach = np.outer(at.radii, np.linalg.norm(planes, axis=-1))
         visible = np.asarray(((at.centres - viewpoint) @ planes.T >= -reach).all(axis=-1))
-        parts = runs(visible, at.borders)
+        parts = visible_runs(visible, at.offsets)
         if parts:
             set_uniform(self._vertices.program, "clip_from_scene", clip_from_scene.T)
         for first, count in parts:
@@ -129,27 +129,27 @@ class MovingBodies:
         self._vertices = self._buffer = None
 
 
-def reach_of(bodies: tuple[Body, ...], viewpoint: Floats, enough: float) -> tuple[float, float]:
+def object_distance_range(objects: tuple[DynamicObject, ...], viewpoint: Floats, cutoff_m: float) -> tuple[float, float]:
     """Return distances from a (3,) point, world frame, between which all of the bodies is.
 
     The nearer one is exact only below `enough` metres; without bodies it is infinite, the other 0.
     """
     nearest, farthest = np.inf, 0.0
-    for body in bodies:
+    for body in objects:
         middle = float(np.linalg.norm(body.centre - viewpoint))
         bound = middle - body.mesh.radius_m
-        if bound < enough:
+        if bound < cutoff_m:
             bound = _nearest_triangle(body, viewpoint)
         nearest, farthest = min(nearest, bound), max(farthest, middle + body.mesh.radius_m)
     return nearest, farthest
 
 
-def _nearest_triangle(body: Body, viewpoint: Floats) -> float:
-    corners, normals = body.mesh.corners, body.mesh.normals
-    return nearest_bound(
+def _nearest_triangle(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
+    corners, normals = dynamic_object.mesh.corners, dynamic_object.mesh.normals
+    return min_distance_bound(
         corners.min(axis=1),
         corners.max(axis=1),
         normals,
         np.einsum("ni,ni->n", normals, corners[:, 0]),
-        point=body.world_from_body.inverse().points(viewpoint),
+        point=dynamic_object.world_from_object.inverse().transform_points(viewpoint),
     )

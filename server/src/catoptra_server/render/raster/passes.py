@@ -8,13 +8,13 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.raster.programs import Definitions, Programs, ProgramSpec
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.raster.programs import Definitions, ShaderPrograms, ProgramSpec
+from catoptra_server.render.renderer import CameraState
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
 # survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB
 # target of 8 bits (tests/cost/questions/raster_faces.py), which would lose both.
-LINEAR_STORAGE = "f2"
+LINEAR_DTYPE = "f2"
 
 # What a pass that can do both writes: sRGB, or the linear light that effects change.
 ENCODED: Definitions = ()
@@ -28,7 +28,7 @@ class Pass(Protocol):
     def name(self) -> str:
         """Return the name of the stage."""
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
 
     def close(self) -> None:
@@ -43,33 +43,33 @@ class AveragePass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
-        picture: moderngl.Texture,
+        programs: ShaderPrograms,
+        image: moderngl.Texture,
         samples: int,
         target: moderngl.Framebuffer,
         *,
         encoding: Definitions = ENCODED,
     ) -> None:
         self._context = context
-        self._picture = picture
+        self._image = image
         self._target = target
         define = (("SAMPLES", samples), *encoding)
         program = programs.get(ProgramSpec("cover", "average", define))
-        self._cover = context.vertex_array(program, [])
+        self._fullscreen_triangle = context.vertex_array(program, [])
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
-        self._picture.use(0)
-        self._cover.render(vertices=3)
+        self._image.use(0)
+        self._fullscreen_triangle.render(vertices=3)
 
     def close(self) -> None:
         """Free the vertex array."""
-        self._cover.release()
+        self._fullscreen_triangle.release()
 
 
-class Output:
+class OutputImage:
     """The finished picture on the device, RGB without alpha, and its way back."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:

@@ -16,27 +16,27 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.atlas_lookup import atlas_definitions, use_atlas
-from catoptra_server.render.raster.mirror_pass import places_size
-from catoptra_server.render.raster.mirror_places import NOWHERE
-from catoptra_server.render.raster.programs import Programs, ProgramSpec
-from catoptra_server.scene.mirror_mesh import MirrorMesh, PolygonSplit, mirror_mesh
+from catoptra_server.render.raster.atlas_lookup import atlas_definitions, set_atlas_uniforms
+from catoptra_server.render.raster.mirror_pass import lookup_map_size
+from catoptra_server.render.raster.mirror_places import OUTSIDE_MIRROR
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec
+from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
 
 
-def polygon_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
+def mirror_mesh_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
     """Return the (n, 3, 4) clip positions of a mesh's corners in the capture camera.
 
     The pinhole projection of a point of the exact mirror is its pixel by the law. w is the distance
     from the pinhole along the axis, so what is interpolated is so over the facet, not the picture.
     Raises DomainError for an orthographic camera, which trace refuses too.
     """
-    if not math.isfinite(camera.mirror.pinhole_m):
+    if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("a polygon mirror needs a capture camera with a pinhole")
     x, y, z = np.moveaxis(mesh.corners, -1, 0)
-    w = camera.mirror.pinhole_m - z
-    rim_r, rim_z = camera.mirror.surface(np.array(camera.rim_t))
-    focal_px = camera.rim_radius_px * (camera.mirror.pinhole_m - rim_z) / rim_r
-    cos_up, sin_up = math.cos(camera.up_azimuth_rad), math.sin(camera.up_azimuth_rad)
+    w = camera.mirror.pinhole_distance_m - z
+    rim_r, rim_z = camera.mirror.surface_point(np.array(camera.rim_t))
+    focal_px = camera.rim_radius_px * (camera.mirror.pinhole_distance_m - rim_z) / rim_r
+    cos_up, sin_up = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
     # Homogeneous pixels, u w and v w, as in pixel_from_direction.
     u = focal_px * (sin_up * x - cos_up * y) + camera.centre_px[0] * w
     v = focal_px * (-cos_up * x - sin_up * y) + camera.centre_px[1] * w
@@ -45,11 +45,11 @@ def polygon_clip_positions(camera: OmniCamera, mesh: MirrorMesh) -> Floats:
     return np.stack((clip_x, clip_y, np.zeros_like(w), w), axis=-1)
 
 
-def polygon_places(
+def render_lookup_texture(
     context: moderngl.Context,
-    programs: Programs,
+    programs: ShaderPrograms,
     camera: OmniCamera,
-    split: PolygonSplit,
+    tessellation: Tessellation,
     samples: int,
     atlas: Atlas,
 ) -> moderngl.Texture:
@@ -58,19 +58,19 @@ def polygon_places(
     The mesh is drawn once, samples times larger than the picture: its samples then lie where trace
     puts them, which multisampling would leave to the driver.
     """
-    places = context.texture(places_size(context, camera, samples), 2, dtype="f4")
+    places = context.texture(lookup_map_size(context, camera, samples), 2, dtype="f4")
     places.filter = (moderngl.NEAREST, moderngl.NEAREST)
     target = context.framebuffer([places])
     spec = ProgramSpec("polygon_places", "polygon_places", atlas_definitions(atlas))
     program = programs.get(spec)
-    use_atlas(program, atlas)
-    mesh = mirror_mesh(camera, split)
-    corners = np.concatenate((polygon_clip_positions(camera, mesh), mesh.directions), axis=-1)
+    set_atlas_uniforms(program, atlas)
+    mesh = build_mirror_mesh(camera, tessellation)
+    corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
     buffer = context.buffer(corners.astype(np.float32).tobytes())
     vertices = context.vertex_array(program, [(buffer, "4f 3f", "clip_position", "looked_up")])
     context.enable_only(moderngl.NOTHING)
     target.use()
-    target.clear(NOWHERE, NOWHERE)
+    target.clear(OUTSIDE_MIRROR, OUTSIDE_MIRROR)
     vertices.render()
     for drawn_with in (vertices, buffer, target):
         drawn_with.release()

@@ -17,7 +17,7 @@ import numpy.typing as npt
 _ROOT = files("catoptra_server") / "glsl"
 _INCLUDE = re.compile(r'^#include "(?P<path>[\w./]+)"$', re.MULTILINE)
 
-VERSION = "#version 330 core"
+GLSL_VERSION = "#version 330 core"
 
 Definitions = tuple[tuple[str, int], ...]
 
@@ -28,33 +28,33 @@ class ProgramSpec:
 
     vertex: str
     fragment: str
-    define: Definitions = ()
+    definitions: Definitions = ()
 
     def __str__(self) -> str:
-        parts = [self.fragment, *(f"{name}={value}" for name, value in self.define)]
+        parts = [self.fragment, *(f"{name}={value}" for name, value in self.definitions)]
         return " ".join(parts)
 
 
-class Programs:
+class ShaderPrograms:
     """The programs of one context. What is not asked for is not built."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._built: dict[ProgramSpec, moderngl.Program] = {}
+        self._programs: dict[ProgramSpec, moderngl.Program] = {}
 
     @property
-    def built(self) -> tuple[str, ...]:
+    def names(self) -> tuple[str, ...]:
         """Return the names of the programs that were built, in order."""
-        return tuple(str(spec) for spec in self._built)
+        return tuple(str(spec) for spec in self._programs)
 
     def get(self, spec: ProgramSpec) -> moderngl.Program:
         """Return the program of a specification, compiled the first time."""
-        if spec not in self._built:
-            self._built[spec] = self._context.program(
-                vertex_shader=source(f"{spec.vertex}.vert", spec.define),
-                fragment_shader=source(f"{spec.fragment}.frag", spec.define),
+        if spec not in self._programs:
+            self._programs[spec] = self._context.program(
+                vertex_shader=load_source(f"{spec.vertex}.vert", spec.definitions),
+                fragment_shader=load_source(f"{spec.fragment}.frag", spec.definitions),
             )
-        return self._built[spec]
+        return self._programs[spec]
 
 
 def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
@@ -71,12 +71,12 @@ def set_sampler(program: moderngl.Program, name: str, unit: int) -> None:
     uniform.value = unit
 
 
-def source(path: str, define: Definitions = ()) -> str:
+def load_source(path: str, definitions: Definitions = ()) -> str:
     """Return the full text of a shader: version, definitions, the file with its includes."""
-    head = [VERSION, *(f"#define {name} {value}" for name, value in define)]
-    return "\n".join((*head, _included(path)))
+    head = [GLSL_VERSION, *(f"#define {name} {value}" for name, value in definitions)]
+    return "\n".join((*head, _load_with_includes(path)))
 
 
-def _included(path: str) -> str:
+def _load_with_includes(path: str) -> str:
     text = (_ROOT / path).read_text(encoding="utf-8")
-    return _INCLUDE.sub(lambda line: _included(line["path"]), text)
+    return _INCLUDE.sub(lambda line: _load_with_includes(line["path"]), text)

@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.chunks import runs
+from catoptra_server.render.chunks import visible_runs
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.faces import edge_planes, frame_depth
-from catoptra_server.render.raster.programs import Programs, ProgramSpec, set_sampler, set_uniform
+from catoptra_server.render.raster.faces import frustum_planes, frame_depth_range
+from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_sampler, set_uniform
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.renderer import Exposure
-from catoptra_server.scene.bodies import Body
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.scene.bodies import DynamicObject
 
 
 class RangePass:
@@ -31,87 +31,87 @@ class RangePass:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         scene: SceneBuffers,
         atlas: Atlas,
         camera: OmniCamera,
-        places: moderngl.Texture,
+        lookup_map: moderngl.Texture,
     ) -> None:
         self._context = context
         self._scene = scene
         self._atlas = atlas
-        self._places = places
+        self._lookup_map = lookup_map
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
-        self._spread = max(cell.spread for cell in atlas.cells)
+        self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         size = (atlas.width, atlas.height)
-        self._texels = _texture(context, size)
+        self._texels = _make_texture(context, size)
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._texels], self._depth)
-        self.texture = _texture(context, (camera.width_px, camera.height_px))
-        self._seen = context.framebuffer([self.texture])
-        self._surfaces = programs.get(ProgramSpec("range", "range"))
-        self._vertices = scene.positions(self._surfaces)
-        self._bodies = BodyPlaces(context, self._surfaces, scene.origin)
-        self._look_up = programs.get(ProgramSpec("cover", "pixel_range"))
-        self._cover = context.vertex_array(self._look_up, [])
+        self.texture = _make_texture(context, (camera.width_px, camera.height_px))
+        self._range_target = context.framebuffer([self.texture])
+        self._surface_program = programs.get(ProgramSpec("range", "range"))
+        self._vertices = scene.make_position_array(self._surface_program)
+        self._objects = ObjectPositions(context, self._surface_program, scene.origin)
+        self._lookup_program = programs.get(ProgramSpec("cover", "pixel_range"))
+        self._fullscreen_triangle = context.vertex_array(self._lookup_program, [])
 
-    def draw(self, exposure: Exposure) -> None:
+    def draw(self, camera_state: CameraState) -> None:
         """Fill the texture with what is seen in an exposure."""
-        self._draw_faces(exposure)
+        self._draw_faces(camera_state)
         self._context.enable_only(moderngl.NOTHING)
-        self._seen.use()
-        set_sampler(self._look_up, "places", 1)
+        self._range_target.use()
+        set_sampler(self._lookup_program, "places", 1)
         self._texels.use(0)
-        self._places.use(1)
-        self._cover.render(vertices=3)
+        self._lookup_map.use(1)
+        self._fullscreen_triangle.render(vertices=3)
 
-    def _draw_faces(self, exposure: Exposure) -> None:
-        pose = exposure.world_from_mirror
+    def _draw_faces(self, camera_state: CameraState) -> None:
+        pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
-        depth = frame_depth(self._scene, exposure, self._spread)
-        set_uniform(self._surfaces, "viewpoint", viewpoint)
-        set_uniform(self._surfaces, "depth_from_forward", depth.clip_z_from_w)
+        depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
+        set_uniform(self._surface_program, "viewpoint", viewpoint)
+        set_uniform(self._surface_program, "depth_from_forward", depth.clip_z_from_w)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         self._target.viewport = (0, 0, self._atlas.width, self._atlas.height)
         self._target.clear(math.inf, depth=1.0)
         self._target.use()
-        self._bodies.place(exposure.bodies)
+        self._objects.upload(camera_state.objects)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
-        visible = self._scene.chunks.in_front(edge_planes(clip_from_scene), viewpoint)
+        visible = self._scene.clusters.in_front_of_planes(frustum_planes(clip_from_scene), viewpoint)
         for cell, clip, seen in zip(self._atlas.cells, clip_from_scene, visible, strict=True):
             self._context.viewport = cell.viewport
-            set_uniform(self._surfaces, "clip_from_scene", clip.T)
+            set_uniform(self._surface_program, "clip_from_scene", clip.T)
             self._draw_scene(seen)
-            self._bodies.draw()
+            self._objects.draw()
 
     def _draw_scene(self, visible: Bools) -> None:
-        for first, count in runs(visible, self._scene.chunks.borders):
+        for first, count in visible_runs(visible, self._scene.clusters.offsets):
             self._vertices.render(vertices=3 * count, first=3 * first)
 
     def read(self) -> npt.NDArray[np.float32]:
         """Return the (h, w) ranges of the last frame, metres."""
         width, height = self.texture.size
-        data = self._seen.read(components=1, dtype="f4", alignment=1)
+        data = self._range_target.read(components=1, dtype="f4", alignment=1)
         return np.frombuffer(data, dtype=np.float32).reshape(height, width)
 
     def close(self) -> None:
         """Free what the pass holds; the scene's vertices stay the scene's."""
-        self._bodies.close()
+        self._objects.close()
         for resource in (
             self._vertices,
-            self._cover,
+            self._fullscreen_triangle,
             self._target,
-            self._seen,
+            self._range_target,
             self._texels,
             self._depth,
             self.texture,
-            self._places,
+            self._lookup_map,
         ):
             resource.release()
 
 
-class BodyPlaces:
+class ObjectPositions:
     """The corners of an exposure's bodies where they stand; without any there is no buffer."""
 
     def __init__(
@@ -120,31 +120,31 @@ class BodyPlaces:
         self._context = context
         self._program = program
         self._origin = origin
-        self._held: list[tuple[moderngl.VertexArray, moderngl.Buffer]] = []
+        self._buffers: list[tuple[moderngl.VertexArray, moderngl.Buffer]] = []
 
-    def place(self, bodies: tuple[Body, ...]) -> None:
+    def upload(self, objects: tuple[DynamicObject, ...]) -> None:
         """Take over the bodies of an exposure and where they are."""
         self.close()
-        for body in bodies:
-            places = body.world_from_body.points(body.mesh.corners) - self._origin
+        for body in objects:
+            places = body.world_from_object.transform_points(body.mesh.corners) - self._origin
             buffer = self._context.buffer(places.astype(np.float32).tobytes())
             content = [(buffer, "3f", "position")]
-            self._held.append((self._context.vertex_array(self._program, content), buffer))
+            self._buffers.append((self._context.vertex_array(self._program, content), buffer))
 
     def draw(self) -> None:
         """Draw all of them."""
-        for vertices, _ in self._held:
+        for vertices, _ in self._buffers:
             vertices.render()
 
     def close(self) -> None:
         """Free the buffers."""
-        for pair in self._held:
+        for pair in self._buffers:
             for resource in pair:
                 resource.release()
-        self._held.clear()
+        self._buffers.clear()
 
 
-def _texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
+def _make_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
     texture = context.texture(size, 1, dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

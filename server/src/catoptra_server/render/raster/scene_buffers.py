@@ -15,15 +15,15 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.chunks import make_chunks
-from catoptra_server.render.raster.depth import Surroundings
+from catoptra_server.render.chunks import make_clusters
+from catoptra_server.render.raster.depth import DepthRangeFinder
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.moving_bodies import MovingBodies
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.raster.scene_look import FacetLight, SceneLook, attribute
+from catoptra_server.render.raster.moving_bodies import DynamicObjectBuffer
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.scene_look import FacetLighting, SceneBatches, make_attribute
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
-from catoptra_server.render.reaching_lights import reaching_lights
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.reaching_lights import cull_lights
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.description import Light, World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -34,9 +34,9 @@ MAX_POINT_LIGHTS = 100
 class LitScene(Protocol):
     """A scene and what moves in it, in the light of an exposure."""
 
-    bodies: MovingBodies
+    dynamic_objects: DynamicObjectBuffer
 
-    def place(self, viewpoint: Floats, depth: tuple[float, float]) -> None:
+    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
@@ -47,37 +47,37 @@ class SceneBuffers:
     """Vertex buffers, textures and programs of one world."""
 
     def __init__(
-        self, context: moderngl.Context, programs: Programs, scene: SceneMesh, world: World
+        self, context: moderngl.Context, programs: ShaderPrograms, scene: SceneMesh, world: World
     ) -> None:
         self._context = context
         self._programs = programs
         self._scene = scene
         self._world = world
-        reaching = reaching_lights(scene, world.lights)
-        light, body_light = _facet_light(reaching), _facet_light(world.lights)
+        reaching = cull_lights(scene, world.lights)
+        light, body_light = _make_facet_lighting(reaching), _make_facet_lighting(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
         self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
         self._lights = shading.point_lights(reaching)
-        self.bodies = MovingBodies(context, programs, body_light, self.origin)
+        self.dynamic_objects = DynamicObjectBuffer(context, programs, body_light, self.origin)
         corners = scene.corners - self.origin
-        self.chunks = make_chunks(corners, (scene.texture_index + 1).astype(np.intp))
-        self.chunk_sizes = np.diff(self.chunks.borders)
-        self.surroundings = Surroundings(self.chunks, corners)
-        self._position = attribute(context, corners[self.chunks.order])
-        self._look = SceneLook(
-            context, programs, scene, self.chunks, position=self._position, light=light
+        self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
+        self.cluster_sizes = np.diff(self.clusters.offsets)
+        self.depth_range_finder = DepthRangeFinder(self.clusters, corners)
+        self._position = make_attribute(context, corners[self.clusters.order])
+        self._batches = SceneBatches(
+            context, programs, scene, self.clusters, position=self._position, lighting=light
         )
         self._shadowed: ShadowedScene | None = None
 
-    def positions(self, program: moderngl.Program) -> moderngl.VertexArray:
+    def make_position_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Return all corners, chunk by chunk, for a program that needs no more; not freed here."""
         buffer, layout = self._position
         return self._context.vertex_array(program, [(buffer, layout, "position")])
 
-    def lit(self, exposure: Exposure) -> LitScene:
+    def with_lighting(self, camera_state: CameraState) -> LitScene:
         """Return the scene in an exposure's light: with shadows, where some light casts them."""
-        if not exposure.has_shadows or not shading.hideable_lights(self._world.lights):
+        if not camera_state.has_shadows or not shading.shadow_casting_lights(self._world.lights):
             return self
         if self._shadowed is None:
             self._shadowed = ShadowedScene(
@@ -85,37 +85,37 @@ class SceneBuffers:
                 self._programs,
                 self._scene,
                 self._world.lights,
-                chunks=self.chunks,
+                clusters=self.clusters,
                 position=self._position,
                 origin=self.origin,
             )
-        self._shadowed.cast(exposure.bodies)
+        self._shadowed.draw_object_shadows(camera_state.objects)
         return self._shadowed
 
-    def place(self, viewpoint: Floats, depth: tuple[float, float]) -> None:
+    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
-        frame = FrameUniforms.of(viewpoint, depth, lights=self._lights, origin=self.origin)
-        for program in self._look.programs:
-            frame.set_on(program)
+        frame = FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=self._lights, origin=self.origin)
+        for program in self._batches.programs:
+            frame.apply_to(program)
         lights = shading.point_lights(self._world.lights)
-        self.bodies.use(FrameUniforms.of(viewpoint, depth, lights=lights, origin=self.origin))
+        self.dynamic_objects.set_frame(FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=lights, origin=self.origin))
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
-        return self._look.draw(clip_from_scene, visible)
+        return self._batches.draw(clip_from_scene, visible)
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
-        self.bodies.close()
+        self.dynamic_objects.close()
         if self._shadowed is not None:
             self._shadowed.close()
-        self._look.close()
+        self._batches.close()
         self._position[0].release()
 
 
-def _facet_light(lights: tuple[Light, ...]) -> FacetLight:
+def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:
     """Return how facets are lit without shadows."""
     count = len(shading.point_lights(lights))
     if count > MAX_POINT_LIGHTS:
         raise DomainError(f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {count}")
-    return FacetLight(lights, (("POINT_LIGHTS", count),) if count else ())
+    return FacetLighting(lights, (("POINT_LIGHTS", count),) if count else ())

@@ -13,10 +13,10 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.chunks import Chunks, runs
+from catoptra_server.render.chunks import TriangleClusters, visible_runs
 from catoptra_server.render.raster.programs import (
     Definitions,
-    Programs,
+    ShaderPrograms,
     ProgramSpec,
     set_uniform,
 )
@@ -26,84 +26,84 @@ from catoptra_server.scene.meshes import SceneMesh, Texture
 # GL_SRGB8: the sampler turns texels into linear light before it filters them.
 _SRGB8 = 0x8C41
 
-Attribute = tuple[moderngl.Buffer, str]
+VertexAttribute = tuple[moderngl.Buffer, str]
 
 
 @dataclass(frozen=True, slots=True)
-class FacetLight:
+class FacetLighting:
     """How the faces' programs light facets.
 
     constant: the lights that give each triangle one radiance. varying: what a program defines that
     computes the light of others from place and normal; empty: there are none.
     """
 
-    constant: tuple[Light, ...]
-    varying: Definitions = ()
+    constant_lights: tuple[Light, ...]
+    definitions: Definitions = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Group:
+class _Batch:
     """The triangles of one texture: their chunks, and what draws them."""
 
-    chunks: slice
+    clusters: slice
     program: moderngl.Program
     vertices: moderngl.VertexArray
     texture: moderngl.Texture | None
 
 
-class SceneLook:
+class SceneBatches:
     """What draws a scene's chunks in one light. `position`: their corners, not freed here."""
 
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         scene: SceneMesh,
-        chunks: Chunks,
+        clusters: TriangleClusters,
         *,
-        position: Attribute,
-        light: FacetLight,
+        position: VertexAttribute,
+        lighting: FacetLighting,
     ) -> None:
         self._context = context
-        self._chunks = chunks
-        self._light = light
+        self._clusters = clusters
+        self._lighting = lighting
         self._owned = self._upload(scene)
         self._attributes = {"position": position, **self._owned}
-        self._groups = [self._group(programs, scene, int(g)) for g in np.unique(chunks.group)]
+        self._batches = [self._make_batch(programs, scene, int(g)) for g in np.unique(clusters.groups)]
 
     @property
     def programs(self) -> set[moderngl.Program]:
         """Return the programs that draw it."""
-        return {group.program for group in self._groups}
+        return {group.program for group in self._batches}
 
-    def _upload(self, scene: SceneMesh) -> dict[str, Attribute]:
+    def _upload(self, scene: SceneMesh) -> dict[str, VertexAttribute]:
         """Return the buffer and the format of each attribute that some group has."""
-        of_triangles = shading.facet_radiance(scene, self._light.constant)
-        attributes = {"radiance": _at_corners(of_triangles)}
+        of_triangles = shading.facet_radiance(scene, self._lighting.constant_lights)
+        attributes = {"radiance": _repeat_at_corners(of_triangles)}
         if scene.textures:
             attributes["uv"] = scene.uv
-        if self._light.varying:
-            attributes["normal"] = _at_corners(scene.normals)
-            attributes["lit_albedo"] = _at_corners(scene.albedo * ~scene.unlit[:, None])
+        if self._lighting.definitions:
+            attributes["normal"] = _repeat_at_corners(scene.normals)
+            attributes["lit_albedo"] = _repeat_at_corners(scene.albedo * ~scene.unlit[:, None])
         return {
-            name: attribute(self._context, values[self._chunks.order])
+            name: make_attribute(self._context, values[self._clusters.order])
             for name, values in attributes.items()
         }
 
-    def _group(self, programs: Programs, scene: SceneMesh, index: int) -> _Group:
+    def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
         """Return group `index`: 0 = without a texture, then one for each texture."""
         names = ["position", "radiance"]
         define: Definitions = ()
         if index > 0:
             names, define = [*names, "uv"], (*define, ("TEXTURED", 1))
-        if self._light.varying:
+        if self._lighting.definitions:
             names = [*names, "normal", "lit_albedo"]
-            define = (*define, *self._light.varying)
+            define = (*define, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", define))
         content = [(*self._attributes[name], name) for name in names]
-        members = np.flatnonzero(self._chunks.group == index)
-        return _Group(
-            chunks=slice(int(members[0]), int(members[-1]) + 1),
+        members = np.flatnonzero(self._clusters.groups == index)
+        return _Batch(
+            clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
             vertices=self._context.vertex_array(program, content),
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
@@ -112,9 +112,9 @@ class SceneLook:
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
         calls = 0
-        for group in self._groups:
-            borders = self._chunks.borders[group.chunks.start : group.chunks.stop + 1]
-            parts = runs(visible[group.chunks], borders)
+        for group in self._batches:
+            borders = self._clusters.offsets[group.clusters.start : group.clusters.stop + 1]
+            parts = visible_runs(visible[group.clusters], borders)
             if not parts:
                 continue
             set_uniform(group.program, "clip_from_scene", clip_from_scene.T)
@@ -127,7 +127,7 @@ class SceneLook:
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
-        for group in self._groups:
+        for group in self._batches:
             group.vertices.release()
             if group.texture is not None:
                 group.texture.release()
@@ -135,7 +135,7 @@ class SceneLook:
             buffer.release()
 
 
-def attribute(context: moderngl.Context, values: Floats) -> Attribute:
+def make_attribute(context: moderngl.Context, values: Floats) -> VertexAttribute:
     """Return a buffer of (n, 3, k) values at corners, and its format."""
     data = values.astype(np.float32).tobytes()
     # OpenGL knows no empty buffer, a world without surfaces exists.
@@ -154,6 +154,6 @@ def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Textur
     return texture
 
 
-def _at_corners(values: Floats) -> Floats:
+def _repeat_at_corners(values: Floats) -> Floats:
     """Return (n, 3, 3): each triangle's (n, 3) values at its three corners."""
     return np.repeat(values[:, None], 3, axis=1)

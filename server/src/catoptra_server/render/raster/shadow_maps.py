@@ -18,35 +18,35 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster.programs import (
     Definitions,
-    Programs,
+    ShaderPrograms,
     ProgramSpec,
     set_sampler,
     set_uniform,
 )
 from catoptra_server.render.raster.shadow_frames import (
-    MOST_TEXELS,
-    SIDE_TEXELS,
-    Casters,
-    ShadowFrame,
-    frames,
+    MAX_TOTAL_TEXELS,
+    MAX_SIDE_TEXELS,
+    ShadowCasters,
+    ShadowProjection,
+    fit_shadow_projections,
 )
-from catoptra_server.render.shading import HideableLight
-from catoptra_server.scene.bodies import Body
+from catoptra_server.render.shading import ShadowCastingLight
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import DirectionalLight, PointLight
 from catoptra_server.scene.meshes import SceneMesh
 
 # OpenGL takes the greater of the two slopes, so one texel covers half a texel in both; the rest is
 # for corners, which it rounds to a 256th of a texel.
-SLOPE = 1.25
+SLOPE_BIAS_TEXELS = 1.25
 # Steps of the depth buffer beside that.
-_STEPS = 4.0
+_CONSTANT_BIAS_STEPS = 4.0
 # Two matrices a light with a direction and a dozen numbers a lamp, in the 1024 components that
 # OpenGL 3.3 promises.
-MAX_SUNS = 8
-MAX_LAMPS = 40
+MAX_SHADOWED_DIRECTIONAL_LIGHTS = 8
+MAX_SHADOWED_POINT_LIGHTS = 40
 # Bodies are small: half as many texels a side are finer still.
-_BODIES_SHARE = 2
-_SCENE_UNIT, _BODY_UNIT = 1, 2
+_OBJECT_MAP_DIVISOR = 2
+_SCENE_UNIT, _OBJECT_UNIT = 1, 2
 
 
 class ShadowMaps:
@@ -55,82 +55,82 @@ class ShadowMaps:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         scene: SceneMesh,
-        lights: tuple[HideableLight, ...],
+        lights: tuple[ShadowCastingLight, ...],
         *,
         origin: Floats,
     ) -> None:
         self._context = context
         self._lights = lights
         self._origin = origin
-        self._suns = [light for light in lights if isinstance(light, DirectionalLight)]
-        self._lamps = [light for light in lights if isinstance(light, PointLight)]
-        _check_count(len(self._suns), len(self._lamps))
-        self._lamp_places = tuple(np.asarray(lamp.position_m) - origin for lamp in self._lamps)
-        self._cells = len(self._suns) + 6 * len(self._lamps)
+        self._directional_lights = [light for light in lights if isinstance(light, DirectionalLight)]
+        self._point_lights = [light for light in lights if isinstance(light, PointLight)]
+        _check_light_counts(len(self._directional_lights), len(self._point_lights))
+        self._point_light_positions = tuple(np.asarray(lamp.position_m) - origin for lamp in self._point_lights)
+        self._cells = len(self._directional_lights) + 6 * len(self._point_lights)
         self._columns = math.ceil(math.sqrt(self._cells))
-        self._side = self._side_texels()
+        self._side = self._max_side_texels()
         self._program = programs.get(ProgramSpec("shadow", "shadow"))
-        self._scene_maps = self._maps(self._side)
-        self._scene_frames = self._draw_scene(scene)
-        self._body_maps: moderngl.Texture | None = None
-        self._body_frames: tuple[ShadowFrame, ...] = ()
+        self._scene_maps = self._make_texture(self._side)
+        self._scene_projections = self._draw_scene(scene)
+        self._object_maps: moderngl.Texture | None = None
+        self._object_projections: tuple[ShadowProjection, ...] = ()
 
     @property
-    def define(self) -> Definitions:
+    def definitions(self) -> Definitions:
         """Return what programs define that look into the maps."""
-        counts = (("SUNS", len(self._suns)), ("LAMPS", len(self._lamps)))
+        counts = (("SUNS", len(self._directional_lights)), ("LAMPS", len(self._point_lights)))
         named = tuple((name, count) for name, count in counts if count)
         return (("SHADOWS", 1), ("MAP_COLUMNS", self._columns), *named)
 
     @property
-    def bytes_held(self) -> int:
+    def texture_bytes(self) -> int:
         """Return the size of the maps at 4 bytes a texel; those of bodies once any was seen."""
-        held = (self._scene_maps, *((self._body_maps,) if self._body_maps is not None else ()))
+        held = (self._scene_maps, *((self._object_maps,) if self._object_maps is not None else ()))
         return sum(4 * maps.width * maps.height for maps in held)
 
-    def _side_texels(self) -> int:
-        most = min(MOST_TEXELS, int(self._context.info["GL_MAX_TEXTURE_SIZE"]) ** 2)
+    def _max_side_texels(self) -> int:
+        most = min(MAX_TOTAL_TEXELS, int(self._context.info["GL_MAX_TEXTURE_SIZE"]) ** 2)
         fitting = int(math.sqrt(most)) // self._columns
-        return min(SIDE_TEXELS, 1 << (fitting.bit_length() - 1))
+        return min(MAX_SIDE_TEXELS, 1 << (fitting.bit_length() - 1))
 
-    def _maps(self, side: int) -> moderngl.Texture:
+    def _make_texture(self, side: int) -> moderngl.Texture:
         rows = -(-self._cells // self._columns)
         maps = self._context.depth_texture((side * self._columns, side * rows))
         maps.filter = (moderngl.NEAREST, moderngl.NEAREST)
         maps.compare_func = ""  # depths are compared in the shader
         return maps
 
-    def _draw_scene(self, scene: SceneMesh) -> tuple[ShadowFrame, ...]:
+    def _draw_scene(self, scene: SceneMesh) -> tuple[ShadowProjection, ...]:
         casting = scene.casts_shadows
         corners = scene.corners[casting] - self._origin
         if not len(corners):
             corners, casting = np.zeros((1, 3, 3)), np.zeros(0, dtype=np.intp)
         normals = scene.normals[casting] if len(casting) else np.zeros((1, 3))
-        casters = Casters.of_triangles(corners, normals, lamps=self._lamp_places)
-        fitted = self._frames(casters, self._side)
+        casters = ShadowCasters.from_triangles(corners, normals, light_positions=self._point_light_positions)
+        fitted = self._fit_projections(casters, self._side)
         self._draw(self._scene_maps, fitted, corners)
         return fitted
 
-    def _frames(self, casters: Casters, side: int) -> tuple[ShadowFrame, ...]:
-        return frames(self._lights, casters, origin=self._origin, side=side)
+    def _fit_projections(self, casters: ShadowCasters, side: int) -> tuple[ShadowProjection, ...]:
+        return fit_shadow_projections(self._lights, casters, origin=self._origin, side_texels=side)
 
-    def draw_bodies(self, bodies: tuple[Body, ...]) -> None:
+    def draw_objects(self, objects: tuple[DynamicObject, ...]) -> None:
         """Draw the maps of what moves, if anything does."""
-        self._body_frames = ()
-        if not bodies:
+        self._object_projections = ()
+        if not objects:
             return
-        side = self._side // _BODIES_SHARE
-        if self._body_maps is None:
-            self._body_maps = self._maps(side)
-        casters = Casters.of_bodies(bodies, origin=self._origin, lamps=self._lamp_places)
-        self._body_frames = self._frames(casters, side)
-        corners = [body.world_from_body.points(body.mesh.corners) for body in bodies]
-        self._draw(self._body_maps, self._body_frames, np.concatenate(corners) - self._origin)
+        side = self._side // _OBJECT_MAP_DIVISOR
+        if self._object_maps is None:
+            self._object_maps = self._make_texture(side)
+        casters = ShadowCasters.from_objects(objects, origin=self._origin, light_positions=self._point_light_positions)
+        self._object_projections = self._fit_projections(casters, side)
+        corners = [body.world_from_object.transform_points(body.mesh.corners) for body in objects]
+        self._draw(self._object_maps, self._object_projections, np.concatenate(corners) - self._origin)
 
     def _draw(
-        self, maps: moderngl.Texture, fitted: tuple[ShadowFrame, ...], corners: Floats
+        self, maps: moderngl.Texture, fitted: tuple[ShadowProjection, ...], corners: Floats
     ) -> None:
         """Draw (n, 3, 3) triangles as each light sees them."""
         context = self._context
@@ -143,7 +143,7 @@ class ShadowMaps:
         target.viewport = (0, 0, maps.width, maps.height)
         target.clear(depth=1.0)
         target.use()
-        context.polygon_offset = SLOPE, _STEPS
+        context.polygon_offset = SLOPE_BIAS_TEXELS, _CONSTANT_BIAS_STEPS
         for cell, frame in enumerate(fitted):
             row, column = divmod(cell, self._columns)
             context.viewport = (side * column, side * row, side, side)
@@ -153,44 +153,44 @@ class ShadowMaps:
         for resource in (vertices, buffer, target):
             resource.release()
 
-    def set_on(self, program: moderngl.Program, viewpoint: Floats) -> None:
+    def apply_to(self, program: moderngl.Program, viewpoint: Floats) -> None:
         """Tell a program the lights and their maps, from a (3,) viewpoint in the scene's frame."""
-        moving = self._body_frames or self._scene_frames
+        moving = self._object_projections or self._scene_projections
         set_sampler(program, "scene_maps", _SCENE_UNIT)
-        set_sampler(program, "body_maps", _BODY_UNIT)
+        set_sampler(program, "body_maps", _OBJECT_UNIT)
         has_bodies = program["has_bodies"]
         assert isinstance(has_bodies, moderngl.Uniform)
-        has_bodies.value = bool(self._body_frames)
-        count = len(self._suns)
+        has_bodies.value = bool(self._object_projections)
+        count = len(self._directional_lights)
         if count:
-            towards = [-np.asarray(sun.direction) for sun in self._suns]
+            towards = [-np.asarray(sun.direction) for sun in self._directional_lights]
             set_uniform(program, "sun_towards", towards)
-            set_uniform(program, "sun_irradiance", [sun.irradiance for sun in self._suns])
-            for name, fitted in (("scene", self._scene_frames), ("body", moving)):
-                maps = [frame.map_from_place(viewpoint).T for frame in fitted[:count]]
+            set_uniform(program, "sun_irradiance", [sun.irradiance for sun in self._directional_lights])
+            for name, fitted in (("scene", self._scene_projections), ("body", moving)):
+                maps = [frame.map_from_offset(viewpoint).T for frame in fitted[:count]]
                 set_uniform(program, f"sun_{name}_map", maps)
-        if self._lamps:
-            set_uniform(program, "lamp_place", np.array(self._lamp_places) - viewpoint)
-            set_uniform(program, "lamp_intensity", [lamp.intensity for lamp in self._lamps])
-            pairs = zip(self._scene_frames[count::6], moving[count::6], strict=True)
-            set_uniform(program, "lamp_depth", [(*one.depth, *two.depth) for one, two in pairs])
+        if self._point_lights:
+            set_uniform(program, "lamp_place", np.array(self._point_light_positions) - viewpoint)
+            set_uniform(program, "lamp_intensity", [lamp.intensity for lamp in self._point_lights])
+            pairs = zip(self._scene_projections[count::6], moving[count::6], strict=True)
+            set_uniform(program, "lamp_depth", [(*one.depth_from_forward, *two.depth_from_forward) for one, two in pairs])
 
-    def use(self) -> None:
+    def bind(self) -> None:
         """Bind the maps."""
         self._scene_maps.use(_SCENE_UNIT)
-        (self._body_maps or self._scene_maps).use(_BODY_UNIT)
+        (self._object_maps or self._scene_maps).use(_OBJECT_UNIT)
 
     def close(self) -> None:
         """Free the maps."""
         self._scene_maps.release()
-        if self._body_maps is not None:
-            self._body_maps.release()
+        if self._object_maps is not None:
+            self._object_maps.release()
 
 
-def _check_count(suns: int, lamps: int) -> None:
+def _check_light_counts(num_directional: int, num_point: int) -> None:
     """Raise DomainError where a program's uniforms do not hold so many lights."""
-    if suns > MAX_SUNS or lamps > MAX_LAMPS:
+    if num_directional > MAX_SHADOWED_DIRECTIONAL_LIGHTS or num_point > MAX_SHADOWED_POINT_LIGHTS:
         raise DomainError(
-            f"raster casts shadows of at most {MAX_SUNS} directional and {MAX_LAMPS} point lights, "
-            f"not of {suns} and {lamps}: draw with the trace renderer, or set Shadows=never"
+            f"raster casts shadows of at most {MAX_SHADOWED_DIRECTIONAL_LIGHTS} directional and {MAX_SHADOWED_POINT_LIGHTS} point lights, "
+            f"not of {num_directional} and {num_point}: draw with the trace renderer, or set Shadows=never"
         )

@@ -9,13 +9,13 @@ import moderngl
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.chunks import Chunks
+from catoptra_server.render.chunks import TriangleClusters
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.moving_bodies import MovingBodies
-from catoptra_server.render.raster.programs import Programs
-from catoptra_server.render.raster.scene_look import Attribute, FacetLight, SceneLook
+from catoptra_server.render.raster.moving_bodies import DynamicObjectBuffer
+from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.scene_look import VertexAttribute, FacetLighting, SceneBatches
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.scene.bodies import Body
+from catoptra_server.scene.bodies import DynamicObject
 from catoptra_server.scene.description import Light
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -26,40 +26,40 @@ class ShadowedScene:
     def __init__(
         self,
         context: moderngl.Context,
-        programs: Programs,
+        programs: ShaderPrograms,
         scene: SceneMesh,
         lights: tuple[Light, ...],
         *,
-        chunks: Chunks,
-        position: Attribute,
+        clusters: TriangleClusters,
+        position: VertexAttribute,
         origin: Floats,
     ) -> None:
         self._origin = origin
         self._maps = ShadowMaps(
-            context, programs, scene, shading.hideable_lights(lights), origin=origin
+            context, programs, scene, shading.shadow_casting_lights(lights), origin=origin
         )
-        light = FacetLight(shading.sky_lights(lights), self._maps.define)
-        self.bodies = MovingBodies(context, programs, light, origin)
-        self._look = SceneLook(context, programs, scene, chunks, position=position, light=light)
+        light = FacetLighting(shading.hemisphere_lights(lights), self._maps.definitions)
+        self.dynamic_objects = DynamicObjectBuffer(context, programs, light, origin)
+        self._batches = SceneBatches(context, programs, scene, clusters, position=position, lighting=light)
 
-    def cast(self, bodies: tuple[Body, ...]) -> None:
+    def draw_object_shadows(self, objects: tuple[DynamicObject, ...]) -> None:
         """Draw the maps of an exposure's bodies; what stands was drawn once."""
-        self._maps.draw_bodies(bodies)
+        self._maps.draw_objects(objects)
 
-    def place(self, viewpoint: Floats, depth: tuple[float, float]) -> None:
+    def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
-        frame = FrameUniforms.of(viewpoint, depth, lights=(), origin=self._origin)
-        for program in self._look.programs | self.bodies.programs:
-            frame.set_on(program)
-            self._maps.set_on(program, viewpoint)
-        self._maps.use()
+        frame = FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=(), origin=self._origin)
+        for program in self._batches.programs | self.dynamic_objects.programs:
+            frame.apply_to(program)
+            self._maps.apply_to(program, viewpoint)
+        self._maps.bind()
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
-        return self._look.draw(clip_from_scene, visible)
+        return self._batches.draw(clip_from_scene, visible)
 
     def close(self) -> None:
         """Free all of it; the corners belong to the scene."""
-        self.bodies.close()
-        self._look.close()
+        self.dynamic_objects.close()
+        self._batches.close()
         self._maps.close()

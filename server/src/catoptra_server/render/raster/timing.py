@@ -15,14 +15,14 @@ class StageClock:
     after the other (tests/cost/questions/raster_faces.py).
     """
 
-    def __init__(self, finish: Callable[[], None]) -> None:
-        self._finish = finish
+    def __init__(self, wait_for_device: Callable[[], None]) -> None:
+        self._finish = wait_for_device
         self._last = time.perf_counter()
-        self.ms: dict[str, float] = {}
+        self.stage_ms: dict[str, float] = {}
 
-    def mark(self, stage: str) -> None:
+    def end_stage(self, stage: str) -> None:
         """End a stage."""
         self._finish()
         now = time.perf_counter()
-        self.ms[stage] = 1e3 * (now - self._last)
+        self.stage_ms[stage] = 1e3 * (now - self._last)
         self._last = now

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import moderngl
 
-from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster.atlas import Atlas
 from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.faces import DrawCounts, FacePass
-from catoptra_server.render.raster.lens_cell import LensCell
-from catoptra_server.render.raster.passes import Output, Pass
+from catoptra_server.render.raster.lens_cell import LensProjection
+from catoptra_server.render.raster.passes import OutputImage, Pass
 from catoptra_server.render.raster.timing import StageClock
-from catoptra_server.render.renderer import Exposure, LinearImage, RenderedImage
+from catoptra_server.render.renderer import CameraState, LinearImage, RenderedImage
 
 
 class RasterView:
@@ -25,19 +25,19 @@ class RasterView:
     def __init__(
         self,
         device: GlDevice,
-        faces: FacePass[Atlas] | FacePass[LensCell],
-        picture: tuple[Pass, ...],
-        output: Output,
+        faces: FacePass[Atlas] | FacePass[LensProjection],
+        passes: tuple[Pass, ...],
+        output: OutputImage,
         thread: int,
     ) -> None:
         self._device = device
         self._faces = faces
-        self._passes: tuple[Pass, ...] = (faces, *picture)
+        self._passes: tuple[Pass, ...] = (faces, *passes)
         self._output = output
         self._thread = thread
 
     @property
-    def passes(self) -> tuple[str, ...]:
+    def pass_names(self) -> tuple[str, ...]:
         """Return the names of the passes that every frame goes through."""
         return tuple(step.name for step in self._passes)
 
@@ -46,17 +46,17 @@ class RasterView:
         """Return what the faces of the last frame cost."""
         return self._faces.counts
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         """Return the picture of an exposure."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
             clock = StageClock(context.finish)
             for step in self._passes:
-                step.draw(exposure)
-                clock.mark(step.name)
+                step.draw(camera_state)
+                clock.end_stage(step.name)
             image = self._output.read()
-            clock.mark("readback")
-        return RenderedImage(image, clock.ms)
+            clock.end_stage("readback")
+        return RenderedImage(image, clock.stage_ms)
 
     def close(self) -> None:
         """Free what the view holds on the device."""
@@ -69,31 +69,31 @@ class RasterView:
 # Of pictures with effects so many are kept ready, lest a robot that stops and goes builds its
 # passes anew each time: what it needs standing, slow, fast, and beside a wall. A list that asks
 # what pixels see takes a quarter of a second to build on two cores, and holds 20 MB at 640 px.
-_KEPT = 4
+_MAX_SEQUENCES = 4
 
 # What a picture's passes are made for: its effects, and whether its exposure lasts.
-Wanted = tuple[tuple[Effect, ...], bool]
+SequenceKey = tuple[tuple[ImageEffect, ...], bool]
 # Makes the passes of a picture: what is built is returned, and closed with the picture.
-MakePicture = Callable[[tuple[Effect, ...], bool], "Developed"]
+MakeLinearSequence = Callable[[tuple[ImageEffect, ...], bool], "PassSequence"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Developed:
+class PassSequence:
     """The passes from the faces to the finished picture; chain: None where light is not linear.
 
     The faces are their view's, and freed with it.
     """
 
     passes: tuple[Pass, ...]
-    chain: EffectChain | None = None
+    effect_chain: EffectChain | None = None
 
     def close(self) -> None:
         """Free the passes, and what is between them."""
         for step in reversed(self.passes):
             if not isinstance(step, FacePass):
                 step.close()
-        if self.chain is not None:
-            self.chain.close()
+        if self.effect_chain is not None:
+            self.effect_chain.close()
 
 
 class RasterOmniView:
@@ -107,90 +107,90 @@ class RasterOmniView:
         self,
         device: GlDevice,
         faces: FacePass[Atlas],
-        places: moderngl.Texture,
-        output: Output,
+        lookup_map: moderngl.Texture,
+        output: OutputImage,
         *,
-        plain: Callable[[], Developed],
-        linear: MakePicture,
+        make_plain: Callable[[], PassSequence],
+        make_linear: MakeLinearSequence,
         thread: int,
     ) -> None:
         self._device = device
         self._faces = faces
-        self._places = places
+        self._lookup_map = lookup_map
         self._output = output
-        self._make_plain = plain
-        self._make_linear = linear
+        self._make_plain = make_plain
+        self._make_linear = make_linear
         self._thread = thread
-        self._plain: Developed | None = None
-        self._linear: dict[Wanted, Developed] = {}  # the last drawn at the end
-        self._last: Developed | None = None
+        self._plain_passes: PassSequence | None = None
+        self._linear_passes: dict[SequenceKey, PassSequence] = {}  # the last drawn at the end
+        self._last: PassSequence | None = None
 
     @property
-    def passes(self) -> tuple[str, ...]:
+    def pass_names(self) -> tuple[str, ...]:
         """Return the names of the passes that the last frame went through."""
-        return tuple(step.name for step in self.steps)
+        return tuple(step.name for step in self.active_passes)
 
     @property
-    def steps(self) -> tuple[Pass, ...]:
+    def active_passes(self) -> tuple[Pass, ...]:
         """Return the passes themselves."""
         return self._last.passes if self._last else ()
 
     @property
-    def pictures(self) -> int:
+    def num_sequences(self) -> int:
         """Return how many pictures are kept ready."""
-        return len(self._linear) + (self._plain is not None)
+        return len(self._linear_passes) + (self._plain_passes is not None)
 
     @property
     def face_counts(self) -> DrawCounts:
         """Return what the faces of the last frame cost."""
         return self._faces.counts
 
-    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+    def render(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
         """Return the picture of an exposure as effects change it."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            lasts = exposure.shutter is not None
-            picture = self._with(effects, lasts) if effects or lasts else self._without()
+            lasts = camera_state.shutter is not None
+            picture = self._linear_sequence(effects, lasts) if effects or lasts else self._plain_sequence()
             clock = StageClock(context.finish)
-            self._run(picture, exposure, clock)
+            self._run(picture, camera_state, clock)
             image = self._output.read()
-            clock.mark("readback")
-        return RenderedImage(image, clock.ms)
+            clock.end_stage("readback")
+        return RenderedImage(image, clock.stage_ms)
 
-    def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
+    def render_linear(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            picture = self._with(effects, exposure.shutter is not None)
-            self._run(picture, exposure, StageClock(context.finish))
-            assert picture.chain is not None, "a linear picture has a chain"
-            return picture.chain.read()
+            picture = self._linear_sequence(effects, camera_state.shutter is not None)
+            self._run(picture, camera_state, StageClock(context.finish))
+            assert picture.effect_chain is not None, "a linear picture has a chain"
+            return picture.effect_chain.read()
 
-    def _run(self, picture: Developed, exposure: Exposure, clock: StageClock) -> None:
-        self._last = picture
-        for step in picture.passes:
-            step.draw(exposure)
-            clock.mark(step.name)
+    def _run(self, image: PassSequence, camera_state: CameraState, clock: StageClock) -> None:
+        self._last = image
+        for step in image.passes:
+            step.draw(camera_state)
+            clock.end_stage(step.name)
 
-    def _without(self) -> Developed:
-        if self._plain is None:
-            self._plain = self._make_plain()
-        return self._plain
+    def _plain_sequence(self) -> PassSequence:
+        if self._plain_passes is None:
+            self._plain_passes = self._make_plain()
+        return self._plain_passes
 
-    def _with(self, effects: tuple[Effect, ...], lasts: bool) -> Developed:
-        wanted = (effects, lasts)
-        picture = self._linear.pop(wanted, None) or self._make_linear(effects, lasts)
-        while len(self._linear) >= _KEPT:
-            self._linear.pop(next(iter(self._linear))).close()
-        self._linear[wanted] = picture
+    def _linear_sequence(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
+        wanted = (effects, has_shutter)
+        picture = self._linear_passes.pop(wanted, None) or self._make_linear(effects, has_shutter)
+        while len(self._linear_passes) >= _MAX_SEQUENCES:
+            self._linear_passes.pop(next(iter(self._linear_passes))).close()
+        self._linear_passes[wanted] = picture
         return picture
 
     def close(self) -> None:
         """Free what the view holds on the device."""
         with self._device.context:
-            for picture in (self._plain, *self._linear.values()):
+            for picture in (self._plain_passes, *self._linear_passes.values()):
                 if picture is not None:
                     picture.close()
             self._faces.close()
-            self._places.release()
+            self._lookup_map.release()
             self._output.close()

@@ -20,16 +20,16 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.renderer import Exposure, Image, RenderedImage
+from catoptra_server.render.renderer import CameraState, Image, RenderedImage
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
-from catoptra_server.render.trace.moving_bodies import PlacedBody
-from catoptra_server.render.trace.outlines import Outlines
+from catoptra_server.render.trace.moving_bodies import ObjectInstance
+from catoptra_server.render.trace.outlines import SilhouetteEdges
 from catoptra_server.render.trace.packed_light import Colours, Float32s
-from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.ray_colours import Colouring, Placement
-from catoptra_server.render.trace.ray_view import Drawn, ray_chunks
-from catoptra_server.render.trace.seen_surfaces import PlanePlaces, SeenSurfaces, SurfacePlanes
+from catoptra_server.render.trace.pixel_law import ProjectionTable
+from catoptra_server.render.trace.ray_colours import RayShader, ViewTransform
+from catoptra_server.render.trace.ray_view import RenderedColours, split_rays
+from catoptra_server.render.trace.seen_surfaces import PlanePoints, VisibleSurfaces, SurfacePlanes
 from catoptra_server.render.trace.surfaces import NO_SURFACE
 
 # Samples of a task: see ray_view.
@@ -48,43 +48,43 @@ class CellView:
     def __init__(
         self,
         planes: SurfacePlanes,
-        colours: Colouring,
+        shader: RayShader,
         grid: CellGrid,
-        law: PixelLaw,
+        table: ProjectionTable,
         pool: ThreadPoolExecutor,
     ) -> None:
         self._planes = planes
-        self._colours = colours
+        self._shader = shader
         self._grid = grid
-        self._law = law
+        self._table = table
         self._pool = pool
-        self._chunks = ray_chunks(grid.others)
+        self._chunks = split_rays(grid.others)
         self._node_parts = np.array_split(np.arange(len(grid.nodes)), _NODE_TASKS)
-        ends = planes.surfaces.outlines
-        self._outlines = [
-            Outlines(ends[part::_OUTLINE_TASKS], law, grid) for part in range(_OUTLINE_TASKS)
+        ends = planes.surfaces.edges
+        self._edges = [
+            SilhouetteEdges(ends[part::_OUTLINE_TASKS], table, grid) for part in range(_OUTLINE_TASKS)
         ]
-        of_surface = colours.of_triangles(planes.surfaces.triangle)
+        of_surface = shader.shade_triangles(planes.surfaces.triangle)
         of_surface[NO_SURFACE] = 0
-        self._colour_of_surface = of_surface.view(colours.pixel).reshape(-1)
-        self._varies = colours.varies(planes.surfaces.triangle)
+        self._colour_of_surface = of_surface.view(shader.pixel_dtype).reshape(-1)
+        self._varies = shader.has_varying_light(planes.surfaces.triangle)
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         """Return the picture of an exposure."""
-        rgb, stage_ms = self.picture(exposure)
+        rgb, stage_ms = self.render_colours(camera_state)
         return RenderedImage(cast(Image, rgb), stage_ms)
 
-    def picture(self, exposure: Exposure) -> Drawn:
+    def render_colours(self, camera_state: CameraState) -> RenderedColours:
         """Return an exposure as its colours are stored, and milliseconds by stage."""
         begin = time.perf_counter()
-        placement = self._colours.placed(exposure)
-        seen = self._planes.seen(exposure.world_from_mirror)
-        surface = self._surface_of_cells(exposure, placement, seen)
-        rgb = self._filled(surface)
+        placement = self._shader.transform_view(camera_state)
+        seen = self._planes.view_from(camera_state.world_from_mirror)
+        surface = self._surface_of_cells(camera_state, placement, seen)
+        rgb = self._fill_cells(surface)
         middle = time.perf_counter()
         tasks = (
-            *self._traced(surface, placement, rgb),
-            *self._varying(surface, seen, placement, rgb),
+            *self._trace_tasks(surface, placement, rgb),
+            *self._shading_tasks(surface, seen, placement, rgb),
         )
         list(self._pool.map(_run, tasks))
         rgb.setflags(write=False)
@@ -92,15 +92,15 @@ class CellView:
         return rgb, {"cells": 1e3 * (middle - begin), "trace": 1e3 * (end - middle)}
 
     def _surface_of_cells(
-        self, exposure: Exposure, placement: Placement, seen: SeenSurfaces
+        self, camera_state: CameraState, placement: ViewTransform, seen: VisibleSurfaces
     ) -> npt.NDArray[np.int32]:
         """Return the (rows * columns,) surface that fills each cell, NO_SURFACE if none does."""
         at_nodes = self._surface_at_nodes(placement)
         surface = self._grid.first_node(at_nodes)
-        fillable = self._grid.agreeing(at_nodes) & seen.usable.take(surface)
+        fillable = self._grid.has_equal_nodes(at_nodes) & seen.usable.take(surface)
         vectors = seen.inverse_distance.take(np.where(fillable, surface, NO_SURFACE), axis=0)
-        pose = exposure.world_from_mirror
-        for cells in self._pool.map(lambda part: part.passed(pose, vectors), self._outlines):
+        pose = camera_state.world_from_mirror
+        for cells in self._pool.map(lambda part: part.passed(pose, vectors), self._edges):
             fillable[cells] = False
         surfaces = self._planes.surfaces
         if len(surfaces.cluster_centre):
@@ -108,38 +108,38 @@ class CellView:
                 surfaces.cluster_centre,
                 surfaces.cluster_radius_m,
                 pose=pose,
-                law=self._law,
+                table=self._table,
                 grid=self._grid,
             )
-        for body in placement.bodies:
-            fillable[self._near(body, placement.rotation)] = False
+        for body in placement.objects:
+            fillable[self._object_cells(body, placement.rotation)] = False
         return np.where(fillable, surface, NO_SURFACE)
 
-    def _surface_at_nodes(self, placement: Placement) -> npt.NDArray[np.int32]:
+    def _surface_at_nodes(self, placement: ViewTransform) -> npt.NDArray[np.int32]:
         grid = self._grid
         found = np.full((grid.rows + 1) * (grid.columns + 1), NO_SURFACE, dtype=np.int32)
 
         def look(part: Cells) -> None:
             directions = grid.node_rays[part] @ placement.rotation
             origins = np.broadcast_to(placement.origin, directions.shape)
-            triangle = self._colours.scene.met(origins, directions)
+            triangle = self._shader.scene.intersect(origins, directions)
             found[grid.nodes[part]] = self._planes.surfaces.of_triangle.take(triangle, mode="wrap")
 
         list(self._pool.map(look, self._node_parts))
         return found
 
-    def _near(self, body: PlacedBody, rotation: Float32s) -> Cells:
+    def _object_cells(self, instance: ObjectInstance, rotation: Float32s) -> Cells:
         """Return the cells that a body may be seen in."""
         grid = self._grid
-        cosine = grid.middle @ (rotation @ body.axis)
-        reach = np.arccos(np.clip(body.cosine, -1.0, 1.0)) + grid.reach_rad
-        near = (body.cosine <= -1.0) | (np.arccos(np.clip(cosine, -1.0, 1.0)) <= reach)
+        cosine = grid.middle @ (rotation @ instance.cone_axis)
+        reach = np.arccos(np.clip(instance.cone_cosine, -1.0, 1.0)) + grid.reach_rad
+        near = (instance.cone_cosine <= -1.0) | (np.arccos(np.clip(cosine, -1.0, 1.0)) <= reach)
         cells: Cells = np.flatnonzero(grid.row_of >= 0)[near]
         return cells
 
-    def _filled(self, surface: npt.NDArray[np.int32]) -> Colours:
+    def _fill_cells(self, surface: npt.NDArray[np.int32]) -> Colours:
         """Return the picture with all filled cells in their surface's colour."""
-        grid, size, channel = self._grid, self._grid.others, self._colours.channel
+        grid, size, channel = self._grid, self._grid.others, self._shader.channel_dtype
         rgb: Colours = np.zeros((size.height_px, size.width_px, 3), dtype=channel)
         colours = self._colour_of_surface.take(surface).reshape(grid.rows, grid.columns)
         wide = np.repeat(colours, grid.side_px, axis=1).view(channel)
@@ -147,8 +147,8 @@ class CellView:
         covered.reshape(grid.rows, grid.side_px, -1)[:] = wide[:, None]
         return rgb
 
-    def _traced(
-        self, surface: npt.NDArray[np.int32], placement: Placement, rgb: Colours
+    def _trace_tasks(
+        self, surface: npt.NDArray[np.int32], placement: ViewTransform, rgb: Colours
     ) -> Iterator[Task]:
         """Yield tasks that trace the pixels of all cells without a surface, and all others."""
         grid = self._grid
@@ -156,19 +156,19 @@ class CellView:
 
         def trace(part: Cells) -> None:
             directions = grid.directions.take(part, axis=0).reshape(-1, 3)
-            found = self._colours.of_rays(directions, placement, off_mirror=_NO_RAYS)
+            found = self._shader.shade_rays(directions, placement, off_mirror=_NO_RAYS)
             self._scatter(part, found, rgb)
 
         for chunk in self._chunks:
-            yield partial(chunk.draw, rgb, self._colours, placement)
+            yield partial(chunk.render, rgb, self._shader, placement)
         for part in self._parts(rows):
             yield partial(trace, part)
 
-    def _varying(
+    def _shading_tasks(
         self,
         surface: npt.NDArray[np.int32],
-        seen: SeenSurfaces,
-        placement: Placement,
+        seen: VisibleSurfaces,
+        placement: ViewTransform,
         rgb: Colours,
     ) -> Iterator[Task]:
         """Yield tasks that compute the pixels of filled cells whose light is not constant."""
@@ -180,7 +180,7 @@ class CellView:
             of = surface.take(part)
             rows = grid.row_of.take(part)
             directions = grid.directions.take(rows, axis=0)
-            places = PlanePlaces(
+            places = PlanePoints(
                 directions=directions,
                 turned=placement.rotation,
                 viewpoint=placement.origin,
@@ -188,7 +188,7 @@ class CellView:
                 uv_vectors=seen.uv.take(of, axis=0),
             )
             triangle = np.repeat(triangles.take(of), directions.shape[1])
-            self._scatter(rows, self._colours.of_places(triangle, places, placement), rgb)
+            self._scatter(rows, self._shader.shade_points(triangle, places, placement), rgb)
 
         for part in self._parts(cells):
             yield partial(compute, part)
@@ -201,7 +201,7 @@ class CellView:
     def _scatter(self, rows: Cells, found: Colours, rgb: Colours) -> None:
         """Write the pixels of rows of cells into a picture."""
         pixels = self._grid.pixels.take(rows, axis=0).reshape(-1)
-        pixel = self._colours.pixel
+        pixel = self._shader.pixel_dtype
         rgb.reshape(-1).view(pixel)[pixels] = found.view(pixel).reshape(-1)
 
     def close(self) -> None:

@@ -43,7 +43,7 @@ class CellGrid:
     others: RaySamples
 
     @classmethod
-    def of(cls, camera: OmniCamera, samples: RaySamples, *, side_px: int) -> CellGrid:
+    def from_camera(cls, camera: OmniCamera, samples: RaySamples, *, side_px: int) -> CellGrid:
         """Return the cells of a camera's rays."""
         rows, columns = camera.height_px // side_px, camera.width_px // side_px
         v, u = np.mgrid[: rows + 1, : columns + 1] * float(side_px)
@@ -57,7 +57,7 @@ class CellGrid:
         place[samples.pixels] = np.arange(len(samples.pixels))
         rest = np.ones(len(samples.pixels), dtype=bool)
         rest[place[pixels]] = False
-        rays = samples.directions.reshape(-1, samples.per_pixel, 3)
+        rays = samples.directions.reshape(-1, samples.samples_per_pixel, 3)
         row_of = np.full(rows * columns, -1, dtype=np.intp)
         row_of[cells] = np.arange(len(cells))
         return cls(
@@ -67,14 +67,14 @@ class CellGrid:
             nodes=np.flatnonzero(valid),
             node_rays=corners[valid].astype(np.float32),
             row_of=row_of,
-            directions=rays[place[pixels]].reshape(len(cells), side_px**2 * samples.per_pixel, 3),
+            directions=rays[place[pixels]].reshape(len(cells), side_px**2 * samples.samples_per_pixel, 3),
             pixels=pixels,
             middle=middle.astype(np.float32),
             reach_rad=reach,
-            others=samples.only(rest),
+            others=samples.select(rest),
         )
 
-    def agreeing(self, at_nodes: npt.NDArray[np.int32]) -> Bools:
+    def has_equal_nodes(self, at_nodes: npt.NDArray[np.int32]) -> Bools:
         """Return (rows * columns,) which cells have equal values at their four nodes."""
         at = at_nodes.reshape(self.rows + 1, self.columns + 1)
         across = at[:, 1:] == at[:, :-1]

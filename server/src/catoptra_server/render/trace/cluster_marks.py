@@ -13,11 +13,11 @@ import numpy as np
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.pixel_law import PIXEL_ERROR_PX, PixelLaw
+from catoptra_server.render.trace.pixel_law import MAX_PIXEL_ERROR_PX, ProjectionTable
 
 
 def covered_cells(
-    centre: Floats, radius_m: Floats, *, pose: Pose, law: PixelLaw, grid: CellGrid
+    centre: Floats, radius_m: Floats, *, pose: Pose, table: ProjectionTable, grid: CellGrid
 ) -> Bools:
     """Return (rows * columns,) which cells (k,) spheres in the world may cover."""
     towards = (centre - pose.translation) @ pose.rotation
@@ -27,14 +27,14 @@ def covered_cells(
     unit = towards / distance[:, None]
     reach = np.arcsin(radius_m / distance)
     incidence = np.arccos(np.clip(unit[:, 2], -1.0, 1.0))
-    seen = np.flatnonzero(incidence - reach <= law.rim_rad)
+    seen = np.flatnonzero(incidence - reach <= table.rim_rad)
     unit, reach, incidence = unit[seen], reach[seen], incidence[seen]
     # A middle beyond the rim is moved to it: what it covers there is within twice its reach.
-    beyond = incidence > law.rim_rad
-    unit[beyond] = _at_incidence(unit[beyond], law.rim_rad)
+    beyond = incidence > table.rim_rad
+    unit[beyond] = _at_incidence(unit[beyond], table.rim_rad)
     reach[beyond] *= 2.0
-    reach_px = reach * law.pixels_per_radian(incidence + reach) + PIXEL_ERROR_PX
-    u, v = law.pixels(*unit.T.astype(np.float32))
+    reach_px = reach * table.max_pixels_per_radian(incidence + reach) + MAX_PIXEL_ERROR_PX
+    u, v = table.pixel_from_direction(*unit.T.astype(np.float32))
     return _rectangles(u.astype(float), v.astype(float), reach_px, grid)
 
 

@@ -17,26 +17,26 @@ from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.trace.packed_light import Float32s, Packed, Scale
+from catoptra_server.render.trace.packed_light import Float32s, Packed, RadianceScale
 from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
 # Looks beside the indices of textures: light that is the same all over a triangle, and light that
 # only point lights make vary.
-_CONSTANT = -2
-_POINT_LIT = -1
+_CONSTANT_LIGHT = -2
+_POINT_LIGHT_ONLY = -1
 
 # Embree answers 1e37 where nothing is met; no scene reaches this far.
-_BEYOND_M = 1e30
+_NO_HIT_M = 1e30
 # A triangle that nothing reaches, for a scene without any: Embree commits no empty one.
-_NOWHERE = np.full((1, 3, 3), 1e6)
+_UNREACHABLE_TRIANGLE = np.full((1, 3, 3), 1e6)
 
 
-class Places(Protocol):
+class SurfacePoints(Protocol):
     """Where light is asked for, of some of a number of rays."""
 
-    def points(self, rays: npt.NDArray[np.intp]) -> Floats:
+    def positions(self, rays: npt.NDArray[np.intp]) -> Floats:
         """Return (n, 3) places in Embree's coordinates."""
 
     def uv(self, rays: npt.NDArray[np.intp]) -> tuple[Float32s, Float32s]:
@@ -54,7 +54,7 @@ class EmbreeScene:
         self._scene = scene
         self._lights = world.lights
         self._background = world.background
-        corners = scene.corners if len(scene) else _NOWHERE
+        corners = scene.corners if len(scene) else _UNREACHABLE_TRIANGLE
         self.origin: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
         self._embree = rtcore_scene.EmbreeScene()
         TriangleMesh(self._embree, (corners - self.origin).astype(np.float32))
@@ -62,38 +62,38 @@ class EmbreeScene:
         radiance = shading.facet_radiance(scene, world.lights)
         whole = np.concatenate([radiance, [world.background]])
         self._radiance = np.ascontiguousarray(whole.T, dtype=np.float32)  # (3, n + 1)
-        self._textures = [PaddedTexture.of(texture) for texture in scene.textures]
+        self._textures = [PaddedTexture.from_image(texture) for texture in scene.textures]
         self._uv_frames = _uv_frames(scene.uv)
         self._has_point_lights = bool(shading.point_lights(world.lights))
-        self._look = self._looks()
-        self.light_varies = bool((self._look != _CONSTANT).any())
-        self.met(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
+        self._material_index = self._make_material_index()
+        self.has_varying_light = bool((self._material_index != _CONSTANT_LIGHT).any())
+        self.intersect(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it now
 
-    def _looks(self) -> npt.NDArray[np.int16]:
+    def _make_material_index(self) -> npt.NDArray[np.int16]:
         """Return (n + 1,) what varies over each triangle: its texture, or one of two more."""
         look = np.append(self._scene.texture_index, -1).astype(np.int16)
         lit = np.append(~self._scene.unlit, False) & self._has_point_lights
-        look[look < 0] = np.where(lit, _POINT_LIT, _CONSTANT)[look < 0]
+        look[look < 0] = np.where(lit, _POINT_LIGHT_ONLY, _CONSTANT_LIGHT)[look < 0]
         return look
 
-    def light_table(self, scale: Scale) -> Packed:
+    def radiance_table(self, scale: RadianceScale) -> Packed:
         """Return the (n + 1,) packed light of each triangle, and of the background."""
-        return scale.packed(self._radiance)
+        return scale.pack(self._radiance)
 
-    def hit_light(
-        self, origins: Float32s, directions: Float32s, *, table: Packed, scale: Scale
+    def trace_radiance(
+        self, origins: Float32s, directions: Float32s, *, table: Packed, scale: RadianceScale
     ) -> Packed:
         """Return the (n,) packed light of what each ray meets."""
-        if not self.light_varies:
-            known: Packed = table.take(self.met(origins, directions), mode="wrap")
+        if not self.has_varying_light:
+            known: Packed = table.take(self.intersect(origins, directions), mode="wrap")
             return known
-        triangle, places = self.hits(origins, directions)
-        return self.place_light(triangle, places, table=table, scale=scale)
+        triangle, places = self.closest_hits(origins, directions)
+        return self.shade_points(triangle, places, table=table, scale=scale)
 
-    def hits(self, origins: Float32s, directions: Float32s) -> tuple[npt.NDArray[np.int32], Places]:
+    def closest_hits(self, origins: Float32s, directions: Float32s) -> tuple[npt.NDArray[np.int32], SurfacePoints]:
         """Return the (n,) triangle that each ray meets, -1 for none, and where."""
         hit = self._embree.run(origins, directions, output=True)
-        places = _Hits(
+        places = _RayHits(
             origins=origins,
             directions=directions,
             triangle=hit["primID"],
@@ -104,55 +104,55 @@ class EmbreeScene:
         )
         return hit["primID"], places
 
-    def place_light(
+    def shade_points(
         self,
         triangle: npt.NDArray[np.int32],
-        places: Places,
+        surface_points: SurfacePoints,
         *,
         table: Packed,
-        scale: Scale,
+        scale: RadianceScale,
     ) -> Packed:
         """Return the (n,) packed light of places on (n,) triangles; -1 is the background."""
         light: Packed = table.take(triangle, mode="wrap")
-        look = self._look.take(triangle, mode="wrap")
-        for index in range(_POINT_LIT if self._has_point_lights else 0, len(self._textures)):
+        look = self._material_index.take(triangle, mode="wrap")
+        for index in range(_POINT_LIGHT_ONLY if self._has_point_lights else 0, len(self._textures)):
             rays = np.flatnonzero(look == index)
             if len(rays):
                 of = triangle.take(rays)
                 radiance: Float32s = self._radiance.take(of, axis=1)
                 if self._has_point_lights:
-                    radiance += self._point_radiance(of, places.points(rays) + self.origin)
+                    radiance += self._point_radiance(of, surface_points.positions(rays) + self.origin)
                 if index >= 0:
-                    radiance *= self._textures[index].value(*places.uv(rays))
-                light[rays] = scale.packed(radiance)
+                    radiance *= self._textures[index].sample(*surface_points.uv(rays))
+                light[rays] = scale.pack(radiance)
         return light
 
     @cached_property
-    def sky_radiance(self) -> Float32s:
+    def hemisphere_radiance(self) -> Float32s:
         """Return (3, n + 1) radiance by what nothing hides; the last is the background's."""
-        sky = shading.facet_radiance(self._scene, shading.sky_lights(self._lights))
+        sky = shading.facet_radiance(self._scene, shading.hemisphere_lights(self._lights))
         whole = np.concatenate([sky, [self._background]])
         return np.ascontiguousarray(whole.T, dtype=np.float32)
 
-    def texture(
+    def apply_textures(
         self,
         radiance: Float32s,
         rays: npt.NDArray[np.intp],
         triangle: npt.NDArray[np.int32],
-        places: Places,
+        surface_points: SurfacePoints,
     ) -> None:
         """Multiply the (3, k) radiance of (k,) rays by the textures of their (k,) triangles."""
-        look = self._look.take(triangle)
+        look = self._material_index.take(triangle)
         for index, texture in enumerate(self._textures):
             of = np.flatnonzero(look == index)
             if len(of):
-                radiance[:, of] *= texture.value(*places.uv(rays.take(of)))
+                radiance[:, of] *= texture.sample(*surface_points.uv(rays.take(of)))
 
-    def varies(self, triangle: npt.NDArray[np.int32]) -> Bools:
+    def is_varying(self, triangle: npt.NDArray[np.int32]) -> Bools:
         """Return (n,) whether light varies over triangles; -1 is the background."""
-        return np.asarray(self._look.take(triangle, mode="wrap") != _CONSTANT)
+        return np.asarray(self._material_index.take(triangle, mode="wrap") != _CONSTANT_LIGHT)
 
-    def met(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
+    def intersect(self, origins: Float32s, directions: Float32s) -> npt.NDArray[np.int32]:
         """Return the (n,) triangle that each ray meets, -1 for none."""
         hits: npt.NDArray[np.int32] = self._embree.run(origins, directions)
         return hits
@@ -160,11 +160,11 @@ class EmbreeScene:
     def distances(self, origins: Float32s, directions: Float32s) -> Float32s:
         """Return the (n,) metres to what each unit ray meets, inf where it meets nothing."""
         met = self._embree.run(origins, directions, query="DISTANCE")
-        return np.where(met < _BEYOND_M, met, np.float32(np.inf))
+        return np.where(met < _NO_HIT_M, met, np.float32(np.inf))
 
-    def hidden(self, origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
+    def occludes(self, origins: Float32s, directions: Float32s, max_distance: Float32s) -> Bools:
         """Return (n,) whether some triangle is met before each ray's distance."""
-        answer = self._embree.run(origins, directions, dists=distance, query="OCCLUDED")
+        answer = self._embree.run(origins, directions, dists=max_distance, query="OCCLUDED")
         return np.asarray(answer >= 0)
 
     def _point_radiance(self, triangle: npt.NDArray[np.int32], points: Floats) -> Float32s:
@@ -175,7 +175,7 @@ class EmbreeScene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Hits:
+class _RayHits:
     """What Embree says of rays, and what follows from it for some of them."""
 
     origins: Float32s
@@ -186,7 +186,7 @@ class _Hits:
     distance: Float32s
     uv_frames: Float32s
 
-    def points(self, rays: npt.NDArray[np.intp]) -> Floats:
+    def positions(self, rays: npt.NDArray[np.intp]) -> Floats:
         """Return the places that are met."""
         along = self.distance.take(rays)[:, None] * self.directions[rays]
         points: Floats = (self.origins[rays] + along).astype(np.float64)

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from catoptra_server.render.renderer import Exposure, RenderedImage
+from catoptra_server.render.renderer import CameraState, RenderedImage
 from catoptra_server.render.trace.ray_view import RayView
 
 
 class TraceLensView:
     """A camera's views; source: makes one with or without shadows when it is first asked for."""
 
-    def __init__(self, source: Callable[[bool], RayView]) -> None:
-        self._source = cache(source)
-        self._source(False)  # most have none, and nobody wants to wait for them
+    def __init__(self, make_view: Callable[[bool], RayView]) -> None:
+        self._view = cache(make_view)
+        self._view(False)  # most have none, and nobody wants to wait for them
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         """Return the picture of an exposure."""
-        return self._source(exposure.has_shadows).draw(exposure)
+        return self._view(camera_state.has_shadows).render(camera_state)
 
     def close(self) -> None:
         """Nothing is held that the renderer does not hold."""

@@ -16,18 +16,18 @@ from typing import Protocol, cast
 import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import Capture
-from catoptra_server.effects.effect import Effect
-from catoptra_server.render.instants import instants
-from catoptra_server.render.renderer import Exposure, Image, LinearImage, RenderedImage
-from catoptra_server.render.trace.packed_light import Float32s, encoded_levels
-from catoptra_server.render.trace.ray_view import Drawn
+from catoptra_server.effects.capture import CaptureContext
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.render.instants import sample_shutter
+from catoptra_server.render.renderer import CameraState, Image, LinearImage, RenderedImage
+from catoptra_server.render.trace.packed_light import Float32s, encode_srgb
+from catoptra_server.render.trace.ray_view import RenderedColours
 
 
-class Source(Protocol):
+class ColourSource(Protocol):
     """Prepared rays whose light is kept on one scale."""
 
-    def picture(self, exposure: Exposure) -> Drawn:
+    def render_colours(self, camera_state: CameraState) -> RenderedColours:
         """Return a picture as its colours are stored, and milliseconds by stage."""
 
 
@@ -41,67 +41,67 @@ class TraceOmniView:
         self,
         camera: OmniCamera,
         *,
-        greys: Callable[[bool], Source],
-        linear: Callable[[bool], Source],
-        ranges: Callable[[], Callable[[Exposure], Float32s]],
+        make_encoded_source: Callable[[bool], ColourSource],
+        make_linear_source: Callable[[bool], ColourSource],
+        make_ranges: Callable[[], Callable[[CameraState], Float32s]],
     ) -> None:
         self._camera = camera
-        self._greys = cache(greys)
-        self._linear = cache(linear)
-        self._make_ranges = ranges
+        self._encoded_source = cache(make_encoded_source)
+        self._linear_source = cache(make_linear_source)
+        self._make_ranges = make_ranges
 
     @cached_property
-    def _ranges(self) -> Callable[[Exposure], Float32s]:
+    def _ranges(self) -> Callable[[CameraState], Float32s]:
         return self._make_ranges()
 
-    def draw(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> RenderedImage:
+    def render(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
         """Return the picture of an exposure as effects change it; each is a stage of its own."""
-        if not effects and exposure.shutter is None:
-            rgb, stage_ms = self._greys(exposure.has_shadows).picture(exposure)
+        if not effects and camera_state.shutter is None:
+            rgb, stage_ms = self._encoded_source(camera_state.has_shadows).render_colours(camera_state)
             return RenderedImage(cast(Image, rgb), stage_ms)
-        light, stage_ms = self._developed(exposure, effects)
+        light, stage_ms = self._apply_effects(camera_state, effects)
         begin = time.perf_counter()
-        rgb = encoded_levels(light)
+        rgb = encode_srgb(light)
         rgb.setflags(write=False)
         return RenderedImage(rgb, stage_ms | {"encode": 1e3 * (time.perf_counter() - begin)})
 
-    def draw_linear(self, exposure: Exposure, effects: tuple[Effect, ...] = ()) -> LinearImage:
+    def render_linear(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
-        return self._developed(exposure, effects)[0]
+        return self._apply_effects(camera_state, effects)[0]
 
-    def _developed(
-        self, exposure: Exposure, effects: tuple[Effect, ...]
+    def _apply_effects(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...]
     ) -> tuple[LinearImage, dict[str, float]]:
-        light, stage_ms = self._exposed(exposure)
-        capture = self._captured(exposure, effects, stage_ms)
+        light, stage_ms = self._render_exposure(camera_state)
+        capture = self._make_capture_context(camera_state, effects, stage_ms)
         for effect in effects:
             begin = time.perf_counter()
             light = effect.apply(light, self._camera, capture)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin)
         return light, stage_ms
 
-    def _exposed(self, exposure: Exposure) -> tuple[LinearImage, dict[str, float]]:
+    def _render_exposure(self, camera_state: CameraState) -> tuple[LinearImage, dict[str, float]]:
         """Return the light that reaches the sensor: of one instant, or the mean of several."""
-        source = self._linear(exposure.has_shadows)
-        if exposure.shutter is None:
-            drawn, stage_ms = source.picture(exposure)
+        source = self._linear_source(camera_state.has_shadows)
+        if camera_state.shutter is None:
+            drawn, stage_ms = source.render_colours(camera_state)
             return cast(LinearImage, drawn), stage_ms
         begin = time.perf_counter()
         shape = (self._camera.height_px, self._camera.width_px, 3)
         light: LinearImage = np.zeros(shape, dtype=np.float32)
-        for instant, weights in instants(exposure, self._camera.height_px):
-            light += cast(LinearImage, source.picture(instant)[0]) * weights[:, None, None]
+        for instant, weights in sample_shutter(camera_state, self._camera.height_px):
+            light += cast(LinearImage, source.render_colours(instant)[0]) * weights[:, None, None]
         return light, {"instants": 1e3 * (time.perf_counter() - begin)}
 
-    def _captured(
-        self, exposure: Exposure, effects: tuple[Effect, ...], stage_ms: dict[str, float]
-    ) -> Capture:
+    def _make_capture_context(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...], stage_ms: dict[str, float]
+    ) -> CaptureContext:
         """Return what the effects may know; their ranges are a stage where one of them uses it."""
-        capture = Capture(exposure.key)
-        if not any(effect.uses_range for effect in effects):
+        capture = CaptureContext(camera_state.noise_seed)
+        if not any(effect.needs_range for effect in effects):
             return capture
         begin = time.perf_counter()
-        capture = replace(capture, range_m=self._ranges(exposure))
+        capture = replace(capture, range_m=self._ranges(camera_state))
         stage_ms["ranges"] = 1e3 * (time.perf_counter() - begin)
         return capture
 

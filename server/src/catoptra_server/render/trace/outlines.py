@@ -19,7 +19,7 @@ from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.render.trace.pixel_law import PIXEL_ERROR_PX, PixelLaw
+from catoptra_server.render.trace.pixel_law import MAX_PIXEL_ERROR_PX, ProjectionTable
 
 # How far behind a surface a line must be to be hidden by it, relative to its distance: float32 and
 # what grazing surfaces lose of it (see seen_surfaces) stay within. And relative to the distance of
@@ -30,36 +30,36 @@ _BEHIND_NEAR_END = np.float32(1e-6)
 _TINY = 1e-12
 
 
-class Outlines:
+class SilhouetteEdges:
     """A part of a scene's outlines, to be followed through a camera's picture."""
 
-    def __init__(self, ends: Floats, law: PixelLaw, grid: CellGrid) -> None:
+    def __init__(self, ends: Floats, table: ProjectionTable, grid: CellGrid) -> None:
         """Keep (e, 2, 3) ends in the world frame."""
         self._ends = ends
-        self._law = law
+        self._table = table
         self._grid = grid
 
-    def passed(self, pose: Pose, cell_vectors: Float32s) -> npt.NDArray[np.int32]:
+    def find_cells(self, pose: Pose, cell_vectors: Float32s) -> npt.NDArray[np.int32]:
         """Return the cells that an outline passes in front of the plane seen there.
 
         cell_vectors: (rows * columns, 3) inverse distances of planes, mirror frame; zeros are
         infinitely far. Cells may come more than once.
         """
-        bearing, inverse, ends = self._followed(pose)
-        u, v = self._law.pixels(*bearing)
+        bearing, inverse, ends = self._sample_arcs(pose)
+        u, v = self._table.pixel_from_direction(*bearing)
         cells = []
-        for touched, valid in self._touched(u, v, ends):
+        for touched, valid in self._rasterize_steps(u, v, ends):
             which = np.flatnonzero(valid)
             cell = touched.take(which)
             vectors = cell_vectors.take(cell, axis=0)
-            front = _in_front(vectors, bearing, inverse, which)
-            front |= _in_front(vectors, bearing, inverse, which + 1)
+            front = _is_in_front(vectors, bearing, inverse, which)
+            front |= _is_in_front(vectors, bearing, inverse, which + 1)
             cells.append(cell[front])
         return np.concatenate(cells)
 
-    def _followed(self, pose: Pose) -> tuple[tuple[Float32s, Float32s, Float32s], Float32s, Bools]:
+    def _sample_arcs(self, pose: Pose) -> tuple[tuple[Float32s, Float32s, Float32s], Float32s, Bools]:
         """Return points along the lines: directions, highest 1 / distance, which end a line."""
-        start, across, angle, density = self._arcs(pose)
+        start, across, angle, density = self._visible_arcs(pose)
         steps = np.ceil(angle * density).astype(np.int64) + 1
         last = np.cumsum(steps) - 1
         line = np.repeat(np.arange(len(steps)), steps)
@@ -72,7 +72,7 @@ class Outlines:
         is_last[last] = True
         return (x, y, z), inverse, is_last
 
-    def _arcs(self, pose: Pose) -> tuple[Float32s, Float32s, Floats, Floats]:
+    def _visible_arcs(self, pose: Pose) -> tuple[Float32s, Float32s, Floats, Floats]:
         """Return the great-circle arcs of all lines that the mirror may see.
 
         start, across: (4, n) unit direction and 1 / distance, of cos and of sin of the angle along
@@ -87,10 +87,10 @@ class Outlines:
         sine = np.maximum(np.linalg.norm(across, axis=-1), _TINY)
         angle = np.arctan2(sine, cosine)
         incidence = np.arccos(np.clip(unit[..., 2], -1.0, 1.0))
-        near = np.flatnonzero(incidence.min(axis=1) - 0.5 * angle < self._law.rim_rad + 0.01)
+        near = np.flatnonzero(incidence.min(axis=1) - 0.5 * angle < self._table.rim_rad + 0.01)
         highest = incidence.max(axis=1)[near] + 0.5 * angle[near]
-        step_px = self._grid.side_px - 3.0 * PIXEL_ERROR_PX
-        density = self._law.pixels_per_radian(highest) / step_px
+        step_px = self._grid.side_px - 3.0 * MAX_PIXEL_ERROR_PX
+        density = self._table.max_pixels_per_radian(highest) / step_px
         slope = (1.0 / distance[:, 1] - cosine / distance[:, 0]) / sine
         start = np.column_stack((a, 1.0 / distance[:, 0]))[near]
         turned = np.column_stack((across / sine[:, None], slope))[near]
@@ -101,7 +101,7 @@ class Outlines:
             density,
         )
 
-    def _touched(
+    def _rasterize_steps(
         self, u: Float32s, v: Float32s, is_last: Bools
     ) -> list[tuple[npt.NDArray[np.int32], Bools]]:
         """Return four times (n - 1,) cells around the steps between points, and which are new."""
@@ -127,7 +127,7 @@ class Outlines:
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         """Return the first and the last cell column (or row) of each step, clipped to -1..count."""
         side = np.float32(self._grid.side_px)
-        margin = np.float32(PIXEL_ERROR_PX)
+        margin = np.float32(MAX_PIXEL_ERROR_PX)
         low = np.minimum(at[1:], at[:-1])
         high = np.maximum(at[1:], at[:-1])
         first = np.clip((low - margin) / side, -1.0, count)
@@ -135,16 +135,16 @@ class Outlines:
         return np.floor(first).astype(np.int32), np.floor(last).astype(np.int32)
 
 
-def _in_front(
+def _is_in_front(
     vectors: Float32s,
     bearing: tuple[Float32s, Float32s, Float32s],
     inverse: Float32s,
-    which: npt.NDArray[np.intp],
+    indices: npt.NDArray[np.intp],
 ) -> Bools:
     """Return which points lie in front of planes, or on them."""
     x, y, z = bearing
-    depth = vectors[:, 0] * x.take(which)
-    depth += vectors[:, 1] * y.take(which)
-    depth += vectors[:, 2] * z.take(which)
-    nearer: Bools = depth <= inverse.take(which)
+    depth = vectors[:, 0] * x.take(indices)
+    depth += vectors[:, 1] * y.take(indices)
+    depth += vectors[:, 2] * z.take(indices)
+    nearer: Bools = depth <= inverse.take(indices)
     return nearer

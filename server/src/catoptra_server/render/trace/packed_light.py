@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require
+from catoptra_protocol.optics.domain import require_domain
 from catoptra_server.scene.colour import srgb_from_linear
 
 Packed = npt.NDArray[np.uint64]
@@ -30,11 +30,11 @@ _GREY, _LINEAR = np.dtype(np.uint8), np.dtype(np.float32)
 
 _FIELD_BITS = 21
 _FIELD_MASK = np.uint64(2**_FIELD_BITS - 1)
-_MOST_SAMPLES = 256
+_MAX_SAMPLES = 256
 _SHIFTS = tuple(np.uint64(_FIELD_BITS * channel) for channel in range(3))
 
 
-class Scale(Protocol):
+class RadianceScale(Protocol):
     """How light is packed, and what becomes of the sums of pixels."""
 
     @property
@@ -42,53 +42,53 @@ class Scale(Protocol):
         """Return the number of samples a pixel."""
 
     @property
-    def channel(self) -> np.dtype[np.uint8] | np.dtype[np.float32]:
+    def channel_dtype(self) -> np.dtype[np.uint8] | np.dtype[np.float32]:
         """Return what one colour of a finished pixel is stored as."""
 
-    def packed(self, radiance: Float32s) -> Packed:
+    def pack(self, radiance: Float32s) -> Packed:
         """Return (n,) packed levels of (3, n) radiance."""
 
-    def pixel_sums(self, light: Packed) -> Packed:
+    def sum_pixels(self, light: Packed) -> Packed:
         """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
 
-    def colours(self, sums: Packed) -> Colours:
+    def unpack(self, sums: Packed) -> Colours:
         """Return (n, 3) colours of (n,) sums."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LightScale:
+class SrgbScale:
     """The levels of one sample and the grey of every sum, for a number of samples a pixel.
 
     encoded: (samples * top + 1,) uint8 sRGB of each sum.
     """
 
     samples: int
-    top: int
+    max_level: int
     encoded: npt.NDArray[np.uint8]
-    channel: np.dtype[np.uint8] = _GREY
+    channel_dtype: np.dtype[np.uint8] = _GREY
 
     @classmethod
-    def for_samples(cls, samples: int) -> LightScale:
+    def for_samples(cls, samples: int) -> SrgbScale:
         """Return the finest scale whose sums fit: `samples` is the number a pixel, at most 256."""
-        if not 1 <= samples <= _MOST_SAMPLES:
-            raise DomainError(f"{samples} samples a pixel: from 1 to {_MOST_SAMPLES} can be summed")
+        if not 1 <= samples <= _MAX_SAMPLES:
+            raise DomainError(f"{samples} samples a pixel: from 1 to {_MAX_SAMPLES} can be summed")
         top = min(2**16 - 1, int(_FIELD_MASK) // samples)
-        return cls(samples, top, _encoded_sums(samples * top))
+        return cls(samples, top, _srgb_table(samples * top))
 
-    def packed(self, radiance: Float32s) -> Packed:
+    def pack(self, radiance: Float32s) -> Packed:
         """Return (n,) packed levels of (3, n) radiance, clipped to [0, 1] as a sensor does.
 
         Raises DomainError naming what is no number: its bits would spill over all three channels.
         """
         if np.isnan(radiance.min(initial=0.0)):
-            require(~np.isnan(radiance), radiance, "light is a number")
-        return _packed(np.clip(radiance, 0.0, 1.0) * self.top)
+            require_domain(~np.isnan(radiance), radiance, "light is a number")
+        return _pack_levels(np.clip(radiance, 0.0, 1.0) * self.max_level)
 
-    def pixel_sums(self, light: Packed) -> Packed:
+    def sum_pixels(self, light: Packed) -> Packed:
         """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
-        return _pixel_sums(light, self.samples)
+        return _sum_samples(light, self.samples)
 
-    def colours(self, sums: Packed) -> npt.NDArray[np.uint8]:
+    def unpack(self, sums: Packed) -> npt.NDArray[np.uint8]:
         """Return (n, 3) uint8 sRGB of (n,) sums."""
         rgb = np.zeros((len(sums), 3), dtype=np.uint8)
         for channel, shift in enumerate(_SHIFTS):
@@ -106,57 +106,57 @@ class LinearScale:
     """
 
     samples: int
-    top: int
-    largest: float
-    channel: np.dtype[np.float32] = _LINEAR
+    max_level: int
+    max_radiance: float
+    channel_dtype: np.dtype[np.float32] = _LINEAR
 
     @classmethod
-    def for_samples(cls, samples: int, *, largest: float) -> LinearScale:
+    def for_samples(cls, samples: int, *, max_radiance: float) -> LinearScale:
         """Return the finest scale up to a scene's brightest light, and to white at least."""
-        return cls(samples, int(_FIELD_MASK) // samples, max(largest, 1.0))
+        return cls(samples, int(_FIELD_MASK) // samples, max(max_radiance, 1.0))
 
-    def packed(self, radiance: Float32s) -> Packed:
+    def pack(self, radiance: Float32s) -> Packed:
         """Return (n,) packed levels of (3, n) radiance, clipped to the scale."""
-        share = np.clip(radiance * np.float32(1.0 / self.largest), 0.0, 1.0)
-        return _packed(share * self.top)
+        share = np.clip(radiance * np.float32(1.0 / self.max_radiance), 0.0, 1.0)
+        return _pack_levels(share * self.max_level)
 
-    def pixel_sums(self, light: Packed) -> Packed:
+    def sum_pixels(self, light: Packed) -> Packed:
         """Return (n,) sums of (n * samples,) packed levels, pixel by pixel."""
-        return _pixel_sums(light, self.samples)
+        return _sum_samples(light, self.samples)
 
-    def colours(self, sums: Packed) -> npt.NDArray[np.float32]:
+    def unpack(self, sums: Packed) -> npt.NDArray[np.float32]:
         """Return (n, 3) float32 mean linear light of (n,) sums."""
-        unit = np.float32(self.largest / (self.samples * self.top))
+        unit = np.float32(self.max_radiance / (self.samples * self.max_level))
         fields = [((sums >> shift) & _FIELD_MASK).astype(np.float32) for shift in _SHIFTS]
         return np.stack(fields, axis=-1) * unit
 
 
-def _packed(levels: Float32s) -> Packed:
+def _pack_levels(levels: Float32s) -> Packed:
     whole = (levels + 0.5).astype(np.uint64)
     light: Packed = whole[0] | (whole[1] << _SHIFTS[1]) | (whole[2] << _SHIFTS[2])
     return light
 
 
-def _pixel_sums(light: Packed, samples: int) -> Packed:
+def _sum_samples(light: Packed, samples: int) -> Packed:
     total = light[0::samples].copy()
     for offset in range(1, samples):
         total += light[offset::samples]
     return total
 
 
-def encoded_levels(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+def encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """Return uint8 sRGB of linear light, by a table of 16 bits; light outside [0, 1] is clipped."""
     levels = (np.clip(light, 0.0, 1.0) * np.float32(_ENCODED_TOP) + np.float32(0.5)).astype(
         np.int32
     )
-    return _encoded_sums(_ENCODED_TOP).take(levels)
+    return _srgb_table(_ENCODED_TOP).take(levels)
 
 
 _ENCODED_TOP = 2**16 - 1
 
 
 @cache
-def _encoded_sums(highest: int) -> npt.NDArray[np.uint8]:
+def _srgb_table(highest: int) -> npt.NDArray[np.uint8]:
     """Return (highest + 1,) sRGB greys of sums up to the brightest; once for all views."""
     encoded = np.rint(255.0 * srgb_from_linear(np.arange(highest + 1) / highest)).astype(np.uint8)
     encoded.setflags(write=False)

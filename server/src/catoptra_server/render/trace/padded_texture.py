@@ -26,29 +26,29 @@ class PaddedTexture:
     texels: Float32s
 
     @classmethod
-    def of(cls, texture: Texture) -> PaddedTexture:
+    def from_image(cls, image: Texture) -> PaddedTexture:
         """Return the layout of an (h, w, 3) sRGB image."""
-        linear = linear_from_srgb(texture / 255.0).astype(np.float32)
+        linear = linear_from_srgb(image / 255.0).astype(np.float32)
         padded = np.pad(linear, ((1, 1), (1, 1), (0, 0)), mode="wrap")
-        height, width = texture.shape[:2]
+        height, width = image.shape[:2]
         return cls(width, height, np.ascontiguousarray(padded.reshape(-1, 3).T))
 
-    def value(self, u: Float32s, v: Float32s) -> Float32s:
+    def sample(self, u: Float32s, v: Float32s) -> Float32s:
         """Return (3, n) linear colours at (n,) coordinates; the texture repeats."""
-        column, fx = _texel_and_rest(u, self.width)
-        row, fy = _texel_and_rest(v, self.height)
+        column, fx = _texel_and_fraction(u, self.width)
+        row, fy = _texel_and_fraction(v, self.height)
         first = row * (self.width + 2) + column
-        upper = self._between(first, fx)
-        upper += fy * (self._between(first + (self.width + 2), fx) - upper)
+        upper = self._interpolate_columns(first, fx)
+        upper += fy * (self._interpolate_columns(first + (self.width + 2), fx) - upper)
         return upper
 
-    def _between(self, left: npt.NDArray[np.int32], fx: Float32s) -> Float32s:
+    def _interpolate_columns(self, left: npt.NDArray[np.int32], fx: Float32s) -> Float32s:
         a: Float32s = self.texels.take(left, axis=1)
         a += fx * (self.texels.take(left + 1, axis=1) - a)
         return a
 
 
-def _texel_and_rest(coordinate: Float32s, size: int) -> tuple[npt.NDArray[np.int32], Float32s]:
+def _texel_and_fraction(coordinate: Float32s, size: int) -> tuple[npt.NDArray[np.int32], Float32s]:
     """Return the padded index of the texel before a place, and how far on the place is: [0, 1)."""
     # Half a texel back to the middle of the texel before, one on for the border.
     place = (coordinate - np.floor(coordinate)) * np.float32(size) + np.float32(0.5)

@@ -9,48 +9,48 @@ import numpy as np
 
 from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.renderer import Exposure
+from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import BodyScenes
-from catoptra_server.render.trace.packed_light import Float32s, LightScale
-from catoptra_server.render.trace.ray_view import RayChunk, ray_chunks
-from catoptra_server.render.trace.samples import omni_samples
+from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
+from catoptra_server.render.trace.packed_light import Float32s, SrgbScale
+from catoptra_server.render.trace.ray_view import RayChunk, split_rays
+from catoptra_server.render.trace.samples import omni_rays
 
 # Bodies are placed with their light, which nobody asks for here.
 _ANY_SCALE = 1
 
 
-class PixelRanges:
+class PixelRangeTracer:
     """The prepared rays of one camera's pixels."""
 
     def __init__(
         self,
         scene: EmbreeScene,
-        bodies: BodyScenes,
+        objects: EmbreeObjectScenes,
         camera: OmniCamera,
         plan: RenderPlan,
         pool: ThreadPoolExecutor,
     ) -> None:
         self._scene = scene
-        self._bodies = bodies
+        self._object_scenes = objects
         self._pool = pool
         self._size = (camera.height_px, camera.width_px)
-        self._chunks = ray_chunks(omni_samples(camera, replace(plan, samples=1)))
+        self._chunks = split_rays(omni_rays(camera, replace(plan, samples=1)))
 
-    def of(self, exposure: Exposure) -> Float32s:
+    def measure(self, camera_state: CameraState) -> Float32s:
         """Return (h, w) metres, inf where nothing is met."""
         range_m = np.full(self._size, np.inf, dtype=np.float32)
-        pose = exposure.world_from_mirror
+        pose = camera_state.world_from_mirror
         rotation = pose.rotation.T.astype(np.float32)
-        scale = LightScale.for_samples(_ANY_SCALE)
-        placed = self._bodies.placed(exposure.bodies, pose.translation, scale)
+        scale = SrgbScale.for_samples(_ANY_SCALE)
+        placed = self._object_scenes.place_objects(camera_state.objects, pose.translation, scale)
         origin = (pose.translation - self._scene.origin).astype(np.float32)
 
         def see(chunk: RayChunk) -> None:
             directions = chunk.directions @ rotation
             distance = self._scene.distances(np.broadcast_to(origin, directions.shape), directions)
             for body in placed:
-                rays, far, _ = body.nearer(directions, distance)
+                rays, far, _ = body.closest_hit(directions, distance)
                 distance[rays] = far
             distance[chunk.off_mirror] = np.inf
             range_m.reshape(-1)[chunk.pixels] = distance

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.meshes import SceneMesh
 
 # Embree answers 1e37 where nothing is met; no scene reaches this far.
-_NOTHING_M = 1e30
+_NO_HIT_M = 1e30
 
 
 class EmbreeRayCaster:
@@ -40,9 +40,9 @@ class EmbreeRayCaster:
             return np.full(len(directions), np.inf)
         starts = (origins - self._origin).astype(np.float32)
         met = self._embree.run(starts, directions.astype(np.float32), query="DISTANCE")
-        return np.where(met < _NOTHING_M, met, np.inf).astype(np.float64)
+        return np.where(met < _NO_HIT_M, met, np.inf).astype(np.float64)
 
-    def hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return the distances, and (n, 3) unit normals by the winding; 0 where nothing is met."""
         if self._is_empty:
             return self.distances(origins, directions), np.zeros(directions.shape)

@@ -12,9 +12,9 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.renderer import Exposure, Image, RenderedImage
+from catoptra_server.render.renderer import CameraState, Image, RenderedImage
 from catoptra_server.render.trace.packed_light import Colours, Float32s
-from catoptra_server.render.trace.ray_colours import Colouring, Placement
+from catoptra_server.render.trace.ray_colours import RayShader, ViewTransform
 from catoptra_server.render.trace.samples import RaySamples
 
 # Rays a task: enough that the last ones to finish leave other threads idle only briefly, and not so
@@ -22,32 +22,32 @@ from catoptra_server.render.trace.samples import RaySamples
 _RAYS_PER_CHUNK = 40_000
 
 
-Drawn = tuple[Colours, dict[str, float]]
+RenderedColours = tuple[Colours, dict[str, float]]
 
 
 class RayView:
     """The prepared rays of one picture."""
 
-    def __init__(self, colours: Colouring, samples: RaySamples, pool: ThreadPoolExecutor) -> None:
-        self._colours = colours
+    def __init__(self, shader: RayShader, samples: RaySamples, pool: ThreadPoolExecutor) -> None:
+        self._shader = shader
         self._samples = samples
         self._pool = pool
-        self._chunks = ray_chunks(samples)
+        self._chunks = split_rays(samples)
 
-    def draw(self, exposure: Exposure) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         """Return the picture of an exposure."""
-        rgb, stage_ms = self.picture(exposure)
+        rgb, stage_ms = self.render_colours(camera_state)
         return RenderedImage(cast(Image, rgb), stage_ms)
 
-    def picture(self, exposure: Exposure) -> Drawn:
+    def render_colours(self, camera_state: CameraState) -> RenderedColours:
         """Return an exposure as its colours are stored, and milliseconds by stage."""
         begin = time.perf_counter()
         samples = self._samples
-        rgb = np.zeros((samples.height_px, samples.width_px, 3), dtype=self._colours.channel)
-        placement = self._colours.placed(exposure)
+        rgb = np.zeros((samples.height_px, samples.width_px, 3), dtype=self._shader.channel_dtype)
+        placement = self._shader.transform_view(camera_state)
 
         def draw_chunk(chunk: RayChunk) -> None:
-            chunk.draw(rgb, self._colours, placement)
+            chunk.render(rgb, self._shader, placement)
 
         list(self._pool.map(draw_chunk, self._chunks))
         rgb.setflags(write=False)
@@ -65,13 +65,13 @@ class RayChunk:
     directions: Float32s
     off_mirror: npt.NDArray[np.intp]
 
-    def draw(self, rgb: Colours, colours: Colouring, placement: Placement) -> None:
+    def render(self, rgb: Colours, shader: RayShader, transform: ViewTransform) -> None:
         """Write the chunk's pixels into a picture."""
-        found = colours.of_rays(self.directions, placement, off_mirror=self.off_mirror)
-        rgb.reshape(-1).view(colours.pixel)[self.pixels] = found.view(colours.pixel).reshape(-1)
+        found = shader.shade_rays(self.directions, transform, off_mirror=self.off_mirror)
+        rgb.reshape(-1).view(shader.pixel_dtype)[self.pixels] = found.view(shader.pixel_dtype).reshape(-1)
 
 
-def ray_chunks(samples: RaySamples) -> list[RayChunk]:
+def split_rays(samples: RaySamples) -> list[RayChunk]:
     """Return rays in chunks of a task each."""
     parts = -(-len(samples.directions) // _RAYS_PER_CHUNK)
     return [
@@ -80,7 +80,7 @@ def ray_chunks(samples: RaySamples) -> list[RayChunk]:
             samples.directions[rays],
             np.flatnonzero(~samples.on_mirror[rays]),
         )
-        for pixels, rays in _slices(len(samples.pixels), parts, samples.per_pixel)
+        for pixels, rays in _slices(len(samples.pixels), parts, samples.samples_per_pixel)
     ]
 
 

@@ -16,28 +16,28 @@ from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.reaching_lights import reaching_lights
-from catoptra_server.render.renderer import Exposure, FaceCamera
-from catoptra_server.render.summaries import SceneSummaries
+from catoptra_server.render.reaching_lights import cull_lights
+from catoptra_server.render.renderer import CameraState, FaceCamera
+from catoptra_server.render.summaries import SceneSummarizer
 from catoptra_server.render.trace.cell_view import CellView
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.lens_view import TraceLensView
-from catoptra_server.render.trace.moving_bodies import BodyScenes
+from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
 from catoptra_server.render.trace.omni_view import TraceOmniView
-from catoptra_server.render.trace.packed_light import LightScale, LinearScale, Scale
-from catoptra_server.render.trace.pixel_law import PixelLaw
-from catoptra_server.render.trace.pixel_ranges import PixelRanges
-from catoptra_server.render.trace.ray_colours import Colouring, RayColours
+from catoptra_server.render.trace.packed_light import SrgbScale, LinearScale, RadianceScale
+from catoptra_server.render.trace.pixel_law import ProjectionTable
+from catoptra_server.render.trace.pixel_ranges import PixelRangeTracer
+from catoptra_server.render.trace.ray_colours import RayShader, UnshadowedShader
 from catoptra_server.render.trace.ray_view import RayView
 from catoptra_server.render.trace.samples import (
     RaySamples,
-    face_samples,
-    lens_samples,
-    omni_samples,
+    face_rays,
+    lens_rays,
+    omni_rays,
 )
 from catoptra_server.render.trace.seen_surfaces import SurfacePlanes
-from catoptra_server.render.trace.shadowed_colours import LitTriangles, ShadowedColours
+from catoptra_server.render.trace.shadowed_colours import ShadowReceivers, ShadowedShader
 from catoptra_server.scene.description import World
 from catoptra_server.scene.meshes import SceneMesh
 
@@ -48,34 +48,34 @@ class TraceRenderer:
     def __init__(self, scene: SceneMesh, world: World, *, threads: int = 0) -> None:
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
-        reaching = reaching_lights(scene, world.lights)
+        reaching = cull_lights(scene, world.lights)
         self._scene = EmbreeScene(scene, replace(world, lights=reaching))
-        self._bodies = BodyScenes(world.lights)
-        self._summaries = SceneSummaries(scene, world)
+        self._object_scenes = EmbreeObjectScenes(world.lights)
+        self._summaries = SceneSummarizer(scene, world)
         self._mesh = scene
         self._world = world
 
     @property
-    def body_meshes(self) -> int:
+    def num_object_meshes(self) -> int:
         """Return how many meshes of bodies were committed so far."""
-        return len(self._bodies)
+        return len(self._object_scenes)
 
     @property
-    def light_varies(self) -> bool:
+    def has_varying_light(self) -> bool:
         """Return whether light varies over any triangle: by textures, or lamps that reach it."""
-        return self._scene.light_varies
+        return self._scene.has_varying_light
 
     def describe(self) -> str:
         """Return what draws, for logs."""
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
 
-    def summary(self, exposure: Exposure, camera: OmniCamera) -> SceneSummary:
+    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
         """Return what an exposure can show at most."""
-        return self._summaries.of(exposure, camera)
+        return self._summaries.summarize(camera_state, camera)
 
-    def light_summary(self, exposure: Exposure) -> SceneSummary:
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
         """Return the brightest light that an exposure can show, and of the rest nothing."""
-        return self._summaries.of_light()
+        return self._summaries.summarize_radiance()
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
@@ -84,61 +84,61 @@ class TraceRenderer:
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
         """Return a view of the scene by an omnidirectional camera."""
-        samples = omni_samples(camera, plan)
-        grid, law = self._cells(camera, plan, samples)
+        samples = omni_rays(camera, plan)
+        grid, law = self._make_cell_grid(camera, plan, samples)
 
-        def source(scale: Scale, has_shadows: bool) -> RayView | CellView:
-            colours = self._colours(scale, has_shadows)
+        def source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
+            colours = self._make_shader(scale, has_shadows)
             if grid is None or law is None:
                 return RayView(colours, samples, self._pool)
             return CellView(self._planes, colours, grid, law, self._pool)
 
         def greys(has_shadows: bool) -> RayView | CellView:
-            return source(LightScale.for_samples(samples.per_pixel), has_shadows)
+            return source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
 
         def linear(has_shadows: bool) -> RayView | CellView:
-            largest = self._summaries.largest_radiance
-            return source(LinearScale.for_samples(samples.per_pixel, largest=largest), has_shadows)
+            largest = self._summaries.max_radiance
+            return source(LinearScale.for_samples(samples.samples_per_pixel, max_radiance=largest), has_shadows)
 
         return TraceOmniView(
             camera,
-            greys=greys,
-            linear=linear,
-            ranges=lambda: PixelRanges(self._scene, self._bodies, camera, plan, self._pool).of,
+            make_encoded_source=greys,
+            make_linear_source=linear,
+            make_ranges=lambda: PixelRangeTracer(self._scene, self._object_scenes, camera, plan, self._pool).measure,
         )
 
-    def _colours(self, scale: Scale, has_shadows: bool) -> Colouring:
+    def _make_shader(self, scale: RadianceScale, has_shadows: bool) -> RayShader:
         if has_shadows:
-            return ShadowedColours(self._scene, self._bodies, scale, self._lit)
-        return RayColours(self._scene, self._bodies, scale)
+            return ShadowedShader(self._scene, self._object_scenes, scale, self._shadow_receivers)
+        return UnshadowedShader(self._scene, self._object_scenes, scale)
 
     @cached_property
-    def _lit(self) -> LitTriangles:
+    def _shadow_receivers(self) -> ShadowReceivers:
         """Return what lights can reach, for shadows, if asked for."""
-        return LitTriangles(self._scene, self._mesh, self._world)
+        return ShadowReceivers(self._scene, self._mesh, self._world)
 
-    def _cells(
+    def _make_cell_grid(
         self, camera: OmniCamera, plan: RenderPlan, samples: RaySamples
-    ) -> tuple[CellGrid | None, PixelLaw | None]:
+    ) -> tuple[CellGrid | None, ProjectionTable | None]:
         """Return the cells whose corners are asked before their rays; None: all rays are traced."""
         if plan.stride_px == 1:
             return None, None
-        grid = CellGrid.of(camera, samples, side_px=plan.stride_px)
-        return grid, PixelLaw.of(camera) if len(grid.pixels) else None
+        grid = CellGrid.from_camera(camera, samples, side_px=plan.stride_px)
+        return grid, ProjectionTable.from_camera(camera) if len(grid.pixels) else None
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
         """Return a view of the scene by an ordinary camera."""
-        return self._view(lens_samples(camera, samples))
+        return self._make_lens_view(lens_rays(camera, samples))
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> TraceLensView:
         """Return a view of the scene by one virtual camera of the cube."""
-        return self._view(face_samples(camera, samples))
+        return self._make_lens_view(face_rays(camera, samples))
 
-    def _view(self, samples: RaySamples) -> TraceLensView:
-        scale = LightScale.for_samples(samples.per_pixel)
+    def _make_lens_view(self, samples: RaySamples) -> TraceLensView:
+        scale = SrgbScale.for_samples(samples.samples_per_pixel)
 
         def source(has_shadows: bool) -> RayView:
-            return RayView(self._colours(scale, has_shadows), samples, self._pool)
+            return RayView(self._make_shader(scale, has_shadows), samples, self._pool)
 
         return TraceLensView(source)
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_centres
+from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.plan.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.renderer import FaceCamera
-from catoptra_server.render.trace.polygon_rays import polygon_directions
+from catoptra_server.render.trace.polygon_rays import mirror_mesh_directions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,48 +29,48 @@ class RaySamples:
 
     width_px: int
     height_px: int
-    per_pixel: int
+    samples_per_pixel: int
     pixels: npt.NDArray[np.intp]
     directions: npt.NDArray[np.float32]
     on_mirror: Bools
 
-    def only(self, chosen: Bools) -> RaySamples:
+    def select(self, mask: Bools) -> RaySamples:
         """Return the rays of the (p,) chosen pixels."""
-        rays = np.repeat(chosen, self.per_pixel)
+        rays = np.repeat(mask, self.samples_per_pixel)
         return replace(
             self,
-            pixels=self.pixels[chosen],
+            pixels=self.pixels[mask],
             directions=self.directions[rays],
             on_mirror=self.on_mirror[rays],
         )
 
 
-def omni_samples(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
+def omni_rays(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
     """Return the rays of an omnidirectional camera, by the law or by the plan's polygon mirror."""
-    grid = pixel_centres(camera, plan.samples)
+    grid = pixel_sample_positions(camera, plan.samples)
     if isinstance(plan.surface, PerPixel):
         directions, valid = direction_from_pixel(camera, grid)
     else:
-        directions, valid = polygon_directions(camera, plan.surface, grid)
-    return _packed(directions, valid)
+        directions, valid = mirror_mesh_directions(camera, plan.surface, grid)
+    return _make_samples(directions, valid)
 
 
-def lens_samples(
+def lens_rays(
     camera: Lens, samples: int, mirror_from_camera: Floats | None = None
 ) -> RaySamples:
     """Return the rays of a camera with a lens, turned by a (3, 3) rotation if there is one."""
-    directions, valid = camera.direction_from_pixel(pixel_centres(camera, samples))
+    directions, valid = camera.direction_from_pixel(pixel_sample_positions(camera, samples))
     if mirror_from_camera is not None:
         directions = directions @ mirror_from_camera.T
-    return _packed(directions, valid)
+    return _make_samples(directions, valid)
 
 
-def face_samples(camera: FaceCamera, samples: int) -> RaySamples:
+def face_rays(camera: FaceCamera, samples: int) -> RaySamples:
     """Return the rays of one virtual camera of the cube."""
-    return lens_samples(camera.lens, samples, camera.mirror_from_camera)
+    return lens_rays(camera.perspective_camera, samples, camera.mirror_from_camera)
 
 
-def _packed(directions: Floats, valid: Bools) -> RaySamples:
+def _make_samples(directions: Floats, valid: Bools) -> RaySamples:
     """Return samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
     height, width, per_pixel = valid.shape
     pixels = np.flatnonzero(valid.any(axis=-1))
@@ -78,7 +78,7 @@ def _packed(directions: Floats, valid: Bools) -> RaySamples:
     return RaySamples(
         width_px=width,
         height_px=height,
-        per_pixel=per_pixel,
+        samples_per_pixel=per_pixel,
         pixels=pixels,
         directions=np.ascontiguousarray(kept.reshape(-1, 3), dtype=np.float32),
         on_mirror=valid.reshape(height * width, per_pixel)[pixels].reshape(-1),

@@ -15,16 +15,16 @@ import numpy.typing as npt
 from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.render.trace.surfaces import BACKGROUND, surfaces_of, uv_planes
+from catoptra_server.render.trace.surfaces import BACKGROUND, find_surfaces, uv_planes
 from catoptra_server.scene.meshes import SceneMesh
 
 # Seen at less than two milliradians a plane is left to rays: there m . d loses three of float32's
-# seven digits, nearly what `Outlines` tolerates.
+# seven digits, nearly what `SilhouetteEdges` tolerates.
 _GRAZING_RAD = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenSurfaces:
+class VisibleSurfaces:
     """In one exposure, in the mirror frame. usable: (s,) whether a surface may be filled.
 
     inverse_distance: (s, 3) m of each plane. uv: (s, 2, 3) a of each texture coordinate.
@@ -36,11 +36,11 @@ class SeenSurfaces:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanePlaces:
+class PlanePoints:
     """Where directions of cells meet their cells' planes.
 
     directions: (k, m, 3), mirror frame; `directions @ turned` is in the world's. viewpoint: (3,) in
-    Embree's coordinates. inverse_distance (k, 3), uv_vectors (k, 2, 3): of `SeenSurfaces`.
+    Embree's coordinates. inverse_distance (k, 3), uv_vectors (k, 2, 3): of `VisibleSurfaces`.
     """
 
     directions: Float32s
@@ -49,7 +49,7 @@ class PlanePlaces:
     inverse_distance: Float32s
     uv_vectors: Float32s
 
-    def points(self, rays: npt.NDArray[np.intp]) -> Floats:
+    def positions(self, rays: npt.NDArray[np.intp]) -> Floats:
         """Return (n, 3) places of some of the k * m rays, in Embree's coordinates."""
         inverse = self._along(rays, self.inverse_distance)
         turned: Float32s = self.directions.reshape(-1, 3).take(rays, axis=0) @ self.turned
@@ -72,7 +72,7 @@ class SurfacePlanes:
     """A scene's surfaces and what does not change of their planes: normals, places, textures."""
 
     def __init__(self, scene: SceneMesh) -> None:
-        self.surfaces = surfaces = surfaces_of(scene)
+        self.surfaces = surfaces = find_surfaces(scene)
         real = surfaces.triangle[BACKGROUND + 1 :]
         none = np.zeros((BACKGROUND + 1, 3))
         self._normals = np.concatenate((none, scene.normals[real]))
@@ -83,7 +83,7 @@ class SurfacePlanes:
         )
         self._uv_offset, self._uv_gradient = uv_planes(scene, surfaces.triangle[self._textured])
 
-    def seen(self, world_from_mirror: Pose) -> SeenSurfaces:
+    def view_from(self, world_from_mirror: Pose) -> VisibleSurfaces:
         """Return the surfaces as they are seen from a pose."""
         viewpoint, rotation = world_from_mirror.translation, world_from_mirror.rotation
         height = np.einsum("si,si->s", self._points - viewpoint, self._normals)
@@ -96,4 +96,4 @@ class SurfacePlanes:
         of_textured = here[..., None] * vector[self._textured][:, None] + self._uv_gradient
         uv[self._textured] = of_textured @ rotation
         usable[BACKGROUND] = True
-        return SeenSurfaces(usable, (vector @ rotation).astype(np.float32), uv)
+        return VisibleSurfaces(usable, (vector @ rotation).astype(np.float32), uv)

@@ -16,26 +16,26 @@ from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render import shading
-from catoptra_server.render.shading import HideableLight
+from catoptra_server.render.shading import ShadowCastingLight
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import PlacedBody
+from catoptra_server.render.trace.moving_bodies import ObjectInstance
 from catoptra_server.render.trace.packed_light import Float32s
 from catoptra_server.scene.description import DirectionalLight, Light
 from catoptra_server.scene.meshes import SceneMesh
 
 # How far in front of a facet rays begin, of the largest coordinate: places and corners are rounded
 # to 2^-24 each, and meeting a plane loses a few times that. 40 micrometres at 10 m.
-_LIFT = 2.0**-18
+_RAY_BIAS = 2.0**-18
 
 
 # Whether something is met before rays' (n,) distances, of their (n, 3) origins and directions.
-Hidden = Callable[[Float32s, Float32s, Float32s], Bools]
+OcclusionQuery = Callable[[Float32s, Float32s, Float32s], Bools]
 
 
-def casters(embree: EmbreeScene, scene: SceneMesh) -> Hidden:
+def make_occlusion_query(embree: EmbreeScene, scene: SceneMesh) -> OcclusionQuery:
     """Return what asks those triangles of a scene that hide lights: the scene itself if all do."""
     if scene.casts_shadows.all():
-        return embree.hidden
+        return embree.occludes
     casting = rtcore_scene.EmbreeScene()
     corners = scene.corners[scene.casts_shadows] - embree.origin
     if not len(corners):
@@ -56,70 +56,70 @@ class ShadowRays:
     origin: (3,), of Embree's coordinates. suns: those of the lights that have a direction.
     """
 
-    def __init__(self, hidden: Hidden, origin: Floats, lights: tuple[Light, ...]) -> None:
-        self._hidden_by_scene = hidden
+    def __init__(self, scene_occludes: OcclusionQuery, origin: Floats, lights: tuple[Light, ...]) -> None:
+        self._scene_occludes = scene_occludes
         self._origin = origin
-        self._lights = shading.hideable_lights(lights)
-        self.suns = [light for light in self._lights if isinstance(light, DirectionalLight)]
+        self._lights = shading.shadow_casting_lights(lights)
+        self.directional_lights = [light for light in self._lights if isinstance(light, DirectionalLight)]
 
-    def irradiance(self, points: Floats, normals: Floats, bodies: tuple[PlacedBody, ...]) -> Floats:
+    def irradiance(self, points: Floats, normals: Floats, objects: tuple[ObjectInstance, ...]) -> Floats:
         """Return (n, 3) irradiance by all lights that can be hidden, where they are not.
 
         points: (n, 3) in Embree's coordinates, on facets of (n, 3) unit normals.
         """
-        lift = _LIFT * np.abs(points).max(initial=0.0)
+        lift = _RAY_BIAS * np.abs(points).max(initial=0.0)
         places: Floats = points + lift * normals + self._origin
         total: Floats = np.zeros_like(places)
         for light in self._lights:
-            unhidden = shading.light_irradiance(light, places, normals)
+            unhidden = shading.unshadowed_irradiance(light, places, normals)
             asking = np.flatnonzero(unhidden.any(axis=-1))
             if len(asking):
-                seen = asking[~self._hidden(light, places.take(asking, axis=0), bodies)]
+                seen = asking[~self._find_occlusion(light, places.take(asking, axis=0), objects)]
                 total[seen] += unhidden[seen]
         return total
 
-    def suns_seen(
+    def visible_directional_lights(
         self,
         points: Float32s,
         normals: Float32s,
-        faced: npt.NDArray[np.uint8],
-        bodies: tuple[PlacedBody, ...],
+        facing_bits: npt.NDArray[np.uint8],
+        objects: tuple[ObjectInstance, ...],
     ) -> npt.NDArray[np.intp]:
         """Return (n,) which lights with a direction are seen from places, a bit each.
 
         points, normals: as for `irradiance`. faced: (n,) those that facets are turned to, bits.
         """
-        lifted = points + np.float32(_LIFT * np.abs(points).max(initial=0.0)) * normals
+        lifted = points + np.float32(_RAY_BIAS * np.abs(points).max(initial=0.0)) * normals
         seen = np.zeros(len(points), dtype=np.intp)
-        for index, sun in enumerate(self.suns):
-            asking = np.flatnonzero(faced & (1 << index))
-            hidden = self._hidden_from_sun(sun, lifted.take(asking, axis=0), bodies)
+        for index, sun in enumerate(self.directional_lights):
+            asking = np.flatnonzero(facing_bits & (1 << index))
+            hidden = self._find_directional_occlusion(sun, lifted.take(asking, axis=0), objects)
             seen[asking[~hidden]] |= 1 << index
         return seen
 
-    def _hidden_from_sun(
-        self, sun: DirectionalLight, origins: Float32s, bodies: tuple[PlacedBody, ...]
+    def _find_directional_occlusion(
+        self, light: DirectionalLight, origins: Float32s, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
         """Return (n,) whether something stands between (n, 3) origins and a light."""
-        towards = -np.asarray(sun.direction, dtype=np.float32)
+        towards = -np.asarray(light.direction, dtype=np.float32)
         directions = np.broadcast_to(towards, origins.shape)
         far = np.full(len(origins), np.inf, dtype=np.float32)
-        hidden = self._hidden_by_scene(origins, directions, far)
-        for body in bodies:
+        hidden = self._scene_occludes(origins, directions, far)
+        for body in objects:
             left = np.flatnonzero(~hidden)
             places = origins[left] + self._origin
-            hidden[left] = body.hides(places, directions[left], far[left])
+            hidden[left] = body.occludes(places, directions[left], far[left])
         return hidden
 
-    def _hidden(
-        self, light: HideableLight, places: Floats, bodies: tuple[PlacedBody, ...]
+    def _find_occlusion(
+        self, light: ShadowCastingLight, points: Floats, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
         """Return (n,) whether something stands between (n, 3) places and a light; world frame."""
-        towards, far = shading.towards_light(light, places)
+        towards, far = shading.direction_to_light(light, points)
         directions, distance = towards.astype(np.float32), far.astype(np.float32)
-        origins = (places - self._origin).astype(np.float32)
-        hidden = self._hidden_by_scene(origins, directions, distance)
-        for body in bodies:
+        origins = (points - self._origin).astype(np.float32)
+        hidden = self._scene_occludes(origins, directions, distance)
+        for body in objects:
             left = np.flatnonzero(~hidden)
-            hidden[left] = body.hides(places[left], directions[left], distance[left])
+            hidden[left] = body.occludes(points[left], directions[left], distance[left])
         return hidden

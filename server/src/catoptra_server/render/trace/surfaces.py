@@ -27,8 +27,8 @@ _FIRST = 2
 # more: in a scene of 500 balls of 2000 triangles 1000, 2000, 4000 and 9000 take 1.12, 1.17, 1.05
 # and 1.05 times the processor time of tracing every ray; with 30 balls 3000 and 6000 take 0.38 and
 # 0.42 times.
-_MOST_LARGE = 4000
-_MOST_CLUSTERS = 8000
+_MAX_LARGE = 4000
+_MAX_CLUSTERS = 8000
 # Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad.
 _SAME_NORMAL = 1.0 - 5e-11
 _SAME_UV = 1e-9
@@ -50,18 +50,18 @@ class Surfaces:
     triangle: Indices
     centre: Floats
     reach_m: Floats
-    outlines: Floats
+    edges: Floats
     cluster_centre: Floats
     cluster_radius_m: Floats
 
 
-def surfaces_of(scene: SceneMesh) -> Surfaces:
+def find_surfaces(scene: SceneMesh) -> Surfaces:
     """Return the surfaces of a scene."""
     size = _clusters_side(scene)
     large = np.flatnonzero(_longest_edge(scene.corners) > size)
     small = np.flatnonzero(_longest_edge(scene.corners) <= size)
     pairs, outlines = _shared_and_outer_edges(scene, large)
-    label, representative = _connected(len(large), pairs)
+    label, representative = _connected_components(len(large), pairs)
     of_triangle = np.full(len(scene) + 1, NO_SURFACE, dtype=np.int32)
     of_triangle[large] = label + _FIRST
     of_triangle[-1] = BACKGROUND
@@ -73,7 +73,7 @@ def surfaces_of(scene: SceneMesh) -> Surfaces:
         triangle=np.append([-1, -1], large[representative]).astype(np.int32),
         centre=np.concatenate((none, centre)),
         reach_m=np.append([0.0, 0.0], reach),
-        outlines=outlines,
+        edges=outlines,
         cluster_centre=cluster_centre,
         cluster_radius_m=cluster_radius,
     )
@@ -88,14 +88,14 @@ def _longest_edge(corners: Floats) -> Floats:
 
 def _clusters_side(scene: SceneMesh) -> float:
     """Return the side of clusters, metres: the least that leaves few enough of all; 0 = none."""
-    if len(scene) <= _MOST_LARGE:
+    if len(scene) <= _MAX_LARGE:
         return 0.0
     longest = np.sort(_longest_edge(scene.corners))
     # Not so small that the numbers of the cubes leave 63 bits.
     extent = float(np.ptp(scene.corners.reshape(-1, 3), axis=0).max())
-    side = max(float(longest[-_MOST_LARGE]), 1e-5 * extent)
+    side = max(float(longest[-_MAX_LARGE]), 1e-5 * extent)
     middles = scene.corners.mean(axis=1)
-    while len(np.unique(_voxels(middles, side))) > _MOST_CLUSTERS:
+    while len(np.unique(_voxels(middles, side))) > _MAX_CLUSTERS:
         side *= 1.2
     return side
 
@@ -181,7 +181,7 @@ def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floa
     return offset, gradient
 
 
-def _connected(count: int, pairs: npt.NDArray[np.intp]) -> tuple[Indices, npt.NDArray[np.intp]]:
+def _connected_components(count: int, pairs: npt.NDArray[np.intp]) -> tuple[Indices, npt.NDArray[np.intp]]:
     """Return the (count,) group of each element joined by (p, 2) pairs, and one of each group."""
     label = np.arange(count)
     while True:

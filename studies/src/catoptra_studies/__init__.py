@@ -1,0 +1,1 @@
+"""Studies of cameras, renderers and localization: the only code that may use server and client."""
