@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-SOURCES := protocol/src server/src client/src
+SOURCES := protocol/src server/src client/src studies/src
 COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world configs/worlds/four_legged_2006.ini --output out/cost
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
@@ -25,7 +25,7 @@ $(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/p
 	touch $@
 
 demo: $(READY) ## Run the paper's experiment, server and client as two processes; writes out/demo/report.html
-	$(BIN)/python -m catoptra_client.experiment --output out/demo
+	$(BIN)/python -m catoptra_studies.experiment --output out/demo
 
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
@@ -52,13 +52,13 @@ bench: $(READY) ## Measure frames per second on this machine; writes out/bench/b
 
 cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=words]
 	$(COST) --world configs/worlds/corridor.ini $(if $(QUICK),--quick) --machine "$(MACHINE)"
-	$(BIN)/python -m catoptra_client.experiment.cost --output out/cost $(if $(QUICK),--quick)
+	$(BIN)/python -m catoptra_studies.experiment.cost --output out/cost $(if $(QUICK),--quick)
 	$(COST) --tell --report server/COST.md --readme README.md
-	$(if $(QUICK),,$(BIN)/python tests/cost/dial.py)
+	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
 effects: $(READY) ## Draw what each effect does, find where bad pictures defeat the classifier; writes out/effects: [QUICK=yes]
-	$(BIN)/python -m catoptra_server.figures.effects --output out/effects
-	$(BIN)/python -m catoptra_client.experiment.degraded --output out/effects $(if $(QUICK),--quick)
+	$(BIN)/python -m catoptra_studies.effects.effect_pages --output out/effects
+	$(BIN)/python -m catoptra_studies.degradation --output out/effects $(if $(QUICK),--quick)
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
@@ -66,11 +66,11 @@ conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port 
 	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
 fuzz: $(READY) ## Feed the parsers a million broken inputs, then let strangers loose on a live server
-	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz --cases 1000000 --seed 1
-	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_live --seconds 30 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
 
 soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
-	$(BIN)/python tests/soak/run.py
+	$(BIN)/python tests/load/run.py
 
 wheels: $(READY) ## Build the three distributions into out/wheels, and try them in environments of their own
 	rm -rf out/wheels protocol/build server/build client/build

@@ -42,7 +42,7 @@ ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHO
     MPLCONFIGDIR=/tmp/matplotlib OPENBLAS_NUM_THREADS=1
 # The proof: everything of the client is loaded, and there was no OpenGL that it could have used.
 RUN ! /sbin/ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
- && python3 -c "import catoptra_client.__main__, catoptra_client.experiment.__main__" \
+ && python3 -c "import catoptra_client.__main__, catoptra_studies.experiment.__main__" \
  && python3 -c "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, \
       ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL', 'embreex'])))"
 USER catoptra

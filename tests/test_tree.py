@@ -18,8 +18,8 @@ from helpers.configs import REPOSITORY
 
 PACKAGES = ("protocol", "server", "client")
 
-_DRAWN = "a picture: tests/server/figures/test_main.py draws it whole"
-_COST = "the study: tests/server/cost/test_command.py runs it whole, small"
+_DRAWN = "a picture: tests/studies/camera_figures/test_main.py draws it whole"
+_COST = "the study: tests/studies/accuracy_cost/test_command.py runs it whole, small"
 _DEGRADED = "the study: tests/end_to_end/test_degraded.py runs it whole, small"
 _RUN = "the experiment: tests/end_to_end/test_experiment.py runs it whole"
 

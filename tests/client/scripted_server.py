@@ -10,10 +10,10 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from catoptra_protocol.wire.commands import Command
-from catoptra_protocol.wire.connection import ControlServer
-from catoptra_protocol.wire.image import ImageRequest, ImageRequestReader
-from catoptra_protocol.wire.reports import Greeting, Report
+from catoptra_protocol.usarsim.commands import Command
+from catoptra_protocol.usarsim.control_connection import ControlServer
+from catoptra_protocol.usarsim.image_port import ImageRequest, ImageRequestReader
+from catoptra_protocol.usarsim.reports import Greeting, Report
 
 Script = Callable[[socket.socket], None]
 GREETING = Greeting("BotDeathMatch", "field")

@@ -11,9 +11,9 @@ import pytest
 from catoptra_client.control_connection import ControlConnection, ReplyTimeoutError
 from catoptra_client.tcp import open_connection
 from catoptra_protocol.errors import ConnectionLostError
-from catoptra_protocol.wire.commands import GetStartPoses
-from catoptra_protocol.wire.reports import OdometryReading, StartPoses, VehicleStatus
-from client.scripted_server import ScriptedControlPeer, Script, serve_script, wait_for_close
+from catoptra_protocol.usarsim.commands import GetStartPoses
+from catoptra_protocol.usarsim.reports import OdometryReading, StartPoses, VehicleStatus
+from client.scripted_server import Script, ScriptedControlPeer, serve_script, wait_for_close
 
 FIRST, SECOND = (OdometryReading("Odometry", x, 2.0, 0.5) for x in (1.0, 2.0))
 STATUS = VehicleStatus(1.0, 1200)
@@ -48,12 +48,17 @@ def test_reports_when_waited_for_come_in_order_and_the_newest_are_kept() -> None
 
 def test_reports_when_only_some_are_accepted_pass_over_the_others() -> None:
     with connect_to_script(send_reports) as connection:
-        assert connection.wait_for_report(OdometryReading, "x", lambda report: report.x_m == 2.0) == SECOND
+        assert (
+            connection.wait_for_report(OdometryReading, "x", lambda report: report.x_m == 2.0)
+            == SECOND
+        )
 
 
 def test_wait_when_others_come_for_ever_ends_in_time_and_names_what_lacks() -> None:
     with connect_to_script(send_reports) as connection:
-        with pytest.raises(ReplyTimeoutError, match="is connected but did not send the start poses"):
+        with pytest.raises(
+            ReplyTimeoutError, match="is connected but did not send the start poses"
+        ):
             connection.wait_for_report(StartPoses, "the start poses", timeout_s=0.3)
 
 

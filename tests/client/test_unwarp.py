@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, unwarp, make_unwarp_map
+from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import (
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     direction_from_pixel,
     pixel_sample_positions,
 )
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
 
 CAMERA = camera_with_inscribed_rim(
     HyperbolicMirror(k=11.546, c_m=0.2321), width_px=360, height_px=360, rim_rad=math.radians(120)
@@ -78,7 +78,9 @@ def test_row_and_slope_are_inverse_and_heights_are_linear() -> None:
 @pytest.mark.parametrize("slope", [0.02, 0.2, 0.6])
 def test_spot_appears_in_the_cylinder_at_its_azimuth_and_slope(azimuth_deg, slope) -> None:
     azimuth = math.radians(azimuth_deg)
-    cylinder = unwarp(make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, CYLINDER))
+    cylinder = unwarp(
+        make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, CYLINDER)
+    )
     column, row = centroid(cylinder)
     # 0.2 of a column is 0.1 degrees: a fifth of a source pixel, and rows stretch the spot a little.
     assert column == pytest.approx(CYLINDER.column_from_azimuth(np.array(azimuth)), abs=0.2)
@@ -86,7 +88,9 @@ def test_spot_appears_in_the_cylinder_at_its_azimuth_and_slope(azimuth_deg, slop
 
 
 def test_cylinder_is_not_mirrored_a_landmark_on_the_right_is_right() -> None:
-    cylinder = unwarp(make_frame(make_gaussian_spot(math.pi / 2, 0.2)), make_unwarp_map(CAMERA, CYLINDER))
+    cylinder = unwarp(
+        make_frame(make_gaussian_spot(math.pi / 2, 0.2)), make_unwarp_map(CAMERA, CYLINDER)
+    )
     assert centroid(cylinder)[0] == pytest.approx(540.0, abs=0.2)
 
 
@@ -94,7 +98,9 @@ def test_cylinder_is_not_mirrored_a_landmark_on_the_right_is_right() -> None:
 def test_spot_appears_in_the_perspective_where_a_pinhole_sees_it(right_deg, down_deg) -> None:
     right, down = math.tan(math.radians(right_deg)), math.tan(math.radians(down_deg))
     azimuth, slope = math.atan(right), down / math.hypot(1.0, right)
-    picture = unwarp(make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, FORWARD))
+    picture = unwarp(
+        make_frame(make_gaussian_spot(azimuth, slope)), make_unwarp_map(CAMERA, FORWARD)
+    )
     expected = (80.5 + FORWARD.focal_length_px * right, 60.5 + FORWARD.focal_length_px * down)
     assert centroid(picture) == pytest.approx(expected, abs=0.25)
 
@@ -102,7 +108,9 @@ def test_spot_appears_in_the_perspective_where_a_pinhole_sees_it(right_deg, down
 def test_perspective_turned_and_pitched_looks_along_its_axis() -> None:
     yaw, pitch = math.radians(70.0), math.radians(-25.0)
     geometry = PerspectiveGeometry(161, 121, math.radians(50), yaw_rad=yaw, pitch_rad=pitch)
-    picture = unwarp(make_frame(make_gaussian_spot(yaw, math.tan(-pitch))), make_unwarp_map(CAMERA, geometry))
+    picture = unwarp(
+        make_frame(make_gaussian_spot(yaw, math.tan(-pitch))), make_unwarp_map(CAMERA, geometry)
+    )
     assert centroid(picture) == pytest.approx((80.5, 60.5), abs=0.25)
 
 

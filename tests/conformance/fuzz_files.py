@@ -16,12 +16,12 @@ from catoptra_protocol.landmarks import landmarks_from_lines
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.unreal_ini import (
     parse_sections,
-    unquote,
     parse_struct,
     strip_comment,
+    unquote,
 )
 from catoptra_server.config.world_file import read_world
-from conformance.fuzz_parser import FeedInput, FuzzTarget, check
+from conformance.fuzz_target import FeedInput, FuzzTarget, check
 from helpers.configs import REPOSITORY, ROBOTS, WORLDS
 
 # A whole robot file takes milliseconds, so it has one case in so many.
@@ -42,8 +42,12 @@ def file_targets() -> list[FuzzTarget]:
         FuzzTarget("parse_sections", _feed_sections, (_LINES, robots[0][:600])),
         FuzzTarget("struct_members", _feed_struct, _STRUCTS),
         FuzzTarget("landmarks", _feed_landmarks, (landmarks.read_bytes(),)),
-        FuzzTarget("robot file", _make_file_feeder(ROBOTS, read_robots), robots, period=_FILE_PERIOD),
-        FuzzTarget("world file", _make_file_feeder(WORLDS, read_world), worlds, period=_FILE_PERIOD),
+        FuzzTarget(
+            "robot file", _make_file_feeder(ROBOTS, read_robots), robots, period=_FILE_PERIOD
+        ),
+        FuzzTarget(
+            "world file", _make_file_feeder(WORLDS, read_world), worlds, period=_FILE_PERIOD
+        ),
     ]
 
 

@@ -12,18 +12,18 @@ import msgpack
 import numpy as np
 
 from catoptra_client.frame import rgb_from_image_bytes
-from catoptra_client.stream_frame import CameraModelCache, frame_from_parts
+from catoptra_client.frame_sources.stream.frame_decoding import CameraModelCache, frame_from_parts
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.wire.envelope import MAX_REPLY_BYTES, unpack
-from catoptra_protocol.wire.grammar import parse_message
-from catoptra_protocol.wire.stream import (
-    reply_from_bytes,
+from catoptra_protocol.stream.messages import (
     bytes_from_message,
+    reply_from_bytes,
     request_from_bytes,
 )
-from catoptra_protocol.wire.stream_answers import FrameHeader
-from conformance.fuzz_parser import DATA, FeedInput, FuzzTarget, check, mutate
+from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, unpack
+from catoptra_protocol.stream.replies import FrameHeader
+from catoptra_protocol.usarsim.grammar import parse_message
+from conformance.fuzz_target import DATA, FeedInput, FuzzTarget, check, mutate
 
 _HYPERBOLIC_CONF = (
     b"CONF {Type Camera} {Name OmniCam} {Width 360} {Height 360} {Mirror hyperbolic} "

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
-from catoptra_protocol.wire.commands import command_from_message, line_from_command
-from catoptra_protocol.wire.connection import ControlClient, ControlServer
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import LineReader, parse_message
-from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, parse_raw_size
-from catoptra_protocol.wire.jpeg import parse_jpeg_size
-from catoptra_protocol.wire.limits import MAX_LINE_BYTES
-from catoptra_protocol.wire.reports import Greeting, line_from_report, report_from_message
-from conformance.fuzz_parser import FeedInput, FuzzTarget, check, load_seed_corpus
+from catoptra_protocol.limits import MAX_LINE_BYTES
+from catoptra_protocol.usarsim.commands import command_from_message, line_from_command
+from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.image_port import (
+    ImageFrameReader,
+    ImageRequestReader,
+    parse_raw_size,
+)
+from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
+from catoptra_protocol.usarsim.reports import Greeting, line_from_report, report_from_message
+from conformance.fuzz_target import FeedInput, FuzzTarget, check, load_seed_corpus
 
 _MAX_PAYLOAD_BYTES = 4096  # small, so that random lengths fall on both sides of it
 # The start of a JPEG: APP0, quantisation, and the frame's 32 x 16 px.
@@ -29,7 +33,9 @@ def wire_targets() -> list[FuzzTarget]:
         FuzzTarget("report_from_message", _feed_report, reports),
         FuzzTarget("ControlServer", _make_server_feeder(), commands),
         FuzzTarget("ControlClient", _feed_client, reports),
-        FuzzTarget("ImageRequestReader", _make_image_request_feeder(), load_seed_corpus("image_requests")),
+        FuzzTarget(
+            "ImageRequestReader", _make_image_request_feeder(), load_seed_corpus("image_requests")
+        ),
         FuzzTarget("ImageFrameReader", _feed_image_frames, frames),
         FuzzTarget("jpeg_size", _feed_jpeg, (_JPEG,)),
         FuzzTarget("raw_size", _feed_raw, (bytes.fromhex("0004 0002") + bytes(24),)),

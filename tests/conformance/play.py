@@ -19,24 +19,24 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from catoptra_protocol.wire.connection import ControlClient
-from catoptra_protocol.wire.reports import StartPoses
-from conformance import conversation, stream_conversation
-from conformance.script import TIMEOUT_S, Address, Conversation, read_conversation
+from catoptra_protocol.usarsim.control_connection import ControlClient
+from catoptra_protocol.usarsim.reports import StartPoses
+from conformance import stream_player, tcp_player
+from conformance.conversation_file import TIMEOUT_S, Address, Conversation, read_conversation
 
 CONVERSATIONS = Path(__file__).parent / "data/conversations"
 
 Player = Callable[[Conversation, Address, dict[str, str]], str]
 PLAYERS: dict[str, Player] = {
-    "control": conversation.play_conversation,
-    "image": conversation.play_conversation,
-    "stream": stream_conversation.play_conversation,
+    "control": tcp_player.play_conversation,
+    "image": tcp_player.play_conversation,
+    "stream": stream_player.play_conversation,
 }
-_TCP_STEP_KEYS = {*conversation.STEP_HANDLERS, *conversation.STEP_OPTIONS}
+_TCP_STEP_KEYS = {*tcp_player.STEP_HANDLERS, *tcp_player.STEP_OPTIONS}
 STEP_KEYS = {
     "control": _TCP_STEP_KEYS,
     "image": _TCP_STEP_KEYS,
-    "stream": {*stream_conversation.STEP_HANDLERS, *stream_conversation.STEP_OPTIONS},
+    "stream": {*stream_player.STEP_HANDLERS, *stream_player.STEP_OPTIONS},
 }
 
 
@@ -59,11 +59,17 @@ def read_conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
 
 
 def play_all(
-    conversations: Iterable[Conversation], addresses: dict[str, Address], robot_class: str, placement_blocks: str
+    conversations: Iterable[Conversation],
+    addresses: dict[str, Address],
+    robot_class: str,
+    placement_blocks: str,
 ) -> list[ConversationResult]:
     """Hold the conversations for whose port there is an address, one after the other."""
     words = {"class": robot_class, "place": placement_blocks}
-    return [ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], words)) for one in conversations]
+    return [
+        ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], words))
+        for one in conversations
+    ]
 
 
 def find_start_pose(address: Address) -> str:

@@ -10,10 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from conformance import conversation, stream_conversation
-from conformance.conversation import play_conversation
-from conformance.play import CONVERSATIONS, PLAYERS, STEP_KEYS, ConversationResult, read_conversations, main, results_table
-from conformance.script import Conversation, read_conversation
+from conformance import stream_player, tcp_player
+from conformance.conversation_file import Conversation, read_conversation
+from conformance.play import (
+    CONVERSATIONS,
+    PLAYERS,
+    STEP_KEYS,
+    ConversationResult,
+    main,
+    read_conversations,
+    results_table,
+)
+from conformance.tcp_player import play_conversation
 from helpers.server_process import start_server
 
 ALL_CONVERSATIONS = read_conversations()
@@ -44,7 +52,7 @@ def test_our_server_when_all_conversations_are_played_passes(
 
 def test_conversations_when_read_use_every_kind_of_step() -> None:
     keys = {key for one in ALL_CONVERSATIONS for step in one.steps for key in step}
-    assert keys >= {*conversation.STEP_HANDLERS, *stream_conversation.STEP_HANDLERS}
+    assert keys >= {*tcp_player.STEP_HANDLERS, *stream_player.STEP_HANDLERS}
     assert {one.port for one in ALL_CONVERSATIONS} == set(PLAYERS)
 
 

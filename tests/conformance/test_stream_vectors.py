@@ -9,9 +9,13 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.wire.stream import reply_from_bytes, bytes_from_message, request_from_bytes
-from catoptra_protocol.wire.stream_answers import REPLIES, Reply
-from catoptra_protocol.wire.stream_requests import REQUESTS, Request
+from catoptra_protocol.stream.messages import (
+    bytes_from_message,
+    reply_from_bytes,
+    request_from_bytes,
+)
+from catoptra_protocol.stream.replies import REPLIES, Reply
+from catoptra_protocol.stream.requests import REQUESTS, Request
 
 VECTORS = sorted((Path(__file__).parent / "data/stream").glob("*.bytes"))
 

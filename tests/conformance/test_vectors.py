@@ -10,13 +10,17 @@ from typing import Any
 
 import pytest
 
-from catoptra_protocol.wire import reports
-from catoptra_protocol.wire.commands import Command, command_from_message
-from catoptra_protocol.wire.connection import ControlClient, ControlServer
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.grammar import LineReader, parse_message
-from catoptra_protocol.wire.image import ImageFrameReader, ImageRequestReader, encode_frame_header
-from catoptra_protocol.wire.reports import Greeting, Report, line_from_report
+from catoptra_protocol.usarsim import reports
+from catoptra_protocol.usarsim.commands import Command, command_from_message
+from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import LineReader, parse_message
+from catoptra_protocol.usarsim.image_port import (
+    ImageFrameReader,
+    ImageRequestReader,
+    encode_frame_header,
+)
+from catoptra_protocol.usarsim.reports import Greeting, Report, line_from_report
 
 DATA = Path(__file__).parent / "data"
 
@@ -135,14 +139,20 @@ def test_vector_when_a_tail_follows_means_the_same(vector: ConformanceVector) ->
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS if v.is_canonical], ids=str)
 def test_vector_when_written_by_us_is_the_same_bytes(vector: ConformanceVector) -> None:
-    said = ControlClient().receive(vector.data) if vector.source_reports is None else build_reports(vector)
+    said = (
+        ControlClient().receive(vector.data)
+        if vector.source_reports is None
+        else build_reports(vector)
+    )
     assert b"".join(line_from_report(x, vector.dialect) for x in said) == vector.data
 
 
 def build_reports(vector: ConformanceVector) -> list[Report]:
     """Return the reports that a server means, where a client reads them as others."""
     return [
-        getattr(reports, kind)(**{name: _field_value(name, value) for name, value in fields.items()})
+        getattr(reports, kind)(
+            **{name: _field_value(name, value) for name, value in fields.items()}
+        )
         for document in vector.source_reports or []
         for kind, fields in document.items()
     ]

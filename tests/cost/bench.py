@@ -24,14 +24,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from catoptra_client.images import ImageClient
-from catoptra_client.robot import RobotClient
+from catoptra_client.frame_sources.image_client import ImageClient
+from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.plan.render_plan import RenderSettings, plan_from_settings
-from catoptra_server.render.choice import RendererChoice, choose_renderer
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
+from catoptra_server.render.render_plan import RenderSettings, plan_from_settings
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.setup import StartupConfig, read_startup_config
+from catoptra_server.startup import StartupConfig, read_startup_config
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "configs/robots/p2at_omni.ini"
@@ -177,7 +177,7 @@ def _measure_delivery(control_port: int, image_port: int) -> tuple[int, float]:
 
 def _print_detection_time(console: Console) -> None:
     """Print what a frame costs at the client."""
-    script = ROOT / "tests/cost/questions/detection_time.py"
+    script = ROOT / "tests/measurements/detection_time.py"
     found = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, check=True
     )

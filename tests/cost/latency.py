@@ -28,10 +28,10 @@ from rich.console import Console
 from rich.table import Table
 
 from catoptra_client.frame import FrameSource, Pixels
-from catoptra_client.frames import open_frame_source
-from catoptra_client.robot import RobotClient
-from catoptra_server.imaging.frame import Frame
-from catoptra_server.mailbox import Mailboxes
+from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_client.robot_client import RobotClient
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.mailbox import Mailboxes
 
 ROOT = Path(__file__).parents[2]
 ARGUMENTS = (
@@ -92,9 +92,13 @@ def _measure(transport: str, clients: int) -> LatencyRow:
         robot.spawn("USARBot.OmniP2AT", start_pose="Centre")
         robot.drive(0.5, 1.0)
         address = f"{transport}://127.0.0.1:{ports[1 if transport == 'tcp' else 2]}"
-        cpu_s, seen = _run_clients(process.pid, [open_frame_source(address) for _ in range(clients)])
+        cpu_s, seen = _run_clients(
+            process.pid, [open_frame_source(address) for _ in range(clients)]
+        )
     first = seen[0]
-    frame_s = (first.arrival_times_s[-1] - first.arrival_times_s[0]) / (len(first.arrival_times_s) - 1)
+    frame_s = (first.arrival_times_s[-1] - first.arrival_times_s[0]) / (
+        len(first.arrival_times_s) - 1
+    )
     drawn = max(len(watched.arrival_times_s) for watched in seen)
     ages = [age for watched in seen for age in watched.ages_s]
     return LatencyRow(

@@ -7,17 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.experiment.cost.__main__ import EXIT_FAILURE, main
-from catoptra_server.cost.ladder import AccuracyLevel, level_robot_ini
-from catoptra_server.plan.render_plan import RendererKind, RenderSettings
+from catoptra_server.render.render_plan import RendererKind, RenderSettings
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
+from catoptra_studies.accuracy_cost.localization_main import EXIT_FAILURE, main
 from helpers.configs import REPOSITORY
 
 CONFIGS = ("--configs", str(REPOSITORY / "configs"))
 
 
 def test_landmarks_when_a_step_is_driven_stand_in_the_study(tmp_path: Path) -> None:
-    step = AccuracyLevel("1024 polygons", RendererKind.TRACE, RenderSettings(tessellation_from_polygon_count(1024), 1))
+    step = AccuracyLevel(
+        "1024 polygons",
+        RendererKind.TRACE,
+        RenderSettings(tessellation_from_polygon_count(1024), 1),
+    )
     lines = level_robot_ini(step, 360)
     row = {"name": step.name, "renderer": "trace", "robot_lines": lines, "rmse": 9.0}
     study = {"version": 1, "steps": [{**row, "is_key": True}]}

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.experiment.degraded.__main__ import EXIT_FAILURE, main, write_degradation_results
-from catoptra_client.experiment.degraded.ladders import (
-    SWEEPS,
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.effects.effect import EffectMode
+from catoptra_studies.degradation.__main__ import EXIT_FAILURE, main, write_degradation_results
+from catoptra_studies.degradation.degradation_study import num_drives, run_degradation_study
+from catoptra_studies.degradation.degradation_sweeps import (
     REAL_ROBOT,
-    DegradationSweep,
+    SWEEPS,
     DegradationLevel,
+    DegradationSweep,
     clean_robot_ini,
     degraded_robot_ini,
 )
-from catoptra_client.experiment.degraded.study import num_drives, run_degradation_study
-from catoptra_client.experiment.session import ExperimentConfig
-from catoptra_client.experiment.setups import SIM
-from catoptra_server.config.robot_file import read_robot
-from catoptra_server.effects.effect import EffectMode
+from catoptra_studies.experiment.experiment_runner import ExperimentConfig
+from catoptra_studies.experiment.experiment_setups import SIM
 from helpers.configs import REPOSITORY
 
 CONFIGS = REPOSITORY / "configs"
@@ -31,7 +31,10 @@ DARK_EFFECTS = DegradationSweep(
     "ever less light",
     "exposure",
     ini_keys="Exposure=always|WhiteExposureTime=0.01",
-    levels=(DegradationLevel("1", "ExposureTime=0.01"), DegradationLevel("0.001", "ExposureTime=0.00001")),
+    levels=(
+        DegradationLevel("1", "ExposureTime=0.01"),
+        DegradationLevel("0.001", "ExposureTime=0.00001"),
+    ),
 )
 
 
@@ -46,7 +49,9 @@ def test_study_when_pictures_are_black_finds_nothing_and_says_where(tmp_path: Pa
         server_arguments=("--renderer", "trace", "--threads", "1"),
     )
     done: list[None] = []
-    results = run_degradation_study(plan, [DARK_EFFECTS], robot_folder=ROBOTS, on_drive=lambda: done.append(None))
+    results = run_degradation_study(
+        plan, [DARK_EFFECTS], robot_folder=ROBOTS, on_drive=lambda: done.append(None)
+    )
     write_degradation_results(tmp_path, plan, results)
 
     assert len(done) == num_drives(plan, [DARK_EFFECTS]) == 3

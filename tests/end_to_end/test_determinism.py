@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.frames import open_frame_source
-from catoptra_client.stream import StreamClient
-from catoptra_protocol.wire.stream_requests import ImageEncoding
+from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_protocol.stream.requests import ImageEncoding
 from helpers.server_process import DEADLINE_S, start_server
 
 CLASS = "USARBot.OmniP2AT"
@@ -36,7 +36,8 @@ def lockstep_run(folder: Path, *arguments: str, spectators: int = 0) -> tuple[st
         client.drive(2.0, 1.0)
         ports = (f"zmq://{HOST}:{server.stream_port}", f"tcp://{HOST}:{server.image_port}")
         others = [
-            stack.enter_context(open_frame_source(ports[i % 2], DEADLINE_S)) for i in range(spectators)
+            stack.enter_context(open_frame_source(ports[i % 2], DEADLINE_S))
+            for i in range(spectators)
         ]
         for _ in range(STEPS):
             values.update(repr(client.step(0.2)).encode())

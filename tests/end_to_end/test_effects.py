@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.wire.stream_requests import ImageEncoding
+from catoptra_protocol.stream.requests import ImageEncoding
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.server_process import start_server
 

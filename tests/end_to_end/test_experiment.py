@@ -7,11 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.experiment.results import write_experiment_results
-from catoptra_client.experiment.server_process import run_server
-from catoptra_client.experiment.session import ExperimentConfig, run_setup, train_classifier
-from catoptra_client.experiment.setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.experiment.experiment_results import write_experiment_results
+from catoptra_studies.experiment.experiment_runner import (
+    ExperimentConfig,
+    run_setup,
+    train_classifier,
+)
+from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
+from catoptra_studies.experiment.server_process import run_server
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import pixel_from_direction
-from catoptra_protocol.wire.commands import Init
-from catoptra_server.imaging.planning import RenderPlanner
-from catoptra_server.imaging.views import ViewCache
-from catoptra_server.plan.render_plan import RendererKind
-from catoptra_server.render.choice import RendererChoice
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_protocol.usarsim.commands import Init
+from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.render.render_plan import RendererKind
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.setup import read_startup_config
 from catoptra_server.simulation import Fleet
+from catoptra_server.startup import read_startup_config
 from helpers.robots import FakeClient, render_channel
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -38,7 +38,9 @@ def fleet():
 def view_cache():
     """Yield traced views of the field."""
     views = ViewCache(
-        RenderPlanner(RendererChoice(TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test"))
+        RenderPlanner(
+            RendererChoice(TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test")
+        )
     )
     yield views
     views.close()

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.robot import RobotClient
+from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.camera import pixel_from_direction
-from catoptra_protocol.wire.commands import COMMAND_PARSERS
-from catoptra_protocol.wire.image import ImageType
-from catoptra_protocol.wire.reports import GroundTruthReading
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_protocol.usarsim.commands import COMMAND_PARSERS
+from catoptra_protocol.usarsim.image_port import ImageType
+from catoptra_protocol.usarsim.reports import GroundTruthReading
 from helpers.configs import FIELD, OMNI_ROBOT, write_small_world
 from helpers.server_process import DEADLINE_S, RunningServer, start_server
 

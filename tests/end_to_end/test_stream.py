@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.frames import open_frame_source
-from catoptra_client.stream import StreamClient
+from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.camera import direction_from_pixel
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.stream_requests import ImageEncoding
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.requests import ImageEncoding
 from helpers.server_process import DEADLINE_S, RunningServer, start_server
 
 CLASS = "USARBot.OmniP2AT"

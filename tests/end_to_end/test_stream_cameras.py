@@ -14,15 +14,19 @@ import numpy as np
 import pytest
 
 from catoptra_client.frame import Frame
-from catoptra_client.frames import open_frame_source
-from catoptra_client.stream import StreamClient
-from catoptra_client.stream_landmarks import LandmarkProjection
+from catoptra_client.frame_sources.frame_source import open_frame_source
+from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_protocol.wire.stream_requests import ImageEncoding
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.server_process import RunningServer, start_server, write_small_robot
@@ -121,7 +125,10 @@ def assert_red_where_model_predicts(frame: Frame) -> None:
 
 
 def test_pixels_when_of_any_camera_look_where_the_frame_says(server: RunningServer) -> None:
-    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), spawn_beside_box(server, "B", (-1.0, 1.0), 3.0):
+    with (
+        spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
+        spawn_beside_box(server, "B", (-1.0, 1.0), 3.0),
+    ):
         for query in ("&robot=A", "&robot=A&camera=Ahead", "&robot=B&camera=rear"):
             with open_frame_source(stream_address(server, query)) as source:
                 frame = source.get_frame()
@@ -132,7 +139,10 @@ def test_pixels_when_of_any_camera_look_where_the_frame_says(server: RunningServ
 def test_frame_when_of_a_camera_by_name_is_that_robot_s_and_of_its_kind(
     server: RunningServer,
 ) -> None:
-    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), spawn_beside_box(server, "B", (-1.0, 1.0), 3.0):
+    with (
+        spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
+        spawn_beside_box(server, "B", (-1.0, 1.0), 3.0),
+    ):
         with open_frame_source(stream_address(server), robot="B", camera="Ahead") as source:
             flat = source.get_frame()
         with open_frame_source(stream_address(server), robot="B") as source:
@@ -166,7 +176,10 @@ def test_robot_when_it_leaves_while_watched_is_refused_with_the_reason(
 
 
 def test_camera_when_the_robot_has_none_of_that_name_is_refused(server: RunningServer) -> None:
-    with spawn_beside_box(server, "A", (0.0, 0.0), 0.0), open_frame_source(stream_address(server), camera="Up") as source:
+    with (
+        spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
+        open_frame_source(stream_address(server), camera="Up") as source,
+    ):
         with pytest.raises(CatoptraError, match="camera 'Up' of the robot on the screen"):
             source.get_frame()
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
+from catoptra_server.scene import shading
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
 
 # Rays this near an edge (in barycentric coordinates) or this near a second surface (in metres) may
 # honestly go either way in float32.
@@ -29,7 +29,9 @@ class ReferenceRadiance:
     is_certain: Bools
 
 
-def cast_rays(scene: SceneMesh, world: World, origin: Floats, directions: Floats) -> ReferenceRadiance:
+def cast_rays(
+    scene: SceneMesh, world: World, origin: Floats, directions: Floats
+) -> ReferenceRadiance:
     """Return what (n, 3) directions from one origin (3,) see."""
     distance, u, v = _distances(scene, origin, directions)
     triangle = np.argmin(distance, axis=1)

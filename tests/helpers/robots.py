@@ -9,19 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import camera_with_inscribed_rim
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_protocol.wire.reports import Report
-from catoptra_server.imaging.drawing import render_frame
-from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import IMAGE_PORT, Channel, CameraSpec, OmniCameraSpec, FrameRequest, ViewRequest
-from catoptra_server.imaging.views import ViewState
-from catoptra_server.plan.error_bound import ErrorBound, error_bound
-from catoptra_server.plan.planner import PlanChoice
-from catoptra_server.plan.render_plan import RendererKind, plan_from_settings
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import Report
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_request import (
+    IMAGE_PORT,
+    CameraSpec,
+    Channel,
+    FrameRequest,
+    OmniCameraSpec,
+    ViewRequest,
+)
+from catoptra_server.frames.render_thread import render_frame
+from catoptra_server.frames.view_cache import ViewState
+from catoptra_server.planning.error_bound import ErrorBound, error_bound
+from catoptra_server.planning.planner import PlanChoice
+from catoptra_server.render.render_plan import RendererKind, plan_from_settings
 from catoptra_server.render.renderer import CameraState, RenderedImage
-from catoptra_server.robot.description import (
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.robot.robot_description import (
     DriveBase,
     EncoderDescription,
     GpsDescription,
@@ -38,8 +46,7 @@ from catoptra_server.robot.description import (
     TouchDescription,
     VictimSensorDescription,
 )
-from catoptra_server.robot.render_wish import RenderSettings
-from catoptra_server.scene.description import Box, Item, Material, StartPlace, World
+from catoptra_server.scene.world_description import Box, Item, Material, StartPlace, World
 from catoptra_server.simulation.fleet import Fleet
 
 BASE = DriveBase(
@@ -61,7 +68,9 @@ SCANNER = RangeScannerDescription(
     "Scanner1", 0.2, FORWARD_MOUNT, fov_rad=math.pi, resolution_rad=math.pi / 180.0,
     min_range_m=0.1, max_range_m=20.0,
 )  # fmt: skip
-SONAR = SonarDescription("F1", 0.2, FORWARD_MOUNT, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0)
+SONAR = SonarDescription(
+    "F1", 0.2, FORWARD_MOUNT, beam_rad=0.3491, min_range_m=0.1, max_range_m=5.0
+)
 INS = InsDescription("INS", 0.2, FORWARD_MOUNT)
 ENCODER = EncoderDescription("ECLeft", 0.2, FORWARD_MOUNT, shaft="left", resolution_rad=0.01745)
 TACHOMETER = TachometerDescription("TachTest", 0.2, FORWARD_MOUNT)
@@ -190,7 +199,9 @@ class FakeViewProvider:
 
     def view_state(self, eye: OmniCameraSpec) -> ViewState:
         """Return how trace draws an eye as it is wished, in 12.5 ms."""
-        plan = plan_from_settings(eye.render_settings, eye.camera, kind=RendererKind.TRACE, reason="fake")
+        plan = plan_from_settings(
+            eye.render_settings, eye.camera, kind=RendererKind.TRACE, reason="fake"
+        )
         return ViewState(PlanChoice(plan, error_bound(eye.camera, plan)), 12.5)
 
     def close(self) -> None:
@@ -203,4 +214,6 @@ def render_channel(fleet: Fleet, views: Any = None, channel: Channel = IMAGE_POR
     scenery = fleet.compose_frame(channel)
     assert scenery is not None
     shot = FrameRequest(channel, 1, 0.0, 0.0, scenery)
-    return render_frame(shot, views if views is not None else FakeViewProvider(), monotonic=lambda: 0.0)
+    return render_frame(
+        shot, views if views is not None else FakeViewProvider(), monotonic=lambda: 0.0
+    )

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 import zmq
 
-from catoptra_protocol.wire.stream import SCHEMA_VERSION, bytes_from_message, request_from_bytes
-from catoptra_protocol.wire.stream_answers import Heartbeat
-from catoptra_protocol.wire.stream_requests import Request
+from catoptra_protocol.stream.messages import SCHEMA_VERSION, bytes_from_message, request_from_bytes
+from catoptra_protocol.stream.replies import Heartbeat
+from catoptra_protocol.stream.requests import Request
 
 HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 # Returns the messages to send, each a list of parts.
@@ -36,7 +36,9 @@ def serve_script(script: Script, *, port: int = 0, sends_heartbeats: bool = Fals
         context.destroy(linger=0)
 
 
-def _serve(router: zmq.Socket[bytes], script: Script, sends_heartbeats: bool, ended: threading.Event) -> None:
+def _serve(
+    router: zmq.Socket[bytes], script: Script, sends_heartbeats: bool, ended: threading.Event
+) -> None:
     known: set[bytes] = set()
     while not ended.is_set():
         if router.poll(_POLL_INTERVAL_MS):

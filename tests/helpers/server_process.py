@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from catoptra_client.images import ImageClient
-from catoptra_client.robot import RobotClient
-from catoptra_client.stream import StreamClient
+from catoptra_client.frame_sources.image_client import ImageClient
+from catoptra_client.frame_sources.stream.stream_client import StreamClient
+from catoptra_client.robot_client import RobotClient
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 
 # Only a broken test waits so long.

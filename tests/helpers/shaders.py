@@ -13,7 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.programs import GLSL_VERSION, Definitions, set_uniform, load_source
+from catoptra_server.render.raster.shader_programs import (
+    GLSL_VERSION,
+    Definitions,
+    load_source,
+    set_uniform,
+)
 
 _MAINS = Path(__file__).parent.parent / "twins" / "shaders"
 
@@ -34,7 +39,7 @@ def evaluate_shader(
     """
     functions = load_source(include, define) if include else GLSL_VERSION
     program = context.program(
-        vertex_shader=load_source("cover.vert"),
+        vertex_shader=load_source("fullscreen_triangle.vert"),
         fragment_shader="\n".join((functions, (_MAINS / main_file).read_text(encoding="utf-8"))),
     )
     count = len(inputs[0])

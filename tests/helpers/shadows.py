@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
-from catoptra_server.scene.description import (
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import (
     Box,
     DirectionalLight,
     HemisphereLight,
@@ -18,7 +19,6 @@ from catoptra_server.scene.description import (
     Rectangle,
     World,
 )
-from catoptra_server.scene.meshes import SceneMesh
 
 HEMISPHERE_LIGHT = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
 DIRECTIONAL_LIGHT = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
@@ -39,7 +39,9 @@ def box_item(x: float, y: float, z: float, size_m: tuple[float, float, float]) -
     return Item("box", Box(size_m), Pose.from_rpy((x, y, z), (0.0, 0.0, 0.4)), GREY)
 
 
-def make_world(*items: Item, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)) -> World:
+def make_world(
+    *items: Item, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
+) -> World:
     """Return a world of items under lights, with a dark background."""
     return World("shadows", items, lights=lights, background=(0.1, 0.1, 0.1))
 
@@ -80,7 +82,9 @@ def reference_radiance(
     return scene.albedo[triangle] * np.where(unlit, 1.0, total), certain
 
 
-def _occlusion(scene: SceneMesh, points: Floats, towards: Floats, far: Floats) -> tuple[Bools, Bools]:
+def _occlusion(
+    scene: SceneMesh, points: Floats, towards: Floats, far: Floats
+) -> tuple[Bools, Bools]:
     """Return (n,) whether a triangle is met before a light, and whether an edge is near."""
     hidden, doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for corners in scene.corners[scene.casts_shadows]:

@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.stream import SCHEMA_VERSION
-from catoptra_protocol.wire.stream_answers import (
-    Reply,
+from catoptra_protocol.stream.messages import SCHEMA_VERSION
+from catoptra_protocol.stream.replies import (
     CameraReply,
-    Ok,
     EffectRecord,
+    Error,
     FrameHeader,
+    Heartbeat,
     LandmarkRecord,
     LandmarksReply,
-    Transform,
-    PlanReply,
+    Ok,
     PlanAlternative,
-    Heartbeat,
-    Error,
+    PlanReply,
+    Reply,
     SensorReports,
     StartPoseRecord,
     StartPosesReply,
     StatusReply,
+    Transform,
 )
-from catoptra_protocol.wire.stream_requests import (
-    GetCameraRequest,
+from catoptra_protocol.stream.requests import (
     DriveRequest,
+    GetCameraRequest,
     GetFrameRequest,
     GetLandmarksRequest,
-    SetAccuracyRequest,
     GetReadingsRequest,
-    ResetRequest,
-    SpawnRequest,
     GetStartPosesRequest,
     GetStatusRequest,
-    StepRequest,
     ImageEncoding,
     Request,
+    ResetRequest,
+    SetAccuracyRequest,
+    SpawnRequest,
+    StepRequest,
 )
 
 UPRIGHT_TRANSFORM = Transform((0.1, 0.0, -0.5), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))

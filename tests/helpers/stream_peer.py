@@ -9,9 +9,9 @@ from contextlib import contextmanager
 import zmq
 import zmq.asyncio
 
-from catoptra_protocol.wire.stream import reply_from_bytes, bytes_from_message
-from catoptra_protocol.wire.stream_answers import Reply, FrameHeader, Heartbeat, Error
-from catoptra_protocol.wire.stream_requests import GetFrameRequest, ImageEncoding, Request
+from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
+from catoptra_protocol.stream.replies import Error, FrameHeader, Heartbeat, Reply
+from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Request
 
 
 class RawPeer:
@@ -58,7 +58,9 @@ class RawPeer:
         """Ask for a frame."""
         await self.send(bytes_from_message(GetFrameRequest(next(self.ids), "", "", encoding)))
 
-    async def get_frame(self, encoding: ImageEncoding = ImageEncoding.RAW) -> tuple[FrameHeader, bytes]:
+    async def get_frame(
+        self, encoding: ImageEncoding = ImageEncoding.RAW
+    ) -> tuple[FrameHeader, bytes]:
         """Ask for a frame and return it."""
         await self.request_frame(encoding)
         header, (picture,) = await self.receive()

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from catoptra_protocol.optics.camera import OmniCamera, camera_with_inscribed_rim
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror
-from catoptra_server.plan.render_plan import (
+from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.render_plan import (
+    MirrorSurface,
     PerPixel,
     RendererKind,
     RenderPlan,
     RenderSettings,
-    MirrorSurface,
     plan_from_settings,
 )
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.description import (
+from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
@@ -42,15 +42,34 @@ PAPER_MIRROR = HyperbolicMirror(11.546, 0.2321)
 CAMERA_STATE = CameraState(Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)))
 
 
-def make_test_world(*, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), texture: Path | None = None) -> World:
+def make_test_world(
+    *,
+    lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+    texture: Path | None = None,
+) -> World:
     """Return a floor with boxes and a post on it, under an open sky of constant radiance."""
     items = (
         Item(
             "floor", Rectangle((6, 4), (3, 2)), Pose.identity(), Material((0.3, 0.35, 0.3), texture)
         ),
-        Item("wall", Box((0.1, 3.0, 1.2)), _pose_on_floor(1.6, 0.2, -0.6, 0.2), Material((0.6, 0.5, 0.2))),
-        Item("crate", Box((0.4, 0.3, 0.5)), _pose_on_floor(-0.9, -0.8, -0.25, 0.5), Material((0.5, 0.1, 0.1))),
-        Item("post", Cylinder(0.1, 1.0), _pose_on_floor(0.0, 1.1, -0.5, 0.0), Material((0.1, 0.3, 0.7))),
+        Item(
+            "wall",
+            Box((0.1, 3.0, 1.2)),
+            _pose_on_floor(1.6, 0.2, -0.6, 0.2),
+            Material((0.6, 0.5, 0.2)),
+        ),
+        Item(
+            "crate",
+            Box((0.4, 0.3, 0.5)),
+            _pose_on_floor(-0.9, -0.8, -0.25, 0.5),
+            Material((0.5, 0.1, 0.1)),
+        ),
+        Item(
+            "post",
+            Cylinder(0.1, 1.0),
+            _pose_on_floor(0.0, 1.1, -0.5, 0.0),
+            Material((0.1, 0.3, 0.7)),
+        ),
         Item(
             "panel",
             Box((0.5, 0.5, 0.02)),

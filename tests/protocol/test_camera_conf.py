@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.camera import (
+from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
+from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
+from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
-from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
-from catoptra_protocol.wire.grammar import Pairs, parse_message
-from catoptra_protocol.wire.reports import Configuration, line_from_report, report_from_message
+from catoptra_protocol.usarsim.grammar import Pairs, parse_message
+from catoptra_protocol.usarsim.reports import Configuration, line_from_report, report_from_message
 
 PAPER = HyperbolicMirror(11.546, 2.321)
 
@@ -93,10 +93,14 @@ def test_pairs_when_names_differ_in_case_and_others_join_in_are_read() -> None:
 
 
 def replace_pair(name: str, value: str) -> Pairs:
-    return tuple((n, value if n == name else v) for n, v in pairs_from_omni_camera(make_camera(), 0.5))
+    return tuple(
+        (n, value if n == name else v) for n, v in pairs_from_omni_camera(make_camera(), 0.5)
+    )
 
 
-@pytest.mark.parametrize("name", [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)[4:]])
+@pytest.mark.parametrize(
+    "name", [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)[4:]]
+)
 def test_pairs_when_one_is_missing_name_it(name: str) -> None:
     pairs = tuple(pair for pair in pairs_from_omni_camera(make_camera(), 0.5) if pair[0] != name)
     with pytest.raises(RemoteProtocolError, match=name):
@@ -126,4 +130,7 @@ def test_pairs_when_one_is_wrong_tell_which(name: str, value: str, said: str) ->
 def test_mirrors_when_listed_can_all_be_sent() -> None:
     examples: dict[str, CentralMirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
     assert set(examples) == set(MIRRORS)
-    assert all(omni_camera_from_pairs(pairs_from_omni_camera(make_camera(m), 0.0)) for m in examples.values())
+    assert all(
+        omni_camera_from_pairs(pairs_from_omni_camera(make_camera(m), 0.0))
+        for m in examples.values()
+    )

@@ -14,8 +14,8 @@ from catoptra_protocol.errors import DomainError
 from catoptra_server import app
 from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.server_file import ServerOptions
-from catoptra_server.plan.render_plan import RendererKind
-from catoptra_server.render.choice import RendererChoice
+from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.render.render_plan import RendererKind
 from catoptra_server.simulation import ClockMode
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.loopback import HOST, run_scenario
@@ -147,7 +147,9 @@ def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) ->
         signal.raise_signal(signal.SIGTERM)
 
     options = options_of(tmp_path)
-    blind = write_edited_copy(options.robot_files[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",'))
+    blind = write_edited_copy(
+        options.robot_files[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",')
+    )
     assert blind == options.robot_files[0]
     run_scenario(served(options, visit))
 

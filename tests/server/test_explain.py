@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.config.shipped import find_configuration
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state, main
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.scene.motion import AT_REST
-from catoptra_server.setup import read_startup_config
-from helpers.effects import IMAGE_EFFECTS
-from helpers.motion import relative_twist
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.scene.twist import AT_REST
+from catoptra_server.startup import read_startup_config
+from helpers.effect_measurement import IMAGE_EFFECTS
+from helpers.motion_reference import relative_twist
 
 QUESTION = ["--world", "incidence_rings", "--renderer", "trace"]
 

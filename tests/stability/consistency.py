@@ -22,8 +22,8 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement import predict_measurement
-from catoptra_client.localization.motion import control_covariance, propagate_pose
+from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.motion_model import control_covariance, propagate_pose
 from catoptra_protocol.optics.numerics import Floats
 
 RUNS, STEPS = 50, 60
@@ -73,7 +73,9 @@ def run(seed: int, *, believed: float) -> Floats:
     real, taken = MotionNoise(*ALPHAS), MotionNoise(*(believed * alpha for alpha in ALPHAS))
     for step in range(STEPS):
         off = np.sqrt(np.diagonal(control_covariance(CONTROL, real))) * rng.normal(size=2)
-        truth = propagate_pose(truth, Control(CONTROL.distance_m + off[0], CONTROL.turn_rad + off[1]))
+        truth = propagate_pose(
+            truth, Control(CONTROL.distance_m + off[0], CONTROL.turn_rad + off[1])
+        )
         belief = predict(belief, CONTROL, noise=taken)
         landmark = LANDMARKS[step % len(LANDMARKS)]
         seen, _ = predict_measurement(truth, landmark)

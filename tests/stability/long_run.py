@@ -24,7 +24,7 @@ from catoptra_client.localization import (
     update,
 )
 from catoptra_client.localization.belief import sigmas_and_correlations
-from catoptra_client.localization.measurement import predict_measurement
+from catoptra_client.localization.measurement_model import predict_measurement
 
 MARKS = [
     LandmarkPosition(f"l{i}", x, y)

@@ -13,7 +13,7 @@ import numpy as np
 
 from catoptra_client.landmarks.histogram import Histogram
 from catoptra_client.localization import Belief, Control
-from catoptra_client.localization.measurement import BearingOnly, PredictedMeasurement
+from catoptra_client.localization.measurement_model import BearingOnly, PredictedMeasurement
 from catoptra_client.localization.odometry import OdometryPose
 from catoptra_protocol.optics.numerics import TWO_PI
 from stability.mutations import Mutation
@@ -84,7 +84,9 @@ def expect_by_acos(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, b
     return expectation(pose, landmark, lambda dx, dy, rho: math.acos(dx / rho))
 
 
-def residual_not_wrapped(measured: Any, expected: PredictedMeasurement) -> tuple[Floats, Floats, Floats]:
+def residual_not_wrapped(
+    measured: Any, expected: PredictedMeasurement
+) -> tuple[Floats, Floats, Floats]:
     assert not isinstance(measured, BearingOnly)
     off = (measured.range_m - expected.range_m, measured.bearing_rad - expected.bearing_rad)
     return np.array(off), expected.jacobian, measured.covariance

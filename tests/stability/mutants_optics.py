@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.lenses.perspective import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.trace.packed_light import SrgbScale
-from catoptra_server.scene.description import PointLight
+from catoptra_server.scene.world_description import PointLight
 from stability.mutations import Mutation
 
 Floats = Any
 HYPERBOLIC = "catoptra_protocol.optics.mirrors.hyperbolic.HyperbolicMirror"
 PARABOLIC = "catoptra_protocol.optics.mirrors.parabolic.ParabolicMirror"
-CAMERA = "catoptra_protocol.optics.camera"
-CUBE = "catoptra_protocol.optics.cube"
+CAMERA = "catoptra_protocol.optics.omni_camera"
+CUBE = "catoptra_protocol.optics.cube_map"
 LENS = "catoptra_protocol.optics.lenses.perspective.PerspectiveCamera"
-NUMBERS = "catoptra_protocol.wire.numbers"
+NUMBERS = "catoptra_protocol.usarsim.value_format"
 SCALE = "catoptra_server.render.trace.packed_light.LightScale"
 
 
@@ -217,7 +217,8 @@ def mean_of_greys(scale: SrgbScale, sums: Floats) -> Floats:
     """A mean of encoded samples: what averaging finished pictures does."""
     shifts = (0, 21, 42)
     light = [
-        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.max_level * scale.samples) for shift in shifts
+        (int(sums[0]) >> shift & (2**21 - 1)) / (scale.max_level * scale.samples)
+        for shift in shifts
     ]
     return np.array([[255.0 * level for level in light]])
 
@@ -240,7 +241,7 @@ RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
 HALF_ANGLE, FACE = f"{CAMERA}.half_angle_tangent", f"{CUBE}.face_from_direction"
-LAMP = "catoptra_server.render.shading.point_irradiance"
+LAMP = "catoptra_server.scene.shading.point_irradiance"
 ENCODED = "catoptra_server.scene.colour.srgb_from_linear"
 
 MUTATIONS = [

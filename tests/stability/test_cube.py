@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import cube
+from catoptra_protocol.optics import cube_map
 from catoptra_protocol.optics.numerics import Floats
 from stability.catalogue import Case, check, load
 
 
 def _face(direction: list[float]) -> int:
-    return int(cube.face_from_direction(np.array(direction)))
+    return int(cube_map.face_from_direction(np.array(direction)))
 
 
 def _coordinates(direction: list[float], face: int) -> Floats:
-    return cube.face_coordinates(np.array(direction), np.array(face))
+    return cube_map.face_coordinates(np.array(direction), np.array(face))
 
 
 SUBJECTS = {"face_from_direction": _face, "face_coordinates": _coordinates}

@@ -9,11 +9,11 @@ import pytest
 
 from catoptra_client.landmarks import beacons
 from catoptra_client.landmarks.blobs import Blob
-from catoptra_client.landmarks.sightings import Candidate, CylinderView
+from catoptra_client.landmarks.candidates import Candidate, CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_client.unwarp import CylinderGeometry
 from catoptra_protocol.landmarks import Landmark
-from client.landmarks.ideal import make_blob
+from client.landmarks.ideal_blobs import make_blob
 from stability.catalogue import Case, Invalid, Subject, check, load
 from stability.test_ranging import CAMERA
 

@@ -13,15 +13,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import CameraState, Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.opengl import device_or_skip
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, make_omni_camera, make_plan, make_test_world
+from helpers.worlds import (
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+)
 from stability.consistency import run
 
 WORLD = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))

@@ -19,7 +19,9 @@ def _of(counts: list[Any]) -> Histogram:
 
 SUBJECTS: dict[str, Subject] = {
     "total": lambda counts: _of(counts).total,
-    "merged": lambda first, second: histogram.merge_histograms(_of(first), _of(second)).counts.ravel()[:3],
+    "merged": lambda first, second: histogram.merge_histograms(
+        _of(first), _of(second)
+    ).counts.ravel()[:3],
     "spread_total": lambda counts: histogram.smooth_histogram(_of(counts)).total,
 }
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render import shading
 from catoptra_server.render.trace import packed_light
-from catoptra_server.scene import colour
-from catoptra_server.scene.description import PointLight
+from catoptra_server.scene import colour, shading
+from catoptra_server.scene.world_description import PointLight
 from stability.catalogue import Case, check, load
 
 

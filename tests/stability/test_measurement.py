@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import LandmarkPosition, RangeBearing, measurement
+from catoptra_client.localization import LandmarkPosition, RangeBearing, measurement_model
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
-def _expected(pose: list[float], landmark: list[float]) -> measurement.PredictedMeasurement:
-    expected, valid = measurement.predict_measurement(np.array(pose), LandmarkPosition("l", *landmark))
+def _expected(pose: list[float], landmark: list[float]) -> measurement_model.PredictedMeasurement:
+    expected, valid = measurement_model.predict_measurement(
+        np.array(pose), LandmarkPosition("l", *landmark)
+    )
     if not valid:
         raise Invalid("no expectation")
     return expected
@@ -20,7 +22,7 @@ def _expected(pose: list[float], landmark: list[float]) -> measurement.Predicted
 
 def _innovation(pose: list[float], landmark: list[float], measured: list[float]) -> Any:
     seen = RangeBearing(*measured, np.eye(2))
-    return measurement.compute_innovation(seen, _expected(pose, landmark))[0]
+    return measurement_model.compute_innovation(seen, _expected(pose, landmark))[0]
 
 
 SUBJECTS: dict[str, Subject] = {

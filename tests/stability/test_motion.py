@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import motion, odometry
-from catoptra_client.localization.motion import Control, MotionNoise
+from catoptra_client.localization import motion_model, odometry
+from catoptra_client.localization.motion_model import Control, MotionNoise
 from stability.catalogue import Case, Subject, check, load
 
 
 def _noise(v: float, turn: float, alphas: list[float]) -> Any:
-    return np.diagonal(motion.control_covariance(Control(v, turn), MotionNoise(*alphas)))
+    return np.diagonal(motion_model.control_covariance(Control(v, turn), MotionNoise(*alphas)))
 
 
 def _control(start: list[float], end: list[float]) -> list[float]:
@@ -23,15 +23,19 @@ def _control(start: list[float], end: list[float]) -> list[float]:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "position": lambda pose, v, turn: motion.propagate_pose(np.array(pose), Control(v, turn))[:2],
-    "heading": lambda pose, v, turn: motion.propagate_pose(np.array(pose), Control(v, turn))[2],
-    "by_pose": lambda pose, v, turn: motion.jacobian_wrt_pose(np.array(pose), Control(v, turn))[
-        :2, 2
+    "position": lambda pose, v, turn: motion_model.propagate_pose(np.array(pose), Control(v, turn))[
+        :2
     ],
-    "by_control": lambda pose, v, turn: motion.jacobian_wrt_control(
+    "heading": lambda pose, v, turn: motion_model.propagate_pose(np.array(pose), Control(v, turn))[
+        2
+    ],
+    "by_pose": lambda pose, v, turn: motion_model.jacobian_wrt_pose(
+        np.array(pose), Control(v, turn)
+    )[:2, 2],
+    "by_control": lambda pose, v, turn: motion_model.jacobian_wrt_control(
         np.array(pose), Control(v, turn)
     )[:2],
-    "chord_over_arc_slope": lambda a: motion.chord_over_arc_derivative(a),
+    "chord_over_arc_slope": lambda a: motion_model.chord_over_arc_derivative(a),
     "control_from_odometry": _control,
     "noise": _noise,
 }

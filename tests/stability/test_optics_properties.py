@@ -13,17 +13,25 @@ import pytest
 from hypothesis import given, note, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.optics.camera import (
+from catoptra_protocol.optics.cube_map import (
+    MIRROR_FROM_FACE_ROTATIONS,
+    face_coordinates,
+    face_from_direction,
+)
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     direction_from_pixel,
     half_angle_tangent,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_coordinates, face_from_direction
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.numbers import format_exact, format_fixed_point, number_from_text
+from catoptra_protocol.usarsim.value_format import (
+    format_exact,
+    format_fixed_point,
+    number_from_text,
+)
 
 PROPERTY = settings(derandomize=True, max_examples=100, deadline=None)
 PLACES = 400
@@ -181,7 +189,9 @@ def test_direction_has_one_face_and_comes_back_from_its_place_there(seed: int) -
     direction = rng.integers(-4, 5, (PLACES, 3)).astype(np.float64)
     direction = direction[(direction != 0.0).any(axis=-1)]
     face = face_from_direction(direction)
-    ahead = np.einsum("ni,nji->nj", direction, MIRROR_FROM_FACE_ROTATIONS[:, :, 0][None].repeat(len(direction), 0))
+    ahead = np.einsum(
+        "ni,nji->nj", direction, MIRROR_FROM_FACE_ROTATIONS[:, :, 0][None].repeat(len(direction), 0)
+    )
     assert np.array_equal(face, np.argmax(ahead, axis=-1))
     place = face_coordinates(direction, face)
     assert np.abs(place).max() <= 1.0
@@ -199,7 +209,9 @@ def test_number_when_printed_is_truncated_and_printing_again_changes_nothing(
     printed = format_fixed_point(value, decimals)
     again = number_from_text(printed)
     assert format_fixed_point(again, decimals) == printed
-    assert format_fixed_point(-value, decimals) == (printed[1:] if printed[0] == "-" else f"-{printed}")
+    assert format_fixed_point(-value, decimals) == (
+        printed[1:] if printed[0] == "-" else f"-{printed}"
+    )
     assert number_from_text(format_exact(value)) == value
 
 

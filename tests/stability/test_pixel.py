@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import camera as law
+from catoptra_protocol.optics import omni_camera as law
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.trace.pixel_law import MAX_PIXEL_ERROR_PX, ProjectionTable
+from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, ProjectionTable
 from stability.catalogue import Case, Invalid, check, load
 
 

@@ -25,9 +25,14 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement import predict_measurement
-from catoptra_client.localization.motion import propagate_pose
-from catoptra_protocol.optics.numerics import TWO_PI, interpolate_angle, angle_difference, wrap_angle
+from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.motion_model import propagate_pose
+from catoptra_protocol.optics.numerics import (
+    TWO_PI,
+    angle_difference,
+    interpolate_angle,
+    wrap_angle,
+)
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 ANGLES = st.floats(-math.pi, math.pi)

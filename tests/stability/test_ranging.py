@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from catoptra_client.landmarks import ranging
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from stability.catalogue import Case, Invalid, Subject, check, load
 from stability.references.ranging import HORIZON_PX, K
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_client.localization import Belief, consistency, gate
+from catoptra_client.localization import Belief, consistency, validation_gate
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
@@ -20,7 +20,7 @@ def _nees(mean: Any, covariance: Any, truth: Any) -> float:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "threshold": lambda size, share: gate.ValidationGate(share).threshold(size),
+    "threshold": lambda size, share: validation_gate.ValidationGate(share).threshold(size),
     "interval": lambda size, runs, confidence: consistency.chi_square_mean_interval(
         size, runs, confidence=confidence
     ),

@@ -5,22 +5,22 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.optics import units
-from catoptra_protocol.wire import numbers
+from catoptra_protocol.usarsim import value_format
 from stability.catalogue import Case, check, load
 
 
 def _fixed(value: float, decimals: int, text: str) -> float:
-    printed = numbers.format_fixed_point(value, decimals)
+    printed = value_format.format_fixed_point(value, decimals)
     assert printed == text, f"{value!r} is printed as {printed}, not as {text}"
     return float(printed)
 
 
 def _read(text: str) -> float:
-    return numbers.number_from_text(text)
+    return value_format.number_from_text(text)
 
 
 def _angle(angle_rad: float) -> float:
-    return numbers.truncate_to_unreal_units(angle_rad)
+    return value_format.truncate_to_unreal_units(angle_rad)
 
 
 def _length(length_uu: float) -> float:

@@ -8,9 +8,9 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import Face
+from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
+from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 from helpers.shaders import evaluate_shader

@@ -6,19 +6,19 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects.auto_exposure import mean_luminance
-from catoptra_server.effects.shared.noise import frame_noise_key, normal_variates
+from catoptra_server.effects.kernels.noise import frame_noise_key, normal_variates
+from catoptra_server.effects.sensor.auto_exposure import mean_luminance
 from catoptra_server.render.raster.effect_chain import EffectPass, LinearImageTarget, LuminanceMeter
-from catoptra_server.render.raster.programs import ShaderPrograms
-from helpers.effects import (
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from helpers.effect_measurement import (
     CAMERA,
-    CAPTURE_CONTEXT,
     CAMERA_STATE,
-    NOISE_SEED,
+    CAPTURE_CONTEXT,
     IMAGE_EFFECTS,
+    NOISE_SEED,
     RANGES,
-    make_test_pattern,
     make_effect,
+    make_test_pattern,
 )
 
 LIGHT = make_test_pattern(2.0).astype(np.float32)
@@ -47,7 +47,10 @@ class UploadedRange:
 def shaded(
     context: moderngl.Context, name: str, changes: dict[str, float]
 ) -> np.ndarray[tuple[int, int, int]]:
-    source, target = uploaded(context), LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
+    source, target = (
+        uploaded(context),
+        LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px),
+    )
     effect, ranges = make_effect(name, changes), UploadedRange(context)
     step = EffectPass(
         context,
@@ -92,10 +95,15 @@ def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> No
 
 
 def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
-    source, target = uploaded(context), LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
+    source, target = (
+        uploaded(context),
+        LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px),
+    )
     source.texture.write(np.zeros((*LIGHT.shape[:2], 4), dtype=np.float32).tobytes())
     noise = make_effect("ReadNoise", {"read_noise_e": 1.0, "full_well_e": 1.0})
-    step = EffectPass(context, ShaderPrograms(context), noise, CAMERA, source.texture, target.target)
+    step = EffectPass(
+        context, ShaderPrograms(context), noise, CAMERA, source.texture, target.target
+    )
     step.draw(CAMERA_STATE)
     np.testing.assert_array_equal(
         target.read(), normal_variates(frame_noise_key(NOISE_SEED, "ReadNoise"), *LIGHT.shape[:2])
@@ -107,6 +115,8 @@ def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Contex
 def test_meter_equals_the_mean(context: moderngl.Context) -> None:
     source = uploaded(context)
     meter = LuminanceMeter(context, ShaderPrograms(context), source.texture)
-    assert meter.measure_mean_luminance(CAMERA) == pytest.approx(mean_luminance(LIGHT, CAMERA), rel=1e-5)
+    assert meter.measure_mean_luminance(CAMERA) == pytest.approx(
+        mean_luminance(LIGHT, CAMERA), rel=1e-5
+    )
     meter.close()
     source.close()

@@ -8,11 +8,11 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
-from catoptra_protocol.optics.frames import rotation_from_rpy
-from catoptra_server.plan.face_sizes import regions_of_size
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
+from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, AtlasCell, pack_atlas
-from catoptra_server.render.raster.programs import set_uniform, load_source
+from catoptra_server.render.raster.shader_programs import load_source, set_uniform
 
 ATLAS = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
 TURN = rotation_from_rpy(0.02, -0.03, 0.3)

@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import Face
-from catoptra_server.plan.face_sizes import regions_of_size
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_server.planning.face_regions import regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 from helpers.shaders import evaluate_shader
@@ -69,7 +69,7 @@ def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) 
     shown = evaluate_shader(
         context,
         "point_irradiance.frag",
-        include="include/shading.glsl",
+        include="include/point_irradiance.glsl",
         inputs=(places, normals),
         uniforms={"light_place": [(0.0, 0.0, 0.0)], "light_intensity": [(1.0, 1.0, 1.0)]},
         define=(("POINT_LIGHTS", 1),),
@@ -107,7 +107,9 @@ def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray
 def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
     context: moderngl.Context,
 ) -> None:
-    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(
+        regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096
+    )
     cases = [
         case
         for case in float32_values("cube", "face_from_direction")
@@ -121,13 +123,17 @@ def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
 
 
 def test_face_of_the_zero_vector_is_n_and_finite(context: moderngl.Context) -> None:
-    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(
+        regions_of_size(math.pi - 1e-3, 128), guard_texels=GUARD_TEXELS, max_texels=4096
+    )
     (texel,) = shown_texels(context, atlas, np.zeros((1, 3)))
     assert texel == pytest.approx(atlas.texel_transforms()[Face.N][:2], abs=1e-3)
 
 
 def test_place_over_a_dense_grid_of_directions_is_the_twins(context: moderngl.Context) -> None:
-    atlas = pack_atlas(regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096)
+    atlas = pack_atlas(
+        regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096
+    )
     theta, gamma = np.meshgrid(np.linspace(0, math.pi, 361), np.linspace(-math.pi, math.pi, 721))
     ring = np.sin(theta)
     grid = np.stack((ring * np.cos(gamma), ring * np.sin(gamma), np.cos(theta)), axis=-1)

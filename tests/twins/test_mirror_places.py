@@ -6,17 +6,17 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import (
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
-from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
+from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster.mirror_places import atlas_coordinates
+from catoptra_server.render.raster.lookup_map import atlas_coordinates
 from helpers.shaders import evaluate_shader
 from helpers.worlds import make_omni_camera
 

@@ -1,4 +1,4 @@
-"""include/shading.glsl and the texture sampler against the float64 lighting model."""
+"""include/point_irradiance.glsl and the texture sampler against the float64 lighting model."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render import shading
-from catoptra_server.render.raster.scene_look import upload_texture
+from catoptra_server.render.raster.scene_batches import upload_texture
+from catoptra_server.scene import shading
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.description import PointLight
+from catoptra_server.scene.world_description import PointLight
 from helpers.shaders import evaluate_shader
 
 LIGHTS = (PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4)), PointLight((-2.0, 1.0, 0.3), (3, 4, 5)))
@@ -19,7 +19,7 @@ def shader_irradiance(context: moderngl.Context, places: Floats, normals: Floats
     out = evaluate_shader(
         context,
         "point_irradiance.frag",
-        include="include/shading.glsl",
+        include="include/point_irradiance.glsl",
         inputs=(places, normals),
         uniforms={
             "light_place": [light.position_m for light in LIGHTS],

@@ -15,10 +15,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from catoptra_client.experiment.recording import ROBOT_CLASS
-from catoptra_client.experiment.server_process import ServerAddress
-from catoptra_client.experiment.training_frames import capture_training_frames
-from catoptra_client.images import ImageClient
+from catoptra_client.bundled_landmarks import find_landmark_file
+from catoptra_client.frame_sources.image_client import ImageClient
 from catoptra_client.landmarks import (
     DEFAULT_THETA,
     Detection,
@@ -29,10 +27,12 @@ from catoptra_client.landmarks import (
     save_classifier,
     train,
 )
-from catoptra_client.robot import RobotClient
-from catoptra_client.shipped import find_landmark_file
+from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
+from catoptra_studies.experiment.drive_log import ROBOT_CLASS
+from catoptra_studies.experiment.server_process import ServerAddress
+from catoptra_studies.experiment.training_frames import capture_training_frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,9 +14,9 @@ from typing import TypeVar
 
 from catoptra_client.tcp import peer_address
 from catoptra_protocol.errors import ConnectionLostError
-from catoptra_protocol.wire.commands import Command
-from catoptra_protocol.wire.connection import ControlClient
-from catoptra_protocol.wire.reports import Report
+from catoptra_protocol.usarsim.commands import Command
+from catoptra_protocol.usarsim.control_connection import ControlClient
+from catoptra_protocol.usarsim.reports import Report
 
 _LOG = logging.getLogger(__name__)
 _READ_BYTES = 64 * 1024
@@ -114,7 +114,9 @@ class ControlConnection:
         try:
             data = self._receive_before(deadline_s)
         except TimeoutError as error:
-            raise ReplyTimeoutError(f"{self.peer} is connected but did not send {description}") from error
+            raise ReplyTimeoutError(
+                f"{self.peer} is connected but did not send {description}"
+            ) from error
         except OSError as error:
             raise self._connection_lost_error(str(error)) from error
         if not data:

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import RemoteProtocolError
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.wire.image import ImageType
-from catoptra_protocol.wire.jpeg import parse_jpeg_size
-from catoptra_protocol.wire.limits import MAX_IMAGE_PIXELS
-from catoptra_protocol.wire.stream_answers import EffectRecord
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.replies import EffectRecord
+from catoptra_protocol.usarsim.image_port import ImageType
+from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 
 _IMREAD_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"

@@ -26,9 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera, opencv_from_pixel, pixel_from_direction
-from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import TWO_PI, Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, opencv_from_pixel, pixel_from_direction
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 UInt8Array = npt.NDArray[np.uint8]
 
@@ -123,12 +123,16 @@ class PerspectiveGeometry:
     def __post_init__(self) -> None:
         _check_size(self.width_px, self.height_px)
         if not 0.0 < self.horizontal_fov_rad < math.pi:
-            raise DomainError(f"a pinhole sees more than 0 and less than pi: {self.horizontal_fov_rad!r}")
+            raise DomainError(
+                f"a pinhole sees more than 0 and less than pi: {self.horizontal_fov_rad!r}"
+            )
         if not (math.isfinite(self.yaw_rad) and math.isfinite(self.pitch_rad)):
             raise DomainError(f"angles must be finite: {self.yaw_rad!r}, {self.pitch_rad!r}")
         # The quotient of focal_px must not overflow, nor divide by a tangent of zero.
         if 0.5 * self.width_px > math.tan(0.5 * self.horizontal_fov_rad) * sys.float_info.max:
-            raise DomainError(f"a view {self.horizontal_fov_rad!r} rad wide needs an infinite focal length")
+            raise DomainError(
+                f"a view {self.horizontal_fov_rad!r} rad wide needs an infinite focal length"
+            )
 
     @property
     def focal_length_px(self) -> float:
@@ -163,7 +167,9 @@ class UnwarpMap:
             array.setflags(write=False)
 
 
-def make_unwarp_map(camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry) -> UnwarpMap:
+def make_unwarp_map(
+    camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry
+) -> UnwarpMap:
     """Return the map from a camera's frames to a geometry's picture.
 
     Valid: the mirror sees the pixel's centre and the frame reaches there. Elsewhere the picture is

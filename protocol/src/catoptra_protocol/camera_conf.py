@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.errors import DomainError, RemoteProtocolError
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 Pairs = tuple[tuple[str, str], ...]
 
@@ -97,7 +97,9 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
 
 def _pairs_from_mirror(mirror: CentralMirror) -> Pairs:
     name = next(name for name, kind in MIRRORS.items() if isinstance(mirror, kind))
-    parameters = ((key, _format_number(getattr(mirror, field))) for key, field in _MIRROR_PARAMETERS[name])
+    parameters = (
+        (key, _format_number(getattr(mirror, field))) for key, field in _MIRROR_PARAMETERS[name]
+    )
     return (("Mirror", name), *parameters)
 
 
@@ -105,7 +107,9 @@ def _mirror_from_pairs(pairs: Pairs) -> CentralMirror:
     name = _require_value(pairs, "Mirror").lower()
     if name not in MIRRORS:
         raise _field_error("Mirror", name, "one of " + ", ".join(MIRRORS))
-    return MIRRORS[name](**{field: _parse_number(pairs, key) for key, field in _MIRROR_PARAMETERS[name]})
+    return MIRRORS[name](
+        **{field: _parse_number(pairs, key) for key, field in _MIRROR_PARAMETERS[name]}
+    )
 
 
 def _capture_fov_deg(camera: OmniCamera) -> float:
@@ -145,7 +149,11 @@ def _parse_number(pairs: Pairs, name: str) -> float:
 def _parse_side_px(pairs: Pairs, name: str) -> int:
     value = _parse_number(pairs, name)
     if not (value.is_integer() and 1 <= value <= _MAX_IMAGE_SIDE_PX):
-        raise _field_error(name, _require_value(pairs, name), f"a whole number of pixels, 1 to {_MAX_IMAGE_SIDE_PX}")
+        raise _field_error(
+            name,
+            _require_value(pairs, name),
+            f"a whole number of pixels, 1 to {_MAX_IMAGE_SIDE_PX}",
+        )
     return int(value)
 
 

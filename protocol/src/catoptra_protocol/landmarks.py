@@ -53,7 +53,10 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
-            SourceLocation(str(path)), key="landmarks", value=str(path), expected=f"a readable CSV ({error})"
+            SourceLocation(str(path)),
+            key="landmarks",
+            value=str(path),
+            expected=f"a readable CSV ({error})",
         ) from error
     return landmarks_from_lines(text.split("\n"), file=str(path))
 
@@ -62,17 +65,25 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
     """Return the landmarks of CSV lines; `file` is named in errors; # starts a comment line."""
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     names = [field.name for field in fields(Landmark)]
-    if not numbered or _parse_columns(SourceLocation(file, numbered[0][0]), numbered[0][1]) != names:
+    if (
+        not numbered
+        or _parse_columns(SourceLocation(file, numbered[0][0]), numbered[0][1]) != names
+    ):
         found = numbered[0][1] if numbered else ""
         raise ConfigError(
-            SourceLocation(file, 1), key="header", value=found, expected=f"the columns {','.join(names)}"
+            SourceLocation(file, 1),
+            key="header",
+            value=found,
+            expected=f"the columns {','.join(names)}",
         )
     landmarks: dict[str, Landmark] = {}
     for i, line in numbered[1:]:
         landmark = _parse_landmark(SourceLocation(file, i), line, names)
         if not landmark.name or landmark.name in landmarks:
             expected = "a name" if not landmark.name else "each name only once"
-            raise ConfigError(SourceLocation(file, i), key="name", value=landmark.name, expected=expected)
+            raise ConfigError(
+                SourceLocation(file, i), key="name", value=landmark.name, expected=expected
+            )
         landmarks[landmark.name] = landmark
     return tuple(landmarks.values())
 
@@ -81,7 +92,9 @@ def _parse_columns(location: SourceLocation, line: str) -> list[str]:
     try:
         return [value.strip() for value in next(csv.reader([line]))]
     except csv.Error as error:
-        raise ConfigError(location, key="row", value=line[:80], expected=f"a CSV ({error})") from error
+        raise ConfigError(
+            location, key="row", value=line[:80], expected=f"a CSV ({error})"
+        ) from error
 
 
 def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> Landmark:
@@ -89,7 +102,11 @@ def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> La
     if len(values) != len(names):
         raise ConfigError(location, key="row", value=line, expected=f"{len(names)} columns")
     row = dict(zip(names, values, strict=True))
-    for key, allowed in (("kind", LANDMARK_KINDS), ("lower_colour", BAND_COLOURS), ("upper_colour", BAND_COLOURS)):
+    for key, allowed in (
+        ("kind", LANDMARK_KINDS),
+        ("lower_colour", BAND_COLOURS),
+        ("upper_colour", BAND_COLOURS),
+    ):
         if row[key] not in allowed:
             raise ConfigError(
                 location, key=key, value=row[key], expected="one of " + ", ".join(allowed)
@@ -98,9 +115,13 @@ def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> La
     texts = {key: row[key] for key in names if not key.endswith("_m")}
     landmark = Landmark(**texts, **numbers)  # type: ignore[arg-type] # keys are split by type above
     if not (landmark.width_m > 0.0 and 0.0 <= landmark.band_bottom_m < landmark.band_top_m):
-        raise ConfigError(location, key="row", value=line, expected="width > 0 and 0 <= bottom < top")
+        raise ConfigError(
+            location, key="row", value=line, expected="width > 0 and 0 <= bottom < top"
+        )
     if landmark.kind == "goal" and landmark.depth_m <= 0.0:
-        raise ConfigError(location, key="depth_m", value=row["depth_m"], expected="a goal's depth > 0")
+        raise ConfigError(
+            location, key="depth_m", value=row["depth_m"], expected="a goal's depth > 0"
+        )
     return landmark
 
 

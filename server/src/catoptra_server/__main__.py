@@ -18,11 +18,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else [*arguments]
     match words:
         case ["doctor", *rest]:
-            from catoptra_server.doctor.command import main as examine
+            from catoptra_server.doctor.doctor_cli import main as examine
 
             return examine(rest)
         case ["cost", *rest]:
-            from catoptra_server.cost.command import main as measure
+            from catoptra_studies.accuracy_cost.cost_command import main as measure
 
             return measure(rest)
         case ["explain", *rest]:
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             return explain(rest)
         case _:
-            from catoptra_server.serving import main as serve
+            from catoptra_server.cli import main as serve
 
             return serve(words)
 

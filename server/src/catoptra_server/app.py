@@ -15,26 +15,26 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.reports import Greeting
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.reports import Greeting
 from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
-from catoptra_server.imaging.drawing import RenderThread
-from catoptra_server.imaging.planning import RenderPlanner
-from catoptra_server.imaging.shot import OmniCameraSpec
-from catoptra_server.imaging.views import ErrorBoundTable, ViewCache
-from catoptra_server.mailbox import Mailboxes
-from catoptra_server.plan.render_plan import requested_samples
-from catoptra_server.render.choice import choose_renderer
-from catoptra_server.render.cost_cache import CostCache, default_cache_folder
+from catoptra_server.frames.frame_request import OmniCameraSpec
+from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.frames.render_thread import RenderThread
+from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.render.render_plan import requested_samples
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.setup import StartupConfig, create_ray_caster, read_startup_config
-from catoptra_server.simulation import ClockMode, Fleet, SimulationEvent, Simulation, StopRequested
+from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
+from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.transports.stream.server_info import build_server_info
+from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from catoptra_server.transports.zmq_stream import StreamServer, serve_stream
-from catoptra_server.transports.zmq_stream_facts import build_server_info
-from catoptra_server.workers import WorkerThread
+from catoptra_server.worker_thread import WorkerThread
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,9 @@ async def serve(options: Options, announce: Callable[[ListeningAddress], None]) 
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    setup = await asyncio.to_thread(read_startup_config, options.robot_files, options.world_file, options.server_file)
+    setup = await asyncio.to_thread(
+        read_startup_config, options.robot_files, options.world_file, options.server_file
+    )
     server = _ServerProcess(_apply_accuracy_target(setup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
@@ -100,7 +102,9 @@ async def _open_ports(
         control = await open_ports.enter_async_context(_serve_control_port(server))
         image_port = None
         if server.settings.has_images:
-            image_port = _bound_port(await open_ports.enter_async_context(_serve_image_port(server)))
+            image_port = _bound_port(
+                await open_ports.enter_async_context(_serve_image_port(server))
+            )
         stream = await open_ports.enter_async_context(_serve_stream_port(server))
         announce(ListeningAddress(host, _bound_port(control), image_port, stream.port))
         await stop.wait()
@@ -156,10 +160,14 @@ class _ServerProcess:
     plans: how each class's omnidirectional camera is drawn, by class name; known once it runs.
     """
 
-    def __init__(self, startup: StartupConfig, options: Options, *, on_failure: Callable[[], None]) -> None:
+    def __init__(
+        self, startup: StartupConfig, options: Options, *, on_failure: Callable[[], None]
+    ) -> None:
         self.startup = startup
         self.options = options
-        self.settings: ServerSettings = resolve_settings(startup.server_options, options.server_options)
+        self.settings: ServerSettings = resolve_settings(
+            startup.server_options, options.server_options
+        )
         self.plans: dict[str, str] = {}
         self.error_bounds = ErrorBoundTable()
         is_realtime = options.clock is ClockMode.REALTIME
@@ -211,7 +219,9 @@ class _ServerProcess:
             setup.scene,
             setup.world,
             threads=options.threads,
-            samples=max((requested_samples(omni.render_settings) for omni in omnis.values()), default=0),
+            samples=max(
+                (requested_samples(omni.render_settings) for omni in omnis.values()), default=0
+            ),
         )
         log.info("%s", choice.renderer.describe())
         views = ViewCache(
@@ -220,7 +230,9 @@ class _ServerProcess:
             error_bounds=self.error_bounds,
         )
         for name, omni in omnis.items():
-            self.plans[name] = str(views.plan(OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)))
+            self.plans[name] = str(
+                views.plan(OmniCameraSpec(omni.camera, omni.render_settings, omni.effects))
+            )
         return views
 
     def _create_fleet(self) -> Fleet:
@@ -245,7 +257,9 @@ def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupC
             dial = omni.render_settings.accuracy_target.with_changes(
                 max_error_px=options.max_error_px, budget_ms=options.budget_ms
             )
-            omni = replace(omni, render_settings=replace(omni.render_settings, accuracy_target=dial))
+            omni = replace(
+                omni, render_settings=replace(omni.render_settings, accuracy_target=dial)
+            )
         robots.append(replace(robot, omni_camera=omni))
     return replace(startup, robots=tuple(robots))
 
@@ -257,7 +271,9 @@ _MAX_CALIBRATION_STATES = 4
 def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
     """Return what cameras see from the world's starts, upright, at the first one's height."""
     height_m = next((r.viewpoint_height_m for r in startup.robots if r.omni_camera), 0.0)
-    starts = [(s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]]
+    starts = [
+        (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]
+    ]
     return tuple(
         CameraState(Pose.from_rpy((x, y, -height_m), (0.0, 0.0, yaw)))
         for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]

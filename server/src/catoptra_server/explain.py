@@ -14,20 +14,20 @@ from dataclasses import asdict, dataclass
 from statistics import median
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.config.shipped import find_configuration
-from catoptra_server.effects.decide import EffectDecision, format_decisions
-from catoptra_server.imaging.planning import RenderPlanner
-from catoptra_server.imaging.shot import OmniCameraSpec, ViewRequest
-from catoptra_server.imaging.views import ViewCache
-from catoptra_server.plan.render_plan import requested_samples
-from catoptra_server.render.choice import choose_renderer
+from catoptra_server.config.bundled_files import find_configuration
+from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
+from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.render.render_plan import requested_samples
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.robot.description import OmniCameraDescription, RobotDescription
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.scene.bodies import DynamicObject
-from catoptra_server.scene.motion import Twist
-from catoptra_server.setup import StartupConfig, read_startup_config
-from catoptra_server.simulation.appearance import build_ego_mesh
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.twist import Twist
+from catoptra_server.simulation.robot_meshes import build_ego_mesh
+from catoptra_server.startup import StartupConfig, read_startup_config
 
 EXIT_FAILURE = 2
 # A median of few is enough: what is told is which effect costs, not how much to a tenth.
@@ -105,7 +105,9 @@ def explain_cameras(
     """Yield what was decided for each class's camera, drawn where a robot starts, or at a place."""
     for robot in setup.robots:
         if robot.omni_camera is not None:
-            exposure = build_camera_state(robot, robot.omni_camera, pose or _start_pose(setup), velocity)
+            exposure = build_camera_state(
+                robot, robot.omni_camera, pose or _start_pose(setup), velocity
+            )
             yield _explain_camera(setup, robot, robot.omni_camera, renderer, exposure)
 
 
@@ -141,7 +143,9 @@ def _explain_camera(
     stages = {name: median(one.stage_ms[name] for one in drawn) for name in drawn[0].stage_ms}
     running = {d.effect: stages.pop(d.effect) for d in drawn[0].effects if d.effect in stages}
     others_ms = sum(stages.values())
-    return CameraEffectReport(robot.class_name, omni.name, plan, drawn[0].effects, running, others_ms)
+    return CameraEffectReport(
+        robot.class_name, omni.name, plan, drawn[0].effects, running, others_ms
+    )
 
 
 def _start_pose(setup: StartupConfig) -> PlanarPose:

@@ -12,7 +12,7 @@ from catoptra_client.landmarks import (
     train,
     world_from_mirror,
 )
-from client.landmarks import synthetic
+from client.landmarks import synthetic_frames
 
 # Spread over the field and all headings, so that every colour is lit from every side.
 TRAINING_POSES = [
@@ -30,10 +30,10 @@ def classifier() -> ColourClassifier:
     """Return the classifier of the training poses. The tests' frames show other poses."""
     return train(
         (
-            synthetic.render_frame(synthetic.FIELD_LANDMARKS, pose, seed=seed),
+            synthetic_frames.render_frame(synthetic_frames.FIELD_LANDMARKS, pose, seed=seed),
             label_frame(
-                synthetic.make_camera(),
-                synthetic.FIELD_LANDMARKS,
+                synthetic_frames.make_camera(),
+                synthetic_frames.FIELD_LANDMARKS,
                 world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose)),
             ),
         )

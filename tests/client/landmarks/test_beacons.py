@@ -8,15 +8,15 @@ import math
 import pytest
 
 from catoptra_client.landmarks.beacons import find_beacon_candidates
+from catoptra_client.landmarks.candidates import CylinderView
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
-from catoptra_client.landmarks.sightings import CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.landmarks import Landmark
-from client.landmarks import synthetic
-from client.landmarks.ideal import make_blob
+from client.landmarks import synthetic_frames
+from client.landmarks.ideal_blobs import make_blob
 
 CYLINDER = DEFAULT_CYLINDER
-VIEW = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint())
+VIEW = CylinderView(synthetic_frames.make_camera(), CYLINDER, Viewpoint())
 BEACON = Landmark("b", "beacon", 0.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 
 
@@ -39,13 +39,13 @@ def test_ideal_pair_gives_its_front_range_and_azimuth(range_m, azimuth_rad) -> N
 
 
 def test_beacon_above_the_viewpoint_is_ranged_too() -> None:
-    low = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint(0.12))
+    low = CylinderView(synthetic_frames.make_camera(), CYLINDER, Viewpoint(0.12))
     (found,) = find_beacon_candidates(low, BEACON, make_band_pair(2.0, viewpoint_height_m=0.12))
     assert found.measurement.range_m == pytest.approx(2.0 + 0.05 * math.pi / 4)
 
 
 def test_band_near_the_horizon_has_a_bearing_but_no_range() -> None:
-    level = CylinderView(synthetic.make_camera(), CYLINDER, Viewpoint(0.258))
+    level = CylinderView(synthetic_frames.make_camera(), CYLINDER, Viewpoint(0.258))
     (found,) = find_beacon_candidates(level, BEACON, make_band_pair(2.0, viewpoint_height_m=0.258))
     assert not found.has_range
     assert found.measurement.azimuth_rad == pytest.approx(0.0, abs=1e-9)
@@ -69,7 +69,9 @@ def test_one_band_alone_is_refused() -> None:
 
 
 def test_colours_the_other_way_round_are_refused() -> None:
-    assert has_no_candidates(make_band("magenta", (0.2, 0.3), range_m=1.5), make_band("cyan", (0.3, 0.4), range_m=1.5))
+    assert has_no_candidates(
+        make_band("magenta", (0.2, 0.3), range_m=1.5), make_band("cyan", (0.3, 0.4), range_m=1.5)
+    )
 
 
 def test_bands_side_by_side_are_refused() -> None:
@@ -83,8 +85,12 @@ def test_bands_of_two_ranges_are_refused() -> None:
 
 def test_band_much_too_wide_is_refused() -> None:
     lower, upper = make_band_pair(1.5)
-    assert has_no_candidates(make_blob(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper)
-    assert has_no_candidates(lower, make_blob(CYLINDER, "magenta", heights_m=(0.3, 0.4), width_m=0.8, range_m=1.5))
+    assert has_no_candidates(
+        make_blob(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper
+    )
+    assert has_no_candidates(
+        lower, make_blob(CYLINDER, "magenta", heights_m=(0.3, 0.4), width_m=0.8, range_m=1.5)
+    )
 
 
 def test_band_on_the_wrong_side_of_the_horizon_is_refused() -> None:

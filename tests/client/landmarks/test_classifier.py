@@ -9,9 +9,9 @@ import pytest
 
 from catoptra_client.landmarks.classifier import (
     COLOUR_CODES,
-    likelihood_ratio_test,
     classifier_from_histograms,
     label_image,
+    likelihood_ratio_test,
 )
 from catoptra_client.landmarks.histogram import Histogram, empty_histogram, histogram_from_pixels
 from catoptra_protocol.errors import DomainError
@@ -44,7 +44,10 @@ def make_classifier(bins: int = 32):
 )
 def test_threshold_itself_passes_and_one_count_less_does_not(n_pos, accepted) -> None:
     # Totals 100 each, 10 of the rest: 30 : 10 is theta = 3 exactly.
-    positive, negative = make_histogram((0, n_pos), (1, 100 - n_pos)), make_histogram((0, 10), (2, 90))
+    positive, negative = (
+        make_histogram((0, n_pos), (1, 100 - n_pos)),
+        make_histogram((0, 10), (2, 90)),
+    )
     assert likelihood_ratio_test(positive, negative, theta=3.0)[0, 0, 0] == accepted
 
 
@@ -59,7 +62,9 @@ def test_counts_beyond_64_bit_products_are_compared_exactly() -> None:
     huge = 2**62
     positive, negative = make_histogram((0, huge)), make_histogram((0, huge - 1), (1, 1))
     assert likelihood_ratio_test(positive, negative, theta=1.0)[0, 0, 0]
-    assert not likelihood_ratio_test(make_histogram((0, huge - 1), (1, 1)), make_histogram((0, huge)), theta=1.0)[0, 0, 0]
+    assert not likelihood_ratio_test(
+        make_histogram((0, huge - 1), (1, 1)), make_histogram((0, huge)), theta=1.0
+    )[0, 0, 0]
 
 
 @pytest.mark.parametrize("theta", [0.0, 1.0, math.inf])
@@ -71,32 +76,46 @@ def test_unseen_colour_is_no_landmark_whatever_the_threshold(theta: float) -> No
 
 
 def test_infinite_threshold_wants_a_colour_of_its_own() -> None:
-    accepted = likelihood_ratio_test(make_histogram((0, 500), (1, 5)), make_histogram((0, 1)), theta=math.inf)
+    accepted = likelihood_ratio_test(
+        make_histogram((0, 500), (1, 5)), make_histogram((0, 1)), theta=math.inf
+    )
     assert not accepted[0, 0, 0]
     assert accepted[0, 0, 1]
 
 
 def test_zero_threshold_takes_every_colour_ever_seen_on_a_landmark() -> None:
-    assert likelihood_ratio_test(make_histogram((0, 1), (1, 9)), make_histogram((0, 10**9)), theta=0.0)[0, 0, 0]
+    assert likelihood_ratio_test(
+        make_histogram((0, 1), (1, 9)), make_histogram((0, 10**9)), theta=0.0
+    )[0, 0, 0]
 
 
 def classify_contested_bin(cyan: Histogram, magenta: Histogram) -> int:
     """Return the code of bin 0 when cyan and magenta both claim it."""
     positives = {"cyan": cyan, "magenta": magenta, "yellow": make_histogram((7, 1))}
-    return int(classifier_from_histograms(positives, make_histogram((6, 1)), theta=1.0).lookup_table[0])
+    return int(
+        classifier_from_histograms(positives, make_histogram((6, 1)), theta=1.0).lookup_table[0]
+    )
 
 
 def test_larger_likelihood_ratio_wins_not_the_larger_count() -> None:
-    assert classify_contested_bin(make_histogram((0, 50), (1, 950)), make_histogram((0, 10), (1, 10))) == MAGENTA
+    assert (
+        classify_contested_bin(make_histogram((0, 50), (1, 950)), make_histogram((0, 10), (1, 10)))
+        == MAGENTA
+    )
 
 
 def test_equal_ratios_go_to_the_first_colour() -> None:
-    assert classify_contested_bin(make_histogram((0, 10), (1, 30)), make_histogram((0, 1), (1, 3))) == CYAN
+    assert (
+        classify_contested_bin(make_histogram((0, 10), (1, 30)), make_histogram((0, 1), (1, 3)))
+        == CYAN
+    )
 
 
 @pytest.mark.parametrize("empty", ["cyan", "neg"])
 def test_empty_class_is_refused_by_name(empty: str) -> None:
-    classes = {colour: single_colour_histogram(rgb) for colour, rgb in SHADES.items()} | {"neg": single_colour_histogram(GREY)}
+    classes = {colour: single_colour_histogram(rgb) for colour, rgb in SHADES.items()} | {
+        "neg": single_colour_histogram(GREY)
+    }
     classes[empty] = empty_histogram()
     negative = classes.pop("neg")
     with pytest.raises(DomainError, match=f"no pixel was seen of: {empty}"):
@@ -121,7 +140,9 @@ def test_missing_colour_and_other_bins_are_refused() -> None:
 
 def test_each_colour_gets_its_code() -> None:
     image = np.array([[*SHADES.values(), GREY, (255, 255, 255)]], dtype=np.uint8)
-    np.testing.assert_array_equal(label_image(make_classifier(), image), [[CYAN, MAGENTA, YELLOW, 0, 0]])
+    np.testing.assert_array_equal(
+        label_image(make_classifier(), image), [[CYAN, MAGENTA, YELLOW, 0, 0]]
+    )
 
 
 @pytest.mark.parametrize("bins", [2, 16, 32, 64])

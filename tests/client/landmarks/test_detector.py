@@ -15,9 +15,9 @@ import pytest
 from catoptra_client.landmarks import Viewpoint, detect, detect_with_stages, make_detector
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import Landmark
-from client.landmarks import synthetic
+from client.landmarks import synthetic_frames
 
-BEACONS = [row for row in synthetic.FIELD_LANDMARKS if row.kind == "beacon"]
+BEACONS = [row for row in synthetic_frames.FIELD_LANDMARKS if row.kind == "beacon"]
 # Each beacon comes to each range, at azimuths a quarter of a turn apart; -176 degrees, with the
 # beacon 2.9 degrees wide at 2 m, lies close to the seam.
 RANGES_M = [(0.5, 0.9, 1.4, 2.0), (0.9, 1.4, 2.0, 2.5), (1.4, 2.0, 2.5, 0.5), (2.5, 0.5, 0.9, 1.4)]
@@ -42,16 +42,18 @@ def true_polar(landmark: Landmark, pose=(0.0, 0.0, 0.0)) -> tuple[float, float]:
 @functools.cache
 def render_ring_frame(index: int):
     landmarks = place_beacons(RANGES_M[index], -176.0 + 23.0 * index)
-    return landmarks, synthetic.render_frame(landmarks, seed=40 + index)
+    return landmarks, synthetic_frames.render_frame(landmarks, seed=40 + index)
 
 
 @functools.cache
 def render_field_frame(index: int):
-    return synthetic.render_frame(synthetic.FIELD_LANDMARKS, FIELD_POSES[index], seed=60 + index)
+    return synthetic_frames.render_frame(
+        synthetic_frames.FIELD_LANDMARKS, FIELD_POSES[index], seed=60 + index
+    )
 
 
 def detect_by_name(classifier, landmarks, frame):
-    detector = make_detector(synthetic.make_camera(), classifier, landmarks=landmarks)
+    detector = make_detector(synthetic_frames.make_camera(), classifier, landmarks=landmarks)
     return {seen.name: seen for seen in detect(detector, frame)}
 
 
@@ -87,7 +89,7 @@ def test_errors_are_as_large_as_the_covariance_says(classifier) -> None:
 @pytest.mark.parametrize("azimuth_deg", [180.0, 179.3, -179.3])
 def test_beacon_across_the_seam_is_whole(classifier, azimuth_deg: float) -> None:
     (row,) = place_beacons((1.0, 1.0, 1.0, 1.0), azimuth_deg)[:1]
-    seen = detect_by_name(classifier, [row], synthetic.render_frame([row]))[row.name]
+    seen = detect_by_name(classifier, [row], synthetic_frames.render_frame([row]))[row.name]
     assert seen.range_m == pytest.approx(1.0, rel=0.02)
     off = math.remainder(seen.bearing_rad - math.radians(azimuth_deg), 2 * math.pi)
     assert abs(off) < math.radians(0.3)
@@ -95,14 +97,14 @@ def test_beacon_across_the_seam_is_whole(classifier, azimuth_deg: float) -> None
 
 def test_beacon_on_the_robots_left_has_a_negative_bearing(classifier) -> None:
     (row,) = place_beacons((1.5, 1.0, 1.0, 1.0), -90.0)[:1]
-    seen = detect_by_name(classifier, [row], synthetic.render_frame([row]))[row.name]
+    seen = detect_by_name(classifier, [row], synthetic_frames.render_frame([row]))[row.name]
     assert seen.bearing_rad == pytest.approx(-math.pi / 2, abs=math.radians(0.5))
 
 
 @pytest.mark.parametrize("index", range(len(FIELD_POSES)))
 def test_field_shows_both_goals_within_their_sigmas(classifier, index: int) -> None:
-    seen = detect_by_name(classifier, synthetic.FIELD_LANDMARKS, render_field_frame(index))
-    for row in synthetic.FIELD_LANDMARKS:
+    seen = detect_by_name(classifier, synthetic_frames.FIELD_LANDMARKS, render_field_frame(index))
+    for row in synthetic_frames.FIELD_LANDMARKS:
         if row.kind == "goal":
             found = seen[row.name]
             _, bearing = true_polar(row, FIELD_POSES[index])
@@ -113,7 +115,7 @@ def test_field_shows_both_goals_within_their_sigmas(classifier, index: int) -> N
 
 @pytest.mark.parametrize("index", range(len(FIELD_POSES)))
 def test_field_beacons_within_3_m_are_found_and_none_is_wrong(classifier, index: int) -> None:
-    seen = detect_by_name(classifier, synthetic.FIELD_LANDMARKS, render_field_frame(index))
+    seen = detect_by_name(classifier, synthetic_frames.FIELD_LANDMARKS, render_field_frame(index))
     for row in BEACONS:
         range_m, _ = true_polar(row, FIELD_POSES[index])
         assert row.name in seen or range_m > 2.9
@@ -122,13 +124,22 @@ def test_field_beacons_within_3_m_are_found_and_none_is_wrong(classifier, index:
 
 
 def test_world_without_landmarks_shows_none(classifier) -> None:
-    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, synthetic.render_frame((), (0.5, -0.7, 1.0))) == {}
+    assert (
+        detect_by_name(
+            classifier,
+            synthetic_frames.FIELD_LANDMARKS,
+            synthetic_frames.render_frame((), (0.5, -0.7, 1.0)),
+        )
+        == {}
+    )
 
 
 def test_posts_of_one_colour_are_no_landmarks(classifier) -> None:
     posts = [dataclasses.replace(row, upper_colour=row.lower_colour) for row in BEACONS]
-    frame = synthetic.render_frame(posts, (0.5, -0.4, 0.3))
-    detector = make_detector(synthetic.make_camera(), classifier, landmarks=synthetic.FIELD_LANDMARKS)
+    frame = synthetic_frames.render_frame(posts, (0.5, -0.4, 0.3))
+    detector = make_detector(
+        synthetic_frames.make_camera(), classifier, landmarks=synthetic_frames.FIELD_LANDMARKS
+    )
     view = detect_with_stages(detector, frame)
     assert view.detections == ()
     assert len(view.unused_blobs) >= 2
@@ -136,8 +147,8 @@ def test_posts_of_one_colour_are_no_landmarks(classifier) -> None:
 
 def test_black_and_noisy_frames_show_nothing(classifier) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (360, 360, 3), dtype=np.uint8)
-    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, noise) == {}
-    assert detect_by_name(classifier, synthetic.FIELD_LANDMARKS, np.zeros_like(noise)) == {}
+    assert detect_by_name(classifier, synthetic_frames.FIELD_LANDMARKS, noise) == {}
+    assert detect_by_name(classifier, synthetic_frames.FIELD_LANDMARKS, np.zeros_like(noise)) == {}
 
 
 def test_offset_viewpoint_measures_from_the_robots_origin(classifier) -> None:
@@ -145,7 +156,7 @@ def test_offset_viewpoint_measures_from_the_robots_origin(classifier) -> None:
     landmarks, frame = render_ring_frame(0)
     viewpoint = Viewpoint(0.6, forward_m=0.3)
     detector = make_detector(
-        synthetic.make_camera(), classifier, landmarks=landmarks, viewpoint=viewpoint
+        synthetic_frames.make_camera(), classifier, landmarks=landmarks, viewpoint=viewpoint
     )
     seen = {found.name: found for found in detect(detector, frame)}
     for row in landmarks:
@@ -157,13 +168,17 @@ def test_offset_viewpoint_measures_from_the_robots_origin(classifier) -> None:
 
 
 def test_view_accounts_for_every_blob(classifier) -> None:
-    detector = make_detector(synthetic.make_camera(), classifier, landmarks=synthetic.FIELD_LANDMARKS)
+    detector = make_detector(
+        synthetic_frames.make_camera(), classifier, landmarks=synthetic_frames.FIELD_LANDMARKS
+    )
     view = detect_with_stages(detector, render_field_frame(0))
-    pixels = sum(found.num_pixels for found in view.detections) + sum(b.num_pixels for b in view.unused_blobs)
+    pixels = sum(found.num_pixels for found in view.detections) + sum(
+        b.num_pixels for b in view.unused_blobs
+    )
     assert pixels == sum(blob.num_pixels for blob in view.blobs)
 
 
 def test_lookalikes_are_refused_when_the_detector_is_made(classifier) -> None:
     twins = [BEACONS[0], dataclasses.replace(BEACONS[0], name="twin")]
     with pytest.raises(DomainError, match="apart"):
-        make_detector(synthetic.make_camera(), classifier, landmarks=twins)
+        make_detector(synthetic_frames.make_camera(), classifier, landmarks=twins)

@@ -6,19 +6,21 @@ import math
 
 import pytest
 
+from catoptra_client.landmarks.candidates import CylinderView
 from catoptra_client.landmarks.detector import DEFAULT_CYLINDER
 from catoptra_client.landmarks.goals import find_goal_candidates
-from catoptra_client.landmarks.sightings import CylinderView
 from catoptra_client.landmarks.viewpoint import Viewpoint
 from catoptra_protocol.landmarks import Landmark
-from client.landmarks import synthetic
-from client.landmarks.ideal import make_blob
+from client.landmarks import synthetic_frames
+from client.landmarks.ideal_blobs import make_blob
 
-VIEW = CylinderView(synthetic.make_camera(), DEFAULT_CYLINDER, Viewpoint())
+VIEW = CylinderView(synthetic_frames.make_camera(), DEFAULT_CYLINDER, Viewpoint())
 GOAL = Landmark("g", "goal", 2.7, 0.0, 0.8, 0.3, 0.0, 0.3, "yellow", "yellow")
 
 
-def find_candidates(colour: str = "yellow", *, heights_m=(0.0, 0.3), width_m=0.8, range_m=2.0, **place):
+def find_candidates(
+    colour: str = "yellow", *, heights_m=(0.0, 0.3), width_m=0.8, range_m=2.0, **place
+):
     blob = make_blob(
         DEFAULT_CYLINDER, colour, heights_m=heights_m, width_m=width_m, range_m=range_m, **place
     )
@@ -34,7 +36,10 @@ def test_goal_gives_a_bearing_and_no_range(range_m, azimuth_rad) -> None:
 
 
 def test_bearing_is_less_sure_nearby() -> None:
-    near, far = find_candidates(range_m=0.8)[0].measurement, find_candidates(range_m=4.0)[0].measurement
+    near, far = (
+        find_candidates(range_m=0.8)[0].measurement,
+        find_candidates(range_m=4.0)[0].measurement,
+    )
     assert near.azimuth_sigma_rad > 4 * far.azimuth_sigma_rad
 
 

@@ -41,7 +41,10 @@ def test_no_pixels_count_nothing() -> None:
 
 
 def test_merging_adds_and_does_not_depend_on_order() -> None:
-    a, b = histogram_from_pixels(make_pixels((1, 2, 3))), histogram_from_pixels(make_pixels((200, 2, 3)))
+    a, b = (
+        histogram_from_pixels(make_pixels((1, 2, 3))),
+        histogram_from_pixels(make_pixels((200, 2, 3))),
+    )
     np.testing.assert_array_equal(merge_histograms(a, b).counts, merge_histograms(b, a).counts)
     assert merge_histograms(a, b).total == 2
 

@@ -13,14 +13,16 @@ from catoptra_client.landmarks import (
     label_frame,
     world_from_mirror,
 )
-from client.landmarks import synthetic
+from client.landmarks import synthetic_frames
 
 POSE = (0.9, 0.8, 0.4)
 
 
-def label_synthetic_frame(pose=POSE, landmarks=synthetic.FIELD_LANDMARKS, **margins) -> np.ndarray:
+def label_synthetic_frame(
+    pose=POSE, landmarks=synthetic_frames.FIELD_LANDMARKS, **margins
+) -> np.ndarray:
     return label_frame(
-        synthetic.make_camera(),
+        synthetic_frames.make_camera(),
         landmarks,
         world_from_mirror=world_from_mirror(Viewpoint(), np.array(pose)),
         margins=LabelMargins(**margins),
@@ -28,7 +30,10 @@ def label_synthetic_frame(pose=POSE, landmarks=synthetic.FIELD_LANDMARKS, **marg
 
 
 def test_labelled_pixels_have_the_hue_of_their_colour() -> None:
-    frame, labels = synthetic.render_frame(synthetic.FIELD_LANDMARKS, POSE), label_synthetic_frame()
+    frame, labels = (
+        synthetic_frames.render_frame(synthetic_frames.FIELD_LANDMARKS, POSE),
+        label_synthetic_frame(),
+    )
     weakest = {"cyan": 0, "magenta": 1, "yellow": 2}
     for colour, channel in weakest.items():
         pixels = frame[labels == COLOUR_CODES[colour]].astype(int)
@@ -38,7 +43,10 @@ def test_labelled_pixels_have_the_hue_of_their_colour() -> None:
 
 
 def test_neg_holds_no_landmark_hue() -> None:
-    frame, labels = synthetic.render_frame(synthetic.FIELD_LANDMARKS, POSE).astype(int), label_synthetic_frame()
+    frame, labels = (
+        synthetic_frames.render_frame(synthetic_frames.FIELD_LANDMARKS, POSE).astype(int),
+        label_synthetic_frame(),
+    )
     neg = frame[labels == NO_COLOUR]
     assert (neg[:, 0] - neg[:, 1]).max() < 30  # neither magenta nor yellow
     assert (neg[:, 2] - neg[:, 0]).max() < 30  # nor cyan

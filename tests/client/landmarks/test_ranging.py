@@ -10,22 +10,24 @@ import pytest
 from catoptra_client.landmarks.ranging import (
     azimuth_sigma,
     half_angle_from_range,
+    incidence_angle_sigma,
     is_clear_of_horizon,
     range_from_half_angle,
     range_from_slope,
     range_sigma,
-    incidence_angle_sigma,
 )
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import pixel_from_direction
-from client.landmarks import synthetic
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from client.landmarks import synthetic_frames
 
 
 @pytest.mark.parametrize(
     ("range_m", "sigma_mm"), [(0.5, 9.0), (2.0, 45.0), (3.0, 90.0), (5.0, 229.0)]
 )
 def test_sigma_of_a_foot_point_equals_the_table(range_m: float, sigma_mm: float) -> None:
-    sigma, _ = range_sigma(synthetic.make_camera(), drop_m=0.6, range_m=range_m, sigma_px=0.5)
+    sigma, _ = range_sigma(
+        synthetic_frames.make_camera(), drop_m=0.6, range_m=range_m, sigma_px=0.5
+    )
     # The table is rounded to millimetres and takes the slope of Eq. 2, 0.5 % off near the horizon.
     assert 1000 * sigma == pytest.approx(sigma_mm, rel=0.006, abs=0.6)
 
@@ -33,7 +35,7 @@ def test_sigma_of_a_foot_point_equals_the_table(range_m: float, sigma_mm: float)
 @pytest.mark.parametrize("drop_m", [0.6, 0.25, 1e-3, -0.4])
 @pytest.mark.parametrize("range_m", [0.8, 1.5, 4.0])
 def test_sigmas_equal_half_a_pixel_moved_in_the_image(drop_m: float, range_m: float) -> None:
-    camera, step = synthetic.make_camera(), 1e-5
+    camera, step = synthetic_frames.make_camera(), 1e-5
 
     def radius(r: float) -> float:
         pixel, _ = pixel_from_direction(camera, np.array([r, 0.0, drop_m]))
@@ -73,23 +75,25 @@ def test_tiny_slope_and_drop_on_the_same_side_still_have_a_range() -> None:
 
 def test_point_straight_below_has_a_range_but_no_azimuth() -> None:
     place = {"drop_m": 0.6, "range_m": 0.0, "sigma_px": 0.5}
-    sigma_m, valid = range_sigma(synthetic.make_camera(), **place)
+    sigma_m, valid = range_sigma(synthetic_frames.make_camera(), **place)
     assert valid
-    assert sigma_m == pytest.approx(0.6 * incidence_angle_sigma(synthetic.make_camera(), **place)[0])
-    assert azimuth_sigma(synthetic.make_camera(), **place) == (0.0, False)
+    assert sigma_m == pytest.approx(
+        0.6 * incidence_angle_sigma(synthetic_frames.make_camera(), **place)[0]
+    )
+    assert azimuth_sigma(synthetic_frames.make_camera(), **place) == (0.0, False)
 
 
 @pytest.mark.parametrize(("drop_m", "range_m"), [(-0.6, 0.0), (-0.6, 0.1), (0.0, 0.0)])
 def test_what_the_mirror_does_not_see_has_no_sigma(drop_m: float, range_m: float) -> None:
     place = {"drop_m": drop_m, "range_m": range_m, "sigma_px": 0.5}
     for sigma in (incidence_angle_sigma, range_sigma, azimuth_sigma):
-        assert sigma(synthetic.make_camera(), **place) == (0.0, False)
+        assert sigma(synthetic_frames.make_camera(), **place) == (0.0, False)
 
 
 def test_level_point_has_no_range_sigma_but_one_of_its_azimuth() -> None:
     place = {"drop_m": 0.0, "range_m": 2.0, "sigma_px": 0.5}
-    assert range_sigma(synthetic.make_camera(), **place) == (0.0, False)
-    assert azimuth_sigma(synthetic.make_camera(), **place)[1]
+    assert range_sigma(synthetic_frames.make_camera(), **place) == (0.0, False)
+    assert azimuth_sigma(synthetic_frames.make_camera(), **place)[1]
 
 
 @pytest.mark.parametrize("range_m", [-1.0, math.nan])

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_client.landmarks import COLOUR_CODES, IGNORE_LABEL, add_labelled_frame, empty_training_histograms, train
+from catoptra_client.landmarks import (
+    COLOUR_CODES,
+    IGNORE_LABEL,
+    add_labelled_frame,
+    empty_training_histograms,
+    train,
+)
 from catoptra_client.landmarks.histogram import histogram_from_pixels
 from catoptra_protocol.errors import DomainError
 

@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_client.localization.belief import Belief, is_positive_semidefinite, covariance_square_root
+from catoptra_client.localization.belief import (
+    Belief,
+    covariance_square_root,
+    is_positive_semidefinite,
+)
 from catoptra_protocol.errors import DomainError
 
 ZERO = np.zeros((3, 3))

@@ -20,8 +20,8 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement import predict_measurement
-from catoptra_client.localization.motion import control_covariance, propagate_pose
+from catoptra_client.localization.measurement_model import predict_measurement
+from catoptra_client.localization.motion_model import control_covariance, propagate_pose
 from catoptra_protocol.errors import DomainError
 
 LANDMARKS = [LandmarkPosition(f"l{i}", x, y) for i, (x, y) in enumerate([(3, 2), (-3, 2), (0, -3)])]
@@ -79,7 +79,9 @@ def simulate_run(seed: int, *, noise_scale: float) -> tuple[list[float], list[fl
     for step in range(STEPS):
         control = Control(0.2, 0.1)
         noise = np.sqrt(np.diagonal(control_covariance(control, NOISE))) * rng.normal(size=2)
-        truth = propagate_pose(truth, Control(control.distance_m + noise[0], control.turn_rad + noise[1]))
+        truth = propagate_pose(
+            truth, Control(control.distance_m + noise[0], control.turn_rad + noise[1])
+        )
         belief = predict(belief, control, noise=alphas)
         landmark = LANDMARKS[step % 3]
         seen = predict_measurement(truth, landmark)[0]

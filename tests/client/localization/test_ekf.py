@@ -20,7 +20,7 @@ from catoptra_client.localization import (
     predict,
     update,
 )
-from catoptra_client.localization.measurement import predict_measurement
+from catoptra_client.localization.measurement_model import predict_measurement
 
 LANDMARK = LandmarkPosition("l", 2.0, 1.0)
 R = np.diag([0.04, 0.002])
@@ -100,7 +100,9 @@ def test_innovation_across_the_back_is_small() -> None:
 
 def test_measurement_outside_the_gate_leaves_the_belief_itself() -> None:
     before = make_belief()
-    result = update(before, make_measurement(before, range_error_m=3.0), landmark=LANDMARK, gate=PAPER_GATE)
+    result = update(
+        before, make_measurement(before, range_error_m=3.0), landmark=LANDMARK, gate=PAPER_GATE
+    )
     assert result.status is UpdateStatus.OUTSIDE_GATE
     assert result.belief is before
     assert result.nis > 9.21034

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from catoptra_client.localization import make_landmark_map, find_landmark_position
+from catoptra_client.localization import find_landmark_position, make_landmark_map
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import read_landmarks
 

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from catoptra_client.localization import Control, OdometryPose, control_from_odometry
-from catoptra_client.localization.motion import propagate_pose
+from catoptra_client.localization.motion_model import propagate_pose
 
 START = OdometryPose(0.4, -0.2, 2.5)
 
 
 def propagate_odometry(control: Control) -> OdometryPose:
-    return OdometryPose(*propagate_pose(np.array([START.x_m, START.y_m, START.yaw_rad]), control).tolist())
+    return OdometryPose(
+        *propagate_pose(np.array([START.x_m, START.y_m, START.yaw_rad]), control).tolist()
+    )
 
 
 @pytest.mark.parametrize("distance_m", [0.2, -0.2, 0.0, 3.0])

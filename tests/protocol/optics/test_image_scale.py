@@ -6,9 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
-from catoptra_protocol.optics.image_scale import compute_image_scale, shows_whole_rim, visible_radii_px
+from catoptra_protocol.optics.image_scale import (
+    compute_image_scale,
+    shows_whole_rim,
+    visible_radii_px,
+)
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from helpers.worlds import PAPER_MIRROR, make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

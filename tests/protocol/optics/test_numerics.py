@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import (
     TWO_PI,
-    interpolate_angle,
     angle_difference,
+    interpolate_angle,
     wrap_angle,
 )
 
@@ -49,7 +49,11 @@ def test_angle_when_wrapped_is_congruent_and_inside(angle: float) -> None:
 
 @pytest.mark.parametrize("angle", [math.inf, -math.inf, math.nan])
 def test_angle_when_not_finite_is_refused(angle: float) -> None:
-    for wrong in (wrap_angle, partial(angle_difference, 0.0), partial(interpolate_angle, 0.0, fraction=1)):
+    for wrong in (
+        wrap_angle,
+        partial(angle_difference, 0.0),
+        partial(interpolate_angle, 0.0, fraction=1),
+    ):
         with pytest.raises(DomainError, match="finite"):
             wrong(angle)
 

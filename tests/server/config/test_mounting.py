@@ -7,7 +7,7 @@ import math
 import pytest
 
 from catoptra_server.config.mounting import read_mount
-from catoptra_server.config.settings import SectionReader
+from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import parse_sections
 
 ITEM = "Item=(Position=(X=25,Y=0,z=-50),Direction=(Y=0,Z=16384,X=0){})"

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.robot.description import (
+from catoptra_server.robot.robot_description import (
     EncoderDescription,
     InsDescription,
     RangeScannerDescription,
@@ -59,7 +59,9 @@ def test_udk_when_loaded_has_all_parts_with_their_sections_numbers() -> None:
     encoder = parts["EncTestW2"]
     assert isinstance(encoder, EncoderDescription)
     assert (encoder.shaft, encoder.noise_rad) == ("right", 0.005)
-    assert [(camera.name, camera.fov_rad) for camera in robot.perspective_cameras] == [("Camera", 1.3963)]
+    assert [(camera.name, camera.fov_rad) for camera in robot.perspective_cameras] == [
+        ("Camera", 1.3963)
+    ]
 
 
 def test_ut2004_when_loaded_reports_only_what_means_nothing(

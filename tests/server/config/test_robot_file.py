@@ -8,8 +8,8 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot, read_robots
-from catoptra_server.robot.description import GroundTruthDescription, OdometryDescription
-from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, write_edited_copy, find_line_number
+from catoptra_server.robot.robot_description import GroundTruthDescription, OdometryDescription
+from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
 
 BARE = """\
 [USARBot.P2AT]
@@ -103,7 +103,10 @@ def test_robot_when_broken_names_file_line_key_and_expectation(
     with pytest.raises(ConfigError) as caught:
         read_robot(path)
     error = caught.value
-    assert (error.location.file, error.location.line) == (str(path), find_line_number(path, edit.new))
+    assert (error.location.file, error.location.line) == (
+        str(path),
+        find_line_number(path, edit.new),
+    )
     assert error.key == key
     assert expected in error.expected
 
@@ -121,7 +124,9 @@ def test_file_when_it_has_no_robot_says_what_one_looks_like(tmp_path: Path) -> N
 
 
 def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Path) -> None:
-    robots, _ = read_robots(write_file(tmp_path, BARE + "[USARBot.P2DX]\n[Other.P3AT]\nmsgTimer=1\n"))
+    robots, _ = read_robots(
+        write_file(tmp_path, BARE + "[USARBot.P2DX]\n[Other.P3AT]\nmsgTimer=1\n")
+    )
     assert [robot.class_name for robot in robots] == ["USARBot.P2AT", "USARBot.P2DX"]
     robots, _ = read_robots(ROBOTS / "omni_p2dx.ini")
     assert [robot.class_name for robot in robots] == ["USARBot.OmniP2DX", "USARBot.P2DX"]
@@ -146,7 +151,11 @@ def test_base_when_the_section_is_silent_is_that_of_the_class(
 ) -> None:
     drive = read_robot(write_file(tmp_path, text))[0].drive
     assert (drive.wheel_radius_m, drive.wheel_separation_m) == (wheel_m, separation_m)
-    assert (drive.mass_kg, drive.max_speed_rad_s, drive.collision_size_m) == (mass_kg, speed_rad_s, body_m)
+    assert (drive.mass_kg, drive.max_speed_rad_s, drive.collision_size_m) == (
+        mass_kg,
+        speed_rad_s,
+        body_m,
+    )
 
 
 def test_p3at_when_asked_reports_the_dimensions_of_udk(tmp_path: Path) -> None:

@@ -8,10 +8,15 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.wire.image import ImageType
+from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.server_file import ServerOptions, ServerSettings, read_server_options, resolve_settings
-from catoptra_server.imaging.multi_view import multi_view_layout
+from catoptra_server.config.server_file import (
+    ServerOptions,
+    ServerSettings,
+    read_server_options,
+    resolve_settings,
+)
+from catoptra_server.frames.multi_view import multi_view_layout
 
 # As they stand in UDK's DefaultUSAR.ini.
 UDK = """[USARBotAPI.BotServer]
@@ -105,7 +110,9 @@ def test_key_when_it_means_nothing_is_reported_also_where_it_is_the_only_one(
 
 def test_tiles_when_partly_told_are_udk_s_for_the_rest(tmp_path: Path) -> None:
     file = write_file(tmp_path, "[USARBotAPI.MultiView]\nCameraTileX=4\nCameraTileY=1\n")
-    assert read_server_options(file) == ServerOptions(multi_view=multi_view_layout(4, 1, width_px=320, height_px=240))
+    assert read_server_options(file) == ServerOptions(
+        multi_view=multi_view_layout(4, 1, width_px=320, height_px=240)
+    )
 
 
 def test_settings_when_nobody_speaks_are_the_usual_ones() -> None:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.unreal_ini import (
     parse_sections,
-    unquote,
-    read_sections,
     parse_struct,
+    read_sections,
     strip_comment,
+    unquote,
 )
 
 

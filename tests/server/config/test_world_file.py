@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_protocol.wire.reports import StartPose, StartPoses, line_from_report
+from catoptra_protocol.usarsim.reports import StartPose, StartPoses, line_from_report
 from catoptra_server.config.world_file import read_world
-from catoptra_server.scene.description import (
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
@@ -30,8 +31,14 @@ from catoptra_server.scene.description import (
     Victim,
     World,
 )
-from catoptra_server.scene.meshes import build_scene
-from helpers.configs import FIELD, WORLDS, Edit, write_edited_copy, find_line_number, write_small_world
+from helpers.configs import (
+    FIELD,
+    WORLDS,
+    Edit,
+    find_line_number,
+    write_edited_copy,
+    write_small_world,
+)
 
 
 def read_world_text(folder: Path, *lines: str) -> World:
@@ -110,7 +117,9 @@ def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -
 
 def test_start_when_written_is_a_place(tmp_path: Path) -> None:
     line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
-    assert read_world_text(tmp_path, line).starts == (StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),)
+    assert read_world_text(tmp_path, line).starts == (
+        StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
+    )
 
 
 def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
@@ -229,7 +238,9 @@ def world_or_error(path: Path) -> tuple[World | None, ConfigError | None]:
 def test_world_when_arbitrary_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, lines: list[tuple[str, str]]
 ) -> None:
-    path = write_small_world(tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines))
+    path = write_small_world(
+        tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines)
+    )
     world, refused = world_or_error(path)
     assert world is None or np.isfinite(build_scene(world).corners).all()
     assert refused is None or str(path) in str(refused)

@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_server.doctor import egl_devices as module
-from catoptra_server.doctor.children import run_in_subprocess
+from catoptra_server.doctor.subprocess_check import run_in_subprocess
 from helpers.opengl import device_or_skip
 
 
@@ -33,7 +33,9 @@ def test_library_when_broken_is_found_by_the_process_that_asks(tmp_path: Path) -
 
 def test_drivers_when_there_are_none_are_missed(tmp_path: Path) -> None:
     device_or_skip().close()
-    answer = run_in_subprocess("egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)})
+    answer = run_in_subprocess(
+        "egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
+    )
     if not answer.error and answer.values["devices"]:
         pytest.skip("needs libglvnd: this libEGL is a driver itself")
     assert not answer.values.get("devices")

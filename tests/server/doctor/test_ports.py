@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from catoptra_server.doctor.finding import Level, exit_status
-from catoptra_server.doctor.ports import check_running_server, check_ports
+from catoptra_server.doctor.ports import check_ports, check_running_server
 from client.scripted_server import serve_script
 
 HOST = "127.0.0.1"

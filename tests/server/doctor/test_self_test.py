@@ -36,13 +36,15 @@ def test_error_when_the_picture_is_black_is_infinite() -> None:
 
 def render_discs() -> np.ndarray:
     """Return the picture that the self-test draws by trace."""
-    from catoptra_protocol.optics.frames import Pose
-    from catoptra_server.plan.render_plan import plan_from_settings
-    from catoptra_server.render.choice import choose_renderer
+    from catoptra_protocol.optics.transforms import Pose
+    from catoptra_server.planning.renderer_choice import choose_renderer
+    from catoptra_server.render.render_plan import plan_from_settings
     from catoptra_server.render.renderer import CameraState
-    from catoptra_server.scene.meshes import build_scene
+    from catoptra_server.scene.scene_mesh import build_scene
 
     world = module._disc_world(module._disc_directions())
     choice = choose_renderer("trace", build_scene(world), world, threads=1)
-    plan = plan_from_settings(module._RENDER_SETTINGS, module._CAMERA, kind=choice.kind, reason="test")
+    plan = plan_from_settings(
+        module._RENDER_SETTINGS, module._CAMERA, kind=choice.kind, reason="test"
+    )
     return choice.renderer.prepare(module._CAMERA, plan).render(CameraState(Pose.identity())).rgb

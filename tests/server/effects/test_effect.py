@@ -7,10 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import EffectSettings, EffectMode, EffectSetting, float32_array
-from catoptra_server.effects.frame_key import NoiseSeed
-from helpers.effects import CAMERA, CAPTURE_CONTEXT, NOISE_SEED, IMAGE_EFFECTS, make_test_pattern, make_effect
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, float32_array
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    IMAGE_EFFECTS,
+    NOISE_SEED,
+    make_effect,
+    make_test_pattern,
+)
 
 NAMES = IMAGE_EFFECTS
 
@@ -62,6 +69,9 @@ def test_uniform_when_made_is_float32() -> None:
 
 
 def test_wishes_when_equal_are_looked_up_by_each_other() -> None:
-    one, other = (EffectSettings((EffectSetting(make_effect("Bayer"), EffectMode.AUTO),), 0.25) for _ in range(2))
+    one, other = (
+        EffectSettings((EffectSetting(make_effect("Bayer"), EffectMode.AUTO),), 0.25)
+        for _ in range(2)
+    )
     assert (one, hash(one)) == (other, hash(other))
     assert replace(one, threshold_px=2.0) != one

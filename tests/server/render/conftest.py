@@ -8,11 +8,11 @@ from contextlib import ExitStack
 import pytest
 
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
 from helpers.opengl import device_or_skip
 from helpers.renderers import RendererFactory
 

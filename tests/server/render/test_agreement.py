@@ -14,21 +14,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera, pixel_from_direction
-from catoptra_protocol.optics.cube import Face
+from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.render_plan import PerPixel, RenderPlan, MirrorSurface
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.render_plan import MirrorSurface, PerPixel, RenderPlan
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, tessellation_from_polygon_count
+from catoptra_server.scene.mirror_mesh import (
+    Interpolation,
+    Tessellation,
+    tessellation_from_polygon_count,
+)
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.pictures import mask_away_from_edges, level_differences
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world, write_smooth_texture
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    write_smooth_texture,
+)
 
 
 def both_pictures(
@@ -99,7 +112,10 @@ def test_turned_image_off_centre_shows_what_trace_shows(device: GlDevice) -> Non
 
 def test_textures_and_point_lights_show_what_trace_shows(device: GlDevice, tmp_path: Path) -> None:
     camera = make_omni_camera()
-    world = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png"))
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
     plan = make_plan(camera, face_size_px=448)
     # One more level: the atlas is interpolated between texels of light that varies.
     assert_same(*both_pictures(device, world, camera, plan), levels=3)

@@ -13,18 +13,18 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
-from catoptra_protocol.optics.cube import face_from_direction
+from catoptra_protocol.optics.cube_map import face_from_direction
+from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Image
-from catoptra_server.render.shutter import Shutter
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.meshes import build_scene
-from helpers.effects import CAMERA_STATE, make_effect
-from helpers.pictures import mask_away_from_edges, level_differences
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.effect_measurement import CAMERA_STATE, make_effect
+from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.worlds import make_omni_camera, make_plan, make_test_world
 
 CAMERA = make_omni_camera(width_px=240)

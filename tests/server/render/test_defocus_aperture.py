@@ -16,26 +16,26 @@ from functools import cache
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.config.shipped import find_configuration
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.defocus import Defocus
-from catoptra_server.effects.defocus_by_depth import DefocusByDepth
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.shared.lens_blur import Aperture, lens_focus_coordinate
-from catoptra_server.effects.vignetting import inverse_focal_length
+from catoptra_server.effects.kernels.lens_blur import Aperture, lens_focus_coordinate
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
+from catoptra_server.effects.medium.vignetting import inverse_focal_length
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.description import Box, Item, Material, World
-from catoptra_server.scene.meshes import build_scene
-from helpers.aperture import LensRays, pinhole_lens, render_through_lens, telecentric_lens
-from helpers.blur import inner_pixels
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.blur_measurement import inner_pixels
+from helpers.lens_ray_tracer import LensRays, pinhole_lens, render_through_lens, telecentric_lens
 from helpers.worlds import make_omni_camera, make_plan
 
 WIDTH_PX = 640

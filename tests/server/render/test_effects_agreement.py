@@ -13,21 +13,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.frame_key import NoiseSeed
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import OmniView
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.description import Box, Item, Material, World
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS
-from helpers.effects import CAMERA, make_effect
-from helpers.pictures import mask_away_from_edges, level_differences
-from helpers.worlds import HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.effect_measurement import CAMERA, make_effect
+from helpers.image_comparison import level_differences, mask_away_from_edges
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+)
 
 SENSOR = tuple(
     make_effect(name, changes)
@@ -93,7 +100,12 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
 ) -> None:
     black = Material((0.0, 0.0, 0.0), unlit=True)
     far = Item("far", Box((0.2, 3.0, 1.0)), Pose.from_rpy((-8.0, 0.5, -0.5)), black)
-    world = World("room", (*make_test_world().items, far), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), background=(background,) * 3)
+    world = World(
+        "room",
+        (*make_test_world().items, far),
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+        background=(background,) * 3,
+    )
     trace = TraceRenderer(build_scene(world), world, threads=2)
     view = trace.prepare(CAMERA, make_plan(CAMERA))
     fog = make_effect("Fog", {"density_per_m": 10.0**step})

@@ -13,41 +13,41 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-    pixel_from_direction,
-)
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.figures.polygon_measure import displacement_px
-from catoptra_server.plan.error_bound import error_bound
-from catoptra_server.plan.face_texels import texel_footprint
-from catoptra_server.plan.render_plan import (
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_from_direction,
+    pixel_sample_positions,
+)
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.planning.texel_footprint import texel_footprint
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.render_plan import (
+    MirrorSurface,
     PerPixel,
     RendererKind,
     RenderPlan,
     RenderSettings,
-    MirrorSurface,
     plan_from_settings,
 )
-from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.renderer import CameraState, Image, Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.samples import RaySamples, omni_rays
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.render.trace.ray_samples import RaySamples, omni_rays
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
-from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.outlines import (
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_studies.camera_figures.polygon_displacement import displacement_px
+from helpers.displacement_targets import (
     DisplacementTargets,
     max_displacement_px,
     scatter_discs,
     scatter_squares,
 )
-from helpers.worlds import PAPER_MIRROR, CAMERA_STATE, make_omni_camera
+from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.worlds import CAMERA_STATE, PAPER_MIRROR, make_omni_camera
 
 STRONG = HyperbolicMirror(3.0, 0.1)
 NEARLY_PLANE = HyperbolicMirror(2.1, 0.2)
@@ -63,7 +63,12 @@ def split(sectors: int, rings: int, way: str) -> Tessellation:
 
 
 def plan_for(
-    camera: OmniCamera, surface: MirrorSurface, kind: RendererKind, *, size: int = 0, samples: int = 1
+    camera: OmniCamera,
+    surface: MirrorSurface,
+    kind: RendererKind,
+    *,
+    size: int = 0,
+    samples: int = 1,
 ) -> RenderPlan:
     """Return a plan with one face sample a texel, and faces of a size, 0 = as the plan has them."""
     wish = RenderSettings(surface, samples, size, 1)
@@ -136,7 +141,9 @@ def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Len
     camera = camera_of(lens)
     plan = plan_for(camera, PerPixel(), RendererKind.TRACE)
     rng = np.random.default_rng(1)
-    turns = [CAMERA_STATE] + [CameraState(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)]
+    turns = [CAMERA_STATE] + [
+        CameraState(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)
+    ]
     seen_px = max(ray_errors_px(camera, plan, turn).max() for turn in turns)
     bound_px = error_bound(camera, plan).geometric.max_px
     assert seen_px <= bound_px <= 2.0 * seen_px
@@ -258,7 +265,7 @@ def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
     one = plan_for(camera, PerPixel(), RendererKind.RASTER)
     four = replace(one, face_samples=4)
     # Edges that rise by a third of their length are the worst for the pattern of four: that it
-    # displaces them as far as said is searched in tests/server/plan/test_face_lookup_error.py.
+    # displaces them as far as said is searched in tests/server/planning/test_face_lookup_error.py.
     seen_px = largest_seen_px(device, camera, four, 15)
     bound_px = error_bound(camera, four).geometric.max_px
     assert seen_px <= bound_px < 0.7 * error_bound(camera, one).geometric.max_px

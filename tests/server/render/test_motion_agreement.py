@@ -13,19 +13,27 @@ from functools import cache
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.decide import plan_effects
-from catoptra_server.effects.effect import Effect, EffectSettings, EffectMode, EffectSetting
-from catoptra_server.effects.motion_blur import MotionBlur
-from catoptra_server.effects.rolling_shutter import RollingShutter
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import CameraState, OmniView, Renderer
-from catoptra_server.render.staging import apply_scene_effects
+from catoptra_server.render.scene_effects import apply_scene_effects
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.setup import StartupConfig
-from helpers.motion import START_POSES, camera_state_after, crossing_object, driving_camera_state, average_frames, rmse, load_world_setup
+from catoptra_server.startup import StartupConfig
+from helpers.motion_reference import (
+    START_POSES,
+    average_frames,
+    camera_state_after,
+    crossing_object,
+    driving_camera_state,
+    load_world_setup,
+    rmse,
+)
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=200)
@@ -69,7 +77,9 @@ Moving = Callable[[Pose], CameraState]
 def lasting(renderer: Renderer, exposure: CameraState, *effects: Effect) -> CameraState:
     """Return the exposure as the server stages it for effects."""
     wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects))
-    return apply_scene_effects(exposure, plan_effects(wishes, renderer.summarize_scene(exposure, CAMERA), CAMERA))
+    return apply_scene_effects(
+        exposure, plan_effects(wishes, renderer.summarize_scene(exposure, CAMERA), CAMERA)
+    )
 
 
 def assert_like_frames(renderer: Renderer, view: OmniView, exposure: CameraState) -> None:
@@ -117,7 +127,9 @@ def rows_of_frames(view: OmniView, exposure: CameraState) -> Floats:
     """Return ROWS of the picture whose every row is that of the frame at its own time."""
     rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)
-    frames = [view.render_linear(camera_state_after(exposure, float(times_s[row])))[row] for row in rows]
+    frames = [
+        view.render_linear(camera_state_after(exposure, float(times_s[row])))[row] for row in rows
+    ]
     return np.stack(frames).astype(np.float64)
 
 

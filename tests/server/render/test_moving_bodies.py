@@ -13,20 +13,28 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
-from catoptra_server.scene.description import Box, Item, Light, Material, World
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import ROBOT_MESH, TWO_ROBOTS, place_cube
-from helpers.pictures import mask_away_from_edges, level_differences
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Light, Material, World
+from helpers.dynamic_objects import ROBOT_MESH, TWO_ROBOTS, place_cube
+from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+)
 
 HERE = Pose.identity()
 AHEAD = PerspectiveCamera(60, 60, math.radians(60.0))
@@ -57,7 +65,10 @@ def green_wall(x: float) -> Item:
     return Item("wall", shape, Pose.from_rpy((x, 0, 0)), Material((0, 1, 0), unlit=True))
 
 
-@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)])
+@pytest.mark.parametrize(
+    "lights",
+    [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)],
+)
 def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[Light, ...]) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
     exposure = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
@@ -97,7 +108,10 @@ def test_wall_before_a_body_hides_it(make: RendererFactory) -> None:
 
 @pytest.mark.parametrize("first_is_nearer", [True, False])
 def test_nearer_of_two_bodies_hides_the_other(make: RendererFactory, first_is_nearer: bool) -> None:
-    near, far = place_cube(1.0, 0.0, 0.0, size_m=0.2), DynamicObject(ROBOT_MESH, Pose.from_rpy((1.8, 0, 0.2)))
+    near, far = (
+        place_cube(1.0, 0.0, 0.0, size_m=0.2),
+        DynamicObject(ROBOT_MESH, Pose.from_rpy((1.8, 0, 0.2))),
+    )
     bodies = (near, far) if first_is_nearer else (far, near)
     assert ahead(make, world_of(), *bodies)[30, 30].tolist() == [255, 0, 0]
 

@@ -8,18 +8,24 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import FaceCamera, Renderer
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.image_comparison import level_differences
 from helpers.markers import marker_centroid, marker_world
-from helpers.pictures import level_differences
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_test_world
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_test_world,
+)
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
 

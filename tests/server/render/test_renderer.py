@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import CameraState, FaceCamera
 
 

@@ -14,17 +14,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.scene.description import Box, Item, Material, MeshFile, World
-from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import Tessellation
-from helpers.pictures import level_differences
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, translate_world, make_omni_camera, make_plan, make_test_world
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, MeshFile, World
+from helpers.image_comparison import level_differences
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    translate_world,
+)
 
 Draw = Callable[..., Image]
 WAYS = ("trace", "cells", "raster")
@@ -117,7 +126,11 @@ def test_triangles_when_thin_as_hairs_are_drawn_or_not_but_harm_nothing(
     assert (level_differences(with_hairs, empty) > 0).mean() < 0.02
 
 
-@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)], ids=["sun", "lamp"])
+@pytest.mark.parametrize(
+    "lights",
+    [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
+    ids=["sun", "lamp"],
+)
 def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
     draw: Draw, lights: tuple[object, ...]
 ) -> None:

@@ -14,41 +14,49 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.description import Box, DirectionalLight, Light, PointLight, World
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS
-from helpers.pictures import mask_away_from_edges, level_differences
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, DirectionalLight, Light, PointLight, World
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
 from helpers.shadows import (
-    HEMISPHERE_LIGHT,
-    GREY,
-    POINT_LIGHT,
     DIRECTIONAL_LIGHT,
+    GREY,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
     box_item,
     floor_item,
     make_inward_facing_room,
-    reference_radiance,
     make_world,
+    reference_radiance,
 )
-from helpers.worlds import POINT_LIGHT as ROOM_LAMP
-from helpers.worlds import HEMISPHERE_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+from helpers.worlds import (
+    CAMERA_STATE,
+    HEMISPHERE_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+)
 from helpers.worlds import DIRECTIONAL_LIGHT as ROOM_SUN
+from helpers.worlds import POINT_LIGHT as ROOM_LAMP
 
 CAMERA = PerspectiveCamera(160, 160, math.radians(80.0))
 # 1.5 m above the floor, x ahead turned down; a little aside so that nothing lines up by accident.
 ABOVE = Pose.from_rpy((0.05, 0.03, -1.5), (0.0, -0.5 * math.pi, 0.0))
 BOXES = make_world(
-    floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), box_item(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02))
+    floor_item(),
+    box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)),
+    box_item(-0.5, -0.4, -0.4, (0.1, 0.4, 0.02)),
 )
 
 
@@ -69,7 +77,9 @@ def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
     rays, _ = CAMERA.direction_from_pixel(np.stack((u, v), axis=-1))
     rays = at.rotate_directions(rays.reshape(-1, 3))
-    distance, normals = EmbreeRayCaster(scene).closest_hits(np.tile(at.translation, (len(rays), 1)), rays)
+    distance, normals = EmbreeRayCaster(scene).closest_hits(
+        np.tile(at.translation, (len(rays), 1)), rays
+    )
     met = np.flatnonzero(np.isfinite(distance))
     points = at.translation + distance[met, None] * rays[met]
     # Which triangle: that of the same normal whose plane is nearest.
@@ -121,7 +131,9 @@ def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
 ) -> None:
     e, b = math.radians(elevation_deg), math.radians(bearing_deg)
     low = (math.cos(e) * math.cos(b), math.cos(e) * math.sin(b), math.sin(e))
-    world = make_world(floor_item(6.0), lights=(HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3)))
+    world = make_world(
+        floor_item(6.0), lights=(HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3))
+    )
     exposure = seen(ABOVE)
     without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
     assert level_differences(shown(make, world, exposure), without).max() <= 1
@@ -164,8 +176,12 @@ def test_body_when_it_stands_in_the_light_casts_the_shadow_of_the_same_thing_in_
 
 def test_body_when_in_the_shadow_of_the_scene_is_dark(make: RendererFactory) -> None:
     roof = box_item(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
-    world = make_world(floor_item(), roof, lights=(HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)))
-    body = DynamicObject(build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0)))
+    world = make_world(
+        floor_item(), roof, lights=(HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3))
+    )
+    body = DynamicObject(
+        build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0))
+    )
     at = Pose.from_rpy((0.0, 0.0, -0.6), (0.0, -0.5 * math.pi, 0.0))
     dark, bright = (shown(make, world, e) for e in (seen(at, body), CameraState(at, (body,))))
     middle = (CAMERA.height_px // 2, CAMERA.width_px // 2)
@@ -181,7 +197,9 @@ def test_item_when_it_lets_light_through_casts_no_shadow(make: RendererFactory) 
 
 
 @pytest.mark.parametrize("has_bodies", [False, True])
-@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, ROOM_SUN), (HEMISPHERE_LIGHT, ROOM_SUN, ROOM_LAMP)])
+@pytest.mark.parametrize(
+    "lights", [(HEMISPHERE_LIGHT, ROOM_SUN), (HEMISPHERE_LIGHT, ROOM_SUN, ROOM_LAMP)]
+)
 def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
     device: GlDevice, lights: tuple[Light, ...], has_bodies: bool
 ) -> None:

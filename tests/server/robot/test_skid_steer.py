@@ -11,9 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.skid_steer import WheelTravel, WheelSpin, integrate_arc, wheel_travel, apply_slip
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.skid_steer import (
+    WheelSpin,
+    WheelTravel,
+    apply_slip,
+    integrate_arc,
+    wheel_travel,
+)
 from helpers.robots import BASE
 
 ORIGIN = PlanarPose(0.0, 0.0, 0.0)
@@ -36,7 +42,9 @@ def test_way_when_both_sides_spin_alike_is_straight() -> None:
 
 
 def test_turn_when_left_is_faster_is_clockwise() -> None:
-    assert wheel_travel(BASE, WheelSpin(1.0, -1.0), 1.0).turn_rad(BASE) == pytest.approx(0.26 / 0.4712)
+    assert wheel_travel(BASE, WheelSpin(1.0, -1.0), 1.0).turn_rad(BASE) == pytest.approx(
+        0.26 / 0.4712
+    )
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1e-300, 1e-12, 1e-8, 1e-3, 1.0, math.pi, 6.0, -2.0])
@@ -94,7 +102,9 @@ def test_slip_noise_when_cut_into_ticks_has_the_same_spread(ticks: int) -> None:
     ends = []
     for run in range(400):
         ways = [
-            apply_slip(base, WheelTravel(1.0 / ticks, 1.0 / ticks), stream.generator(run * ticks + tick))
+            apply_slip(
+                base, WheelTravel(1.0 / ticks, 1.0 / ticks), stream.generator(run * ticks + tick)
+            )
             for tick in range(ticks)
         ]
         ends.append(sum(way.left_m for way in ways))

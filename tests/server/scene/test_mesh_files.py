@@ -10,18 +10,18 @@ import pytest
 import trimesh
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.scene.description import MeshFile
 from catoptra_server.scene.mesh_files import LoadedMesh, load_mesh_file
-from helpers.meshes import (
+from catoptra_server.scene.world_description import MeshFile
+from helpers.mesh_file_samples import (
+    export_mesh,
     make_coloured_square,
     make_plain_square,
+    make_textured_square,
     write_textured_dae,
     write_textured_gltf,
-    make_textured_square,
     write_tinted_dae,
     write_tinted_glb,
     write_tinted_obj,
-    export_mesh,
 )
 
 RED = (1.0, 0.0, 0.0)
@@ -80,7 +80,11 @@ def test_colours_of_vertices_when_in_a_file_are_the_faces(tmp_path: Path, ending
 
 @pytest.mark.parametrize(
     ("write", "albedo"),
-    [(write_tinted_glb, HALF / 255.0), (write_tinted_obj, HALF_OF_SRGB), (write_tinted_dae, HALF_OF_SRGB)],
+    [
+        (write_tinted_glb, HALF / 255.0),
+        (write_tinted_obj, HALF_OF_SRGB),
+        (write_tinted_dae, HALF_OF_SRGB),
+    ],
     ids=["glb is linear", "obj is sRGB", "dae is sRGB"],
 )
 def test_colour_of_a_material_when_without_texture_is_linear_light(
@@ -93,7 +97,9 @@ def test_colour_of_a_material_when_without_texture_is_linear_light(
 
 
 def test_mesh_when_it_says_nothing_of_its_colour_is_mid_grey(tmp_path: Path) -> None:
-    np.testing.assert_array_equal(load(export_mesh(make_plain_square(), tmp_path / "m.stl")).albedo, 0.5)
+    np.testing.assert_array_equal(
+        load(export_mesh(make_plain_square(), tmp_path / "m.stl")).albedo, 0.5
+    )
 
 
 def test_mesh_when_scaled_is_in_metres(tmp_path: Path) -> None:

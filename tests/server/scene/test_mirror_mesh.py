@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube_map import (
+    MIRROR_FROM_FACE_ROTATIONS,
+    face_coordinates,
+    face_from_direction,
+)
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.scene.mirror_mesh import (
     Interpolation,
     Tessellation,
@@ -149,7 +153,9 @@ def test_split_when_only_n_is_given_has_n_polygons(polygons: int, split: tuple[i
 
 
 def test_split_when_of_any_n_is_a_surface() -> None:
-    assert [tessellation_from_polygon_count(n).num_polygons for n in range(3, 300)] == list(range(3, 300))
+    assert [tessellation_from_polygon_count(n).num_polygons for n in range(3, 300)] == list(
+        range(3, 300)
+    )
 
 
 @pytest.mark.parametrize(("sectors", "rings"), [(2, 4), (8, 0), (-8, -2), (0, 0)])

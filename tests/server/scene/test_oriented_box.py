@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances, closest_box_hits
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0)), (1.0, 2.0, 0.5))
@@ -57,6 +57,8 @@ def test_hits_when_a_box_is_met_have_the_normal_of_the_face_that_is_entered() ->
 
 
 def test_hits_when_inside_a_box_face_the_ray() -> None:
-    distances, normals = closest_box_hits([BOX], np.array([BOX.world_from_box.translation]), np.eye(3)[:1])
+    distances, normals = closest_box_hits(
+        [BOX], np.array([BOX.world_from_box.translation]), np.eye(3)[:1]
+    )
     assert distances.tolist() == [0.0]
     assert normals.tolist() == [[-1.0, 0.0, 0.0]]

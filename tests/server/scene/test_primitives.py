@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.description import Box, Cylinder, Rectangle, Ring, SphereBand
 from catoptra_server.scene.primitives import (
     Patch,
     box,
+    concatenate,
     cylinder,
     grid,
-    concatenate,
     quad,
     rectangle,
     ring,
     sphere_band,
 )
+from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
 
 
 def area_vectors(patch: Patch) -> Floats:

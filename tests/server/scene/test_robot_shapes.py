@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.robot_shapes import (
     MIRROR_MATERIAL,
     OmniCameraTower,

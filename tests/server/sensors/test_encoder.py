@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import EncoderDescription
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import EncoderDescription
 from catoptra_server.robot.skid_steer import WheelTravel
-from catoptra_server.sensors import SensorContext, MotionStep
+from catoptra_server.sensors import MotionStep, SensorContext
 from catoptra_server.sensors.encoder import EncoderBank
 from helpers.robots import BASE, ENCODER
 
@@ -23,7 +23,9 @@ NOW = SensorContext(1.0, 0, Pose.identity())
 
 
 def make_bank(*encoders: EncoderDescription) -> EncoderBank:
-    return EncoderBank(encoders or (ENCODER, RIGHT), BASE, RandomSource.from_names(1, "R", "encoders"))
+    return EncoderBank(
+        encoders or (ENCODER, RIGHT), BASE, RandomSource.from_names(1, "R", "encoders")
+    )
 
 
 def roll(encoders: EncoderBank, left_m: float, right_m: float) -> EncoderBank:

@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import GpsReading
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import GpsDescription, Mount
-from catoptra_server.scene.description import GpsOrigin
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import GpsReading
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import GpsDescription, Mount
+from catoptra_server.scene.world_description import GpsOrigin
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.gps import GpsSensor, geodetic_from_local
-from catoptra_server.sensors.sight import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
 from helpers.robots import BASE, GPS
-from helpers.rooms import RoomRayCaster
+from helpers.room_ray_caster import RoomRayCaster
 
 ORIGIN = GpsOrigin(39.1339, -77.2166)
 AT_CHASSIS_ORIGIN = dataclasses.replace(GPS, mount=Mount())

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import InsDescription
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import InsDescription
 from catoptra_server.robot.skid_steer import WheelTravel
-from catoptra_server.sensors import SensorContext, MotionStep
+from catoptra_server.sensors import MotionStep, SensorContext
 from catoptra_server.sensors.ins import InsSensor
 from helpers.robots import BASE, INS
 
@@ -33,7 +33,9 @@ def error_after_standing(sensor: InsSensor, *, ticks: int, tick_s: float) -> tup
 
 def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
     reading = make_sensor().read(SensorContext(0.0, 0, POSE))
-    assert reading.location_m == pytest.approx(tuple(POSE.transform_points(np.array(INS.mount.position_m))))
+    assert reading.location_m == pytest.approx(
+        tuple(POSE.transform_points(np.array(INS.mount.position_m)))
+    )
     assert reading.rotation_rad == pytest.approx((0.0, 0.0, 0.5))
 
 
@@ -41,7 +43,10 @@ def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
 def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
     ticks: int, tick_s: float
 ) -> None:
-    ends = [error_after_standing(make_sensor(seed, noise=0.01), ticks=ticks, tick_s=tick_s) for seed in range(300)]
+    ends = [
+        error_after_standing(make_sensor(seed, noise=0.01), ticks=ticks, tick_s=tick_s)
+        for seed in range(300)
+    ]
     # Relative to the mount's own 0.1 m in x; 300 runs know a spread to 4 %.
     assert np.std(ends, axis=0) == pytest.approx(0.01, rel=0.15)
     assert np.mean(ends, axis=0) == pytest.approx((0.1, 0.0, 0.0), abs=0.002)
@@ -49,7 +54,13 @@ def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
 
 def test_drift_when_time_goes_on_grows_with_its_root() -> None:
     spreads = [
-        np.std([error_after_standing(make_sensor(s, noise=0.01), ticks=n, tick_s=0.5) for s in range(200)], axis=0)
+        np.std(
+            [
+                error_after_standing(make_sensor(s, noise=0.01), ticks=n, tick_s=0.5)
+                for s in range(200)
+            ],
+            axis=0,
+        )
         for n in (2, 32)
     ]
     assert spreads[1] / spreads[0] == pytest.approx(4.0, rel=0.25)
@@ -69,7 +80,9 @@ def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
     assert reading.rotation_rad[2] == pytest.approx(3.0)
 
 
-def error_after_driving(sensor: InsSensor, distance_m: float, turn_rad: float, *, ticks: int) -> tuple[float, ...]:
+def error_after_driving(
+    sensor: InsSensor, distance_m: float, turn_rad: float, *, ticks: int
+) -> tuple[float, ...]:
     """Return the errors of x, y and yaw after a way that goes out and a turn, in so many ticks."""
     for tick in range(ticks + 1):
         done = tick / ticks
@@ -86,21 +99,28 @@ def error_after_driving(sensor: InsSensor, distance_m: float, turn_rad: float, *
 
 
 def test_bias_when_precise_to_a_thousand_is_up_to_half_a_millimetre_a_metre() -> None:
-    errors = [error_after_driving(make_sensor(s, precision=1000.0), 2.0, 0.5, ticks=10) for s in range(300)]
+    errors = [
+        error_after_driving(make_sensor(s, precision=1000.0), 2.0, 0.5, ticks=10)
+        for s in range(300)
+    ]
     # Uniform: 2 m make at most 1 mm, 0.5 rad at most 0.25 microradians.
     assert np.abs(errors).max(axis=0) == pytest.approx((1e-3, 1e-3, 2.5e-7), rel=0.05)
     assert np.mean(errors, axis=0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
 
 def test_bias_when_the_way_is_cut_finer_is_the_same() -> None:
-    coarse, fine = (error_after_driving(make_sensor(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64))
+    coarse, fine = (
+        error_after_driving(make_sensor(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64)
+    )
     assert coarse == pytest.approx(fine)
     assert coarse[0] != 0.0
 
 
 @pytest.mark.parametrize("changes", [{"precision": 0.0}, {"precision": 9.0, "is_drifting": False}])
 def test_bias_when_not_asked_for_is_none(changes: dict[str, object]) -> None:
-    assert error_after_driving(make_sensor(**changes), 2.0, 0.5, ticks=4) == pytest.approx((0.0, 0.0, 0.0))
+    assert error_after_driving(make_sensor(**changes), 2.0, 0.5, ticks=4) == pytest.approx(
+        (0.0, 0.0, 0.0)
+    )
 
 
 @pytest.mark.parametrize(("is_timed", "time_s"), [(True, 1.5), (False, None)])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.robot.mission_package import ANGLE, STANDARD_PACKAGES
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.robot.joint_chain import ANGLE, STANDARD_PACKAGES
 from catoptra_server.sensors.mission_package import MissionPackage
 
 

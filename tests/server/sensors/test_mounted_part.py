@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.reports import Configuration, GeometryItem
+from catoptra_protocol.usarsim.reports import Configuration, GeometryItem
 from catoptra_server.robot.mount import Mount
 from catoptra_server.sensors.mounted_part import MountedPart
 

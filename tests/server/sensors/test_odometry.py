@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import OdometryDescription
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import OdometryDescription
 from catoptra_server.robot.skid_steer import WheelTravel
-from catoptra_server.sensors import SensorContext, MotionStep
+from catoptra_server.sensors import MotionStep, SensorContext
 from catoptra_server.sensors.odometry import OdometrySensor
 from helpers.robots import BASE
 
@@ -54,7 +54,9 @@ def test_pose_when_scales_are_off_is_scaled() -> None:
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: float) -> None:
-    *_, yaw = integrate(make_sensor(drift_rad_per_m=0.05), *(100 * [WheelTravel(direction, direction)]))
+    *_, yaw = integrate(
+        make_sensor(drift_rad_per_m=0.05), *(100 * [WheelTravel(direction, direction)])
+    )
     assert yaw == pytest.approx(math.remainder(5.0, 2 * math.pi), abs=1e-12)
 
 

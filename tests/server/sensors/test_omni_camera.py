@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_server.imaging.multi_view import Tile
-from catoptra_server.imaging.shot import OmniCameraSpec
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_server.frames.frame_request import OmniCameraSpec
+from catoptra_server.frames.multi_view import Tile
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from helpers.robots import CAMERA
 
@@ -18,7 +18,9 @@ def make_sensor() -> OmniCameraSensor:
 
 
 def test_take_when_the_robot_is_turned_is_at_the_viewpoint() -> None:
-    take = make_sensor().view_request(Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5)), joint_angles_rad={})
+    take = make_sensor().view_request(
+        Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5)), joint_angles_rad={}
+    )
     pose = take.camera_state.world_from_mirror
     assert take.camera == OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
     assert pose.translation == pytest.approx((1.0, 2.0, -0.6))

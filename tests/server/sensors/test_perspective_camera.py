@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.robot.description import PerspectiveCameraDescription, Mount
-from catoptra_server.robot.mission_package import STANDARD_PACKAGES
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
+from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from helpers.robots import make_p2at
 
@@ -18,7 +18,9 @@ DESCRIPTION = PerspectiveCameraDescription("Camera", MOUNT, 320, 240, 1.3963, 0.
 
 
 def make_camera() -> PerspectiveCameraSensor:
-    return PerspectiveCameraSensor(DESCRIPTION, make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],)))
+    return PerspectiveCameraSensor(
+        DESCRIPTION, make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],))
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,23 +8,25 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.description import Mount, RangeScannerDescription
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.robot.robot_description import Mount, RangeScannerDescription
+from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
-from catoptra_server.sensors.sight import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.robots import BASE, SCANNER
-from helpers.rooms import RoomRayCaster, oriented_box_at, context_in_room, make_room_world
+from helpers.room_ray_caster import RoomRayCaster, context_in_room, make_room_world, oriented_box_at
 
 POSE = Pose.from_rpy((1.0, -0.5, 0.2), (0.0, 0.0, 0.3))
 
 
-def make_scanner(description: RangeScannerDescription = SCANNER, seed: int = 1) -> RangeScannerSensor:
+def make_scanner(
+    description: RangeScannerDescription = SCANNER, seed: int = 1
+) -> RangeScannerSensor:
     return RangeScannerSensor(description, BASE, RandomSource.from_names(seed, "R", "Scanner1"))
 
 
@@ -68,7 +70,10 @@ def test_scan_when_touching_reads_the_minimum() -> None:
 def test_noise_when_configured_has_its_spread_and_follows_the_seed() -> None:
     noisy = dataclasses.replace(SCANNER, noise_m=0.02)
     errors = np.concatenate(
-        [scan(context_in_room(pose=POSE, tick=t), make_scanner(noisy)) - exact_ranges(POSE) for t in range(20)]
+        [
+            scan(context_in_room(pose=POSE, tick=t), make_scanner(noisy)) - exact_ranges(POSE)
+            for t in range(20)
+        ]
     )
     # 3620 draws: the spread is known to 1.2 %.
     assert np.std(errors) == pytest.approx(0.02, rel=0.05)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.scene.description import RfidTag
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.scene.world_description import RfidTag
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.rfid import RfidSensor
-from catoptra_server.sensors.sight import SensorEnvironment
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
 from helpers.robots import BASE, RFID
-from helpers.rooms import RoomRayCaster
+from helpers.room_ray_caster import RoomRayCaster
 
 TAGS = (
     RfidTag(1001, (1.0, 0.0, 0.0)),

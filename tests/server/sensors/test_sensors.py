@@ -6,11 +6,11 @@ from typing import get_args
 
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import GeometryItem, line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import SensorDescription
-from catoptra_server.sensors import SensorContext, Sensor, build_sensors
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import GeometryItem, line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import SensorDescription
+from catoptra_server.sensors import Sensor, SensorContext, build_sensors
 from helpers.robots import BASE, SENSORS
 
 MOMENT = SensorContext(1.0, 0, Pose.identity())

@@ -7,23 +7,25 @@ import math
 
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import Mount, SonarDescription
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import Mount, SonarDescription
 from catoptra_server.scene.oriented_box import OrientedBox
-from catoptra_server.sensors.sight import SensorEnvironment
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
 from catoptra_server.sensors.sonar import SonarRing
 from helpers.robots import BASE, SONAR
-from helpers.rooms import RoomRayCaster, oriented_box_at, context_in_room
+from helpers.room_ray_caster import RoomRayCaster, context_in_room, oriented_box_at
 
 HALF_ANGLE = 0.5 * SONAR.beam_rad
 AT_CHASSIS_ORIGIN = dataclasses.replace(SONAR, mount=Mount())
 
 
 def make_ring(*sonars: SonarDescription) -> SonarRing:
-    return SonarRing(sonars or (AT_CHASSIS_ORIGIN,), BASE, RandomSource.from_names(1, "R", "sonars"))
+    return SonarRing(
+        sonars or (AT_CHASSIS_ORIGIN,), BASE, RandomSource.from_names(1, "R", "sonars")
+    )
 
 
 def test_range_when_facing_a_wall_is_to_the_wall() -> None:
@@ -38,7 +40,9 @@ def test_box_when_off_axis_is_seen_within_half_the_beam_only(
     angle: float, is_seen: bool, side: float
 ) -> None:
     # 0.2 m wide at 2 m: it covers 0.05 rad to each side.
-    box = oriented_box_at(2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0))
+    box = oriented_box_at(
+        2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0)
+    )
     ((_, range_m),) = make_ring().read(context_in_room(box)).items
     assert (range_m < 2.1) == is_seen
 
@@ -108,12 +112,16 @@ def test_echo_when_a_box_is_met_obliquely_is_lost() -> None:
 
 
 def test_configuration_when_of_udk_tells_the_limit() -> None:
-    (part,) = make_ring(dataclasses.replace(AT_CHASSIS_ORIGIN, max_incidence_rad=0.1745329252)).parts
+    (part,) = make_ring(
+        dataclasses.replace(AT_CHASSIS_ORIGIN, max_incidence_rad=0.1745329252)
+    ).parts
     line = line_from_report(part.configuration(), Dialect.UDK)
     assert b"{maxAngleOfIncidence 0.1745} {tracesPerCone 8} {numberOfCones 3}" in line
 
 
 def test_range_when_level_over_a_floor_is_to_what_stands_beyond() -> None:
     # The lowest rays of the cone meet the floor at 0.84 m, 80 degrees from its normal.
-    moment = dataclasses.replace(context_in_room(), around=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457))))
+    moment = dataclasses.replace(
+        context_in_room(), around=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457)))
+    )
     assert make_ring().read(moment).items == (("F1", pytest.approx(4.0)),)

@@ -6,13 +6,13 @@ import dataclasses
 
 import pytest
 
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.sensors import MotionStep
 from catoptra_server.sensors.tachometer import TachometerSensor
 from helpers.robots import BASE, TACHOMETER
-from helpers.rooms import context_in_room
+from helpers.room_ray_caster import context_in_room
 
 
 def make_tachometer(wheels: int = 4) -> TachometerSensor:

@@ -6,13 +6,13 @@ import dataclasses
 
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import Mount
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import Mount
 from catoptra_server.sensors.touch import TouchSensorBank
 from helpers.robots import BASE, TOUCH
-from helpers.rooms import context_in_room
+from helpers.room_ray_caster import context_in_room
 
 FRONT = dataclasses.replace(TOUCH, mount=Mount((0.25, 0.0, 0.0)))
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import line_from_report
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.scene.description import Victim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import line_from_report
+from catoptra_server.random_sources import RandomSource
 from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.scene.world_description import Victim
 from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.sight import SensorEnvironment
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
 from catoptra_server.sensors.victim_sensor import VictimSensor
 from helpers.robots import BASE, VICTIMS
-from helpers.rooms import RoomRayCaster, oriented_box_at
+from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
 
 
 def report_line(place: tuple[float, float, float], *boxes: OrientedBox) -> bytes:
-    around = SensorEnvironment(RoomRayCaster((20.0, 20.0, 2.0)), boxes, victims=(Victim("Head", place),))
+    around = SensorEnvironment(
+        RoomRayCaster((20.0, 20.0, 2.0)), boxes, victims=(Victim("Head", place),)
+    )
     sensor = VictimSensor(VICTIMS, BASE, RandomSource.from_names(1, "VictSensor"))
     return line_from_report(sensor.read(SensorContext(395.9927, 0, Pose.identity(), around)))
 

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.commands import (
+from catoptra_protocol.usarsim.commands import (
     Command,
     Drive,
     GetConf,
@@ -17,7 +17,7 @@ from catoptra_protocol.wire.commands import (
     GetStartPoses,
     Init,
 )
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.reports import (
     CameraConfiguration,
     Configuration,
     Geometry,
@@ -29,10 +29,10 @@ from catoptra_protocol.wire.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.imaging.shot import CameraChannel
-from catoptra_server.robot.description import RobotDescription
-from catoptra_server.scene.meshes import build_scene
-from catoptra_server.sensors.sight import EmptyScene
+from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.sensors.sensor_environment import EmptyScene
 from catoptra_server.simulation.fleet import Fleet
 from helpers.robots import (
     CAMERA,
@@ -41,8 +41,8 @@ from helpers.robots import (
     FakeClient,
     FakeViewProvider,
     make_p2at,
-    render_channel,
     make_walled_world,
+    render_channel,
 )
 
 INIT = Init("USARBot.OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))

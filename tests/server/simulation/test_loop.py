@@ -14,33 +14,47 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.wire.commands import COMMAND_PARSERS, Command, Drive, GetConf, Init, Step
-from catoptra_protocol.wire.connection import ControlServer
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, Command, Drive, GetConf, Init, Step
+from catoptra_protocol.usarsim.control_connection import ControlServer
+from catoptra_protocol.usarsim.reports import (
+    CommandResult,
     Greeting,
     GroundTruthReading,
     Report,
-    CommandResult,
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.imaging.drawing import render_frame
-from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.shot import IMAGE_PORT, CameraChannel, Channel, ImagePortChannel, FrameRequest
-from catoptra_server.robot.description import RobotDescription
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_request import (
+    IMAGE_PORT,
+    CameraChannel,
+    Channel,
+    FrameRequest,
+    ImagePortChannel,
+)
+from catoptra_server.frames.render_thread import render_frame
+from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.simulation import (
-    CommandReceived,
+    ClientDisconnected,
     ClockMode,
-    FrameRendered,
+    CommandReceived,
     Fleet,
+    FrameRendered,
     FrameRequested,
     LandmarksRequested,
-    ClientDisconnected,
     Simulation,
     StopRequested,
 )
-from helpers.robots import CAMERA, FakeClient, FakeView, FakeViewProvider, make_noisy_p2at, make_p2at, make_walled_world
+from helpers.robots import (
+    CAMERA,
+    FakeClient,
+    FakeView,
+    FakeViewProvider,
+    make_noisy_p2at,
+    make_p2at,
+    make_walled_world,
+)
 
 INIT = Init("OmniP2AT", name="R", location_m=(0.0, 0.0, 0.0))
 
@@ -181,7 +195,9 @@ def test_run_when_the_seed_or_the_name_differs_gives_others() -> None:
 def test_run_when_another_robot_is_there_gives_the_same_bytes() -> None:
     alone = run_commands(*DRIVE_COMMANDS, description=make_noisy_p2at())
     simulation, client, other = make_simulation(make_noisy_p2at()), FakeClient(), FakeClient()
-    simulation.post(CommandReceived(other, Init("OmniP2AT", name="Other", location_m=(9.0, 1.0, 0.0))))
+    simulation.post(
+        CommandReceived(other, Init("OmniP2AT", name="Other", location_m=(9.0, 1.0, 0.0)))
+    )
     simulation.post(CommandReceived(other, Drive(1.0, -1.0)))
     for command in DRIVE_COMMANDS:
         simulation.post(CommandReceived(client, command))
@@ -203,7 +219,12 @@ def test_run_when_pictures_are_drawn_meanwhile_gives_the_same_bytes() -> None:
 
 def test_robot_when_its_client_left_is_gone() -> None:
     simulation, one, other = make_simulation(), FakeClient(), FakeClient()
-    for request in (CommandReceived(one, INIT), ClientDisconnected(one), CommandReceived(other, INIT), CommandReceived(other, Step(0.2))):
+    for request in (
+        CommandReceived(one, INIT),
+        ClientDisconnected(one),
+        CommandReceived(other, INIT),
+        CommandReceived(other, Step(0.2)),
+    ):
         simulation.post(request)
     simulation.post(StopRequested())
     simulation.run()
@@ -267,7 +288,9 @@ def collect_frames(count: int, *requests: object, view: FakeView) -> list[Frame]
 
 def test_frame_when_wanted_by_many_is_drawn_once() -> None:
     view, client = FakeView(), FakeClient()
-    (frame,) = collect_frames(1, CommandReceived(client, INIT), *(5 * [FrameRequested()]), view=view)
+    (frame,) = collect_frames(
+        1, CommandReceived(client, INIT), *(5 * [FrameRequested()]), view=view
+    )
     assert len(view.exposures) == 1
     assert (frame.sequence, frame.metadata.camera, frame.time_s) == (1, "OmniCam", 0.0)
     np.testing.assert_array_equal(frame.rgb, 1)
@@ -390,7 +413,8 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("channel", "least_s"), [(IMAGE_PORT, 0.2), (ImagePortChannel(1), 0.2), (CameraChannel("R", ""), 0.0)]
+    ("channel", "least_s"),
+    [(IMAGE_PORT, 0.2), (ImagePortChannel(1), 0.2), (CameraChannel("R", ""), 0.0)],
 )
 def test_realtime_when_frames_are_skipped_exposes_the_screen_rarely_and_no_other_camera(
     channel: Channel, least_s: float

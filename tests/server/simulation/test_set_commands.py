@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.wire.commands import Drive, Set
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.commands import Drive, Set
+from catoptra_protocol.usarsim.reports import (
     EncoderReadings,
     InsReading,
     OdometryReading,
     line_from_report,
 )
-from catoptra_server.robot.description import PerspectiveCameraDescription, Mount
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.robot.render_wish import AccuracyTarget
-from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.obstacles import build_obstacle_grid
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.render_settings import AccuracyTarget
+from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.scene.obstacle_grid import build_obstacle_grid
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.simulation.robot import Robot
 from catoptra_server.simulation.set_commands import execute_set
-from catoptra_server.simulation.spawned_robot import Robot
 from helpers.robots import ENCODER, INS, ODOMETRY, SCANNER, make_p2at, make_walled_world
 
 CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.3491, 2.0944)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from catoptra_protocol.wire.commands import Init
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.simulation.spawning import find_class, unique_name, spawn_pose
+from catoptra_protocol.usarsim.commands import Init
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.simulation.spawning import find_class, spawn_pose, unique_name
 from helpers.robots import make_p2at, make_walled_world
 
 CLASSES = (make_p2at(class_name="USARBot.P2AT"), make_p2at(class_name="USARBot.P2DX"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.commands import SetViewports
-from catoptra_protocol.wire.reports import line_from_report
+from catoptra_protocol.usarsim.commands import SetViewports
+from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.simulation.viewports import Viewports
 
 

@@ -8,18 +8,18 @@ import threading
 import numpy as np
 import pytest
 
-from catoptra_protocol.wire.commands import Drive, GetConf, Init, Step
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.commands import Drive, GetConf, Init, Step
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.reports import (
+    CommandResult,
     Configuration,
     Greeting,
-    CommandResult,
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.simulation import CommandReceived, Client, ClientDisconnected, SimulationEvent
+from catoptra_server.simulation import Client, ClientDisconnected, CommandReceived, SimulationEvent
 from catoptra_server.transports.tcp_control import serve_control
-from helpers.loopback import HOST, connect, connect_without_reading, run_scenario, abort
+from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
 
 GREETING = Greeting("BotDeathMatch", "field")
 STATUS = VehicleStatus(1.0, 1200)
@@ -124,7 +124,9 @@ def test_init_when_refused_may_be_sent_again_and_is_answered_by_silence() -> Non
             writer.write(INIT)
             client = await posted.wait_for_client()
             client.reject_init()
-            client.deliver([CommandResult(0.0, "Step", "Clock")])  # a mark: what was sent before it?
+            client.deliver(
+                [CommandResult(0.0, "Step", "Clock")]
+            )  # a mark: what was sent before it?
             assert (await reader.readline()).startswith(b"RES ")
             writer.write(INIT)
             assert isinstance((await posted.wait_for_request()).command, Init)  # type: ignore[union-attr] # Asked
@@ -171,7 +173,9 @@ def test_garbage_when_sent_is_ignored_and_both_connections_stay_usable(garbage: 
             (in_, out), (other_in, other_out) = await connect(server), await connect(server)
             out.write(garbage + b"\r\n" + INIT + b"GETCONF {Type Robot}\r\n")
             request = await posted.wait_for_request()
-            while not (isinstance(request, CommandReceived) and request.command == GetConf("Robot")):
+            while not (
+                isinstance(request, CommandReceived) and request.command == GetConf("Robot")
+            ):
                 request = await posted.wait_for_request()
             request.client.deliver([STATUS])
             await read_greeting(in_)

@@ -10,13 +10,13 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-from catoptra_client.images import rgb_from_encoded_frame
-from catoptra_protocol.wire.image import ImageFrameReader, ImageType, EncodedFrame
-from catoptra_server.imaging.frame import Frame
-from catoptra_server.mailbox import Mailboxes
+from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
+from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageFrameReader, ImageType
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import FrameRequested, SimulationEvent
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from helpers.loopback import HOST, connect, connect_without_reading, run_scenario, abort
+from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
 
 RAW = ImageOptions(ImageType.RAW)
 
@@ -91,7 +91,9 @@ def test_frames_when_asked_for_in_one_piece_are_different_and_in_order() -> None
         async with serve_camera(CountingCamera()) as server:
             reader, writer = await connect(server)
             writer.write(5 * b"OK")
-            numbers = [rgb_from_encoded_frame(frame)[1, 1, 0] for frame in await read_frames(reader, 5)]
+            numbers = [
+                rgb_from_encoded_frame(frame)[1, 1, 0] for frame in await read_frames(reader, 5)
+            ]
             assert numbers == [1, 2, 3, 4, 5]
             writer.close()
 
@@ -114,7 +116,9 @@ def test_rectangle_when_asked_for_is_cut_out() -> None:
 
 def test_viewer_when_in_legacy_mode_gets_one_frame_unasked() -> None:
     async def scenario() -> None:
-        async with serve_camera(CountingCamera(), ImageOptions(ImageType.RAW, legacy_mode=True)) as server:
+        async with serve_camera(
+            CountingCamera(), ImageOptions(ImageType.RAW, legacy_mode=True)
+        ) as server:
             reader, writer = await connect(server)
             await read_frames(reader, 1)
             writer.write(b"OK")
@@ -191,7 +195,9 @@ def test_bytes_when_random_never_break_another_viewer() -> None:
 
 def test_viewer_when_another_vanishes_mid_frame_is_served() -> None:
     async def scenario() -> None:
-        async with serve_camera(CountingCamera(2000, 1000)) as server:  # 6 MB: more than a socket takes at once
+        async with serve_camera(
+            CountingCamera(2000, 1000)
+        ) as server:  # 6 MB: more than a socket takes at once
             (gone_in, gone_out), (reader, writer) = await connect(server), await connect(server)
             gone_out.write(b"OK")
             await gone_in.readexactly(1000)

@@ -1,5 +1,5 @@
 // Provides the place in the atlas of input_0.xyz, a direction.
-// Twin: catoptra_protocol.optics.cube.face_coordinates.
+// Twin: catoptra_protocol.optics.cube_map.face_coordinates.
 uniform sampler2D input_0;
 out vec4 result;
 

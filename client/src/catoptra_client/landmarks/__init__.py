@@ -13,19 +13,29 @@ from catoptra_client.landmarks.classifier import (
     classifier_from_histograms,
     label_image,
 )
+from catoptra_client.landmarks.classifier_file import load_classifier, save_classifier
 from catoptra_client.landmarks.detection import Detection
 from catoptra_client.landmarks.detector import (
     DEFAULT_CYLINDER,
-    Detector,
     DetectionStages,
+    Detector,
     detect,
     detect_with_stages,
     make_detector,
 )
-from catoptra_client.landmarks.histogram import Histogram, histogram_from_pixels, merge_histograms, smooth_histogram
+from catoptra_client.landmarks.histogram import (
+    Histogram,
+    histogram_from_pixels,
+    merge_histograms,
+    smooth_histogram,
+)
 from catoptra_client.landmarks.labelling import IGNORE_LABEL, LabelMargins, label_frame
-from catoptra_client.landmarks.storage import load_classifier, save_classifier
-from catoptra_client.landmarks.training import TrainingHistograms, add_labelled_frame, empty_training_histograms, train
+from catoptra_client.landmarks.training import (
+    TrainingHistograms,
+    add_labelled_frame,
+    empty_training_histograms,
+    train,
+)
 from catoptra_client.landmarks.viewpoint import Viewpoint, world_from_mirror
 
 __all__ = [

@@ -13,17 +13,17 @@ import math
 from collections.abc import Sequence
 
 from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks.candidates import Candidate, CylinderView
 from catoptra_client.landmarks.detection import PolarMeasurement
 from catoptra_client.landmarks.ranging import (
     azimuth_sigma,
+    incidence_angle_sigma,
     is_clear_of_horizon,
     range_from_slope,
     range_sigma,
-    incidence_angle_sigma,
 )
-from catoptra_client.landmarks.sightings import Candidate, CylinderView
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.numerics import interpolate_angle, angle_difference
+from catoptra_protocol.optics.numerics import angle_difference, interpolate_angle
 
 # Sigma of a band's centroid, in pixels of the frame. Against exact frames the range errors have an
 # rms of 0.4 (to 2 m) to 0.6 (at 3 m) of this; the rest is left to lights that differ from those of
@@ -39,7 +39,9 @@ FRONT_SIGMA_FRACTION = 0.1
 MAX_SIZE_RATIO, EDGE_TOLERANCE_PX = 2.0, 2.0
 
 
-def find_beacon_candidates(view: CylinderView, landmark: Landmark, blobs: Sequence[Blob]) -> list[Candidate]:
+def find_beacon_candidates(
+    view: CylinderView, landmark: Landmark, blobs: Sequence[Blob]
+) -> list[Candidate]:
     """Return the pairs of blobs that this beacon would look like."""
     uppers = [blob for blob in blobs if blob.colour == landmark.upper_colour]
     found = []
@@ -71,11 +73,16 @@ def _is_band(view: CylinderView, landmark: Landmark, blob: Blob, front_m: float)
 
 
 def _is_size_consistent(measured: float, expected: float) -> bool:
-    low, high = expected / MAX_SIZE_RATIO - EDGE_TOLERANCE_PX, expected * MAX_SIZE_RATIO + EDGE_TOLERANCE_PX
+    low, high = (
+        expected / MAX_SIZE_RATIO - EDGE_TOLERANCE_PX,
+        expected * MAX_SIZE_RATIO + EDGE_TOLERANCE_PX,
+    )
     return low <= measured <= high
 
 
-def _is_upper_band(view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float) -> bool:
+def _is_upper_band(
+    view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
+) -> bool:
     """Return whether `upper` stands on `lower` as the upper band does at this range."""
     if upper.row >= lower.row or not _is_band(view, landmark, upper, front_m):
         return False
@@ -83,12 +90,17 @@ def _is_upper_band(view: CylinderView, landmark: Landmark, lower: Blob, upper: B
     expected_row = view.cylinder.row_from_slope(view.drop_m(landmark, 0.75) / front_m)
     off = abs(upper.row - expected_row)
     widest = max(lower.width, upper.width)
-    return aside <= 0.25 * widest + EDGE_TOLERANCE_PX and off <= 0.25 * lower.height + EDGE_TOLERANCE_PX
+    return (
+        aside <= 0.25 * widest + EDGE_TOLERANCE_PX
+        and off <= 0.25 * lower.height + EDGE_TOLERANCE_PX
+    )
 
 
 def _azimuth_offset(view: CylinderView, lower: Blob, upper: Blob) -> float:
     """Return the azimuth from the lower to the upper centroid, across the seam too."""
-    return angle_difference(view.azimuth_from_column(upper.column), view.azimuth_from_column(lower.column))
+    return angle_difference(
+        view.azimuth_from_column(upper.column), view.azimuth_from_column(lower.column)
+    )
 
 
 def _make_candidate(
@@ -106,12 +118,18 @@ def _make_candidate(
         view.camera, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
     )
     share = upper.num_pixels / (upper.num_pixels + lower.num_pixels)
-    azimuth = interpolate_angle(view.azimuth_from_column(lower.column), view.azimuth_from_column(upper.column), fraction=share)
+    azimuth = interpolate_angle(
+        view.azimuth_from_column(lower.column),
+        view.azimuth_from_column(upper.column),
+        fraction=share,
+    )
     sighting = PolarMeasurement(axis_m, azimuth, along_m, across_rad)
     return Candidate(landmark, (lower, upper), sighting, sure), has_bearing
 
 
-def _axis_range_sigma(view: CylinderView, drop_m: float, front_m: float, radius_m: float) -> tuple[float, bool]:
+def _axis_range_sigma(
+    view: CylinderView, drop_m: float, front_m: float, radius_m: float
+) -> tuple[float, bool]:
     """Return the sigma of the axis' range, and whether it is clear of the horizon.
 
     A range without a sigma is unsure by as much as itself.

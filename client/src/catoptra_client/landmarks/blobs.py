@@ -13,7 +13,7 @@ from catoptra_client.landmarks.classifier import COLOUR_CODES
 from catoptra_client.landmarks.histogram import UInt8Array
 
 # On one thread the default takes three times as long. Measured in
-# tests/cost/questions/detection_time.py.
+# tests/measurements/detection_time.py.
 _CCL_ALGORITHM = cv2.CCL_GRANA
 
 Ints = npt.NDArray[np.int32]

@@ -18,7 +18,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_client.landmarks.histogram import UInt8Array, Counts, Histogram, bin_index
+from catoptra_client.landmarks.histogram import Counts, Histogram, UInt8Array, bin_index
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.landmarks import BAND_COLOURS
 
@@ -54,16 +54,24 @@ def classifier_from_histograms(
 ) -> ColourClassifier:
     """Return the classifier of trained histograms. Raises DomainError for an empty class."""
     if set(positives) != set(BAND_COLOURS):
-        raise DomainError(f"the classifier needs {', '.join(BAND_COLOURS)}, not {sorted(positives)}")
+        raise DomainError(
+            f"the classifier needs {', '.join(BAND_COLOURS)}, not {sorted(positives)}"
+        )
     _check_histograms({**positives, "neg": negative}, theta)
-    accepted = np.stack([likelihood_ratio_test(positives[c], negative, theta=theta) for c in BAND_COLOURS])
-    table = np.where(accepted.any(axis=0), 1 + _max_likelihood_index(positives, accepted), NO_COLOUR)
+    accepted = np.stack(
+        [likelihood_ratio_test(positives[c], negative, theta=theta) for c in BAND_COLOURS]
+    )
+    table = np.where(
+        accepted.any(axis=0), 1 + _max_likelihood_index(positives, accepted), NO_COLOUR
+    )
     compiled = table.astype(np.uint8).ravel()
     compiled.setflags(write=False)
     return ColourClassifier(dict(positives), negative, theta, compiled)
 
 
-def likelihood_ratio_test(positive: Histogram, negative: Histogram, *, theta: float) -> npt.NDArray[np.bool_]:
+def likelihood_ratio_test(
+    positive: Histogram, negative: Histogram, *, theta: float
+) -> npt.NDArray[np.bool_]:
     """Return (bins, bins, bins): the colours that Eq. 3 calls a landmark's.
 
     Raises DomainError for a class that has seen nothing, whose likelihoods would be 0 / 0, for
@@ -82,13 +90,15 @@ def likelihood_ratio_test(positive: Histogram, negative: Histogram, *, theta: fl
 def label_image(classifier: ColourClassifier, image: UInt8Array) -> UInt8Array:
     """Return the (...) colour codes of (..., 3) RGB uint8 pixels: one look-up each.
 
-    0.7 ms for 720 x 180 pixels. Measured in tests/cost/questions/detection_time.py.
+    0.7 ms for 720 x 180 pixels. Measured in tests/measurements/detection_time.py.
     """
     labels: UInt8Array = classifier.lookup_table[bin_index(image, classifier.bins)]
     return labels
 
 
-def _max_likelihood_index(positives: Mapping[str, Histogram], is_candidate: npt.NDArray[np.bool_]) -> Counts:
+def _max_likelihood_index(
+    positives: Mapping[str, Histogram], is_candidate: npt.NDArray[np.bool_]
+) -> Counts:
     """Return the index in `BAND_COLOURS` of the largest likelihood among the accepted ones.
 
     All ratios share the denominator P(rgb|neg), so n / N decides, on the common denominator of the
@@ -96,7 +106,10 @@ def _max_likelihood_index(positives: Mapping[str, Histogram], is_candidate: npt.
     """
     common = math.prod(positives[colour].total for colour in BAND_COLOURS)
     likelihood = np.stack(
-        [_to_python_ints(positives[c].counts) * (common // positives[c].total) for c in BAND_COLOURS]
+        [
+            _to_python_ints(positives[c].counts) * (common // positives[c].total)
+            for c in BAND_COLOURS
+        ]
     )
     best: Counts = np.where(is_candidate, likelihood, -1).argmax(axis=0)
     return best

@@ -57,7 +57,9 @@ def bearing_detection_from_measurement(
     The guess serves to move the bearing from the viewpoint to the robot's origin, with its own
     uncertainty.
     """
-    guess = detection_from_measurement(name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels)
+    guess = detection_from_measurement(
+        name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels
+    )
     covariance = np.diag([0.0, float(guess.covariance[1, 1])])
     return Detection(name, kind, 0.0, guess.bearing_rad, _freeze(covariance), num_pixels, False)
 

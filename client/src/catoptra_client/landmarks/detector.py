@@ -13,15 +13,19 @@ from dataclasses import dataclass
 
 from catoptra_client.landmarks.beacons import find_beacon_candidates
 from catoptra_client.landmarks.blobs import Blob, blobs_from_labels
+from catoptra_client.landmarks.candidates import Candidate, CylinderView, require_distinct_colours
 from catoptra_client.landmarks.classifier import ColourClassifier, label_image
-from catoptra_client.landmarks.detection import Detection, bearing_detection_from_measurement, detection_from_measurement
+from catoptra_client.landmarks.detection import (
+    Detection,
+    bearing_detection_from_measurement,
+    detection_from_measurement,
+)
 from catoptra_client.landmarks.goals import find_goal_candidates
 from catoptra_client.landmarks.histogram import UInt8Array
-from catoptra_client.landmarks.sightings import Candidate, CylinderView, require_distinct_colours
 from catoptra_client.landmarks.viewpoint import Viewpoint
-from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, unwarp, make_unwarp_map
+from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, make_unwarp_map, unwarp
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 # Columns of 0.5 degrees and rows of 0.41 at the horizon, where a pixel of a 360 px frame has 0.55.
 # From 6 degrees above it, for higher landmarks and a tilted robot, to 50 below: the lower band of a
@@ -87,7 +91,9 @@ def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages
     found = select_candidates(detector, blobs)
     used = {id(blob) for candidate in found for blob in candidate.blobs}
     unused = tuple(blob for blob in blobs if id(blob) not in used)
-    return DetectionStages(cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in found), unused)
+    return DetectionStages(
+        cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in found), unused
+    )
 
 
 def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:
@@ -95,10 +101,14 @@ def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candida
     eye, landmarks = detector.view, detector.landmarks
     beacons = [landmark for landmark in landmarks if landmark.kind == "beacon"]
     goals = [landmark for landmark in landmarks if landmark.kind == "goal"]
-    chosen = _select_largest([c for row in beacons for c in find_beacon_candidates(eye, row, blobs)])
+    chosen = _select_largest(
+        [c for row in beacons for c in find_beacon_candidates(eye, row, blobs)]
+    )
     taken = {id(blob) for candidate in chosen for blob in candidate.blobs}
     free = [blob for blob in blobs if id(blob) not in taken]
-    return chosen + _select_largest([c for row in goals for c in find_goal_candidates(eye, row, free)])
+    return chosen + _select_largest(
+        [c for row in goals for c in find_goal_candidates(eye, row, free)]
+    )
 
 
 def _select_largest(candidates: Sequence[Candidate]) -> list[Candidate]:

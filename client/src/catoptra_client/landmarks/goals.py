@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 
 from catoptra_client.landmarks.blobs import Blob
+from catoptra_client.landmarks.candidates import Candidate, CylinderView
 from catoptra_client.landmarks.detection import PolarMeasurement
 from catoptra_client.landmarks.ranging import range_from_slope
-from catoptra_client.landmarks.sightings import Candidate, CylinderView
 from catoptra_protocol.landmarks import Landmark
 
 # Sigma across the line of sight, as a share of the goal's depth. Measured in
@@ -25,7 +25,9 @@ LATERAL_SIGMA_FRACTION = 0.5
 RANGE_SIGMA_FRACTION = 0.5
 
 
-def find_goal_candidates(view: CylinderView, landmark: Landmark, blobs: Sequence[Blob]) -> list[Candidate]:
+def find_goal_candidates(
+    view: CylinderView, landmark: Landmark, blobs: Sequence[Blob]
+) -> list[Candidate]:
     """Return the blobs that this goal would look like, with a guess of the range.
 
     The guess is the range at which the blob's highest edge has the boards' height. It judges the
@@ -44,7 +46,9 @@ def find_goal_candidates(view: CylinderView, landmark: Landmark, blobs: Sequence
     return found
 
 
-def _is_goal(view: CylinderView, landmark: Landmark, blob: Blob, approximate_range_m: float) -> bool:
+def _is_goal(
+    view: CylinderView, landmark: Landmark, blob: Blob, approximate_range_m: float
+) -> bool:
     """Return whether a blob is as wide and high as a goal at this range, from some side.
 
     Narrowest along the mouth, where the depth shows; widest across the diagonal, and seen from
@@ -63,8 +67,12 @@ def _is_goal(view: CylinderView, landmark: Landmark, blob: Blob, approximate_ran
     return wide and 0.5 * boards_m <= height_m <= 4.0 * boards_m
 
 
-def _make_measurement(view: CylinderView, landmark: Landmark, blob: Blob, approximate_range_m: float) -> PolarMeasurement:
+def _make_measurement(
+    view: CylinderView, landmark: Landmark, blob: Blob, approximate_range_m: float
+) -> PolarMeasurement:
     across = math.atan2(LATERAL_SIGMA_FRACTION * landmark.depth_m, approximate_range_m)
     sigma_rad = math.hypot(across, view.cylinder.azimuth_per_column_rad)
     azimuth = view.azimuth_from_column(0.5 * (blob.left + blob.right))
-    return PolarMeasurement(approximate_range_m, azimuth, RANGE_SIGMA_FRACTION * approximate_range_m, sigma_rad)
+    return PolarMeasurement(
+        approximate_range_m, azimuth, RANGE_SIGMA_FRACTION * approximate_range_m, sigma_rad
+    )

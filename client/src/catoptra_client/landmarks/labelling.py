@@ -16,11 +16,15 @@ import numpy as np
 
 from catoptra_client.landmarks.classifier import COLOUR_CODES, NO_COLOUR
 from catoptra_client.landmarks.histogram import UInt8Array
-from catoptra_client.landmarks.surfaces import Rays, nearest_surface_codes
+from catoptra_client.landmarks.landmark_raycast import Rays, nearest_surface_codes
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
+from catoptra_protocol.optics.transforms import Pose
 
 IGNORE_LABEL = 255
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 # The mean of drop tan(theta + noise) does not exist; cut off here its bias is bounded.
 HORIZON_SIGMAS = 3.0
@@ -91,7 +91,9 @@ def range_sigma(
     sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Undefined at the horizon, for a point that the
     mirror does not reflect, and where it is too large for float64.
     """
-    sigma_rad, seen = incidence_angle_sigma(camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px)
+    sigma_rad, seen = incidence_angle_sigma(
+        camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px
+    )
     if not seen or drop_m == 0.0:
         return 0.0, False
     distance_m = math.hypot(drop_m, range_m)

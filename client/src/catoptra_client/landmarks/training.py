@@ -14,8 +14,8 @@ from catoptra_client.landmarks.classifier import (
 )
 from catoptra_client.landmarks.histogram import (
     DEFAULT_BINS,
-    UInt8Array,
     Histogram,
+    UInt8Array,
     empty_histogram,
     histogram_from_pixels,
     merge_histograms,
@@ -39,7 +39,9 @@ def empty_training_histograms(bins: int = DEFAULT_BINS) -> TrainingHistograms:
     )
 
 
-def add_labelled_frame(histograms: TrainingHistograms, frame: UInt8Array, *, labels: UInt8Array) -> TrainingHistograms:
+def add_labelled_frame(
+    histograms: TrainingHistograms, frame: UInt8Array, *, labels: UInt8Array
+) -> TrainingHistograms:
     """Return the histograms with one more frame: (h, w, 3) RGB and its (h, w) labels."""
     if frame.shape != (*labels.shape, 3):
         raise DomainError(f"labels {labels.shape} do not belong to a frame {frame.shape}")
@@ -66,5 +68,7 @@ def train(
     histograms = empty_training_histograms(bins)
     for frame, labels in labelled_frames:
         histograms = add_labelled_frame(histograms, frame, labels=labels)
-    positives = {colour: smooth_histogram(histogram) for colour, histogram in histograms.positives.items()}
+    positives = {
+        colour: smooth_histogram(histogram) for colour, histogram in histograms.positives.items()
+    }
     return classifier_from_histograms(positives, smooth_histogram(histograms.negative), theta=theta)

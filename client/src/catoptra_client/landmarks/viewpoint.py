@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 
 # Four roundings: of sine, cosine, product and sum.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)

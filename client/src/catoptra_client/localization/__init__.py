@@ -6,23 +6,28 @@ became of them. Source: Schmits & Visser 2009, Eqs. 4-6.
 
 from catoptra_client.localization.belief import Belief
 from catoptra_client.localization.consistency import chi_square_mean_interval, nees
-from catoptra_client.localization.ekf import UpdateStatus, MeasurementUpdate, predict, update
-from catoptra_client.localization.gate import OPEN_GATE, PAPER_GATE, ValidationGate
+from catoptra_client.localization.ekf import MeasurementUpdate, UpdateStatus, predict, update
+from catoptra_client.localization.filter_health import (
+    FilterHealth,
+    Recovery,
+    apply_recovery,
+    update_health,
+)
 from catoptra_client.localization.landmark_map import (
     LandmarkMap,
     LandmarkPosition,
-    make_landmark_map,
     find_landmark_position,
+    make_landmark_map,
 )
-from catoptra_client.localization.measurement import (
+from catoptra_client.localization.measurement_model import (
     BearingOnly,
     Measurement,
     RangeBearing,
     measurement_from_detection,
 )
-from catoptra_client.localization.monitor import FilterHealth, Recovery, update_health, apply_recovery
-from catoptra_client.localization.motion import Control, MotionNoise
+from catoptra_client.localization.motion_model import Control, MotionNoise
 from catoptra_client.localization.odometry import OdometryPose, control_from_odometry
+from catoptra_client.localization.validation_gate import OPEN_GATE, PAPER_GATE, ValidationGate
 
 __all__ = [
     "OPEN_GATE",

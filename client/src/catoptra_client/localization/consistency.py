@@ -45,7 +45,9 @@ def nees(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     return (value, True) if math.isfinite(value) else (0.0, False)
 
 
-def chi_square_mean_interval(dof: int, num_runs: int, *, confidence: float = 0.95) -> tuple[float, float]:
+def chi_square_mean_interval(
+    dof: int, num_runs: int, *, confidence: float = 0.95
+) -> tuple[float, float]:
     """Return the two-sided interval of the mean of `runs` chi-square values of `size` freedoms.
 
     Holds to 2e-6 relative. Domain: at least one freedom, confidence in 1e-6 .. 1 - 1e-6.
@@ -54,7 +56,9 @@ def chi_square_mean_interval(dof: int, num_runs: int, *, confidence: float = 0.9
     if freedom < 1 or not _CONFIDENCE_RANGE[0] <= confidence <= _CONFIDENCE_RANGE[1]:
         raise DomainError(f"no interval for {dof} x {num_runs} freedoms at {confidence!r}")
     tail = 0.5 * (1.0 - confidence)
-    return _chi_square_quantile(freedom, tail) / num_runs, _chi_square_quantile(freedom, 1.0 - tail) / num_runs
+    return _chi_square_quantile(freedom, tail) / num_runs, _chi_square_quantile(
+        freedom, 1.0 - tail
+    ) / num_runs
 
 
 def _chi_square_quantile(dof: int, probability: float) -> float:

@@ -15,11 +15,19 @@ from enum import StrEnum
 
 import numpy as np
 
-from catoptra_client.localization.belief import Belief, is_positive_semidefinite, covariance_square_root
-from catoptra_client.localization.gate import ValidationGate
+from catoptra_client.localization.belief import (
+    Belief,
+    covariance_square_root,
+    is_positive_semidefinite,
+)
 from catoptra_client.localization.landmark_map import LandmarkPosition
-from catoptra_client.localization.measurement import Measurement, predict_measurement, is_finite, compute_innovation
-from catoptra_client.localization.motion import (
+from catoptra_client.localization.measurement_model import (
+    Measurement,
+    compute_innovation,
+    is_finite,
+    predict_measurement,
+)
+from catoptra_client.localization.motion_model import (
     Control,
     MotionNoise,
     control_covariance,
@@ -27,6 +35,7 @@ from catoptra_client.localization.motion import (
     jacobian_wrt_pose,
     propagate_pose,
 )
+from catoptra_client.localization.validation_gate import ValidationGate
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 
@@ -108,7 +117,9 @@ def update(
         return _gate_and_correct(belief, innovation, H, R, gate)
 
 
-def _gate_and_correct(belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: ValidationGate) -> MeasurementUpdate:
+def _gate_and_correct(
+    belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: ValidationGate
+) -> MeasurementUpdate:
     """Return the update with sound numbers: put them before the gate, then take them in."""
     S = H @ belief.covariance @ H.T + R
     if not _all_finite(S):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from catoptra_client.localization.motion import Control, chord_over_arc
+from catoptra_client.localization.motion_model import Control, chord_over_arc
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import angle_difference
 

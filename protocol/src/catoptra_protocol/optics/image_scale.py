@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 # Scales are smooth in the radius: 128 steps find their largest value to 1e-4.
 _NUM_RINGS = 129

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from catoptra_protocol.errors import SourceLocation
-from catoptra_server.config.settings import SectionReader
+from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Entry, Section, read_sections
 
 
@@ -24,7 +24,9 @@ class IniFile:
         if configuration is not None and configuration.has_key("BasedOn"):
             base = configuration.get_path("BasedOn", path.parent)
             if base.resolve() in seen or base.resolve() == path.resolve():
-                raise configuration.make_error("BasedOn", expected="a file that is not based on this")
+                raise configuration.make_error(
+                    "BasedOn", expected="a file that is not based on this"
+                )
             self._load(base, (*seen, path.resolve()))
         for key, settings in sections.items():
             if key in self._sections:
@@ -34,7 +36,9 @@ class IniFile:
 
     def get_section(self, name: str) -> SectionReader:
         """Return a section; one that the file does not have is empty."""
-        return self._sections.get(name.lower()) or SectionReader(name, SourceLocation(str(self.path)), ())
+        return self._sections.get(name.lower()) or SectionReader(
+            name, SourceLocation(str(self.path)), ()
+        )
 
     def has_section(self, name: str) -> bool:
         """Return whether the file has the section."""
@@ -59,7 +63,9 @@ def _merge_sections(sections: tuple[Section, ...]) -> dict[str, SectionReader]:
     for section in sections:
         known = merged.get(section.name.lower())
         if known is None:
-            merged[section.name.lower()] = SectionReader(section.name, section.where, section.entries)
+            merged[section.name.lower()] = SectionReader(
+                section.name, section.where, section.entries
+            )
         else:
             for entry in section.entries:
                 known.apply(entry)

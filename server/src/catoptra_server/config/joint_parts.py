@@ -12,10 +12,10 @@ import logging
 import math
 from collections.abc import Sequence
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.optics.units import metres_from_uu
-from catoptra_server.config.settings import SectionReader, Vector
-from catoptra_server.robot.mission_package import (
+from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.robot.joint_chain import (
     CHASSIS_PARENT,
     LinkDescription,
     MissionPackageDescription,
@@ -54,7 +54,9 @@ def _is_hinge(part: SectionReader) -> bool:
         part.get_str(key, "")
     class_ = part.get_str("JointClass").rpartition(".")[2].lower()
     if class_ not in _HINGE_CLASSES:
-        log.info("%s: %s is no hinge: it has no joint here", part.where, part.get_str("PartName", ""))
+        log.info(
+            "%s: %s is no hinge: it has no joint here", part.where, part.get_str("PartName", "")
+        )
         part.ignore_all()
     return class_ in _HINGE_CLASSES
 
@@ -68,7 +70,9 @@ def _require_unique_names(parts: Sequence[SectionReader]) -> None:
         taken.add(name)
 
 
-def _read_link(robot: SectionReader, part: SectionReader, previous: Sequence[SectionReader]) -> LinkDescription:
+def _read_link(
+    robot: SectionReader, part: SectionReader, previous: Sequence[SectionReader]
+) -> LinkDescription:
     """Return the joint of a part; its parent is a hinge further up in the list, or the chassis.
 
     The file's places and axes are those of parts aligned with the chassis, a link's those of its

@@ -1,7 +1,7 @@
 """What a robot file means: from the sections of a USARBot.ini to RobotDescriptions.
 
 A robot is a `[USARBot.X]` section that has a SteeringType, or whose class is one of USARSim's own:
-the original files leave wheels and body to the class's source (`robot/known_bases`). Sensors are
+the original files leave wheels and body to the class's source (`robot/standard_bases`). Sensors are
 classes: their own sections hold their defaults. What each list means is in `sensor_items`,
 `cameras`, `packages`, `chassis_joints` and `omni_camera`.
 """
@@ -13,15 +13,23 @@ from pathlib import Path
 from typing import TypedDict
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.cameras import is_perspective_camera, read_perspective_camera
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.joint_parts import read_joint_parts
-from catoptra_server.config.omni_camera import read_omni_camera
-from catoptra_server.config.packages import read_mission_packages
-from catoptra_server.config.sensor_items import is_sensor, read_sensor, report_unknown_class
-from catoptra_server.config.settings import WIRE_NAME_EXPECTED, SectionReader, Vector, is_wire_name
-from catoptra_server.robot.description import DriveBase, RobotDescription
-from catoptra_server.robot.known_bases import STANDARD_BASES
+from catoptra_server.config.mission_package_items import read_mission_packages
+from catoptra_server.config.omni_camera_section import read_omni_camera
+from catoptra_server.config.perspective_camera_items import (
+    is_perspective_camera,
+    read_perspective_camera,
+)
+from catoptra_server.config.section_reader import (
+    WIRE_NAME_EXPECTED,
+    SectionReader,
+    Vector,
+    is_wire_name,
+)
+from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report_unknown_class
+from catoptra_server.robot.robot_description import DriveBase, RobotDescription
+from catoptra_server.robot.standard_bases import STANDARD_BASES
 
 # Lists of items that sense: UT2004's, and UDK's for everything.
 _ITEM_LISTS = ("Sensors", "AddParts")
@@ -51,7 +59,9 @@ def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
         name = section.name
         if section.has_key("SteeringType") or _find_known_base(section) is not None:
             if not is_wire_name(name):
-                raise ConfigError(section.where, key="section", value=name, expected=WIRE_NAME_EXPECTED)
+                raise ConfigError(
+                    section.where, key="section", value=name, expected=WIRE_NAME_EXPECTED
+                )
             yield section
 
 
@@ -65,7 +75,9 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
     items = [struct for key in _ITEM_LISTS for struct in section.get_structs(key)]
     omni = read_omni_camera(file, section)
     # What sits on the omni camera's viewpoint is a part of that camera.
-    seen = [s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()]
+    seen = [
+        s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()
+    ]
     cameras = [struct for struct in (*seen, *items) if is_perspective_camera(struct)]
     for struct in (*seen, *items):
         if not is_sensor(struct) and not is_perspective_camera(struct):
@@ -77,7 +89,9 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
         omni_camera=omni,
         status_interval_s=section.get_float("msgTimer", 0.2, min_value=0.01, max_value=60.0),
         battery_s=section.get_float("batteryLife", 1200.0, min_value=0.0),
-        perspective_cameras=tuple(read_perspective_camera(file, section, struct) for struct in cameras),
+        perspective_cameras=tuple(
+            read_perspective_camera(file, section, struct) for struct in cameras
+        ),
         mission_packages=read_mission_packages(file, section),
         chassis_joints=read_joint_parts(section),
     )
@@ -107,7 +121,9 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
 
     return DriveBase(
         wheel_radius_m=read_length("WheelRadius", known.wheel_radius_m if known else None),
-        wheel_separation_m=read_length("WheelSeparation", known.wheel_separation_m if known else None),
+        wheel_separation_m=read_length(
+            "WheelSeparation", known.wheel_separation_m if known else None
+        ),
         wheel_base_m=read_length("WheelBase", known.wheel_base_m if known else None),
         **_read_dimensions(section, known),
         ride_height_m=read_length("RideHeight", known.ride_height_m if known else None, 0.0),
@@ -115,7 +131,9 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
         max_speed_rad_s=section.get_float(
             "MaxSpeed", known.max_speed_rad_s if known else None, min_value=0.0, max_value=1000.0
         ),
-        max_torque=section.get_float("MaxTorque", known.max_torque if known else 60.0, min_value=0.0),
+        max_torque=section.get_float(
+            "MaxTorque", known.max_torque if known else 60.0, min_value=0.0
+        ),
         turn_slip=section.get_float("TurnSlip", 0.0, min_value=0.0, max_value=0.9),
         slip_noise=section.get_float("SlipNoise", 0.0, min_value=0.0, max_value=0.5),
     )
@@ -134,5 +152,7 @@ def _read_dimensions(section: SectionReader, known: DriveBase | None) -> _Dimens
     elif section.has_key("Dimensions"):
         body = None
     least_m = 1e-3 if body is None else 0.0
-    told = section.get_vector("Dimensions", known.dimensions_m if known else None, min_value=least_m)
+    told = section.get_vector(
+        "Dimensions", known.dimensions_m if known else None, min_value=least_m
+    )
     return {"dimensions_m": told, "collision_dimensions_m": body}

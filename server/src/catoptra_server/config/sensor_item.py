@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from catoptra_server.config.settings import SectionReader
+from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.mount import Mount
 
 

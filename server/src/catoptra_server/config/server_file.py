@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import TypedDict
 
 from catoptra_protocol.errors import DomainError, LocalProtocolError
-from catoptra_protocol.wire.image import ImageType
+from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.settings import SectionReader
-from catoptra_server.imaging.multi_view import TileLayout, multi_view_layout
+from catoptra_server.config.section_reader import SectionReader
+from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 
 _BOT_SERVER = "USARBotAPI.BotServer"
 _IMAGE_SERVER = "USARBotAPI.UPISImageServer"

@@ -16,8 +16,8 @@ import numpy as np
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.landmarks import BAND_COLOURS, Landmark, read_landmarks
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import (
     Greeting,
     Report,
     StartPose,
@@ -25,9 +25,9 @@ from catoptra_protocol.wire.reports import (
     line_from_report,
 )
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.settings import SectionReader, Vector
+from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.description import (
+from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
     DirectionalLight,
@@ -75,7 +75,9 @@ def read_world(path: Path) -> tuple[World, IniFile]:
         background=_read_colour(section, "Background", (0, 0, 0)),
         landmark_albedos=_read_landmark_albedos(file.get_section(_LANDMARK_COLOURS)),
         rfid_tags=tuple(RfidTag(s.get_int("ID"), _read_position(s, "Position")) for s in tags),
-        victims=tuple(Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims),
+        victims=tuple(
+            Victim(s.get_wire_name("Name"), _read_position(s, "Position")) for s in victims
+        ),
         gps_origin=_read_gps_origin(section),
     )
     if not world.items and not world.landmarks:
@@ -114,15 +116,22 @@ def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
 
 
 def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
-    size, repeat = item.get_struct("Size"), item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=_MAX_LENGTH_M)
-    return Rectangle(size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2])
+    size, repeat = (
+        item.get_struct("Size"),
+        item.get_vector("Repeat", (1.0, 1.0, 0.0), max_value=_MAX_LENGTH_M),
+    )
+    return Rectangle(
+        size_m=(_read_length(size, "X"), _read_length(size, "Y")), texture_repeat=repeat[:2]
+    )
 
 
 def _read_ring(item: SectionReader, folder: Path) -> Shape:
     inner = item.get_float("InnerRadius", min_value=0.0, max_value=_MAX_LENGTH_M)
     return Ring(
         inner_radius_m=inner,
-        outer_radius_m=item.get_float("OuterRadius", min_value=inner + 1e-6, max_value=2 * _MAX_LENGTH_M),
+        outer_radius_m=item.get_float(
+            "OuterRadius", min_value=inner + 1e-6, max_value=2 * _MAX_LENGTH_M
+        ),
         sectors=item.get_int("Sectors", 96, min_value=3, max_value=4096),
     )
 
@@ -176,7 +185,9 @@ def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: P
     position = _read_position(struct, "Position", (0.0, 0.0, 0.0))
     pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
     own_look = (
-        isinstance(shape, MeshFile) and not struct.has_key("Colour") and not struct.has_key("Texture")
+        isinstance(shape, MeshFile)
+        and not struct.has_key("Colour")
+        and not struct.has_key("Texture")
     )
     material = None if own_look else _read_material(struct, folder)
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
@@ -209,7 +220,9 @@ def _read_light(struct: SectionReader) -> Light:
 
     match struct.get_choice("Type", ["Hemisphere", "Directional", "Point"]):
         case "Hemisphere":
-            return HemisphereLight(read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128)))
+            return HemisphereLight(
+                read_radiance("Up", (255, 255, 255)), read_radiance("Down", (128, 128, 128))
+            )
         case "Directional":
             direction = np.asarray(struct.get_vector("Direction"))
             length = float(np.linalg.norm(direction))
@@ -220,7 +233,9 @@ def _read_light(struct: SectionReader) -> Light:
                 (float(x), float(y), float(z)), read_radiance("Colour", (255, 255, 255))
             )
         case _:
-            return PointLight(_read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255)))
+            return PointLight(
+                _read_position(struct, "Position"), read_radiance("Colour", (255, 255, 255))
+            )
 
 
 def _read_start(struct: SectionReader) -> StartPlace:

@@ -26,7 +26,7 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
 
             return run_self_test(arguments[0])
         case "configurations":
-            from catoptra_server.doctor.configurations import check_configurations
+            from catoptra_server.doctor.configuration_files import check_configurations
 
             robots = [Path(w) for w in arguments[1 : 1 + int(arguments[0])]]
             worlds = [Path(w) for w in arguments[1 + int(arguments[0]) :]]

@@ -14,7 +14,9 @@ _TIMEOUT_S = 2.0
 
 def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
     """Yield whether each port can be listened on; 0 stands for any free one. Names as --options."""
-    problems = [problem for name, port in ports.items() for problem in _check_port(host, name, port)]
+    problems = [
+        problem for name, port in ports.items() for problem in _check_port(host, name, port)
+    ]
     if not problems:
         listed = ", ".join(f"{name} {port or 'any'}" for name, port in ports.items())
         yield ok("ports", f"free on {host}: {listed}")

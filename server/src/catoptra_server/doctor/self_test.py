@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import (
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
     pixel_from_direction,
 )
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.error_bound import error_bound
-from catoptra_server.plan.render_plan import PerPixel, RenderSettings, plan_from_settings
-from catoptra_server.render.choice import choose_renderer
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.render.render_plan import PerPixel, RenderSettings, plan_from_settings
 from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.description import Item, Material, Ring, World
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Item, Material, Ring, World
 
 # The paper's mirror (K, C in metres) in a picture of its size; its rim at 120 degrees.
 _CAMERA = camera_with_inscribed_rim(

@@ -12,34 +12,32 @@ what no robot's file names nothing is built.
 
 from __future__ import annotations
 
-from catoptra_server.effects import (
-    auto_exposure,
-    bayer,
-    bloom,
+from catoptra_server.effects.effect import EffectType
+from catoptra_server.effects.medium import (
     chromatic_aberration,
     defocus,
     defocus_by_depth,
     diffraction,
+    fog,
+    misalignment,
+    vignetting,
+)
+from catoptra_server.effects.mirror import mirror_dust, mirror_reflectance
+from catoptra_server.effects.scene import motion_blur, rolling_shutter, self_view, shadows
+from catoptra_server.effects.sensor import (
+    auto_exposure,
+    bayer,
+    blooming,
     exposure,
     fixed_pattern,
-    fog,
-    mirror_dust,
-    mirror_reflectance,
-    misalignment,
-    motion_blur,
-    own_body,
     quantisation,
     read_noise,
-    rolling_shutter,
-    shadows,
     shot_noise,
-    vignetting,
     white_balance,
 )
-from catoptra_server.effects.effect import EffectType
 
 EFFECT_TYPES: tuple[EffectType, ...] = (
-    own_body.EFFECT_TYPE,
+    self_view.EFFECT_TYPE,
     shadows.EFFECT_TYPE,
     rolling_shutter.EFFECT_TYPE,
     motion_blur.EFFECT_TYPE,
@@ -54,7 +52,7 @@ EFFECT_TYPES: tuple[EffectType, ...] = (
     vignetting.EFFECT_TYPE,
     exposure.EFFECT_TYPE,
     auto_exposure.EFFECT_TYPE,
-    bloom.EFFECT_TYPE,
+    blooming.EFFECT_TYPE,
     fixed_pattern.EFFECT_TYPE,
     shot_noise.EFFECT_TYPE,
     read_noise.EFFECT_TYPE,

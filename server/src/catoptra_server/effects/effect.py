@@ -1,7 +1,7 @@
 """What an effect is: frozen parameters, a bound on what it can change, its float64 reference.
 
 An effect changes the linear picture of an omnidirectional camera after it is whole: no seams. Light
-is (h, w, 3), 1 = what fills a pixel's well, as in `render/shading` 1 = a white facet at full scale.
+is (h, w, 3), 1 = what fills a pixel's well, as in `scene/shading` 1 = a white facet at full scale.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import CaptureContext
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # float64 for the reference; float32 where a renderer applies it to its pictures.
@@ -50,7 +50,7 @@ class Effect(Protocol):
     """What every effect has: frozen parameters in physical units, hashable, and its criterion.
 
     What has no more than this changes what there is to be seen, before anything is drawn:
-    `render/staging` knows how.
+    `render/scene_effects` knows how.
     """
 
     def __hash__(self) -> int:
@@ -89,7 +89,10 @@ class ImageEffect(Effect, Protocol):
         """Return the changed picture, a new array of the same type."""
 
     def uniforms(
-        self, camera: OmniCamera, context: CaptureContext, measure_mean_luminance: Callable[[], float]
+        self,
+        camera: OmniCamera,
+        context: CaptureContext,
+        measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
         """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from catoptra_server.scene.motion import AT_REST, Twist, Vector3
+from catoptra_server.scene.twist import AT_REST, Twist, Vector3
 
 # The image is told in so many rings of equal width, from the middle of the mirror to its rim.
 NUM_RINGS = 8

@@ -1,5 +1,5 @@
 // Provides the picture times one gain.
-// Twin: catoptra_server.effects.auto_exposure.AutoExposure.apply.
+// Twin: catoptra_server.effects.sensor.auto_exposure.AutoExposure.apply.
 uniform sampler2D picture;
 uniform float gain;
 out vec4 colour;

@@ -1,5 +1,5 @@
 // Provides the picture of one measured colour a pixel (RGGB), the others bilinear.
-// Twin: catoptra_server.effects.bayer.Bayer.apply.
+// Twin: catoptra_server.effects.sensor.bayer.Bayer.apply.
 uniform sampler2D picture;
 out vec4 colour;
 

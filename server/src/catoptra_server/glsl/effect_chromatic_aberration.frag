@@ -1,5 +1,5 @@
 // Provides the picture with its red and its blue imaged larger or smaller than its green.
-// Twin: catoptra_server.effects.chromatic_aberration.ChromaticAberration.apply.
+// Twin: catoptra_server.effects.medium.chromatic_aberration.ChromaticAberration.apply.
 #include "include/bilinear.glsl"
 uniform sampler2D picture;
 uniform sampler2D across;            // how far aside columns are read, px: red, blue

@@ -1,5 +1,5 @@
 // Provides the picture in which every pixel is the mean of a disc, by its image radius.
-// Twin: catoptra_server.effects.defocus.Defocus.apply.
+// Twin: catoptra_server.effects.medium.defocus.Defocus.apply.
 #include "include/disc_kernel.glsl"
 uniform sampler2D picture;
 uniform sampler2D row;               // of the table, of each pixel's disc

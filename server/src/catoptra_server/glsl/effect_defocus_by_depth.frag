@@ -1,5 +1,5 @@
 // Provides the picture in which every pixel is the mean of a disc, by its image radius and range.
-// Twin: catoptra_server.effects.defocus_by_depth.DefocusByDepth.apply.
+// Twin: catoptra_server.effects.medium.defocus_by_depth.DefocusByDepth.apply.
 #include "include/disc_kernel.glsl"
 const float LEAST_NEARNESS = 1e-6;
 uniform sampler2D picture;

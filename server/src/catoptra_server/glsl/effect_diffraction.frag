@@ -1,5 +1,5 @@
 // Provides the picture as the lens's aperture spreads every point, each colour differently.
-// Twin: catoptra_server.effects.diffraction.Diffraction.apply.
+// Twin: catoptra_server.effects.medium.diffraction.Diffraction.apply.
 #include "include/symmetric_kernels.glsl"
 uniform sampler2D picture;
 uniform sampler2D weights;           // a column a pair of distances

@@ -1,5 +1,5 @@
 // Provides the picture times one gain.
-// Twin: catoptra_server.effects.exposure.Exposure.apply.
+// Twin: catoptra_server.effects.sensor.exposure.Exposure.apply.
 uniform sampler2D picture;
 uniform float gain;
 out vec4 colour;

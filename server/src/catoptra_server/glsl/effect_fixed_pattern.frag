@@ -1,5 +1,5 @@
 // Provides the picture as pixels of unequal gain and dark signal measure it.
-// Twin: catoptra_server.effects.fixed_pattern.FixedPattern.apply.
+// Twin: catoptra_server.effects.sensor.fixed_pattern.FixedPattern.apply.
 #include "include/noise.glsl"
 uniform sampler2D picture;
 uniform vec2 spread;                 // standard deviations: of the gain, of the dark signal

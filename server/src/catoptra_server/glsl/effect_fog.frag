@@ -1,5 +1,5 @@
 // Provides the picture through fog, by the range of what each pixel sees.
-// Twin: catoptra_server.effects.fog.Fog.apply.
+// Twin: catoptra_server.effects.medium.fog.Fog.apply.
 uniform sampler2D picture;
 uniform sampler2D range_m;           // of what the pixel\'s middle sees; inf where nothing is met
 uniform sampler2D mirror_mask;       // 1 where a pixel sees the mirror

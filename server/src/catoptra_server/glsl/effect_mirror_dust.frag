@@ -1,5 +1,5 @@
 // Provides the picture in a mirror with dust and scratches on it.
-// Twin: catoptra_server.effects.mirror_dust.MirrorDust.apply.
+// Twin: catoptra_server.effects.mirror.mirror_dust.MirrorDust.apply.
 uniform sampler2D picture;
 uniform sampler2D covered;           // the share of each pixel's view
 uniform float scattered;             // the light of what covers it

@@ -1,5 +1,5 @@
 // Provides the picture in a mirror of metal, whose reflectance depends on the angle of light.
-// Twin: catoptra_server.effects.mirror_reflectance.MirrorReflectance.apply.
+// Twin: catoptra_server.effects.mirror.mirror_reflectance.MirrorReflectance.apply.
 const int STEPS = 200;
 uniform sampler2D picture;
 uniform vec2 centre_px;

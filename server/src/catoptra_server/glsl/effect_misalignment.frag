@@ -1,5 +1,5 @@
 // Provides the picture as a camera sees it that stands beside the mirror's focus.
-// Twin: catoptra_server.effects.misalignment.Misalignment.apply.
+// Twin: catoptra_server.effects.medium.misalignment.Misalignment.apply.
 #include "include/bilinear.glsl"
 uniform sampler2D picture;
 uniform sampler2D lookup_offsets_px;      // how far aside, px; 1, or 0 where nothing is to be seen

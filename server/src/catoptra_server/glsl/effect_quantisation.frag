@@ -1,5 +1,5 @@
 // Provides the picture in whole steps of the converter.
-// Twin: catoptra_server.effects.quantisation.Quantisation.apply.
+// Twin: catoptra_server.effects.sensor.quantisation.Quantisation.apply.
 uniform sampler2D picture;
 uniform float steps;                 // the largest code
 out vec4 colour;

@@ -1,5 +1,5 @@
 // Provides the picture with the noise of the amplifier.
-// Twin: catoptra_server.effects.read_noise.ReadNoise.apply.
+// Twin: catoptra_server.effects.sensor.read_noise.ReadNoise.apply.
 #include "include/noise.glsl"
 uniform sampler2D picture;
 uniform float spread;                // standard deviation

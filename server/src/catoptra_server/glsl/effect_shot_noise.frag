@@ -1,5 +1,5 @@
 // Provides the picture with the noise of photons, clipped at the full well.
-// Twin: catoptra_server.effects.shot_noise.ShotNoise.apply.
+// Twin: catoptra_server.effects.sensor.shot_noise.ShotNoise.apply.
 #include "include/noise.glsl"
 uniform sampler2D picture;
 uniform float electron;              // the light of one

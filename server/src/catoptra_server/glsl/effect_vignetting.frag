@@ -1,5 +1,5 @@
 // Provides the picture darkened by cos^4 of the angle at the lens.
-// Twin: catoptra_server.effects.vignetting.Vignetting.apply.
+// Twin: catoptra_server.effects.medium.vignetting.Vignetting.apply.
 uniform sampler2D picture;
 uniform vec2 centre_px;
 uniform float inverse_focal_length;         // tan(psi) of a radius of one pixel

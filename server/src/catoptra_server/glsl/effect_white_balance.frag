@@ -1,5 +1,5 @@
 // Provides the picture with each colour amplified, clipped at the full well before.
-// Twin: catoptra_server.effects.white_balance.WhiteBalance.apply.
+// Twin: catoptra_server.effects.sensor.white_balance.WhiteBalance.apply.
 uniform sampler2D picture;
 uniform vec3 gains;
 out vec4 colour;

@@ -1,10 +1,10 @@
 // Provides the linear radiance of a facet: constant, lit by point lights or with shadows, textured.
-// Twin: catoptra_server.render.shading.facet_radiance, then the other functions of that file.
+// Twin: catoptra_server.scene.shading.facet_radiance, then the other functions of that file.
 #ifdef SHADOWS
 #include "include/shadows.glsl"
 #endif
 #ifdef POINT_LIGHTS
-#include "include/shading.glsl"
+#include "include/point_irradiance.glsl"
 #endif
 #if defined(POINT_LIGHTS) || defined(SHADOWS)
 in vec3 place;

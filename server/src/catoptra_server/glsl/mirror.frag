@@ -1,5 +1,5 @@
 // Provides the mirror's picture from the places that SAMPLES x SAMPLES samples a pixel look up.
-// Twin: catoptra_server.render.trace.samples.omni_samples, then the mean of what is met there.
+// Twin: catoptra_server.render.trace.ray_samples.omni_samples, then the mean of what is met there.
 #include "include/colour.glsl"
 uniform sampler2D atlas;
 uniform sampler2D places;            // of the samples in the atlas; negative where no mirror is

@@ -12,19 +12,19 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects.decide import EffectDecision
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
+from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.frame_key import ZERO_SEED, NoiseSeed
+from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.plan.render_plan import RenderPlan
-from catoptra_server.render.shutter import Shutter
-from catoptra_server.scene.bodies import DynamicObject
-from catoptra_server.scene.motion import AT_REST, Twist
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.twist import AT_REST, Twist
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
@@ -99,10 +99,14 @@ class OmniView(View, Protocol):
     What they need is built when they are first asked for; without any it is what it always is.
     """
 
-    def render(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
+    def render(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> RenderedImage:
         """Return the picture of an exposure as effects change it, one after the other."""
 
-    def render_linear(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> LinearImage:
+    def render_linear(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 
 Vector3 = tuple[float, float, float]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_server.robot.description import DriveBase
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import DriveBase
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,9 @@ def apply_slip(base: DriveBase, travel: WheelTravel, generator: np.random.Genera
     lost = 0.5 * base.turn_slip * (travel.left_m - travel.right_m)
     return WheelTravel(
         travel.left_m - lost + base.slip_noise * math.sqrt(abs(travel.left_m)) * float(left_noise),
-        travel.right_m + lost + base.slip_noise * math.sqrt(abs(travel.right_m)) * float(right_noise),
+        travel.right_m
+        + lost
+        + base.slip_noise * math.sqrt(abs(travel.right_m)) * float(right_noise),
     )
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.scene.description import Box, Cylinder, Item, Material, Rgb
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene.world_description import Box, Cylinder, Item, Material, Rgb
 
 WHITE: Rgb = (0.80, 0.80, 0.80)
 GOAL_WALL_THICKNESS_M = 0.02  # thickness of a goal's boards
@@ -50,9 +50,24 @@ def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]
     back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_THICKNESS_M)
     side_x = landmark.x_m + outward * 0.5 * landmark.depth_m
     boards = [
-        ("back", back_x, 0.0, (GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * GOAL_WALL_THICKNESS_M, height)),
-        ("left", side_x, -half - 0.5 * GOAL_WALL_THICKNESS_M, (landmark.depth_m, GOAL_WALL_THICKNESS_M, height)),
-        ("right", side_x, half + 0.5 * GOAL_WALL_THICKNESS_M, (landmark.depth_m, GOAL_WALL_THICKNESS_M, height)),
+        (
+            "back",
+            back_x,
+            0.0,
+            (GOAL_WALL_THICKNESS_M, landmark.width_m + 2 * GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "left",
+            side_x,
+            -half - 0.5 * GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
+        ),
+        (
+            "right",
+            side_x,
+            half + 0.5 * GOAL_WALL_THICKNESS_M,
+            (landmark.depth_m, GOAL_WALL_THICKNESS_M, height),
+        ),
     ]
     material = Material(albedos[landmark.upper_colour])
     return tuple(

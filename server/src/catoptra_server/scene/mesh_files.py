@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
-from catoptra_protocol.optics.frames import rotation_from_rpy
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.description import MeshFile
 from catoptra_server.scene.primitives import Patch
+from catoptra_server.scene.world_description import MeshFile
 
 Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
@@ -79,13 +79,17 @@ def _convert_mesh(mesh: Any, shape: MeshFile) -> LoadedMesh:
     is_gltf = shape.path.suffix.lower() in (".glb", ".gltf")
     uv, albedo, texture = _read_appearance(mesh, faces, is_gltf=is_gltf)
     kept = _is_within_bound(corners, _MAX_COORDINATE_M, "a corner without a finite place", shape)
-    kept &= _is_within_bound(uv, _MAX_TEXTURE_REPEATS, "texture coordinates that are no finite numbers", shape)
+    kept &= _is_within_bound(
+        uv, _MAX_TEXTURE_REPEATS, "texture coordinates that are no finite numbers", shape
+    )
     kept[kept] = _has_area(corners[kept])
     patch = Patch(corners[kept] @ _SAE_FROM_UP[shape.up].T, uv[kept])
     return LoadedMesh(patch, albedo[kept], texture)
 
 
-def _is_within_bound(values: Floats, max_value: float, defect: str, shape: MeshFile) -> npt.NDArray[np.bool_]:
+def _is_within_bound(
+    values: Floats, max_value: float, defect: str, shape: MeshFile
+) -> npt.NDArray[np.bool_]:
     """Return which of n triangles have all (n, 3, k) values within a bound; warn of others."""
     # A comparison with NaN is false.
     within = np.asarray((np.abs(values) <= max_value).all(axis=(1, 2)))
@@ -121,7 +125,11 @@ def _read_appearance(
         return blank, _linear_light(visual.face_colors, is_gltf=is_gltf), None
     uv, texture = getattr(visual, "uv", None), _texture_image(material)
     if uv is None or texture is None:
-        return blank, _repeat_per_face(_base_colour(material, _MID_GREY, is_gltf=is_gltf), faces), None
+        return (
+            blank,
+            _repeat_per_face(_base_colour(material, _MID_GREY, is_gltf=is_gltf), faces),
+            None,
+        )
     # trimesh counts v from the bottom, images from the top.
     flipped = np.asarray(uv, dtype=np.float64)[faces] * (1.0, -1.0) + (0.0, 1.0)
     albedo = _base_colour(material, _WHITE, is_gltf=is_gltf)

@@ -17,9 +17,9 @@ from enum import Enum
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, face_from_direction
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 
 
 class Interpolation(Enum):
@@ -54,7 +54,9 @@ class Tessellation:
         return self.sectors * self.rings
 
 
-def tessellation_from_polygon_count(num_polygons: int, interpolation: Interpolation = Interpolation.UV) -> Tessellation:
+def tessellation_from_polygon_count(
+    num_polygons: int, interpolation: Interpolation = Interpolation.UV
+) -> Tessellation:
     """Return the split of a polygon count: the square one for 4^n, as in the paper's 16 to 4096.
 
     Any other count is factored as near to sectors = 4 rings as it allows.
@@ -103,11 +105,17 @@ def mirror_polygons(camera: OmniCamera, tessellation: Tessellation) -> Floats:
 
 def _ring_vertices(camera: OmniCamera, tessellation: Tessellation) -> Floats:
     """Return the (rings + 1, sectors, 3) vertices; ring 0 is the vertex of the mirror, S times."""
-    ratio = np.linspace(0.0, 1.0, tessellation.rings + 1) * camera.rim_radius_px / camera.horizon_radius_px
+    ratio = (
+        np.linspace(0.0, 1.0, tessellation.rings + 1)
+        * camera.rim_radius_px
+        / camera.horizon_radius_px
+    )
     r, z = camera.mirror.surface_point(camera.mirror.t_from_radius_ratio(ratio))
     # A border at 45 degrees, so that with 8, 16, ... sectors no polygon crosses the side faces'
     # edges.
-    azimuth = 0.25 * math.pi + 2.0 * math.pi * np.arange(tessellation.sectors) / tessellation.sectors
+    azimuth = (
+        0.25 * math.pi + 2.0 * math.pi * np.arange(tessellation.sectors) / tessellation.sectors
+    )
     x, y = np.outer(r, np.cos(azimuth)), np.outer(r, np.sin(azimuth))
     return np.stack((x, y, np.broadcast_to(z[:, None], x.shape)), axis=-1)
 
@@ -118,7 +126,9 @@ def _split_into_triangles(
     """Return (n, 3, 3) corners and the (n,) polygon (ring * S + sector) of each triangle."""
     outer, inner = polygons[:, (0, 2, 3)], polygons[tessellation.sectors :, (0, 1, 2)]
     polygon = np.arange(tessellation.num_polygons)
-    return np.concatenate((outer, inner)), np.concatenate((polygon, polygon[tessellation.sectors :]))
+    return np.concatenate((outer, inner)), np.concatenate(
+        (polygon, polygon[tessellation.sectors :])
+    )
 
 
 def _polygon_faces(polygons: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -126,7 +136,9 @@ def _polygon_faces(polygons: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]
     return face_from_direction(polygons.sum(axis=1))
 
 
-def _project_to_face_planes(corners: Floats, face: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Floats:
+def _project_to_face_planes(
+    corners: Floats, face: np.ndarray[tuple[int], np.dtype[np.intp]]
+) -> Floats:
     """Return the corners pushed onto the planes of their polygons' faces: (1, s, t) of the face.
 
     Linear interpolation there is the linear interpolation of texture coordinates. A corner that the

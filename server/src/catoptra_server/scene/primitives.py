@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.description import Box, Cylinder, Rectangle, Ring, SphereBand
+from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ring, SphereBand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +126,9 @@ def ring(shape: Ring) -> Patch:
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
     points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
-    return _orient_outward(grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0]))
+    return _orient_outward(
+        grid(points, np.zeros((2, len(angle), 2))), outward=np.array([0.0, 0.0, -1.0])
+    )
 
 
 def sphere_band(shape: SphereBand) -> Patch:

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene import primitives
-from catoptra_server.scene.bodies import ObjectMesh, build_object_mesh
-from catoptra_server.scene.description import Box, Cylinder, Material
+from catoptra_server.scene.dynamic_object import ObjectMesh, build_object_mesh
 from catoptra_server.scene.primitives import Patch
+from catoptra_server.scene.world_description import Box, Cylinder, Material
 
 CHASSIS_MATERIAL = Material((0.45, 0.04, 0.03))  # ActivMedia's red
 DECK_MATERIAL = Material((0.04, 0.04, 0.04))
@@ -68,7 +68,13 @@ def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = Non
 
 def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
     """Return what a robot's own mirror sees of it: neither itself nor the glass that carries it."""
-    return build_object_mesh([*_chassis_parts(shape), *_wheel_parts(shape), *_capture_camera_parts(tower, deck_z=_deck_z(shape))])
+    return build_object_mesh(
+        [
+            *_chassis_parts(shape),
+            *_wheel_parts(shape),
+            *_capture_camera_parts(tower, deck_z=_deck_z(shape)),
+        ]
+    )
 
 
 def _deck_z(shape: RobotDimensions) -> float:

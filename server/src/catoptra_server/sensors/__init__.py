@@ -1,6 +1,6 @@
 """All sensors that a robot can carry, in one visible table, in the order of UT2004's cycle.
 
-To add one: describe it in `robot/sensor_descriptions.py`, read it in `config/sensor_items.py`,
+To add one: describe it in `robot/sensor_descriptions.py`, read it in `config/sensor_readers.py`,
 write `<name>.py` beside the others (the protocol is in `sensor.py`), its report in the wire's
 `readings`, then its line here: in `_SHARED_STREAM_NAMES` if all of a robot report together.
 """
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import (
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import (
     DriveBase,
     EncoderDescription,
     GpsDescription,
@@ -32,7 +32,7 @@ from catoptra_server.sensors.ins import InsSensor
 from catoptra_server.sensors.odometry import OdometrySensor
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
 from catoptra_server.sensors.rfid import RfidSensor
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part, Sensor
+from catoptra_server.sensors.sensor import MotionStep, Part, Sensor, SensorContext
 from catoptra_server.sensors.sonar import SonarRing
 from catoptra_server.sensors.tachometer import TachometerSensor
 from catoptra_server.sensors.touch import TouchSensorBank

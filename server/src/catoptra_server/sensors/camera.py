@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from catoptra_protocol.camera_conf import Pairs
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
-from catoptra_server.imaging.multi_view import Tile
-from catoptra_server.imaging.shot import ViewRequest
-from catoptra_server.scene.bodies import DynamicObject
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
+from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.multi_view import Tile
+from catoptra_server.scene.dynamic_object import DynamicObject
 
 
 class RobotCamera(Protocol):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import EncoderConfiguration, EncoderReadings
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, EncoderDescription
+from catoptra_protocol.usarsim.reports import EncoderConfiguration, EncoderReadings
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, EncoderDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 _LEFT, _RIGHT = "left", "right"
 
@@ -54,7 +54,11 @@ class EncoderBank:
         """Return whole ticks, truncated towards zero; noise moves the angle beforehand."""
         noise = [0.0] * len(self._descriptions)
         if any(encoder.noise_rad for encoder in self._descriptions):
-            noise = self._stream.generator(context.tick).standard_normal(len(self._descriptions)).tolist()
+            noise = (
+                self._stream.generator(context.tick)
+                .standard_normal(len(self._descriptions))
+                .tolist()
+            )
         items = tuple(
             (encoder.name, self._ticks(encoder, context, encoder.noise_rad * error))
             for encoder, error in zip(self._descriptions, noise, strict=True)
@@ -63,7 +67,11 @@ class EncoderBank:
         return EncoderReadings(items, context.time_s if is_timed else None)
 
     def _ticks(self, encoder: EncoderDescription, context: SensorContext, error_rad: float) -> int:
-        turned = self._shaft_angle_rad(encoder, context) - self._zero_angles_rad[encoder.name] + error_rad
+        turned = (
+            self._shaft_angle_rad(encoder, context)
+            - self._zero_angles_rad[encoder.name]
+            + error_rad
+        )
         return math.trunc(turned / encoder.resolution_rad)
 
     def _shaft_angle_rad(self, encoder: EncoderDescription, context: SensorContext) -> float:

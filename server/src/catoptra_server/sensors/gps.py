@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.reports import GpsReading, ScanIntervalConfiguration
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, GpsDescription
-from catoptra_server.scene.description import GpsOrigin
+from catoptra_protocol.usarsim.reports import GpsReading, ScanIntervalConfiguration
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, GpsDescription
+from catoptra_server.scene.world_description import GpsOrigin
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 # WGS 84: equatorial radius in metres, and the square of the first eccentricity.
 _EQUATORIAL_RADIUS_M = 6378137.0
@@ -65,14 +65,18 @@ class GpsSensor:
     def read(self, context: SensorContext) -> GpsReading:
         """Return the place, if enough satellites are in sight."""
         place = context.world_from_robot.transform_points(self._robot_from_receiver.translation)
-        satellites = int(np.isinf(context.environment.distances(place, _SATELLITE_DIRECTIONS)).sum())
+        satellites = int(
+            np.isinf(context.environment.distances(place, _SATELLITE_DIRECTIONS)).sum()
+        )
         origin = context.environment.gps_origin
         time_s = context.time_s if self._description.has_timestamp else None
         if origin is None or satellites < _MIN_SATELLITES:
             return GpsReading(self.name, num_satellites=satellites if origin else 0, time_s=time_s)
         north_m, east_m = float(place[0]), float(place[1])
         if self._description.noise_m:
-            noise = self._description.noise_m * self._stream.generator(context.tick).standard_normal(2)
+            noise = self._description.noise_m * self._stream.generator(
+                context.tick
+            ).standard_normal(2)
             north_m, east_m = north_m + float(noise[0]), east_m + float(noise[1])
         latitude, longitude = geodetic_from_local(origin, north_m, east_m)
         return GpsReading(self.name, latitude, longitude, True, satellites, time_s)

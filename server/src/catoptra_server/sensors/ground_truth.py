@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import GroundTruthReading, ScanIntervalConfiguration
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, GroundTruthDescription
+from catoptra_protocol.usarsim.reports import GroundTruthReading, ScanIntervalConfiguration
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, GroundTruthDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class GroundTruthSensor:

@@ -11,15 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.wire.numbers import Vector3
-from catoptra_protocol.wire.reports import InsReading, ScanIntervalConfiguration
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, InsDescription
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import InsReading, ScanIntervalConfiguration
+from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import DriveBase, InsDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class InsSensor:
@@ -51,7 +51,9 @@ class InsSensor:
             self._add_bias(motion.pose)
         if self._description.noise:
             scale = self._description.noise * math.sqrt(motion.duration_s)
-            x, y, yaw = (scale * float(n) for n in self._stream.generator(motion.tick).standard_normal(3))
+            x, y, yaw = (
+                scale * float(n) for n in self._stream.generator(motion.tick).standard_normal(3)
+            )
             self._add_error(x, y, yaw)
 
     def _add_bias(self, pose: PlanarPose) -> None:
@@ -77,10 +79,15 @@ class InsSensor:
         pose = context.world_from_robot @ self._robot_from_ins
         x, y, z = (float(value) for value in pose.translation)
         roll, pitch, yaw = pose.to_rpy()
-        off_x, off_y, off_yaw = self._error if self._description.is_drifting else self._reading_error(context)
+        off_x, off_y, off_yaw = (
+            self._error if self._description.is_drifting else self._reading_error(context)
+        )
         location, rotation = (x + off_x, y + off_y, z), (roll, pitch, wrap_angle(yaw + off_yaw))
         return InsReading(
-            self.name, location, rotation, context.time_s if self._description.has_timestamp else None
+            self.name,
+            location,
+            rotation,
+            context.time_s if self._description.has_timestamp else None,
         )
 
     def _reading_error(self, context: SensorContext) -> Vector3:
@@ -88,7 +95,9 @@ class InsSensor:
         if not self._description.noise:
             return self._error
         noise = self._stream.generator(context.tick).standard_normal(3)
-        x, y, yaw = (e + self._description.noise * float(n) for e, n in zip(self._error, noise, strict=True))
+        x, y, yaw = (
+            e + self._description.noise * float(n) for e, n in zip(self._error, noise, strict=True)
+        )
         return x, y, yaw
 
 

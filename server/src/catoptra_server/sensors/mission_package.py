@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.reports import (
     LinkConfiguration,
     LinkGeometry,
     LinkStatus,
@@ -10,7 +10,7 @@ from catoptra_protocol.wire.reports import (
     MissionPackageGeometry,
     MissionPackageStatus,
 )
-from catoptra_server.robot.mission_package import (
+from catoptra_server.robot.joint_chain import (
     Joint,
     LinkDescription,
     MissionPackageDescription,
@@ -68,7 +68,9 @@ class MissionPackage:
     def configuration(self) -> MissionPackageConfiguration:
         """Return what the joints can do."""
         links = enumerate(self._description.links, 1)
-        return MissionPackageConfiguration(self.name, tuple(_link_configuration(n, link) for n, link in links))
+        return MissionPackageConfiguration(
+            self.name, tuple(_link_configuration(n, link) for n, link in links)
+        )
 
     def geometry(self) -> MissionPackageGeometry:
         """Return where the joints sit."""

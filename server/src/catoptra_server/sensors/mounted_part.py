@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from catoptra_protocol.wire.reports import AnyConfiguration, GeometryItem
+from catoptra_protocol.usarsim.reports import AnyConfiguration, GeometryItem
 from catoptra_server.robot.mount import Mount
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import OdometryConfiguration, OdometryReading
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, OdometryDescription
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_protocol.usarsim.reports import OdometryConfiguration, OdometryReading
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import DriveBase, OdometryDescription
 from catoptra_server.robot.skid_steer import WheelTravel, integrate_arc
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class OdometrySensor:
@@ -49,7 +49,9 @@ class OdometrySensor:
         root_distance = math.sqrt(abs(distance))
         believed_distance = self._description.distance_scale * distance
         believed_distance += self._description.distance_noise_m * root_distance * float(of_distance)
-        believed_turn = self._description.turn_scale * turn + self._description.drift_rad_per_m * abs(distance)
+        believed_turn = (
+            self._description.turn_scale * turn + self._description.drift_rad_per_m * abs(distance)
+        )
         believed_turn += self._description.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
         believed_turn += self._description.heading_noise_rad * root_distance * float(of_heading)
         self._pose = integrate_arc(self._pose, believed_distance, believed_turn)

@@ -6,15 +6,15 @@ import dataclasses
 from collections.abc import Mapping
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.configurations import TextureRegion as WireTile
-from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
-from catoptra_server.imaging.multi_view import Tile, fit_omni_camera
-from catoptra_server.imaging.shot import OmniCameraSpec, ViewRequest
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.configurations import TextureRegion as WireTile
+from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
+from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.multi_view import Tile, fit_omni_camera
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.robot.description import OmniCameraDescription
-from catoptra_server.scene.bodies import DynamicObject
+from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.scene.dynamic_object import DynamicObject
 
 
 class OmniCameraSensor:
@@ -57,7 +57,9 @@ class OmniCameraSensor:
 
     def camera_spec(self, tile: Tile | None = None) -> OmniCameraSpec:
         """Return what is looked through; fitted to a tile."""
-        return OmniCameraSpec(self.camera_for_tile(tile), self._render_settings, self._description.effects)
+        return OmniCameraSpec(
+            self.camera_for_tile(tile), self._render_settings, self._description.effects
+        )
 
     def set_accuracy_target(
         self, *, max_error_px: float | None = None, budget_ms: float | None = None
@@ -66,7 +68,9 @@ class OmniCameraSensor:
 
         Raises DomainError for what is not 0 or more.
         """
-        dial = self._render_settings.accuracy_target.with_changes(max_error_px=max_error_px, budget_ms=budget_ms)
+        dial = self._render_settings.accuracy_target.with_changes(
+            max_error_px=max_error_px, budget_ms=budget_ms
+        )
         self._render_settings = dataclasses.replace(self._render_settings, accuracy_target=dial)
 
     def camera_for_tile(self, tile: Tile | None) -> OmniCamera:
@@ -95,4 +99,6 @@ class OmniCameraSensor:
     def geometry(self) -> GeometryItem:
         """Return where the effective viewpoint sits on the chassis."""
         x, y, z = (float(value) for value in self._description.robot_from_mirror.translation)
-        return GeometryItem(self.name, (x, y, z), self._description.robot_from_mirror.to_rpy(), "HARD")
+        return GeometryItem(
+            self.name, (x, y, z), self._description.robot_from_mirror.to_rpy(), "HARD"
+        )

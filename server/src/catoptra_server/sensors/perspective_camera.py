@@ -7,15 +7,15 @@ import math
 from collections.abc import Mapping
 
 from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective_camera
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.wire.configurations import TextureRegion as WireTile
-from catoptra_protocol.wire.reports import CameraConfiguration, GeometryItem
-from catoptra_server.imaging.multi_view import Tile
-from catoptra_server.imaging.shot import ViewRequest
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.configurations import TextureRegion as WireTile
+from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
+from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.multi_view import Tile
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.robot.description import PerspectiveCameraDescription, RobotDescription
-from catoptra_server.scene.bodies import DynamicObject
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
+from catoptra_server.scene.dynamic_object import DynamicObject
 
 
 class PerspectiveCameraSensor:
@@ -43,7 +43,9 @@ class PerspectiveCameraSensor:
     def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Return where it is; `joints` are radians by lower-case link name."""
         mount = self.description.mount
-        return self._robot.robot_from_part(mount.parent, joint_angles_rad) @ mount.parent_from_item()
+        return (
+            self._robot.robot_from_part(mount.parent, joint_angles_rad) @ mount.parent_from_item()
+        )
 
     @property
     def size_px(self) -> tuple[int, int]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.reports import RangeScanReading, RangeScannerConfiguration
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, RangeScannerDescription
+from catoptra_protocol.usarsim.reports import RangeScannerConfiguration, RangeScanReading
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, RangeScannerDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.ranging import beam_directions, scan_angles, clamp_ranges
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.ray_patterns import beam_directions, clamp_ranges, scan_angles
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class RangeScannerSensor:
@@ -26,7 +26,9 @@ class RangeScannerSensor:
         self._description = description
         self._stream = stream
         self._robot_from_scanner = description.mount.parent_from_item()
-        self._beams_in_robot = self._robot_from_scanner.rotate_directions(_scan_directions(description))
+        self._beams_in_robot = self._robot_from_scanner.rotate_directions(
+            _scan_directions(description)
+        )
 
     @property
     def parts(self) -> Sequence[Part]:
@@ -53,7 +55,9 @@ class RangeScannerSensor:
         if self._description.noise_m:
             noise = self._stream.generator(context.tick).standard_normal(len(ranges))
             ranges = ranges + self._description.noise_m * noise
-        told = clamp_ranges(ranges, min_m=self._description.min_range_m, max_m=self._description.max_range_m)
+        told = clamp_ranges(
+            ranges, min_m=self._description.min_range_m, max_m=self._description.max_range_m
+        )
         return RangeScanReading(
             time_s=context.time_s,
             name=self.name,

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_protocol.wire.numbers import format_fixed_point
-from catoptra_protocol.wire.reports import Configuration, RfidReading
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, RfidDescription
+from catoptra_protocol.usarsim.reports import Configuration, RfidReading
+from catoptra_protocol.usarsim.value_format import format_fixed_point
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, RfidDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class RfidSensor:
@@ -28,7 +28,10 @@ class RfidSensor:
     @property
     def parts(self) -> Sequence[Part]:
         """Return the reader."""
-        pairs = (("Name", self.name), ("MaxRange", format_fixed_point(self._description.max_range_m)))
+        pairs = (
+            ("Name", self.name),
+            ("MaxRange", format_fixed_point(self._description.max_range_m)),
+        )
         told = Configuration(self.type, pairs)
         return (MountedPart(self.type, self.name, self._description.mount, told),)
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import (
     AnyConfiguration,
     GeometryItem,
     MissionPackageGeometry,
     Report,
 )
-from catoptra_server.robot.pose import PlanarPose
+from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.skid_steer import WheelTravel
-from catoptra_server.sensors.sight import EMPTY_ENVIRONMENT, SensorEnvironment
+from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
 
 
 @dataclass(frozen=True, slots=True)

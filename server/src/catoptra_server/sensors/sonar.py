@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.reports import SonarConfiguration, SonarReadings
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, SonarDescription
+from catoptra_protocol.usarsim.reports import SonarConfiguration, SonarReadings
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, SonarDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.ranging import cone_directions, clamp_ranges
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.ray_patterns import clamp_ranges, cone_directions
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 
 class SonarRing:
@@ -76,7 +76,9 @@ class SonarRing:
 
 
 def _cone_directions_in_robot(sonar: SonarDescription) -> Floats:
-    rays = cone_directions(sonar.beam_rad, num_rings=sonar.num_cones, rays_per_ring=sonar.rays_per_cone)
+    rays = cone_directions(
+        sonar.beam_rad, num_rings=sonar.num_cones, rays_per_ring=sonar.rays_per_cone
+    )
     return sonar.mount.parent_from_item().rotate_directions(rays)
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.reports import ScanIntervalConfiguration, TachometerReading
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, TachometerDescription
+from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration, TachometerReading
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, TachometerDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
 _SIDE_OF_WHEEL = (1, 0)  # front right, front left, back right, back left. Source: P3AT.uc
 
@@ -42,7 +42,10 @@ class TachometerSensor:
         """Turn the wheels."""
         # In one division, as the way was made in one product: half of 1.0 prints as 0.5000.
         m_per_rad_s = self._wheel_radius_m * motion.duration_s
-        left, right = motion.wheel_travel.left_m / m_per_rad_s, motion.wheel_travel.right_m / m_per_rad_s
+        left, right = (
+            motion.wheel_travel.left_m / m_per_rad_s,
+            motion.wheel_travel.right_m / m_per_rad_s,
+        )
         self._spins_rad_s = (left, right)
         turned_left, turned_right = self._angles_rad
         self._angles_rad = (
@@ -60,4 +63,6 @@ class TachometerSensor:
         )
 
     def _expand_to_wheels(self, sides: tuple[float, float]) -> tuple[float, ...]:
-        return tuple(sides[_SIDE_OF_WHEEL[wheel % 2]] for wheel in range(self._description.num_wheels))
+        return tuple(
+            sides[_SIDE_OF_WHEEL[wheel % 2]] for wheel in range(self._description.num_wheels)
+        )

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.reports import TouchConfiguration, TouchReadings
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, TouchDescription
+from catoptra_protocol.usarsim.reports import TouchConfiguration, TouchReadings
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, TouchDescription
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 
-# A base stops within a tenth of a millimetre of what it hits (robot/body); a switch gives way by a
+# A base stops within a tenth of a millimetre of what it hits (robot/robot_body); a switch gives way by a
 # millimetre.
 _TRAVEL_M = 1e-3
 
@@ -29,7 +29,9 @@ class TouchSensorBank:
         self.name = self.type
         self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
-        self._ray_origins = np.concatenate([_ray_origins_in_robot(description) for description in descriptions])
+        self._ray_origins = np.concatenate(
+            [_ray_origins_in_robot(description) for description in descriptions]
+        )
         forward = [d.mount.parent_from_item().rotation[:, 0] for d in descriptions]
         self._forward = np.repeat(forward, _NUM_RAYS, axis=0)
         self._reach_m = np.repeat([d.diameter_m + _TRAVEL_M for d in descriptions], _NUM_RAYS)
@@ -53,7 +55,11 @@ class TouchSensorBank:
         )
         pressed = np.any((distances <= self._reach_m).reshape(-1, _NUM_RAYS), axis=1)
         names = (description.name for description in self._descriptions)
-        time_s = context.time_s if all(description.has_timestamp for description in self._descriptions) else None
+        time_s = (
+            context.time_s
+            if all(description.has_timestamp for description in self._descriptions)
+            else None
+        )
         return TouchReadings(tuple(zip(names, pressed.tolist(), strict=True)), time_s)
 
 

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.wire.numbers import format_fixed_point
-from catoptra_protocol.wire.reports import Configuration, VictimPart, VictimReading
-from catoptra_server.random_streams import RandomSource
-from catoptra_server.robot.description import DriveBase, VictimSensorDescription
-from catoptra_server.scene.description import Victim
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.reports import Configuration, VictimPart, VictimReading
+from catoptra_protocol.usarsim.value_format import format_fixed_point
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.robot_description import DriveBase, VictimSensorDescription
+from catoptra_server.scene.world_description import Victim
 from catoptra_server.sensors.mounted_part import MountedPart
-from catoptra_server.sensors.sensor import SensorContext, MotionStep, Part
-from catoptra_server.sensors.sight import SensorEnvironment
+from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
 
 # A victim may be drawn in the scene: what is met this near to its place is the victim itself.
 _VICTIM_RADIUS_M = 0.4
@@ -38,7 +38,10 @@ class VictimSensor:
     @property
     def parts(self) -> Sequence[Part]:
         """Return the sensor."""
-        limits = (("MaxRange", format_fixed_point(self._description.max_range_m)), ("Fov", format_fixed_point(self._description.fov_rad)))
+        limits = (
+            ("MaxRange", format_fixed_point(self._description.max_range_m)),
+            ("Fov", format_fixed_point(self._description.fov_rad)),
+        )
         told = Configuration(self.type, (("Name", self.name), *limits))
         return (MountedPart(self.type, self.name, self._description.mount, told),)
 

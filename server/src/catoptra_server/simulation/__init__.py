@@ -5,14 +5,14 @@
 
 from catoptra_server.simulation.fleet import Fleet
 from catoptra_server.simulation.loop import ClockMode, Simulation
-from catoptra_server.simulation.requests import (
-    CommandReceived,
-    Client,
+from catoptra_server.simulation.simulation_events import (
     AccuracyTargetChanged,
+    Client,
+    ClientDisconnected,
+    CommandReceived,
     FrameRendered,
     FrameRequested,
     LandmarksRequested,
-    ClientDisconnected,
     SimulationEvent,
     StopRequested,
 )

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from functools import partial
 
-from catoptra_protocol.wire.commands import (
+from catoptra_protocol.usarsim.commands import (
     Command,
     Drive,
     DriveJoints,
@@ -19,24 +19,42 @@ from catoptra_protocol.wire.commands import (
     Set,
     SetViewports,
 )
-from catoptra_protocol.wire.reports import Report, StartPose, StartPoses
-from catoptra_server.imaging.multi_view import TileLayout
-from catoptra_server.imaging.shot import CameraChannel, Channel, OmniCameraSpec, FrameComposition, ImagePortChannel
-from catoptra_server.robot.description import RobotDescription
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_protocol.usarsim.reports import Report, StartPose, StartPoses
+from catoptra_server.frames.frame_request import (
+    CameraChannel,
+    Channel,
+    FrameComposition,
+    ImagePortChannel,
+    OmniCameraSpec,
+)
+from catoptra_server.frames.image_port_layout import (
+    ImagePortLayout,
+    VisibleObjects,
+    compose_camera_frame,
+    find_displayed_robot,
+)
+from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
 from catoptra_server.sensors.camera import RobotCamera
-from catoptra_server.sensors.sight import EmptyScene, RayCaster, SensorEnvironment
-from catoptra_server.simulation.answers import ErrorBoundLookup, execute_get_conf, execute_get_geo
-from catoptra_server.simulation.appearance import RobotMeshes
-from catoptra_server.simulation.requests import Client, AccuracyTargetChanged
-from catoptra_server.simulation.screen import VisibleObjects, ImagePortLayout, compose_camera_frame, find_displayed_robot
+from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
+from catoptra_server.simulation.collision_index import CollisionIndex
+from catoptra_server.simulation.get_commands import (
+    ErrorBoundLookup,
+    execute_get_conf,
+    execute_get_geo,
+)
+from catoptra_server.simulation.landmark_visibility import (
+    LandmarkVisibility,
+    compute_landmark_visibility,
+)
+from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot_meshes import RobotMeshes
 from catoptra_server.simulation.set_commands import execute_set
-from catoptra_server.simulation.sightings import LandmarkVisibility, compute_landmark_visibility
-from catoptra_server.simulation.spawned_robot import Robot
-from catoptra_server.simulation.spawning import find_class, unique_name, spawn_pose
-from catoptra_server.simulation.traffic import CollisionIndex
+from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
+from catoptra_server.simulation.spawning import find_class, spawn_pose, unique_name
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +88,9 @@ class Fleet:
         self._robots: dict[Client, Robot] = {}
         self._collision_index = CollisionIndex(scene, self._classes)
         self._robot_meshes = RobotMeshes(self._classes)
-        self._image_port_layout = ImagePortLayout(multi_view, blank_size_px=_blank_size_px(self._classes))
+        self._image_port_layout = ImagePortLayout(
+            multi_view, blank_size_px=_blank_size_px(self._classes)
+        )
 
     def find_robot(self, client: Client) -> Robot | None:
         """Return a client's robot, if it has one."""
@@ -82,7 +102,9 @@ class Fleet:
 
     def other_robot_boxes(self, except_robot: Robot | None) -> tuple[OrientedBox, ...]:
         """Return the boxes of all robots but one: world_from_box, and length, width, height."""
-        return tuple(self._collision_index.bounding_box(robot) for robot in self.other_robots(except_robot))
+        return tuple(
+            self._collision_index.bounding_box(robot) for robot in self.other_robots(except_robot)
+        )
 
     def remove(self, client: Client) -> str | None:
         """Take a client's robot out of the world; return its name, now free, if it had one."""
@@ -127,7 +149,9 @@ class Fleet:
             case SetViewports():
                 client.deliver([robot.viewports.execute(command, time_s)])
             case Set():
-                client.deliver(execute_set(robot, command, robot.sensor_context(time_s, self.sense(robot))))
+                client.deliver(
+                    execute_set(robot, command, robot.sensor_context(time_s, self.sense(robot)))
+                )
 
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
         description = find_class(self._classes, init.class_name)
@@ -156,7 +180,9 @@ class Fleet:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
         return StartPoses(tuple(poses))
 
-    def set_accuracy_target(self, event: AccuracyTargetChanged) -> tuple[OmniCameraSpec | None, str]:
+    def set_accuracy_target(
+        self, event: AccuracyTargetChanged
+    ) -> tuple[OmniCameraSpec | None, str]:
         """Draw a client's camera as asked; return its eye, None where there is none, and name."""
         robot = self._robots.get(event.client)
         omni = robot.omni_camera if robot else None
@@ -201,12 +227,16 @@ class Fleet:
         robots = list(self._robots.values())
         match channel:
             case ImagePortChannel(tile):
-                return self._image_port_layout.compose_frame(robots, self._visible_objects, tile=tile)
+                return self._image_port_layout.compose_frame(
+                    robots, self._visible_objects, tile=tile
+                )
             case CameraChannel():
                 found = self._find_camera(channel)
                 return compose_camera_frame(*found, self._visible_objects) if found else None
 
-    def compute_landmark_visibility(self, channel: CameraChannel) -> tuple[LandmarkVisibility, ...] | None:
+    def compute_landmark_visibility(
+        self, channel: CameraChannel
+    ) -> tuple[LandmarkVisibility, ...] | None:
         """Return what a camera sees of the landmarks now; None: no such robot or camera."""
         found = self._find_camera(channel)
         if found is None:

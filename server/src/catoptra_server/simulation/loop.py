@@ -14,19 +14,24 @@ import time
 from collections.abc import Callable
 from enum import Enum
 
-from catoptra_protocol.wire.commands import Step
-from catoptra_protocol.wire.reports import Report, CommandResult
-from catoptra_server.imaging.shot import Channel, FrameComposition, ImagePortChannel, FrameRequest
+from catoptra_protocol.usarsim.commands import Step
+from catoptra_protocol.usarsim.reports import CommandResult, Report
+from catoptra_server.frames.capture_scheduler import CaptureScheduler, ChannelState
+from catoptra_server.frames.frame_request import (
+    Channel,
+    FrameComposition,
+    FrameRequest,
+    ImagePortChannel,
+)
 from catoptra_server.simulation.fleet import Fleet
-from catoptra_server.simulation.reels import ChannelState, CaptureScheduler
-from catoptra_server.simulation.requests import (
-    CommandReceived,
-    Client,
+from catoptra_server.simulation.simulation_events import (
     AccuracyTargetChanged,
+    Client,
+    ClientDisconnected,
+    CommandReceived,
     FrameRendered,
     FrameRequested,
     LandmarksRequested,
-    ClientDisconnected,
     SimulationEvent,
     StopRequested,
 )
@@ -174,7 +179,9 @@ class Simulation:
             self._scheduler.remove(channel)
             self._reject(channel)
             return
-        sequence = state.start_frame(self._time_s, interval_s=self._min_interval_s(channel, scenery))
+        sequence = state.start_frame(
+            self._time_s, interval_s=self._min_interval_s(channel, scenery)
+        )
         self._render(FrameRequest(channel, sequence, self._time_s, self._monotonic(), scenery))
 
     def _min_interval_s(self, channel: Channel, composition: FrameComposition) -> float:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.wire.commands import Set
-from catoptra_protocol.wire.reports import (
+from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
+from catoptra_protocol.usarsim.commands import Set
+from catoptra_protocol.usarsim.reports import (
     CameraFov,
     CameraResult,
-    Report,
     CommandResult,
+    Report,
 )
-from catoptra_protocol.wire.results import STATUS_FAILED, STATUS_OK
 from catoptra_server.sensors import SensorContext
 from catoptra_server.sensors.encoder import EncoderBank
 from catoptra_server.sensors.ins import InsSensor
 from catoptra_server.sensors.odometry import OdometrySensor
 from catoptra_server.sensors.range_scanner import RangeScannerSensor
-from catoptra_server.simulation.spawned_robot import Robot
+from catoptra_server.simulation.robot import Robot
 
 
 def execute_set(robot: Robot, command: Set, moment: SensorContext) -> list[Report]:
@@ -35,7 +35,9 @@ def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
     """Zoom the cameras of a name, or all; the omni camera's law is fixed: it says so by Failed."""
     wished = command.parse_fov_rad() or 0.0
     cameras = [
-        CameraFov(c.name, c.zoom(wished)) for c in robot.perspective_cameras if _matches_name(command, c.name)
+        CameraFov(c.name, c.zoom(wished))
+        for c in robot.perspective_cameras
+        if _matches_name(command, c.name)
     ]
     omni = robot.omni_camera
     if omni and _matches_name(command, omni.name) and (command.name or not cameras):
@@ -59,7 +61,9 @@ def _reset_encoder(robot: Robot, command: Set, moment: SensorContext) -> list[Re
 
 
 def _set_ins_pose(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
-    found = [s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)]
+    found = [
+        s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
+    ]
     numbers = command.numeric_params()
     if len(numbers) != 6:
         return None

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from catoptra_protocol.optics.numerics import wrap_angle
-from catoptra_protocol.wire.commands import Init
-from catoptra_server.robot.description import RobotDescription
-from catoptra_server.robot.pose import PlanarPose
-from catoptra_server.scene.description import StartPlace
+from catoptra_protocol.usarsim.commands import Init
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.scene.world_description import StartPlace
 
 
 def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescription | None:
@@ -34,4 +34,6 @@ def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose | None:
 def unique_name(requested: str, existing: Collection[str]) -> str:
     """Return the wished name, with a number behind it if it is taken."""
     numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
-    return requested if requested not in existing else next(n for n in numbered if n not in existing)
+    return (
+        requested if requested not in existing else next(n for n in numbered if n not in existing)
+    )

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from catoptra_protocol.wire.commands import SetViewports
-from catoptra_protocol.wire.reports import Viewport, ViewportsResult
-from catoptra_protocol.wire.results import CAMERA_DISABLED, STATUS_FAILED, CAMERA_MISSING, STATUS_OK, NUM_VIEWPORTS
-from catoptra_server.imaging.multi_view import ViewportConfig
+from catoptra_protocol.usarsim.command_results import (
+    CAMERA_DISABLED,
+    CAMERA_MISSING,
+    NUM_VIEWPORTS,
+    STATUS_FAILED,
+    STATUS_OK,
+)
+from catoptra_protocol.usarsim.commands import SetViewports
+from catoptra_protocol.usarsim.reports import Viewport, ViewportsResult
+from catoptra_server.frames.multi_view import ViewportConfig
 
 _CONFIGS = tuple(config.value for config in ViewportConfig)
 # How clients switch a viewport off.

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.wire.connection import ControlServer
-from catoptra_protocol.wire.dialect import Dialect
-from catoptra_protocol.wire.reports import Greeting, Report
-from catoptra_server.simulation import CommandReceived, ClientDisconnected, SimulationEvent
-from catoptra_server.transports.listening import serve_tcp, peer_name
+from catoptra_protocol.usarsim.control_connection import ControlServer
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.reports import Greeting, Report
+from catoptra_server.simulation import ClientDisconnected, CommandReceived, SimulationEvent
+from catoptra_server.transports.tcp_server import peer_name, serve_tcp
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,9 @@ class ControlPeer:
             log.warning("%s reads nothing: cut off with %d bytes waiting", self.address, waiting)
             self._writer.transport.abort()
             return
-        if waiting > _DROP_PERIODIC_ABOVE_BYTES and all(report.WORD in _PERIODIC_WORDS for report in reports):
+        if waiting > _DROP_PERIODIC_ABOVE_BYTES and all(
+            report.WORD in _PERIODIC_WORDS for report in reports
+        ):
             return
         data = b"".join(map(self._encode, reports))
         log.debug("to %s: %r", self.address, data)

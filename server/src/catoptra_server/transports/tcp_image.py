@@ -7,19 +7,19 @@ import logging
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 
-from catoptra_protocol.wire.image import (
+from catoptra_protocol.usarsim.image_port import (
+    FullFrameRequest,
     ImageRequestReader,
     ImageType,
     RegionRequest,
-    FullFrameRequest,
     encode_frame_header,
 )
-from catoptra_server.imaging.encode import crop, encode_payload
-from catoptra_server.imaging.frame import Frame
-from catoptra_server.imaging.multi_view import TileLayout
-from catoptra_server.imaging.shot import IMAGE_PORT, Channel, ImagePortChannel
-from catoptra_server.mailbox import Mailbox, Mailboxes
-from catoptra_server.transports.listening import serve_tcp, peer_name
+from catoptra_server.frames.encode import crop, encode_payload
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
+from catoptra_server.frames.mailbox import Mailbox, Mailboxes
+from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.transports.tcp_server import peer_name, serve_tcp
 
 log = logging.getLogger(__name__)
 
@@ -109,7 +109,9 @@ def _select_channel(
     return ImagePortChannel(touched[0]), within
 
 
-def _encode_payload(frame: Frame, request: FullFrameRequest | RegionRequest, image_type: ImageType) -> bytes:
+def _encode_payload(
+    frame: Frame, request: FullFrameRequest | RegionRequest, image_type: ImageType
+) -> bytes:
     if isinstance(request, FullFrameRequest):
         return frame.encode(image_type)
     part = crop(frame.rgb, request.x, request.y, request.width, request.height)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import pixel_sample_positions
 from catoptra_protocol.optics.lenses import LENSES, PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import pixel_sample_positions
 
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
 

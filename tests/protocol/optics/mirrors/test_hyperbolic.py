@@ -118,7 +118,9 @@ def test_rim_when_of_the_table_s_angles_has_its_radius_and_camera_angle(
 ) -> None:
     r, z = PAPER.surface_point(np.array(t_from_degrees(degrees)))
     assert r == pytest.approx(rim_radius, abs=5.1e-9)
-    assert math.degrees(math.atan2(r, PAPER.pinhole_distance_m - z)) == pytest.approx(psi_deg, abs=5.1e-4)
+    assert math.degrees(math.atan2(r, PAPER.pinhole_distance_m - z)) == pytest.approx(
+        psi_deg, abs=5.1e-4
+    )
 
 
 def test_eq_2_when_compared_departs_most_below_the_horizon_at_60_degrees() -> None:

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face, face_coordinates, face_from_direction
+from catoptra_protocol.optics.cube_map import (
+    MIRROR_FROM_FACE_ROTATIONS,
+    Face,
+    face_coordinates,
+    face_from_direction,
+)
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import regions_by_density, regions_of_size
+from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
 from catoptra_server.render.raster.atlas import Atlas, pack_atlas
 from helpers.worlds import make_omni_camera
 
@@ -71,7 +76,9 @@ def test_projection_puts_a_direction_on_its_texel(rim_deg: float) -> None:
         window = cell.region.window
         low, high = (window.left, window.top), (window.right, window.bottom)
         st = rng.uniform(low, high, (50, 2))
-        directions = np.column_stack((np.ones(len(st)), st)) @ MIRROR_FROM_FACE_ROTATIONS[cell.region.face].T
+        directions = (
+            np.column_stack((np.ones(len(st)), st)) @ MIRROR_FROM_FACE_ROTATIONS[cell.region.face].T
+        )
         x, y, w = cell.clip_from_mirror @ (2.5 * directions.T)
         texel_x = cell.x + 0.5 * (x / w + 1.0) * cell.width
         texel_y = cell.y + 0.5 * (y / w + 1.0) * cell.height

@@ -8,23 +8,23 @@ import moderngl
 import numpy as np
 import pytest
 
-from catoptra_server.effects.decide import plan_effects
-from catoptra_server.effects.effect import ImageEffect, EffectSettings, EffectMode, EffectSetting
-from catoptra_server.effects.motion_blur import MotionBlur
-from catoptra_server.effects.rolling_shutter import RollingShutter
-from catoptra_server.plan.render_plan import PerPixel, MirrorSurface
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
+from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.effect_chain import EffectChain
-from catoptra_server.render.raster.programs import ShaderPrograms
-from catoptra_server.render.staging import apply_scene_effects
-from catoptra_server.render.summaries import SceneSummarizer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.render.render_plan import MirrorSurface, PerPixel
+from catoptra_server.render.scene_effects import apply_scene_effects
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import Tessellation
-from catoptra_server.scene.motion import Twist
-from helpers.effects import CAMERA, make_effect
-from helpers.pictures import level_differences
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.twist import Twist
+from helpers.effect_measurement import CAMERA, make_effect
+from helpers.image_comparison import level_differences
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 NOISY = (make_effect("Vignetting"), make_effect("ShotNoise"), make_effect("ReadNoise"))
@@ -111,7 +111,9 @@ def test_picture_when_no_effect_changes_it_is_the_usual_one(
 
 def test_frame_when_drawn_twice_has_the_same_bytes(renderer: RasterRenderer) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
-    np.testing.assert_array_equal(view.render(CAMERA_STATE, NOISY).rgb, view.render(CAMERA_STATE, NOISY).rgb)
+    np.testing.assert_array_equal(
+        view.render(CAMERA_STATE, NOISY).rgb, view.render(CAMERA_STATE, NOISY).rgb
+    )
     view.close()
 
 
@@ -128,7 +130,9 @@ def test_view_when_effects_change_keeps_the_last_four_lists_ready(
 def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRenderer) -> None:
     world = make_test_world()
     moving = (RollingShutter(0.05), MotionBlur(1.0 / 60.0))
-    named = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in (*moving, *NOISY)))
+    named = EffectSettings(
+        tuple(EffectSetting(effect, EffectMode.AUTO) for effect in (*moving, *NOISY))
+    )
     summaries = SceneSummarizer(build_scene(world), world)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     built: dict[bool, object] = {}
@@ -138,6 +142,9 @@ def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRe
         plan = plan_effects(named, summaries.summarize(exposure, CAMERA), CAMERA)
         lasting = apply_scene_effects(exposure, plan)
         view.render(lasting, plan.image_effects)
-        assert built.setdefault(lasting.shutter is None, view.active_passes[-1]) is view.active_passes[-1]
+        assert (
+            built.setdefault(lasting.shutter is None, view.active_passes[-1])
+            is view.active_passes[-1]
+        )
     assert len(built) == 2
     view.close()

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.raster.context import GlDevice
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec
-from catoptra_server.scene.description import PointLight
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms
+from catoptra_server.scene.world_description import PointLight
 
 LAMPS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
 

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel, pixel_sample_positions
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.mirror_pass import rim_polygon
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
 from helpers.worlds import make_omni_camera, make_plan
 
 # Off centre, not square, cut by the image: nothing of the mirror may be left out.

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.passes import LINEAR_DTYPE, AveragePass, OutputImage
-from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.colour import srgb_from_linear
 

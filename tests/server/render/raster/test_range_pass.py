@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.atlas import GUARD_TEXELS, pack_atlas
-from catoptra_server.render.raster.context import GlDevice
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.mirror_pass import make_lookup_texture
-from catoptra_server.render.raster.programs import ShaderPrograms
 from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
-from helpers.effects import DYNAMIC_OBJECT, CAMERA, make_effect
-from helpers.ranges import CAMERA_ABOVE_FLOOR, VIEWPOINT_HEIGHT_M, FLOOR, Ranges, trace_ranges
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.effect_measurement import CAMERA, DYNAMIC_OBJECT, make_effect
+from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, Ranges, trace_ranges
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
@@ -28,7 +28,9 @@ def rastered(world: World, exposure: CameraState, device: GlDevice) -> Ranges:
     with device.context as context:
         programs = ShaderPrograms(context)
         scene = SceneBuffers(context, programs, build_scene(world), world)
-        atlas = pack_atlas(make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096)
+        atlas = pack_atlas(
+            make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096
+        )
         places = make_lookup_texture(context, CAMERA, atlas, 1)
         step = RangePass(context, programs, scene, atlas, CAMERA, places)
         step.draw(exposure)
@@ -52,7 +54,10 @@ def test_range_when_over_a_level_floor_is_that_of_the_law(device: GlDevice) -> N
 
 def test_renderers_when_a_body_is_in_view_see_as_far_at_the_same_pixels(device: GlDevice) -> None:
     exposure = replace(CAMERA_STATE, bodies=(DYNAMIC_OBJECT,))
-    trace, raster = trace_ranges(make_test_world(), exposure), rastered(make_test_world(), exposure, device)
+    trace, raster = (
+        trace_ranges(make_test_world(), exposure),
+        rastered(make_test_world(), exposure, device),
+    )
     with np.errstate(invalid="ignore"):
         close = np.isclose(trace, raster, rtol=0.05)
     assert close.mean() > 0.95
@@ -72,7 +77,10 @@ def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None
 def test_bodies_when_they_come_and_go_are_seen_before_the_floor(
     count: int, device: GlDevice
 ) -> None:
-    bodies = (DYNAMIC_OBJECT, replace(DYNAMIC_OBJECT, world_from_body=Pose.from_rpy((-1.0, -0.5, -0.3))))[:count]
+    bodies = (
+        DYNAMIC_OBJECT,
+        replace(DYNAMIC_OBJECT, world_from_body=Pose.from_rpy((-1.0, -0.5, -0.3))),
+    )[:count]
     alone, seen = (
         rastered(FLOOR, CAMERA_ABOVE_FLOOR, device),
         rastered(FLOOR, replace(CAMERA_ABOVE_FLOOR, bodies=bodies), device),

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_buffers import MAX_POINT_LIGHTS, SceneBuffers
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, translate_world, make_test_world, write_smooth_texture
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.worlds import (
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_test_world,
+    translate_world,
+    write_smooth_texture,
+)
 
 
 def programs_for(device: GlDevice, world: World) -> tuple[str, ...]:
@@ -30,7 +36,9 @@ def test_texture_adds_one_program_for_its_group(device: GlDevice, tmp_path: Path
 
 
 def test_point_light_changes_every_program(device: GlDevice, tmp_path: Path) -> None:
-    world = make_test_world(lights=(HEMISPHERE_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png"))
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png")
+    )
     built = programs_for(device, world)
     assert built == ("face POINT_LIGHTS=1", "face TEXTURED=1 POINT_LIGHTS=1")
 

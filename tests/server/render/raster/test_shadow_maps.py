@@ -8,20 +8,35 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render import shading
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import ShaderPrograms
-from catoptra_server.render.raster.shadow_maps import MAX_SHADOWED_POINT_LIGHTS, MAX_SHADOWED_DIRECTIONAL_LIGHTS, ShadowMaps
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
+from catoptra_server.render.raster.shadow_maps import (
+    MAX_SHADOWED_DIRECTIONAL_LIGHTS,
+    MAX_SHADOWED_POINT_LIGHTS,
+    ShadowMaps,
+)
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.description import DirectionalLight, Light, World
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS
-from helpers.shadows import HEMISPHERE_LIGHT, POINT_LIGHT, DIRECTIONAL_LIGHT, box_item, floor_item, make_world
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import DirectionalLight, Light, World
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.shadows import (
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    box_item,
+    floor_item,
+    make_world,
+)
 from helpers.worlds import make_omni_camera, make_plan
 
-WORLD = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
+WORLD = make_world(
+    floor_item(),
+    box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)),
+    lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+)
 AT = CameraState(Pose.from_rpy((0.05, 0.03, -1.0)))
 
 
@@ -51,7 +66,9 @@ def test_world_when_no_light_casts_shadows_builds_nothing_for_them(device: GlDev
 def maps_of(device: GlDevice, world: World) -> ShadowMaps:
     lights = shading.shadow_casting_lights(world.lights)
     scene = build_scene(world)
-    return ShadowMaps(device.context, ShaderPrograms(device.context), scene, lights, origin=np.zeros(3))
+    return ShadowMaps(
+        device.context, ShaderPrograms(device.context), scene, lights, origin=np.zeros(3)
+    )
 
 
 def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice) -> None:
@@ -65,7 +82,12 @@ def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice
 
 
 @pytest.mark.parametrize(
-    "lights", [(DIRECTIONAL_LIGHT,) * (MAX_SHADOWED_DIRECTIONAL_LIGHTS + 1), (POINT_LIGHT,) * (MAX_SHADOWED_POINT_LIGHTS + 1)], ids=["suns", "lamps"]
+    "lights",
+    [
+        (DIRECTIONAL_LIGHT,) * (MAX_SHADOWED_DIRECTIONAL_LIGHTS + 1),
+        (POINT_LIGHT,) * (MAX_SHADOWED_POINT_LIGHTS + 1),
+    ],
+    ids=["suns", "lamps"],
 )
 def test_maps_when_lights_are_too_many_are_refused_by_number(
     device: GlDevice, lights: tuple[Light, ...]

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 
-from catoptra_protocol.optics.frames import Pose
-from catoptra_server.render.raster.context import GlDevice
-from catoptra_server.render.raster.programs import ShaderPrograms
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.meshes import build_scene
-from helpers.bodies import TWO_ROBOTS
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import HEMISPHERE_LIGHT, box_item, floor_item, make_world
 
 WORLD = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)))
@@ -21,7 +21,9 @@ SHADOWED = dataclasses.replace(PLAIN, has_shadows=True)
 def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
     device: GlDevice,
 ) -> None:
-    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), build_scene(WORLD), WORLD)
+    buffers = SceneBuffers(
+        device.context, ShaderPrograms(device.context), build_scene(WORLD), WORLD
+    )
     assert buffers.with_lighting(PLAIN) is buffers
     shadowed = buffers.with_lighting(SHADOWED)
     assert shadowed is not buffers
@@ -31,7 +33,9 @@ def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
 
 def test_scene_when_no_light_can_be_hidden_has_one_look(device: GlDevice) -> None:
     world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT,))
-    buffers = SceneBuffers(device.context, ShaderPrograms(device.context), build_scene(world), world)
+    buffers = SceneBuffers(
+        device.context, ShaderPrograms(device.context), build_scene(world), world
+    )
     assert buffers.with_lighting(SHADOWED) is buffers
     buffers.close()
 

@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.renderer import CameraState, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.outlines import SilhouetteEdges
-from catoptra_server.scene.bodies import DynamicObject
-from catoptra_server.scene.description import (
+from catoptra_server.render.trace.silhouette_edges import SilhouetteEdges
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.robot_shapes import OmniCameraTower, build_ego_body_mesh
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import (
     Box,
     Item,
     Material,
@@ -25,11 +27,18 @@ from catoptra_server.scene.description import (
     SphereBand,
     World,
 )
-from catoptra_server.scene.meshes import build_scene
-from catoptra_server.scene.robot_shapes import OmniCameraTower, build_ego_body_mesh
-from helpers.bodies import P2AT, TWO_ROBOTS, build_cube_mesh
-from helpers.pictures import level_differences
-from helpers.worlds import POINT_LIGHT, HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, CAMERA_STATE, make_omni_camera, make_plan, make_test_world, write_smooth_texture
+from helpers.dynamic_objects import P2AT, TWO_ROBOTS, build_cube_mesh
+from helpers.image_comparison import level_differences
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    write_smooth_texture,
+)
 
 CAMERA = make_omni_camera(width_px=240)
 
@@ -142,7 +151,11 @@ def test_picture_when_of_small_triangles_is_that_of_all_rays() -> None:
     assert worst(world, [CAMERA_STATE, CameraState(Pose.from_rpy((1.0, 0.0, -0.3)))]) == 0
 
 
-@pytest.mark.parametrize("lights", [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)], ids=["texture", "lamp"])
+@pytest.mark.parametrize(
+    "lights",
+    [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
+    ids=["texture", "lamp"],
+)
 @pytest.mark.parametrize("samples", [1, 2])
 def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(
     tmp_path: Path, lights: tuple[PointLight, ...], samples: int
@@ -171,7 +184,10 @@ def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:
     exposures = [
         replace(CAMERA_STATE, bodies=TWO_ROBOTS),
         replace(CAMERA_STATE, bodies=(near, speck)),
-        replace(CAMERA_STATE, bodies=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),)),  # the camera is inside
+        replace(
+            CAMERA_STATE,
+            bodies=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),),
+        ),  # the camera is inside
     ]
     assert worst(make_test_world(), exposures) == 0
 

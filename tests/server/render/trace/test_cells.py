@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import direction_from_pixel
+from catoptra_protocol.optics.omni_camera import direction_from_pixel
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.samples import omni_rays
+from catoptra_server.render.trace.ray_samples import omni_rays
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=62)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.camera import pixel_from_direction
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
-from catoptra_server.render.trace.pixel_law import ProjectionTable
-from catoptra_server.render.trace.samples import omni_rays
+from catoptra_server.render.trace.projection_table import ProjectionTable
+from catoptra_server.render.trace.ray_samples import omni_rays
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=200)
@@ -22,7 +22,9 @@ POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 def covered(centre: Floats, radius_m: float) -> Floats:
     """Return the cells (rows, columns) that a sphere in the mirror frame covers."""
     middle, radius = POSE.transform_points(np.atleast_2d(centre)), np.array([radius_m])
-    cells = covered_cells(middle, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID)
+    cells = covered_cells(
+        middle, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID
+    )
     return cells.reshape(GRID.rows, GRID.columns)
 
 

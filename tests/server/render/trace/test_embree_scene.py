@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.packed_light import SrgbScale
-from catoptra_server.scene.description import (
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import (
     HemisphereLight,
     Item,
     Light,
@@ -19,8 +20,7 @@ from catoptra_server.scene.description import (
     Rectangle,
     World,
 )
-from catoptra_server.scene.meshes import build_scene
-from helpers.meshes import make_quadrant_image
+from helpers.mesh_file_samples import make_quadrant_image
 
 SCALE = SrgbScale.for_samples(1)
 SKY = HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0))

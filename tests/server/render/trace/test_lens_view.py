@@ -28,7 +28,10 @@ def test_view_when_exposures_have_shadows_makes_that_source_once() -> None:
 
     view = TraceLensView(source)  # type: ignore[arg-type]
     shadowed = dataclasses.replace(CAMERA_STATE, has_shadows=True)
-    greys = [int(view.render(exposure).rgb[0, 0, 0]) for exposure in (CAMERA_STATE, shadowed, CAMERA_STATE, shadowed)]
+    greys = [
+        int(view.render(exposure).rgb[0, 0, 0])
+        for exposure in (CAMERA_STATE, shadowed, CAMERA_STATE, shadowed)
+    ]
     assert greys == [0, 1, 0, 1]
     assert made == [False, True]
     view.close()

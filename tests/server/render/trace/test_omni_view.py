@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.capture import CaptureContext
-from catoptra_server.effects.frame_key import NoiseSeed
-from catoptra_server.plan.render_plan import PerPixel, MirrorSurface
+from catoptra_server.capture.noise_seed import NoiseSeed
+from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.render.render_plan import MirrorSurface, PerPixel
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
 from catoptra_server.scene.mirror_mesh import Tessellation
-from helpers.effects import CAMERA, make_effect
-from helpers.pictures import level_differences
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.effect_measurement import CAMERA, make_effect
+from helpers.image_comparison import level_differences
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 CHAIN = (make_effect("Vignetting"), make_effect("ShotNoise"), make_effect("Bayer"))
@@ -37,7 +37,9 @@ def test_picture_when_no_effect_changes_it_is_the_usual_one(
     plan = make_plan(CAMERA, surface, samples=samples)
     view = renderer.prepare(CAMERA, plan)
     encoded = srgb_from_linear(view.render_linear(CAMERA_STATE).astype(np.float64))
-    difference = level_differences(view.render(CAMERA_STATE).rgb, np.rint(255.0 * encoded).astype(np.uint8))
+    difference = level_differences(
+        view.render(CAMERA_STATE).rgb, np.rint(255.0 * encoded).astype(np.uint8)
+    )
     # A sample brighter than white is clipped by itself in the one, with its pixel in the other.
     assert (difference > 1).mean() < 0.01
     assert np.median(difference) == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.packed_light import SrgbScale, LinearScale, encode_srgb
+from catoptra_server.render.trace.packed_light import LinearScale, SrgbScale, encode_srgb
 from catoptra_server.scene.colour import srgb_from_linear
 
 

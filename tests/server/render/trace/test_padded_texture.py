@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_server.render.shading import sample_texture
 from catoptra_server.render.trace.padded_texture import PaddedTexture
 from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.shading import sample_texture
 
 
 def differences(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import direction_from_pixel, pixel_sample_positions
-from helpers.effects import CAMERA
-from helpers.ranges import CAMERA_ABOVE_FLOOR, VIEWPOINT_HEIGHT_M, FLOOR, trace_ranges
+from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from helpers.effect_measurement import CAMERA
+from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges
 
 
 def test_range_when_over_a_level_floor_is_that_of_the_law() -> None:

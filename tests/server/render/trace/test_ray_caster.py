@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import build_scene
-from helpers.rooms import RoomRayCaster, make_room_world
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.room_ray_caster import RoomRayCaster, make_room_world
 
 HALF_M = (40.0, 3.0, 2.0)
 

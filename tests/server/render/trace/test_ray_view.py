@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
 from catoptra_server.render.trace.packed_light import SrgbScale
-from catoptra_server.render.trace.ray_colours import UnshadowedShader
+from catoptra_server.render.trace.ray_samples import omni_rays
+from catoptra_server.render.trace.ray_shader import UnshadowedShader
 from catoptra_server.render.trace.ray_view import RayView, split_rays
-from catoptra_server.render.trace.samples import omni_rays
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.scene_mesh import build_scene
 from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
 
 CAMERA = make_omni_camera(width_px=240)
@@ -42,5 +42,7 @@ def test_picture_when_drawn_is_that_of_all_rays_at_once() -> None:
     with ThreadPoolExecutor(2) as pool:
         image = RayView(colours, rays, pool).render(CAMERA_STATE).rgb
     off = np.flatnonzero(~rays.on_mirror)
-    expected = colours.shade_rays(rays.directions, colours.transform_view(CAMERA_STATE), off_mirror=off)
+    expected = colours.shade_rays(
+        rays.directions, colours.transform_view(CAMERA_STATE), off_mirror=off
+    )
     np.testing.assert_array_equal(image.reshape(-1, 3)[rays.pixels], expected)

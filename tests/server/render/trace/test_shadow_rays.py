@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
 from catoptra_server.render.trace.packed_light import SrgbScale
 from catoptra_server.render.trace.shadow_rays import ShadowRays, make_occlusion_query
-from catoptra_server.scene.bodies import DynamicObject, build_object_mesh
-from catoptra_server.scene.description import Box, DirectionalLight, PointLight, World
-from catoptra_server.scene.meshes import build_scene
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
 from catoptra_server.scene.primitives import box
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, DirectionalLight, PointLight, World
 from helpers.shadows import GREY, box_item, floor_item, make_world
 from helpers.worlds import translate_world
 
@@ -42,7 +42,9 @@ def test_place_when_a_table_stands_above_sees_no_sun_and_another_does() -> None:
 
 def test_place_when_the_table_is_beyond_the_lamp_sees_it() -> None:
     above = box_item(0.0, 0.0, -1.5, (0.4, 0.4, 0.02))
-    assert irradiance(make_world(floor_item(), above, lights=(LAMP,)))[0] == pytest.approx(0.5, rel=1e-4)
+    assert irradiance(make_world(floor_item(), above, lights=(LAMP,)))[0] == pytest.approx(
+        0.5, rel=1e-4
+    )
     assert irradiance(make_world(floor_item(), TABLE, lights=(LAMP,)))[0] == 0.0
 
 

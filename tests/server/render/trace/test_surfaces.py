@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.frames import Pose
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.surfaces import (
     BACKGROUND,
     NO_SURFACE,
     find_surfaces,
     uv_planes,
 )
-from catoptra_server.scene.description import (
+from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
+from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
     Item,
@@ -25,7 +26,6 @@ from catoptra_server.scene.description import (
     SphereBand,
     World,
 )
-from catoptra_server.scene.meshes import SceneMesh, build_scene
 from helpers.worlds import write_smooth_texture
 
 GREY = Material((0.5, 0.5, 0.5))

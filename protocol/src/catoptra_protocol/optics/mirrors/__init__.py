@@ -4,8 +4,8 @@ To add one: write `<name>.py` beside the others (frozen parameters, image radius
 the half-angle tangent, surface, domain, source), then add its line here.
 """
 
+from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
 from catoptra_protocol.optics.mirrors.hyperbolic import HyperbolicMirror
-from catoptra_protocol.optics.mirrors.law import CentralMirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 
 MIRRORS: dict[str, type[CentralMirror]] = {

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require_domain, has_finite_square
+from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -105,7 +105,9 @@ class HyperbolicMirror:
 
         Domain: that of radius_ratio_from_t, with a finite square of t.
         """
-        require_domain(has_finite_square(t), t, "a slope needs 0 <= t = tan(theta / 2) with a finite square")
+        require_domain(
+            has_finite_square(t), t, "a slope needs 0 <= t = tan(theta / 2) with a finite square"
+        )
         kt = self.kappa * t
         steepness = (1.0 + np.square(kt)) / np.square(self._one_minus_kappa_t(t) * (1.0 + kt))
         return self.kappa_s * (1.0 + np.square(t)) * steepness

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require_domain, has_finite_square
+from catoptra_protocol.optics.domain_checks import has_finite_square, require_domain
 from catoptra_protocol.optics.numerics import Floats
 
 
@@ -52,11 +52,15 @@ class ParabolicMirror:
     @np.errstate(under="ignore")  # what vanishes beside 1 may
     def radius_ratio_slope(self, t: Floats) -> Floats:
         """Return d(r_i / h) / d(theta) = (1 + t^2) / 2. Domain: t >= 0 with a finite square."""
-        require_domain((t >= 0.0) & has_finite_square(t), t, "a slope needs t >= 0 with a finite square")
+        require_domain(
+            (t >= 0.0) & has_finite_square(t), t, "a slope needs t >= 0 with a finite square"
+        )
         return 0.5 * (1.0 + np.square(t))
 
     @np.errstate(under="ignore")
     def surface_point(self, t: Floats) -> tuple[Floats, Floats]:
         """Return (r, z) in metres of the mirror point. Domain: t >= 0 with a finite square."""
-        require_domain((t >= 0.0) & has_finite_square(t), t, "a mirror point needs t >= 0 with a finite square")
+        require_domain(
+            (t >= 0.0) & has_finite_square(t), t, "a mirror point needs t >= 0 with a finite square"
+        )
         return self.horizon_radius_m * t, 0.5 * self.horizon_radius_m * (1.0 - t) * (1.0 + t)

@@ -1,5 +1,5 @@
 // Provides vec3 bilinear(picture, px), sample_bilinear_at_offset(picture, pixel, aside_px): light between.
-// Twin: catoptra_server.effects.shared.resampling.bilinear, sample_bilinear_at_offset.
+// Twin: catoptra_server.effects.kernels.resampling.bilinear, sample_bilinear_at_offset.
 
 // Pixels' middles are at +0.5. Beyond the border the last pixel's light goes on. What is aside of a pixel's middle is told as
 // that, since a place in a wide picture would have lost the last bits of it.

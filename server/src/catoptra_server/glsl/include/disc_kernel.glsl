@@ -1,5 +1,5 @@
 // Provides the mean light of the disc around a pixel, by the kernels of a table.
-// Twin: catoptra_server.effects.shared.disc_kernel, effects.symmetric_kernels.gathered_within.
+// Twin: catoptra_server.effects.kernels.disc_kernel, effects.symmetric_kernels.gathered_within.
 #include "include/symmetric_kernels.glsl"
 const float ROWS_PER_PX2 = 64.0;
 

@@ -1,5 +1,5 @@
 // Provides vec3 normals(uvec3 words, ivec2 pixel): a normal number for each colour.
-// Twin: catoptra_server.effects.shared.noise.normals, the same bits.
+// Twin: catoptra_server.effects.kernels.noise.normals, the same bits.
 uniform sampler2D normal_quantile_table;      // 2^16 quantiles, 256 a row
 
 uvec3 hashed(uvec3 v)

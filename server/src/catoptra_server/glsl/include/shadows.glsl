@@ -1,5 +1,5 @@
 // Provides vec3 direct_irradiance(vec3 place, vec3 normal) by all lights that something may hide.
-// Twin: catoptra_server.render.shading.light_irradiance, with every triangle tried.
+// Twin: catoptra_server.scene.shading.light_irradiance, with every triangle tried.
 uniform sampler2D scene_maps;        // depths of what stands, cells of MAP_COLUMNS a row
 uniform sampler2D body_maps;         // depths of what moves, laid out alike
 uniform bool has_bodies;

@@ -1,5 +1,5 @@
 // Provides the summed light of the pixels that share a weight of a kernel symmetric eight ways.
-// Twin: catoptra_server.effects.shared.symmetric_kernels.
+// Twin: catoptra_server.effects.kernels.symmetric_kernels.
 
 // Light is taken from within this circle; a is how many pixels it is of.
 struct Region {

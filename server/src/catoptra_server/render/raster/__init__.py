@@ -3,7 +3,7 @@
 Import it only where OpenGL is wanted: `choice.py` does so on demand.
 """
 
-from catoptra_server.render.raster.context import OpenGLMissingError, open_device
-from catoptra_server.render.raster.renderer import RasterRenderer
+from catoptra_server.render.raster.gl_device import OpenGLMissingError, open_device
+from catoptra_server.render.raster.raster_renderer import RasterRenderer
 
 __all__ = ["OpenGLMissingError", "RasterRenderer", "open_device"]

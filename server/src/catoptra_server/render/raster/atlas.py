@@ -16,9 +16,9 @@ from itertools import accumulate
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube import MIRROR_FROM_FACE_ROTATIONS, Face
+from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.plan.face_sizes import FaceRegion
+from catoptra_server.planning.face_regions import FaceRegion
 
 # A bilinear look-up reaches half a texel beyond its place; one more texel covers the rounding of
 # places in float32, and the second makes cells an even number of texels apart.
@@ -85,7 +85,9 @@ class Atlas:
     @property
     def num_faces(self) -> int:
         """Return how many faces a direction is compared with: U only where it is drawn."""
-        return len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
+        return (
+            len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
+        )
 
     def texel_transforms(self) -> Floats:
         """Return (faces, 4): Cell.place of each face, zero where it is not drawn."""
@@ -103,7 +105,9 @@ class Atlas:
         flat = direction.reshape(-1, 3)
         face = np.argmax(flat @ MIRROR_FROM_FACE_ROTATIONS[: self.num_faces, :, 0].T, axis=-1)
         texels = np.empty((len(flat), 2))
-        for axes, index, place in zip(MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False):
+        for axes, index, place in zip(
+            MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False
+        ):
             own = face == index
             local = flat[own] @ axes
             st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
@@ -118,7 +122,9 @@ def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels
     wastes least, because every texel of the atlas is cleared in every frame. An atlas so large that
     float32 places lose their precision is kept as square as it can be.
     """
-    loose = sorted((_make_cell(part, guard_texels) for part in regions), key=lambda cell: -cell.height)
+    loose = sorted(
+        (_make_cell(part, guard_texels) for part in regions), key=lambda cell: -cell.height
+    )
     lengths = accumulate(cell.width for cell in loose)
     packings = [tuple(_pack_shelves(loose, length)) for length in lengths if length <= max_texels]
     sized = [(_packed_size(cells), cells) for cells in packings]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.programs import Definitions, set_uniform
+from catoptra_server.render.raster.shader_programs import Definitions, set_uniform
 
 
 def atlas_definitions(atlas: Atlas) -> Definitions:

@@ -15,13 +15,13 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.auto_exposure import LUMINANCE_WEIGHTS, count_mirror_pixels
-from catoptra_server.effects.capture import CaptureContext
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.shared.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
+from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
+from catoptra_server.effects.sensor.auto_exposure import LUMINANCE_WEIGHTS, count_mirror_pixels
 from catoptra_server.render.raster.passes import AveragePass, Pass
-from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_sampler
+from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.renderer import CameraState, LinearImage
 
 UniformValues = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
@@ -55,7 +55,9 @@ class EffectChain:
         self._programs = programs
         self._context = context
         self._ranges = ranges
-        steps = [self._make_effect_pass(effect, camera, index) for index, effect in enumerate(effects)]
+        steps = [
+            self._make_effect_pass(effect, camera, index) for index, effect in enumerate(effects)
+        ]
         self._last = self._images[len(effects) % len(self._images)]
         encode = EncodePass(context, programs, self._last.texture, target)
         self.passes: tuple[Pass, ...] = (*steps, encode)
@@ -121,12 +123,17 @@ class EffectPass:
         self._textures = EffectTextures(context, self._program)
         self._ranges = ranges
         if "normal_table" in self._program:
-            self._textures.set_values("normal_table", normal_quantile_table().reshape(QUANTILE_TABLE_SIDE, QUANTILE_TABLE_SIDE, 1))
+            self._textures.set_values(
+                "normal_table",
+                normal_quantile_table().reshape(QUANTILE_TABLE_SIDE, QUANTILE_TABLE_SIDE, 1),
+            )
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
         mean_light = partial(self._meter.measure_mean_luminance, self._camera)
-        told = self._effect.uniforms(self._camera, CaptureContext(camera_state.noise_seed), mean_light)
+        told = self._effect.uniforms(
+            self._camera, CaptureContext(camera_state.noise_seed), mean_light
+        )
         for name, values in told.items():
             if values.ndim == _MAP_DIMENSIONS:
                 self._textures.set_values(name, values)
@@ -222,7 +229,9 @@ class LuminanceMeter:
         """Return the mean luminance of the pixels that see the mirror."""
         if self._sums is None:
             self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
-            program = self._programs.get(ProgramSpec("cover", "meter", (("GRID", _METER_GRID_SIDE),)))
+            program = self._programs.get(
+                ProgramSpec("cover", "meter", (("GRID", _METER_GRID_SIDE),))
+            )
             self._cover = self._context.vertex_array(program, [])
         self._context.enable_only(moderngl.NOTHING)
         self._sums.target.use()

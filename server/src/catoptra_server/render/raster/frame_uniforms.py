@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.programs import set_uniform
-from catoptra_server.scene.description import PointLight
+from catoptra_server.render.raster.shader_programs import set_uniform
+from catoptra_server.scene.world_description import PointLight
 
 
 @dataclass(frozen=True, slots=True, eq=False)

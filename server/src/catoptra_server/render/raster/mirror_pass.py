@@ -11,13 +11,13 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.faces import FacePass
-from catoptra_server.render.raster.mirror_places import compute_lookup_map
+from catoptra_server.render.raster.face_pass import FacePass
+from catoptra_server.render.raster.lookup_map import compute_lookup_map
 from catoptra_server.render.raster.passes import ENCODED
-from catoptra_server.render.raster.programs import Definitions, ShaderPrograms, ProgramSpec
+from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
 from catoptra_server.render.renderer import CameraState
 
 # Sides of the polygon around the rim circle: it covers 1.3 % more than the disc, a square 27 %;

@@ -8,12 +8,12 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.raster.programs import Definitions, ShaderPrograms, ProgramSpec
+from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
 from catoptra_server.render.renderer import CameraState
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
 # survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB
-# target of 8 bits (tests/cost/questions/raster_faces.py), which would lose both.
+# target of 8 bits (tests/measurements/raster_faces.py), which would lose both.
 LINEAR_DTYPE = "f2"
 
 # What a pass that can do both writes: sRGB, or the linear light that effects change.

@@ -12,15 +12,20 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render.chunks import visible_runs
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.raster.atlas import Atlas
-from catoptra_server.render.raster.faces import frustum_planes, frame_depth_range
-from catoptra_server.render.raster.programs import ShaderPrograms, ProgramSpec, set_sampler, set_uniform
+from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.shader_programs import (
+    ProgramSpec,
+    ShaderPrograms,
+    set_sampler,
+    set_uniform,
+)
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.bodies import DynamicObject
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.triangle_clusters import visible_runs
 
 
 class RangePass:
@@ -78,7 +83,9 @@ class RangePass:
         self._target.use()
         self._objects.upload(camera_state.objects)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
-        visible = self._scene.clusters.in_front_of_planes(frustum_planes(clip_from_scene), viewpoint)
+        visible = self._scene.clusters.in_front_of_planes(
+            frustum_planes(clip_from_scene), viewpoint
+        )
         for cell, clip, seen in zip(self._atlas.cells, clip_from_scene, visible, strict=True):
             self._context.viewport = cell.viewport
             set_uniform(self._surface_program, "clip_from_scene", clip.T)

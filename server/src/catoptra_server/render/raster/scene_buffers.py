@@ -14,18 +14,18 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
-from catoptra_server.render.chunks import make_clusters
-from catoptra_server.render.raster.depth import DepthRangeFinder
+from catoptra_server.bounds.light_culling import cull_lights
+from catoptra_server.render.raster.depth_range import DepthRangeFinder
+from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.moving_bodies import DynamicObjectBuffer
-from catoptra_server.render.raster.programs import ShaderPrograms
-from catoptra_server.render.raster.scene_look import FacetLighting, SceneBatches, make_attribute
+from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, make_attribute
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
-from catoptra_server.render.reaching_lights import cull_lights
 from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.description import Light, World
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.triangle_clusters import make_clusters
+from catoptra_server.scene.world_description import Light, World
 
 # Two vec3 a light, each as large as a vec4, in the 1024 components that OpenGL 3.3 promises.
 MAX_POINT_LIGHTS = 100
@@ -94,11 +94,17 @@ class SceneBuffers:
 
     def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
-        frame = FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=self._lights, origin=self.origin)
+        frame = FrameUniforms.from_viewpoint(
+            viewpoint, depth_from_forward, lights=self._lights, origin=self.origin
+        )
         for program in self._batches.programs:
             frame.apply_to(program)
         lights = shading.point_lights(self._world.lights)
-        self.dynamic_objects.set_frame(FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=lights, origin=self.origin))
+        self.dynamic_objects.set_frame(
+            FrameUniforms.from_viewpoint(
+                viewpoint, depth_from_forward, lights=lights, origin=self.origin
+            )
+        )
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
         """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""

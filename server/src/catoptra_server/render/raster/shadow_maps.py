@@ -16,24 +16,24 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.programs import (
+from catoptra_server.render.raster.shader_programs import (
     Definitions,
-    ShaderPrograms,
     ProgramSpec,
+    ShaderPrograms,
     set_sampler,
     set_uniform,
 )
-from catoptra_server.render.raster.shadow_frames import (
-    MAX_TOTAL_TEXELS,
+from catoptra_server.render.raster.shadow_projections import (
     MAX_SIDE_TEXELS,
+    MAX_TOTAL_TEXELS,
     ShadowCasters,
     ShadowProjection,
     fit_shadow_projections,
 )
-from catoptra_server.render.shading import ShadowCastingLight
-from catoptra_server.scene.bodies import DynamicObject
-from catoptra_server.scene.description import DirectionalLight, PointLight
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.shading import ShadowCastingLight
+from catoptra_server.scene.world_description import DirectionalLight, PointLight
 
 # OpenGL takes the greater of the two slopes, so one texel covers half a texel in both; the rest is
 # for corners, which it rounds to a 256th of a texel.
@@ -64,10 +64,14 @@ class ShadowMaps:
         self._context = context
         self._lights = lights
         self._origin = origin
-        self._directional_lights = [light for light in lights if isinstance(light, DirectionalLight)]
+        self._directional_lights = [
+            light for light in lights if isinstance(light, DirectionalLight)
+        ]
         self._point_lights = [light for light in lights if isinstance(light, PointLight)]
         _check_light_counts(len(self._directional_lights), len(self._point_lights))
-        self._point_light_positions = tuple(np.asarray(lamp.position_m) - origin for lamp in self._point_lights)
+        self._point_light_positions = tuple(
+            np.asarray(lamp.position_m) - origin for lamp in self._point_lights
+        )
         self._cells = len(self._directional_lights) + 6 * len(self._point_lights)
         self._columns = math.ceil(math.sqrt(self._cells))
         self._side = self._max_side_texels()
@@ -108,7 +112,9 @@ class ShadowMaps:
         if not len(corners):
             corners, casting = np.zeros((1, 3, 3)), np.zeros(0, dtype=np.intp)
         normals = scene.normals[casting] if len(casting) else np.zeros((1, 3))
-        casters = ShadowCasters.from_triangles(corners, normals, light_positions=self._point_light_positions)
+        casters = ShadowCasters.from_triangles(
+            corners, normals, light_positions=self._point_light_positions
+        )
         fitted = self._fit_projections(casters, self._side)
         self._draw(self._scene_maps, fitted, corners)
         return fitted
@@ -124,10 +130,14 @@ class ShadowMaps:
         side = self._side // _OBJECT_MAP_DIVISOR
         if self._object_maps is None:
             self._object_maps = self._make_texture(side)
-        casters = ShadowCasters.from_objects(objects, origin=self._origin, light_positions=self._point_light_positions)
+        casters = ShadowCasters.from_objects(
+            objects, origin=self._origin, light_positions=self._point_light_positions
+        )
         self._object_projections = self._fit_projections(casters, side)
         corners = [body.world_from_object.transform_points(body.mesh.corners) for body in objects]
-        self._draw(self._object_maps, self._object_projections, np.concatenate(corners) - self._origin)
+        self._draw(
+            self._object_maps, self._object_projections, np.concatenate(corners) - self._origin
+        )
 
     def _draw(
         self, maps: moderngl.Texture, fitted: tuple[ShadowProjection, ...], corners: Floats
@@ -165,7 +175,9 @@ class ShadowMaps:
         if count:
             towards = [-np.asarray(sun.direction) for sun in self._directional_lights]
             set_uniform(program, "sun_towards", towards)
-            set_uniform(program, "sun_irradiance", [sun.irradiance for sun in self._directional_lights])
+            set_uniform(
+                program, "sun_irradiance", [sun.irradiance for sun in self._directional_lights]
+            )
             for name, fitted in (("scene", self._scene_projections), ("body", moving)):
                 maps = [frame.map_from_offset(viewpoint).T for frame in fitted[:count]]
                 set_uniform(program, f"sun_{name}_map", maps)
@@ -173,7 +185,11 @@ class ShadowMaps:
             set_uniform(program, "lamp_place", np.array(self._point_light_positions) - viewpoint)
             set_uniform(program, "lamp_intensity", [lamp.intensity for lamp in self._point_lights])
             pairs = zip(self._scene_projections[count::6], moving[count::6], strict=True)
-            set_uniform(program, "lamp_depth", [(*one.depth_from_forward, *two.depth_from_forward) for one, two in pairs])
+            set_uniform(
+                program,
+                "lamp_depth",
+                [(*one.depth_from_forward, *two.depth_from_forward) for one, two in pairs],
+            )
 
     def bind(self) -> None:
         """Bind the maps."""

@@ -8,16 +8,16 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
-from catoptra_server.render.chunks import TriangleClusters
+from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
-from catoptra_server.render.raster.moving_bodies import DynamicObjectBuffer
-from catoptra_server.render.raster.programs import ShaderPrograms
-from catoptra_server.render.raster.scene_look import VertexAttribute, FacetLighting, SceneBatches
+from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, VertexAttribute
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.scene.bodies import DynamicObject
-from catoptra_server.scene.description import Light
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene import shading
+from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.triangle_clusters import TriangleClusters
+from catoptra_server.scene.world_description import Light
 
 
 class ShadowedScene:
@@ -40,7 +40,9 @@ class ShadowedScene:
         )
         light = FacetLighting(shading.hemisphere_lights(lights), self._maps.definitions)
         self.dynamic_objects = DynamicObjectBuffer(context, programs, light, origin)
-        self._batches = SceneBatches(context, programs, scene, clusters, position=position, lighting=light)
+        self._batches = SceneBatches(
+            context, programs, scene, clusters, position=position, lighting=light
+        )
 
     def draw_object_shadows(self, objects: tuple[DynamicObject, ...]) -> None:
         """Draw the maps of an exposure's bodies; what stands was drawn once."""
@@ -48,7 +50,9 @@ class ShadowedScene:
 
     def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
         """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
-        frame = FrameUniforms.from_viewpoint(viewpoint, depth_from_forward, lights=(), origin=self._origin)
+        frame = FrameUniforms.from_viewpoint(
+            viewpoint, depth_from_forward, lights=(), origin=self._origin
+        )
         for program in self._batches.programs | self.dynamic_objects.programs:
             frame.apply_to(program)
             self._maps.apply_to(program, viewpoint)

@@ -1,5 +1,5 @@
 """The exact renderer: one ray a sample through Embree, on the CPU. The only door to embreex."""
 
-from catoptra_server.render.trace.renderer import TraceRenderer
+from catoptra_server.render.trace.trace_renderer import TraceRenderer
 
 __all__ = ["TraceRenderer"]

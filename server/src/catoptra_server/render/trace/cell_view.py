@@ -6,7 +6,7 @@ rays would bring (`outlines` has the proof): the same bytes where light is const
 within one grey level where textures and point lights are computed on the surface's plane. At 4 px
 85 % of the field's cells and 88 % of the corridor's are filled; a frame takes 0.4 to 0.55 times
 what all rays take at one sample a pixel, and 0.25 times at 2 x 2. Where hardly anything can be
-filled, among 500 finely modelled balls, it takes 1.05 times: tests/cost/questions/sparse_rays.py.
+filled, among 500 finely modelled balls, it takes 1.05 times: tests/measurements/sparse_rays.py.
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ import numpy.typing as npt
 from catoptra_server.render.renderer import CameraState, Image, RenderedImage
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
-from catoptra_server.render.trace.moving_bodies import ObjectInstance
-from catoptra_server.render.trace.outlines import SilhouetteEdges
+from catoptra_server.render.trace.embree_objects import ObjectInstance
 from catoptra_server.render.trace.packed_light import Colours, Float32s
-from catoptra_server.render.trace.pixel_law import ProjectionTable
-from catoptra_server.render.trace.ray_colours import RayShader, ViewTransform
+from catoptra_server.render.trace.projection_table import ProjectionTable
+from catoptra_server.render.trace.ray_shader import RayShader, ViewTransform
 from catoptra_server.render.trace.ray_view import RenderedColours, split_rays
-from catoptra_server.render.trace.seen_surfaces import PlanePoints, VisibleSurfaces, SurfacePlanes
+from catoptra_server.render.trace.silhouette_edges import SilhouetteEdges
 from catoptra_server.render.trace.surfaces import NO_SURFACE
+from catoptra_server.render.trace.visible_surfaces import (
+    PlanePoints,
+    SurfacePlanes,
+    VisibleSurfaces,
+)
 
 # Samples of a task: see ray_view.
 _SAMPLES_PER_TASK = 20_000
@@ -62,7 +66,8 @@ class CellView:
         self._node_parts = np.array_split(np.arange(len(grid.nodes)), _NODE_TASKS)
         ends = planes.surfaces.edges
         self._edges = [
-            SilhouetteEdges(ends[part::_OUTLINE_TASKS], table, grid) for part in range(_OUTLINE_TASKS)
+            SilhouetteEdges(ends[part::_OUTLINE_TASKS], table, grid)
+            for part in range(_OUTLINE_TASKS)
         ]
         of_surface = shader.shade_triangles(planes.surfaces.triangle)
         of_surface[NO_SURFACE] = 0

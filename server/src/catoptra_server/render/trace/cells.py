@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.camera import OmniCamera, direction_from_pixel
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.render.trace.samples import RaySamples
+from catoptra_server.render.trace.ray_samples import RaySamples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,9 @@ class CellGrid:
             nodes=np.flatnonzero(valid),
             node_rays=corners[valid].astype(np.float32),
             row_of=row_of,
-            directions=rays[place[pixels]].reshape(len(cells), side_px**2 * samples.samples_per_pixel, 3),
+            directions=rays[place[pixels]].reshape(
+                len(cells), side_px**2 * samples.samples_per_pixel, 3
+            ),
             pixels=pixels,
             middle=middle.astype(np.float32),
             reach_rad=reach,

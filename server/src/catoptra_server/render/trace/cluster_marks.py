@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from catoptra_protocol.optics.frames import Pose
 from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.cells import CellGrid
-from catoptra_server.render.trace.pixel_law import MAX_PIXEL_ERROR_PX, ProjectionTable
+from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, ProjectionTable
 
 
 def covered_cells(

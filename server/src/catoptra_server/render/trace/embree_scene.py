@@ -16,11 +16,11 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
 from catoptra_server.render.trace.packed_light import Float32s, Packed, RadianceScale
 from catoptra_server.render.trace.padded_texture import PaddedTexture
-from catoptra_server.scene.description import World
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
 
 # Looks beside the indices of textures: light that is the same all over a triangle, and light that
 # only point lights make vary.
@@ -90,7 +90,9 @@ class EmbreeScene:
         triangle, places = self.closest_hits(origins, directions)
         return self.shade_points(triangle, places, table=table, scale=scale)
 
-    def closest_hits(self, origins: Float32s, directions: Float32s) -> tuple[npt.NDArray[np.int32], SurfacePoints]:
+    def closest_hits(
+        self, origins: Float32s, directions: Float32s
+    ) -> tuple[npt.NDArray[np.int32], SurfacePoints]:
         """Return the (n,) triangle that each ray meets, -1 for none, and where."""
         hit = self._embree.run(origins, directions, output=True)
         places = _RayHits(
@@ -121,7 +123,9 @@ class EmbreeScene:
                 of = triangle.take(rays)
                 radiance: Float32s = self._radiance.take(of, axis=1)
                 if self._has_point_lights:
-                    radiance += self._point_radiance(of, surface_points.positions(rays) + self.origin)
+                    radiance += self._point_radiance(
+                        of, surface_points.positions(rays) + self.origin
+                    )
                 if index >= 0:
                     radiance *= self._textures[index].sample(*surface_points.uv(rays))
                 light[rays] = scale.pack(radiance)

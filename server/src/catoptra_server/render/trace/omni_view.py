@@ -15,11 +15,11 @@ from typing import Protocol, cast
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.effects.capture import CaptureContext
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.instants import sample_shutter
 from catoptra_server.render.renderer import CameraState, Image, LinearImage, RenderedImage
+from catoptra_server.render.time_samples import sample_shutter
 from catoptra_server.render.trace.packed_light import Float32s, encode_srgb
 from catoptra_server.render.trace.ray_view import RenderedColours
 
@@ -54,10 +54,14 @@ class TraceOmniView:
     def _ranges(self) -> Callable[[CameraState], Float32s]:
         return self._make_ranges()
 
-    def render(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
+    def render(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> RenderedImage:
         """Return the picture of an exposure as effects change it; each is a stage of its own."""
         if not effects and camera_state.shutter is None:
-            rgb, stage_ms = self._encoded_source(camera_state.has_shadows).render_colours(camera_state)
+            rgb, stage_ms = self._encoded_source(camera_state.has_shadows).render_colours(
+                camera_state
+            )
             return RenderedImage(cast(Image, rgb), stage_ms)
         light, stage_ms = self._apply_effects(camera_state, effects)
         begin = time.perf_counter()
@@ -65,7 +69,9 @@ class TraceOmniView:
         rgb.setflags(write=False)
         return RenderedImage(rgb, stage_ms | {"encode": 1e3 * (time.perf_counter() - begin)})
 
-    def render_linear(self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()) -> LinearImage:
+    def render_linear(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> LinearImage:
         """Return the picture of an exposure behind all effects, before it is encoded."""
         return self._apply_effects(camera_state, effects)[0]
 
@@ -94,7 +100,10 @@ class TraceOmniView:
         return light, {"instants": 1e3 * (time.perf_counter() - begin)}
 
     def _make_capture_context(
-        self, camera_state: CameraState, effects: tuple[ImageEffect, ...], stage_ms: dict[str, float]
+        self,
+        camera_state: CameraState,
+        effects: tuple[ImageEffect, ...],
+        stage_ms: dict[str, float],
     ) -> CaptureContext:
         """Return what the effects may know; their ranges are a stage where one of them uses it."""
         capture = CaptureContext(camera_state.noise_seed)

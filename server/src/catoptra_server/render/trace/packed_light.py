@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.domain import require_domain
+from catoptra_protocol.optics.domain_checks import require_domain
 from catoptra_server.scene.colour import srgb_from_linear
 
 Packed = npt.NDArray[np.uint64]

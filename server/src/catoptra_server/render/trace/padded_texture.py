@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from catoptra_server.render.trace.packed_light import Float32s
 from catoptra_server.scene.colour import linear_from_srgb
-from catoptra_server.scene.meshes import Texture
+from catoptra_server.scene.scene_mesh import Texture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

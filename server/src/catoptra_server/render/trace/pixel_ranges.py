@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from catoptra_protocol.optics.camera import OmniCamera
-from catoptra_server.plan.render_plan import RenderPlan
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import EmbreeObjectScenes
 from catoptra_server.render.trace.packed_light import Float32s, SrgbScale
+from catoptra_server.render.trace.ray_samples import omni_rays
 from catoptra_server.render.trace.ray_view import RayChunk, split_rays
-from catoptra_server.render.trace.samples import omni_rays
 
 # Bodies are placed with their light, which nobody asks for here.
 _ANY_SCALE = 1

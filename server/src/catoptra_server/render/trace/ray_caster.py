@@ -10,7 +10,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene.scene_mesh import SceneMesh
 
 # Embree answers 1e37 where nothing is met; no scene reaches this far.
 _NO_HIT_M = 1e30

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from catoptra_server.render.renderer import CameraState, Image, RenderedImage
 from catoptra_server.render.trace.packed_light import Colours, Float32s
-from catoptra_server.render.trace.ray_colours import RayShader, ViewTransform
-from catoptra_server.render.trace.samples import RaySamples
+from catoptra_server.render.trace.ray_samples import RaySamples
+from catoptra_server.render.trace.ray_shader import RayShader, ViewTransform
 
 # Rays a task: enough that the last ones to finish leave other threads idle only briefly, and not so
 # few that handing tasks out shows.
@@ -68,7 +68,9 @@ class RayChunk:
     def render(self, rgb: Colours, shader: RayShader, transform: ViewTransform) -> None:
         """Write the chunk's pixels into a picture."""
         found = shader.shade_rays(self.directions, transform, off_mirror=self.off_mirror)
-        rgb.reshape(-1).view(shader.pixel_dtype)[self.pixels] = found.view(shader.pixel_dtype).reshape(-1)
+        rgb.reshape(-1).view(shader.pixel_dtype)[self.pixels] = found.view(
+            shader.pixel_dtype
+        ).reshape(-1)
 
 
 def split_rays(samples: RaySamples) -> list[RayChunk]:

@@ -2,7 +2,7 @@
 
 A ray begins a little in front of its facet, so that the facet itself, where rounding puts the place
 behind it, does not hide the light. Facets turned away from a light ask nothing: they are dark.
-Float64 twin: the functions of `render/shading`, with every triangle tried.
+Float64 twin: the functions of `scene/shading`, with every triangle tried.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.render import shading
-from catoptra_server.render.shading import ShadowCastingLight
+from catoptra_server.render.trace.embree_objects import ObjectInstance
 from catoptra_server.render.trace.embree_scene import EmbreeScene
-from catoptra_server.render.trace.moving_bodies import ObjectInstance
 from catoptra_server.render.trace.packed_light import Float32s
-from catoptra_server.scene.description import DirectionalLight, Light
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.shading import ShadowCastingLight
+from catoptra_server.scene.world_description import DirectionalLight, Light
 
 # How far in front of a facet rays begin, of the largest coordinate: places and corners are rounded
 # to 2^-24 each, and meeting a plane loses a few times that. 40 micrometres at 10 m.
@@ -56,13 +56,19 @@ class ShadowRays:
     origin: (3,), of Embree's coordinates. suns: those of the lights that have a direction.
     """
 
-    def __init__(self, scene_occludes: OcclusionQuery, origin: Floats, lights: tuple[Light, ...]) -> None:
+    def __init__(
+        self, scene_occludes: OcclusionQuery, origin: Floats, lights: tuple[Light, ...]
+    ) -> None:
         self._scene_occludes = scene_occludes
         self._origin = origin
         self._lights = shading.shadow_casting_lights(lights)
-        self.directional_lights = [light for light in self._lights if isinstance(light, DirectionalLight)]
+        self.directional_lights = [
+            light for light in self._lights if isinstance(light, DirectionalLight)
+        ]
 
-    def irradiance(self, points: Floats, normals: Floats, objects: tuple[ObjectInstance, ...]) -> Floats:
+    def irradiance(
+        self, points: Floats, normals: Floats, objects: tuple[ObjectInstance, ...]
+    ) -> Floats:
         """Return (n, 3) irradiance by all lights that can be hidden, where they are not.
 
         points: (n, 3) in Embree's coordinates, on facets of (n, 3) unit normals.

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.scene.meshes import SceneMesh
+from catoptra_server.scene.scene_mesh import SceneMesh
 
 Indices = npt.NDArray[np.int32]
 
@@ -181,7 +181,9 @@ def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floa
     return offset, gradient
 
 
-def _connected_components(count: int, pairs: npt.NDArray[np.intp]) -> tuple[Indices, npt.NDArray[np.intp]]:
+def _connected_components(
+    count: int, pairs: npt.NDArray[np.intp]
+) -> tuple[Indices, npt.NDArray[np.intp]]:
     """Return the (count,) group of each element joined by (p, 2) pairs, and one of each group."""
     label = np.arange(count)
     while True:

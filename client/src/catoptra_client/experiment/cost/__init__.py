@@ -1,1 +1,0 @@
-"""What accuracy is worth to a robot: the study's key steps, driven, seen and localised by."""

@@ -1,0 +1,79 @@
+"""From the stream's header and picture to a `Frame`, checked before memory is taken."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_client.frame import Frame, Pixels, rgb_from_image_bytes
+from catoptra_protocol.camera_conf import any_camera_from_pairs
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.replies import FrameHeader, Transform
+from catoptra_protocol.stream.requests import ImageEncoding
+from catoptra_protocol.usarsim.image_port import ImageType
+
+
+class CameraModelCache:
+    """The last law that was read: it stays the same from frame to frame."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[str, str] | None = None
+        self._camera: OmniCamera | PerspectiveCamera | None = None
+
+    def get_camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
+        """Return the camera of a header's pairs; None where no camera is shown."""
+        if pairs != self._pairs:
+            self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
+            self._pairs = pairs
+        return self._camera
+
+
+def frame_from_parts(
+    header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
+) -> Frame:
+    """Return a frame. Raises RemoteProtocolError if the picture is not what the header says."""
+    if len(parts) != 1:
+        raise RemoteProtocolError(f"{header}: {len(parts)} parts behind the header, expected one")
+    mirror = header.robot_from_mirror
+    return Frame(
+        rgb=_decode_rgb(header, parts[0]),
+        sequence=header.sequence,
+        received_s=received_s,
+        image_type=ImageType.GOOD if header.encoding is ImageEncoding.JPEG else ImageType.RAW,
+        robot_name=header.robot,
+        camera_name=header.camera,
+        time_s=header.time_s,
+        world_from_robot=pose_from_transform(header.world_from_robot),
+        camera=camera_cache.get_camera(header.camera_model),
+        robot_from_mirror=None if mirror is None else pose_from_transform(mirror),
+        stage_ms=header.stage_ms,
+        age_s=header.age_s,
+        missed_frames=header.missed_frames,
+        dropped_frames=header.dropped_frames,
+        plan=header.plan,
+        error_bound_px=header.error_bound_px,
+        error_bounds=header.error_bounds,
+        effects=header.effects,
+    )
+
+
+def pose_from_transform(transform: Transform) -> Pose:
+    """Return the pose of a message."""
+    rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
+    return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
+
+
+def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
+    shape = (header.height_px, header.width_px, 3)
+    if header.encoding is ImageEncoding.RAW:
+        if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
+            raise RemoteProtocolError(f"{header}: its picture has {len(payload)} bytes")
+        rgb: Pixels = np.frombuffer(payload, np.uint8).reshape(shape)
+        return rgb
+    rgb = rgb_from_image_bytes(payload)
+    if rgb.shape != shape:
+        raise RemoteProtocolError(f"{header}: its picture has the shape {rgb.shape}")
+    rgb.setflags(write=False)
+    return rgb

@@ -1,0 +1,214 @@
+"""The omnidirectional camera: from a direction at the effective viewpoint to a pixel, and back.
+
+What it describes is the picture that a real capture camera delivers: it looks up into the mirror,
+so the image is mirrored (a landmark on the robot's left appears on the right when forward is up).
+Domain: incidence angles up to the rim, pixels on the mirror's disc. Both functions return a mask
+beside their value.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+
+_MIN_NORMAL = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, slots=True)
+class OmniCamera:
+    """A central mirror, the image it fills, and where its axis and its 90-degree circle lie there.
+
+    centre_px: (u, v) of the optical axis; pixel centres are at +0.5.
+    horizon_radius_px: h of Eq. 2, the radius of the 90-degree circle.
+    rim_rad: incidence angle at the mirror's rim; pixels beyond it see no mirror.
+    up_azimuth_rad: azimuth in the mirror frame (x towards y) that points up in the image.
+    """
+
+    mirror: CentralMirror
+    width_px: int
+    height_px: int
+    centre_px: tuple[float, float]
+    horizon_radius_px: float
+    rim_rad: float
+    image_up_azimuth_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
+        if not (math.isfinite(self.horizon_radius_px) and self.horizon_radius_px > 0.0):
+            raise DomainError(
+                f"the 90-degree circle needs a radius > 0: {self.horizon_radius_px!r}"
+            )
+        if not all(map(math.isfinite, (*self.centre_px, self.image_up_azimuth_rad))):
+            raise DomainError(
+                "the image centre and the azimuth that points up must be finite: "
+                f"{self.centre_px!r}, {self.image_up_azimuth_rad!r}"
+            )
+        if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
+            limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
+            raise DomainError(
+                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond what this mirror can "
+                f"reflect: it must be above 0 and below {limit:.3f} deg"
+            )
+
+    @property
+    def rim_t(self) -> float:
+        """Return tan(rim / 2)."""
+        return math.tan(0.5 * self.rim_rad)
+
+    @property
+    def rim_radius_px(self) -> float:
+        """Return the image radius of the rim."""
+        return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
+
+
+def camera_with_inscribed_rim(
+    mirror: CentralMirror,
+    *,
+    width_px: int,
+    height_px: int,
+    rim_rad: float,
+    image_up_azimuth_rad: float = 0.0,
+) -> OmniCamera:
+    """Return the camera whose rim circle touches the nearer image borders."""
+    t = math.tan(0.5 * rim_rad)
+    # Of a rim that cannot be, the camera itself says so.
+    rim_ratio = float(mirror.radius_ratio_from_t(np.array(t))) if 0.0 < t < mirror.t_limit else 1.0
+    return OmniCamera(
+        mirror=mirror,
+        width_px=width_px,
+        height_px=height_px,
+        centre_px=(0.5 * width_px, 0.5 * height_px),
+        horizon_radius_px=0.5 * min(width_px, height_px) / rim_ratio,
+        rim_rad=rim_rad,
+        image_up_azimuth_rad=image_up_azimuth_rad,
+    )
+
+
+@np.errstate(under="ignore")  # what vanishes beside the largest component may
+def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
+    """Return t = tan(theta / 2) of (..., 3) directions, and where it is finite.
+
+    Two forms, one for each hemisphere, so that neither cancels. Invalid, with 0 for a value: a zero
+    vector, the antipode, what is not finite, and what is nearer to the antipode than 1e-308 rad.
+    """
+    x, y, z = _scale_components(direction)
+    return _half_angle_tangent_from_rho_z(np.hypot(x, y), z)
+
+
+def _half_angle_tangent_from_rho_z(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
+    """Return t of directions at a distance rho from the axis and a height z, and validity."""
+    norm = np.hypot(rho, z)
+    lower = z >= 0.0
+    numerator = np.where(lower, rho, norm - z)
+    denominator = np.where(lower, norm + z, rho)
+    # At most 2 over the smallest normal number: finite.
+    valid = denominator >= _MIN_NORMAL
+    return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
+
+
+def _scale_components(direction: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return x, y, z of (..., 3) directions over the largest of them: no square can overflow.
+
+    Zero where a direction is not finite.
+    """
+    direction = np.asarray(direction, dtype=np.float64)
+    finite = np.isfinite(direction).all(axis=-1, keepdims=True)
+    direction = np.where(finite, direction, 0.0)
+    largest = np.abs(direction).max(axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
+    return x, y, z
+
+
+@np.errstate(under="ignore")
+def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
+    """Return (..., 2) pixels of (..., 3) directions in the mirror frame, and which the mirror sees.
+
+    Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
+    pixel is the image centre, never a NaN.
+    """
+    x, y, z = _scale_components(direction)
+    rho = np.hypot(x, y)
+    t, defined = _half_angle_tangent_from_rho_z(rho, z)
+    valid = defined & (t <= camera.rim_t)
+    radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
+        np.where(valid, t, 0.0)
+    )
+    # A quotient of at most 1: the radius over a rho next to nothing might overflow.
+    rho = np.where(rho > 0.0, rho, 1.0)
+    x = radius_px * (x / rho)
+    y = radius_px * (y / rho)
+    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    u = camera.centre_px[0] + sa * x - ca * y
+    v = camera.centre_px[1] - ca * x - sa * y
+    return np.stack((u, v), axis=-1), valid
+
+
+@np.errstate(under="ignore")
+def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Bools]:
+    """Return unit (..., 3) directions in the mirror frame of (..., 2) pixels, and which see it.
+
+    Where invalid the direction is +z, never a NaN.
+    """
+    pixel = np.asarray(pixel, dtype=np.float64)
+    # Far beside the rim nothing is seen, and a square may overflow; a comparison with NaN is false.
+    near = _is_near_rim(camera, pixel)
+    pixel = np.where(near[..., None], pixel, camera.centre_px)
+    du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
+    dv = (pixel[..., 1] - camera.centre_px[1]) / camera.horizon_radius_px
+    ratio = np.hypot(du, dv)
+    t = camera.mirror.t_from_radius_ratio(ratio)
+    valid = near & (t <= camera.rim_t)
+    t = np.where(valid, t, 0.0)
+    one_plus = 1.0 + np.square(t)
+    # sin(theta) / ratio tends to a finite limit on the axis, where du = dv = 0 makes any value
+    # right.
+    ratio = np.where(ratio > 0.0, ratio, 1.0)
+    sine = 2.0 * t / one_plus
+    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    x = sine * ((sa * du - ca * dv) / ratio)
+    y = sine * ((-ca * du - sa * dv) / ratio)
+    z = (1.0 - t) * (1.0 + t) / one_plus
+    return np.stack((x, y, z), axis=-1), valid
+
+
+def _is_near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
+    """Return which (..., 2) pixels lie in the square of twice the rim's size around the centre."""
+    # Halves, because a difference may overflow.
+    half_u = np.abs(0.5 * pixel[..., 0] - 0.5 * camera.centre_px[0])
+    half_v = np.abs(0.5 * pixel[..., 1] - 0.5 * camera.centre_px[1])
+    return np.asarray(np.maximum(half_u, half_v) <= camera.rim_radius_px)
+
+
+class ImageSize(Protocol):
+    """Any camera's picture, as far as its size."""
+
+    @property
+    def width_px(self) -> int:
+        """Return the number of columns."""
+
+    @property
+    def height_px(self) -> int:
+        """Return the number of rows."""
+
+
+def pixel_sample_positions(camera: ImageSize, samples_per_side: int = 1) -> Floats:
+    """Return (height, width, samples^2, 2) positions of a regular sample grid in each pixel."""
+    offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side
+    u = np.arange(camera.width_px)[:, None] + offsets
+    v = np.arange(camera.height_px)[:, None] + offsets
+    grid_v, grid_u = np.broadcast_arrays(v[:, None, :, None], u[None, :, None, :])
+    grid = np.stack((grid_u, grid_v), axis=-1)
+    return grid.reshape(camera.height_px, camera.width_px, samples_per_side * samples_per_side, 2)
+
+
+def opencv_from_pixel(pixel: Floats) -> Floats:
+    """Return pixels in OpenCV's convention, whose pixel centres are integers."""
+    return pixel - 0.5

@@ -1,0 +1,212 @@
+"""Frozen dataclasses to msgpack maps and back: the one door to msgpack. No socket, no clock.
+
+A message is a map of field names to values. What is read is checked against the types of the
+dataclass: unknown fields are ignored, a missing or wrong one is refused with its name; one with a
+default may be missing, since it came later than others. Sizes are limited before memory is taken;
+no extension types, no object hooks. Source: msgpack's spec.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Callable, Mapping
+from enum import Enum
+from functools import cache
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import msgpack
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+
+# A request holds a few numbers and names of at most 256 characters.
+MAX_REQUEST_BYTES = 8 * 1024
+# The largest answer lists landmarks: a thousand of 300 bytes each fit.
+MAX_REPLY_BYTES = 512 * 1024
+# Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.
+_MAX_ITEMS = 2048
+_MAX_FIELDS = 128
+_MAX_INT = 2**63 - 1
+_MAX_QUOTED_CHARS = 80  # characters of a wrong value that an error quotes
+
+FieldMap = Mapping[str, Any]  # Any: what msgpack can hold, before it is checked
+FieldReader = Callable[[Any, str], Any]
+_T = TypeVar("_T")
+
+
+def pack(kind: str, message: Any) -> bytes:
+    """Return the bytes of a dataclass, its kind first. Raises LocalProtocolError if not finite."""
+    fields = {"kind": kind, **_fields_from_dataclass(message)}
+    data: bytes = msgpack.packb(fields, default=_msgpack_default)
+    return data
+
+
+def unpack(data: bytes, max_bytes: int) -> FieldMap:
+    """Return the map that bytes hold. Raises RemoteProtocolError if they hold anything else."""
+    if len(data) > max_bytes:
+        raise RemoteProtocolError(f"a message of {len(data)} bytes: at most {max_bytes} are read")
+    try:
+        fields = msgpack.unpackb(
+            data,
+            max_str_len=max_bytes,
+            max_bin_len=0,
+            max_ext_len=0,
+            max_array_len=_MAX_ITEMS,
+            max_map_len=_MAX_FIELDS,
+        )
+    except (ValueError, msgpack.UnpackException) as error:
+        said = str(error) or type(error).__name__
+        raise RemoteProtocolError(
+            f"no msgpack that is read here: {said[:_MAX_QUOTED_CHARS]}"
+        ) from error
+    if not isinstance(fields, dict):
+        raise _field_error("the message", fields, "a map of field names")
+    return fields
+
+
+def dataclass_from_fields(dataclass_type: type[_T], fields: FieldMap, path: str = "") -> _T:
+    """Return a dataclass from the fields of a map; each of them is checked."""
+    values = {}
+    key: Any = dataclass_type  # a class can be hashed, which type[T] does not promise
+    for name, reader in _field_readers(key).items():
+        if name in fields:
+            values[name] = reader(fields[name], f"{path}.{name}" if path else name)
+        elif name not in _optional_fields(key):
+            raise RemoteProtocolError(
+                f"{path or dataclass_type.__name__} without the field {name!r}"
+            )
+    return dataclass_type(**values)
+
+
+def read_str_field(fields: FieldMap, name: str) -> str:
+    """Return a field that is a text; for what must be known before the form is."""
+    if name not in fields:
+        raise RemoteProtocolError(f"a message without the field {name!r}")
+    text: str = _read_str(fields[name], name)
+    return text
+
+
+@cache
+def _field_readers(dataclass_type: Any) -> dict[str, FieldReader]:
+    """Return how each field of a dataclass is read."""
+    hints = get_type_hints(dataclass_type)
+    return {
+        field.name: _reader_for_type(hints[field.name])
+        for field in dataclasses.fields(dataclass_type)
+    }
+
+
+@cache
+def _optional_fields(dataclass_type: Any) -> frozenset[str]:
+    """Return the fields that have a default: older peers do not know them."""
+    fields = dataclasses.fields(dataclass_type)
+    return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
+
+
+def _reader_for_type(hint: Any) -> FieldReader:
+    """Return how a value of a type is read."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint in _SCALAR_READERS:
+        return _SCALAR_READERS[hint]
+    if origin is types.UnionType:
+        return _optional_reader(_reader_for_type(parts[0]))
+    if origin is tuple:
+        return _list_reader(
+            _reader_for_type(parts[0]), None if parts[1] is Ellipsis else len(parts)
+        )
+    if origin is dict:
+        return _map_reader(_reader_for_type(parts[1]))
+    if issubclass(hint, Enum):
+        return _enum_reader(hint)
+    form: type[Any] = hint
+    assert dataclasses.is_dataclass(form), f"no way to read {form}"
+    return lambda value, path: dataclass_from_fields(form, _read_map(value, path), path)
+
+
+def _optional_reader(reader: FieldReader) -> FieldReader:
+    return lambda value, path: None if value is None else reader(value, path)
+
+
+def _list_reader(reader: FieldReader, length: int | None) -> FieldReader:
+    def items(value: Any, path: str) -> tuple[Any, ...]:
+        if not isinstance(value, list) or length not in (None, len(value)):
+            raise _field_error(path, value, "a list" if length is None else f"a list of {length}")
+        return tuple(reader(item, f"{path}[{index}]") for index, item in enumerate(value))
+
+    return items
+
+
+def _map_reader(reader: FieldReader) -> FieldReader:
+    def entries(value: Any, path: str) -> dict[str, Any]:
+        fields = _read_map(value, path)
+        return {key: reader(entry, f"{path}.{key}") for key, entry in fields.items()}
+
+    return entries
+
+
+def _enum_reader(enum: type[Enum]) -> FieldReader:
+    def member(value: Any, path: str) -> Enum:
+        for one in enum:
+            if one.value == value:
+                return one
+        raise _field_error(path, value, "one of " + ", ".join(str(one.value) for one in enum))
+
+    return member
+
+
+def _read_map(value: Any, path: str) -> FieldMap:
+    if not (isinstance(value, dict) and all(isinstance(key, str) for key in value)):
+        raise _field_error(path, value, "a map of field names")
+    return value
+
+
+def _read_float(value: Any, path: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise _field_error(path, value, "a finite number")
+    return float(value)
+
+
+def _read_int(value: Any, path: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _MAX_INT:
+        raise _field_error(path, value, "a whole number of 63 bits")
+    return value
+
+
+def _read_str(value: Any, path: str) -> str:
+    if not isinstance(value, str):
+        raise _field_error(path, value, "a text")
+    return value
+
+
+def _read_bool(value: Any, path: str) -> bool:
+    if not isinstance(value, bool):
+        raise _field_error(path, value, "true or false")
+    return value
+
+
+_SCALAR_READERS: dict[Any, FieldReader] = {
+    float: _read_float,
+    int: _read_int,
+    str: _read_str,
+    bool: _read_bool,
+}
+
+
+def _msgpack_default(value: Any) -> Any:
+    """Return what msgpack can write of a value that it does not know."""
+    if isinstance(value, Enum):
+        return value.value
+    return _fields_from_dataclass(value)
+
+
+def _fields_from_dataclass(message: Any) -> dict[str, Any]:
+    fields = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    for name, value in fields.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise LocalProtocolError(f"{type(message).__name__}.{name} is not finite: {value}")
+    return fields
+
+
+def _field_error(path: str, value: Any, expected: str) -> RemoteProtocolError:
+    return RemoteProtocolError(f"{path}: {repr(value)[:_MAX_QUOTED_CHARS]}: expected {expected}")

@@ -1,0 +1,148 @@
+"""RES: what became of a command. UT2004 answers SET with it; UDK answers SET with nothing.
+
+Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.usarsim import strict_fields
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
+from catoptra_protocol.usarsim.value_format import format_fixed_point
+
+STATUS_OK = "OK"
+STATUS_FAILED = "Failed"
+CAMERA_DISABLED = "Disabled"  # a viewport that shows nothing, by wish
+CAMERA_MISSING = "None"  # a viewport that was to show a camera that is not there
+
+_STEP_TYPE = "Step"
+NUM_VIEWPORTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class CommandResult:
+    """What became of a SET, or of our STEP, which is answered in UDK's dialect too."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    type: str
+    name: str
+    status: str = STATUS_OK
+
+    @classmethod
+    def from_message(cls, message: Message) -> CommandResult:
+        """Return the result of a parsed line."""
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            type=strict_fields.read_text(message, "Type"),
+            name=message.get("Name") or "",
+            status=strict_fields.read_text(message, "Status"),
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK, but of STEP. Without a name there is no block for it."""
+        named = (("Name", self.name),) if self.name else ()
+        is_step = self.type == _STEP_TYPE
+        head = (("Time", format_fixed_point(self.time_s, 4 if is_step else 2)), ("Type", self.type))
+        pairs = (*head, *named, ("Status", self.status))
+        is_silent = dialect is Dialect.UDK and not is_step
+        return () if is_silent else (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFov:
+    """The field of view that a camera has now, and whether that is what was asked for."""
+
+    name: str
+    fov_rad: float
+    status: str = STATUS_OK
+
+
+@dataclass(frozen=True, slots=True)
+class CameraResult:
+    """What became of SET Camera, for each camera that it named."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    cameras: tuple[CameraFov, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> CameraResult:
+        """Return the result of a parsed line."""
+        cameras = (_parse_camera_fov(group) for group in split_groups(message, "Name"))
+        return cls(strict_fields.read_number(message, "Time"), tuple(cameras))
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK."""
+        cameras = (pair for camera in self.cameras for pair in _camera_pairs(camera))
+        pairs = (*_time_and_type_pairs(self.time_s, "Camera"), *cameras)
+        return () if dialect is Dialect.UDK else (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class Viewport:
+    """What a quarter of the picture shows: a camera's name, `Disabled` or `None`."""
+
+    camera: str = CAMERA_DISABLED
+    status: str = STATUS_OK
+
+
+@dataclass(frozen=True, slots=True)
+class ViewportsResult:
+    """What became of SET Viewports: of the arrangement, and of each of the four."""
+
+    WORD: ClassVar[str] = "RES"
+
+    time_s: float
+    config: str
+    viewports: tuple[Viewport, ...] = (Viewport(),) * NUM_VIEWPORTS
+    status: str = STATUS_OK
+
+    @classmethod
+    def from_message(cls, message: Message) -> ViewportsResult:
+        """Return the result of a parsed line; a status follows what it speaks of."""
+        keys = [f"Viewport{i + 1}" for i in range(NUM_VIEWPORTS)]
+        shown = (group for key in keys for group in split_groups(message, key)[:1])
+        viewports = (Viewport(x.pairs[0][1], x.get("Status") or STATUS_OK) for x in shown)
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            config=strict_fields.read_text(message, "Config"),
+            viewports=tuple(viewports),
+            status=strict_fields.read_text(message, "Status"),
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK."""
+        pairs = [*_time_and_type_pairs(self.time_s, "Viewports"), ("Config", self.config)]
+        pairs.append(("Status", self.status))
+        for i, viewport in enumerate(self.viewports):
+            pairs += [(f"Viewport{i + 1}", viewport.camera), ("Status", viewport.status)]
+        return () if dialect is Dialect.UDK else (Message(self.WORD, tuple(pairs)),)
+
+
+def result_from_message(message: Message) -> CommandResult | CameraResult | ViewportsResult:
+    """Return what a RES line says, in the form of its type; a plain one if it failed as a whole."""
+    if message.get("Config") is not None:
+        return ViewportsResult.from_message(message)
+    if message.get("FOV") is not None:
+        return CameraResult.from_message(message)
+    return CommandResult.from_message(message)
+
+
+def _time_and_type_pairs(time_s: float, type_: str) -> Pairs:
+    return ("Time", format_fixed_point(time_s, 2)), ("Type", type_)
+
+
+def _camera_pairs(camera: CameraFov) -> Pairs:
+    fov = format_fixed_point(camera.fov_rad)
+    return ("Name", camera.name), ("FOV", fov), ("Status", camera.status)
+
+
+def _parse_camera_fov(group: Message) -> CameraFov:
+    name, fov_rad = strict_fields.read_text(group, "Name"), strict_fields.read_number(group, "FOV")
+    return CameraFov(name, fov_rad, strict_fields.read_text(group, "Status"))

@@ -1,0 +1,269 @@
+"""CONF, the reply to GETCONF: one frozen dataclass a part that is written, one that reads all.
+
+Servers write the typed ones, whose order and spelling are the dialect's; clients read a
+`Configuration`, free pairs by name, since servers differ in what they tell. Mission packages: see
+`mission_package`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.usarsim import strict_fields
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Message, Pairs
+from catoptra_protocol.usarsim.value_format import (
+    format_boolean,
+    format_fixed_point,
+    truncate_to_unreal_units,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Free pairs after the type. None, or a name alone, is the empty reply: silence in UDK."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    type: str
+    pairs: Pairs = ()
+
+    @classmethod
+    def from_message(cls, message: Message) -> Configuration:
+        """Return the configuration of a parsed line."""
+        others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
+        return cls(strict_fields.read_text(message, "Type"), others)
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line; none in UDK if it says nothing."""
+        says_something = any(name.lower() != "name" for name, _ in self.pairs)
+        if dialect is Dialect.UDK and not says_something:
+            return ()
+        return (Message(self.WORD, (("Type", self.type), *self.pairs)),)
+
+    def get(self, name: str) -> str | None:
+        """Return the value of the first pair with this name, in any case; None if there is none."""
+        return Message(self.WORD, self.pairs).get(name)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleConfiguration:
+    """The robot itself; the name is that of its model. UDK tells the name before the type."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    mass_kg: float
+    max_speed_rad_s: float
+    max_torque: float
+    max_front_steer_rad: float = 0.0
+    max_rear_steer_rad: float = 0.0
+    steering_type: str = "SkidSteered"
+    vehicle_type: str = "GroundVehicle"
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        type_, name = ("Type", self.vehicle_type), ("Name", self.name)
+        is_udk = dialect is Dialect.UDK
+        decimals = 0 if is_udk else 4
+        pairs = (
+            *((name, type_) if is_udk else (type_, name)),
+            ("SteeringType", self.steering_type),
+            ("Mass", format_fixed_point(self.mass_kg)),
+            ("MaxSpeed", format_fixed_point(self.max_speed_rad_s)),
+            ("MaxTorque", format_fixed_point(self.max_torque)),
+            ("MaxFrontSteer", format_fixed_point(self.max_front_steer_rad, decimals)),
+            ("MaxRearSteer", format_fixed_point(self.max_rear_steer_rad, decimals)),
+        )
+        return (Message(self.WORD, pairs),)
+
+
+@dataclass(frozen=True, slots=True)
+class RangeScannerConfiguration:
+    """A range scanner. The keys are UT2004's own: `Paning`, and `Fov` where SEN has `FOV`."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    max_range_m: float
+    min_range_m: float
+    resolution_rad: float
+    fov_rad: float
+    panning: bool = True
+    tilting: bool = False
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        is_udk = dialect is Dialect.UDK
+        resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
+        if is_udk:
+            resolution_rad, fov_rad = (
+                truncate_to_unreal_units(resolution_rad),
+                truncate_to_unreal_units(fov_rad),
+            )
+        return _conf_messages(
+            "RangeScanner",
+            self.name,
+            ("MaxRange", format_fixed_point(self.max_range_m)),
+            ("MinRange", format_fixed_point(self.min_range_m)),
+            ("Resolution", format_fixed_point(resolution_rad)),
+            ("Fov", format_fixed_point(fov_rad)),
+            ("Panning" if is_udk else "Paning", format_boolean(self.panning)),
+            ("Tilting", format_boolean(self.tilting)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SonarConfiguration:
+    """A sonar; UDK tells how it is traced too."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    max_range_m: float
+    min_range_m: float
+    beam_angle_rad: float
+    scan_interval_s: float = 0.2
+    max_angle_of_incidence_rad: float = 0.1745329252  # with the next two: UDK's DefaultUSAR.ini
+    traces_per_cone: int = 16
+    num_cones: int = 10
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        ranges = (
+            ("MaxRange", format_fixed_point(self.max_range_m)),
+            ("MinRange", format_fixed_point(self.min_range_m)),
+        )
+        if dialect is Dialect.UDK:
+            return _conf_messages("Sonar", self.name, *ranges, *self._udk_pairs())
+        return _conf_messages(
+            "Sonar", self.name, *ranges, ("BeamAngle", format_fixed_point(self.beam_angle_rad))
+        )
+
+    def _udk_pairs(self) -> Pairs:
+        return (
+            ("ScanInterval", format_fixed_point(self.scan_interval_s)),
+            ("beamAngle", format_fixed_point(self.beam_angle_rad)),
+            ("maxAngleOfIncidence", format_fixed_point(self.max_angle_of_incidence_rad)),
+            ("tracesPerCone", str(self.traces_per_cone)),
+            ("numberOfCones", str(self.num_cones)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderConfiguration:
+    """An encoder: the angle of a tick."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    resolution_rad: float
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        return _conf_messages(
+            "Encoder", self.name, ("Resolution", format_fixed_point(self.resolution_rad))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryConfiguration:
+    """Odometry: its period, and the angle of a tick of the encoders behind it."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    scan_interval_s: float
+    encoder_resolution_rad: float
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        interval = ("ScanInterval", format_fixed_point(self.scan_interval_s))
+        resolution = ("EncoderResolution", format_fixed_point(self.encoder_resolution_rad))
+        return _conf_messages("Odometry", self.name, interval, resolution)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanIntervalConfiguration:
+    """A sensor of which only the period is told: GroundTruth, INS and whatever has no more."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    type: str
+    name: str
+    scan_interval_s: float
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        return _conf_messages(
+            self.type, self.name, ("ScanInterval", format_fixed_point(self.scan_interval_s, 2))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TouchConfiguration:
+    """A touch sensor: its size."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    diameter_m: float
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        return _conf_messages("Touch", self.name, ("Diameter", format_fixed_point(self.diameter_m)))
+
+
+@dataclass(frozen=True, slots=True)
+class TextureRegion:
+    """Where a camera's picture lies in the picture that is served, in pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class CameraConfiguration:
+    """A camera: fields of view in degrees, its tile (UDK) and further pairs (our camera law)."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    default_fov_deg: float
+    min_fov_deg: float
+    max_fov_deg: float
+    fov_deg: float
+    texture_region: TextureRegion | None = None
+    extra_pairs: Pairs = ()
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        is_tiled = dialect is Dialect.UDK and self.texture_region is not None
+        tile = (
+            _texture_region_pairs(self.texture_region) if is_tiled and self.texture_region else ()
+        )
+        return _conf_messages("Camera", self.name, *tile, *self._fov_pairs(), *self.extra_pairs)
+
+    def _fov_pairs(self) -> Pairs:
+        return (
+            ("CameraDefFov", format_fixed_point(self.default_fov_deg)),
+            ("CameraMinFov", format_fixed_point(self.min_fov_deg)),
+            ("CameraMaxFov", format_fixed_point(self.max_fov_deg)),
+            ("CameraFov", format_fixed_point(self.fov_deg)),
+        )
+
+
+def _conf_messages(type_: str, name: str, *pairs: tuple[str, str]) -> tuple[Message, ...]:
+    return (Message("CONF", (("Type", type_), ("Name", name), *pairs)),)
+
+
+def _texture_region_pairs(region: TextureRegion) -> Pairs:
+    return (
+        ("TextureOffsetX", str(region.x)),
+        ("TextureOffsetY", str(region.y)),
+        ("TextureResolutionX", str(region.width)),
+        ("TextureResolutionY", str(region.height)),
+    )

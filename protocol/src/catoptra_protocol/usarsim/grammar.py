@@ -1,0 +1,135 @@
+"""The text of the control protocol: bytes to lines, lines to messages, and back.
+
+`WORD {Name Value} {Name Value}` up to a CR or a LF. The reader takes the union of what the two
+USARSim parsers take (SPEC.md 3); the writer keeps to what every known client reads. Nothing that a
+peer sends raises here. Text is Latin-1, so that one byte is one character and any byte survives.
+Source: MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.limits import MAX_LINE_BYTES
+
+Pairs = tuple[tuple[str, str], ...]
+
+ENCODING = "latin-1"
+
+_LINE_END = re.compile(rb"[\r\n]")
+_BLOCK = re.compile(r"\{([^{}]*)\}")
+_UNSAFE_IN_VALUE = re.compile(r"[{}\r\n]")
+_UNSAFE_IN_NAME = re.compile(r"[{}\r\n ]")
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A line taken apart: the upper-cased word and its (name, value) pairs in order, as sent."""
+
+    word: str
+    pairs: Pairs = ()
+
+    def get(self, name: str) -> str | None:
+        """Return the value of the first pair with this name, in any case; None if there is none."""
+        wanted = name.lower()
+        return next((value for key, value in self.pairs if key.lower() == wanted), None)
+
+    def __str__(self) -> str:
+        """Return the line for a log: whatever cannot be printed is escaped."""
+        text = " ".join((self.word, *map(_format_block, self.pairs)))
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def parse_message(line: str) -> Message:
+    """Return the message of a line. Total: any text means something, if only an unknown word.
+
+    The word ends at the first space (GameBots) or brace (UDK). A block is `{...}` without braces
+    inside: one that is never closed says nothing, so that half a number is never obeyed. `{Text}`
+    has an empty name and the value `Text`, as in UnrealScript; `{}` is nothing.
+    """
+    word = line.partition("{")[0].strip(" ").partition(" ")[0].upper()
+    blocks = (block.strip(" ") for block in _BLOCK.findall(line))
+    return Message(word, tuple(_parse_block(block) for block in blocks if block))
+
+
+def format_line(
+    word: str, pairs: Iterable[tuple[str, str]] = (), without_space: frozenset[str] = frozenset()
+) -> bytes:
+    """Return the line with CR LF. Raises LocalProtocolError for text that would break it.
+
+    A space goes before each block, except before those with a name in `without_space`.
+    """
+    pairs = tuple(pairs)
+    for name, value in (("", word), *pairs):
+        if _UNSAFE_IN_NAME.search(name) or _UNSAFE_IN_VALUE.search(value):
+            raise LocalProtocolError(
+                f"{word}: {{{name} {value}}} cannot be sent: names must be free of spaces, "
+                "names and values of braces and line ends"
+            )
+    blocks = (("" if pair[0] in without_space else " ") + _format_block(pair) for pair in pairs)
+    text = "".join((word, *blocks)) + "\r\n"
+    try:
+        return text.encode(ENCODING)
+    except UnicodeEncodeError as error:
+        raise LocalProtocolError(f"{word}: {text!r} is not Latin-1 text") from error
+
+
+def split_words(value: str) -> list[str]:
+    """Return the words of a value that holds several, separated by spaces."""
+    return [word for word in value.split(" ") if word]
+
+
+def split_groups(message: Message, key: str) -> list[Message]:
+    """Return the runs of blocks that each begin with this name; what precedes the first is none."""
+    found: list[list[tuple[str, str]]] = []
+    for pair in message.pairs:
+        if pair[0].lower() == key.lower():
+            found.append([])
+        if found:
+            found[-1].append(pair)
+    return [Message(message.word, tuple(run)) for run in found]
+
+
+class LineReader:
+    """Cut a byte stream into lines, however it is chunked, keeping at most one line.
+
+    A line longer than `MAX_LINE_BYTES` is dropped up to its end; the next one is read as usual.
+    """
+
+    def __init__(self) -> None:
+        self._line = bytearray()
+        self._is_overlong = False
+
+    def receive(self, data: bytes) -> list[str]:
+        """Return the lines that these bytes end, without their ends; blank ones are nothing."""
+        *ended, rest = _LINE_END.split(data)
+        lines = [self._finish_line(piece) for piece in ended]
+        self._append(rest)
+        return [line for line in lines if line]
+
+    def _finish_line(self, piece: bytes) -> str:
+        self._append(piece)
+        line = self._line.decode(ENCODING)
+        self._line.clear()
+        self._is_overlong = False
+        return line
+
+    def _append(self, piece: bytes) -> None:
+        self._is_overlong = self._is_overlong or len(self._line) + len(piece) > MAX_LINE_BYTES
+        if self._is_overlong:
+            self._line.clear()
+        else:
+            self._line += piece
+
+
+def _parse_block(block: str) -> tuple[str, str]:
+    name, _, value = block.partition(" ")
+    return (name, value.strip(" ")) if value else ("", name)
+
+
+def _format_block(pair: tuple[str, str]) -> str:
+    name, value = pair
+    return f"{{{name} {value}}}" if name else f"{{{value}}}"

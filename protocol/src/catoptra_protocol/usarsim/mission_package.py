@@ -1,0 +1,161 @@
+"""Mission packages, chains of links on a robot such as a pan-tilt: MISSTA, and their CONF and GEO.
+
+Each link's blocks follow each other, begun by its number. UDK calls packages actuators and their
+status ASTA.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.usarsim import strict_fields
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
+from catoptra_protocol.usarsim.value_format import Vector3, format_fixed_point, format_vector
+
+_TYPE_NAME = "MisPkg"
+CHASSIS_LINK = -1  # the parent of a link that sits on the robot itself
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatus:
+    """Where a joint is (an angle, or a way of a prismatic one) and what it holds with."""
+
+    link: int
+    value: float
+    torque: float = 0.0
+
+    def to_pairs(self) -> Pairs:
+        """Return its blocks; UDK knows no torque and leaves the last one out."""
+        torque = format_fixed_point(self.torque, 2)
+        return (
+            ("Link", str(self.link)),
+            ("Value", format_fixed_point(self.value)),
+            ("Torque", torque),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageStatus:
+    """Where the joints of a package are: MISSTA, or ASTA in UDK."""
+
+    WORD: ClassVar[str] = "MISSTA"
+
+    time_s: float
+    name: str
+    links: tuple[LinkStatus, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> MissionPackageStatus:
+        """Return the status of a parsed line."""
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            name=strict_fields.read_text(message, "Name"),
+            links=tuple(_parse_link_status(group) for group in split_groups(message, "Link")),
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        is_udk = dialect is Dialect.UDK
+        head = (("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
+        links = (pair for link in self.links for pair in link.to_pairs()[: 2 if is_udk else 3])
+        return (Message("ASTA" if is_udk else self.WORD, (*head, *links)),)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkConfiguration:
+    """What a joint can do. Without a range it turns freely, which prints as the range 1 to 0."""
+
+    link: int
+    max_speed: float
+    max_torque: float
+    limits: tuple[float, float] | None = None
+    joint_type: str = "Revolute"
+
+    def to_pairs(self) -> Pairs:
+        """Return its blocks."""
+        least, most = (
+            ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
+        )
+        return (
+            ("Link", str(self.link)),
+            ("JointType", self.joint_type),
+            ("MaxSpeed", format_fixed_point(self.max_speed, 2)),
+            ("MaxTorque", format_fixed_point(self.max_torque, 2)),
+            ("MinRange", least),
+            ("MaxRange", most),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageConfiguration:
+    """CONF of a package. A client reads it as a `Configuration`."""
+
+    WORD: ClassVar[str] = "CONF"
+
+    name: str
+    links: tuple[LinkConfiguration, ...]
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        links = (pair for link in self.links for pair in link.to_pairs())
+        return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkGeometry:
+    """Where a joint sits (roll, pitch, yaw) in the frame of its parent; -1 is the chassis."""
+
+    link: int
+    parent_link: int
+    location_m: Vector3
+    rotation_rad: Vector3
+
+    @classmethod
+    def from_message(cls, message: Message) -> LinkGeometry:
+        """Return the link of a message that holds its four fields."""
+        return cls(
+            link=strict_fields.read_integer(message, "Link"),
+            parent_link=strict_fields.read_integer(message, "ParentLink"),
+            location_m=strict_fields.read_vector(message, "Location"),
+            rotation_rad=strict_fields.read_vector(message, "Orientation"),
+        )
+
+    def to_pairs(self) -> Pairs:
+        """Return its blocks."""
+        return (
+            ("Link", str(self.link)),
+            ("ParentLink", str(self.parent_link)),
+            ("Location", format_vector(self.location_m)),
+            ("Orientation", format_vector(self.rotation_rad)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPackageGeometry:
+    """GEO of a package."""
+
+    WORD: ClassVar[str] = "GEO"
+
+    name: str
+    links: tuple[LinkGeometry, ...]
+
+    @classmethod
+    def from_message(cls, message: Message) -> MissionPackageGeometry:
+        """Return the geometry of a parsed line."""
+        links = map(LinkGeometry.from_message, split_groups(message, "Link"))
+        return cls(strict_fields.read_text(message, "Name"), tuple(links))
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line, the same in both dialects."""
+        links = (pair for link in self.links for pair in link.to_pairs())
+        return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
+
+
+def _parse_link_status(group: Message) -> LinkStatus:
+    """Return the status of a link's blocks; some servers print no torque."""
+    torque = strict_fields.read_optional_number(group, "Torque") or 0.0
+    return LinkStatus(
+        strict_fields.read_integer(group, "Link"), strict_fields.read_number(group, "Value"), torque
+    )

@@ -1,0 +1,50 @@
+"""Several parts of one type in a report: how UT2004 and UDK list them.
+
+UT2004 writes one line with a block a part, which holds all its pairs: `{Name F1 Range 4.5604}`. UDK
+writes a block a pair: `{Name F1} {Range 4.5604}`, of readings with a line a part; both are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups, split_words
+
+
+def messages_from_items(
+    word: str, head: Pairs, items: Iterable[Pairs], dialect: Dialect
+) -> tuple[Message, ...]:
+    """Return the lines that list items, each of them pairs of which the first is its Name."""
+    if dialect is Dialect.UDK:
+        return tuple(Message(word, (*head, *item)) for item in items)
+    return (Message(word, (*head, *map(_merge_into_block, items))),)
+
+
+def items_from_message(message: Message) -> list[Message]:
+    """Return the items of a line in either form, each as a message of its own."""
+    runs = split_groups(message, "Name")
+    if len(runs) == 1 and len(split_words(runs[0].pairs[0][1])) == 1:
+        return [message]  # its fields may precede its name
+    if not runs:
+        says_something = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
+        return [message] if says_something else []
+    return [_expand_block(run) for run in runs]
+
+
+def _merge_into_block(item: Pairs) -> tuple[str, str]:
+    for _, value in item:
+        if not value or " " in value:
+            raise LocalProtocolError(f"{value!r} cannot be sent in a block: it must be one word")
+    (name, first), *others = item
+    return name, " ".join((first, *(f"{key} {value}" for key, value in others)))
+
+
+def _expand_block(run: Message) -> Message:
+    """Return the fields of a run of blocks: of its first alone, if that holds several."""
+    (key, value), *_ = run.pairs
+    name, *rest = split_words(value)
+    if not rest:
+        return run
+    return Message(run.word, ((key, name), *zip(rest[::2], rest[1::2], strict=False)))

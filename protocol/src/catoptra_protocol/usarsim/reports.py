@@ -1,0 +1,193 @@
+"""What the control server tells a client: the table of all reports, and their lines.
+
+To add one: write its class beside those most like it (word, fields, `from_message`, `messages`:
+the lines in a dialect), then its line in the `Report` union and, if clients read it, in `_READERS`;
+for a sensor see `readings`. Field order and the number of decimals are those of real captures:
+clients index blocks by position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.limits import MAX_SERVER_LINE_BYTES
+from catoptra_protocol.usarsim.command_results import (
+    CameraFov,
+    CameraResult,
+    CommandResult,
+    Viewport,
+    ViewportsResult,
+    result_from_message,
+)
+from catoptra_protocol.usarsim.configurations import (
+    CameraConfiguration,
+    Configuration,
+    EncoderConfiguration,
+    OdometryConfiguration,
+    RangeScannerConfiguration,
+    ScanIntervalConfiguration,
+    SonarConfiguration,
+    TextureRegion,
+    TouchConfiguration,
+    VehicleConfiguration,
+)
+from catoptra_protocol.usarsim.dialect import UDK_BLOCKS_WITHOUT_SPACE, Dialect
+from catoptra_protocol.usarsim.geometry import (
+    Geometry,
+    GeometryItem,
+    VehicleGeometry,
+    geometry_from_message,
+)
+from catoptra_protocol.usarsim.grammar import Message, format_line
+from catoptra_protocol.usarsim.greeting import (
+    Greeting,
+    StartPose,
+    StartPoses,
+    greeting_from_message,
+)
+from catoptra_protocol.usarsim.mission_package import (
+    LinkConfiguration,
+    LinkGeometry,
+    LinkStatus,
+    MissionPackageConfiguration,
+    MissionPackageGeometry,
+    MissionPackageStatus,
+)
+from catoptra_protocol.usarsim.readings import (
+    EncoderReadings,
+    GpsReading,
+    GroundTruthReading,
+    InsReading,
+    OdometryReading,
+    RangeScanReading,
+    Reading,
+    RfidReading,
+    SonarReadings,
+    TachometerReading,
+    TouchReadings,
+    VictimPart,
+    VictimReading,
+    reading_from_message,
+)
+from catoptra_protocol.usarsim.vehicle_status import VehicleStatus
+
+# Any answer to GETCONF; all but the first are written only, and read as the first.
+AnyConfiguration = (
+    Configuration
+    | VehicleConfiguration
+    | RangeScannerConfiguration
+    | SonarConfiguration
+    | EncoderConfiguration
+    | OdometryConfiguration
+    | ScanIntervalConfiguration
+    | TouchConfiguration
+    | CameraConfiguration
+    | MissionPackageConfiguration
+)
+
+Report = (
+    Greeting
+    | StartPoses
+    | VehicleStatus
+    | MissionPackageStatus
+    | Reading
+    | AnyConfiguration
+    | Geometry
+    | VehicleGeometry
+    | MissionPackageGeometry
+    | CommandResult
+    | CameraResult
+    | ViewportsResult
+)
+
+ReportParser = Callable[[Message], Report | None]
+
+_BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOCKS_WITHOUT_SPACE}
+
+
+def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes:
+    """Return the line of a report. In UDK it may be several, or none.
+
+    Raises LocalProtocolError if it has none, or one longer than clients can read.
+    """
+    return b"".join(_encode_line(message, dialect) for message in report.to_messages(dialect))
+
+
+def report_from_message(message: Message) -> Report | None:
+    """Return the report of a message, of either dialect; None for a word or type we do not know.
+
+    Raises RemoteProtocolError naming the field that a known one lacks or spells wrongly.
+    """
+    reader = _REPORT_PARSERS.get(message.word)
+    return reader(message) if reader else None
+
+
+def _encode_line(message: Message, dialect: Dialect) -> bytes:
+    line = format_line(message.word, message.pairs, _BLOCKS_WITHOUT_SPACE[dialect])
+    if len(line) > MAX_SERVER_LINE_BYTES:
+        raise LocalProtocolError(
+            f"a line of {len(line)} bytes ({line[:80]!r}...): clients read at most "
+            f"{MAX_SERVER_LINE_BYTES}; send fewer items or shorter names"
+        )
+    return line
+
+
+_REPORT_PARSERS: dict[str, ReportParser] = {
+    "NFO": greeting_from_message,
+    "STA": VehicleStatus.from_message,
+    "SEN": reading_from_message,
+    "MISSTA": MissionPackageStatus.from_message,
+    "ASTA": MissionPackageStatus.from_message,
+    "CONF": Configuration.from_message,
+    "GEO": geometry_from_message,
+    "RES": result_from_message,
+}
+
+__all__ = [
+    "AnyConfiguration",
+    "CameraConfiguration",
+    "CameraFov",
+    "CameraResult",
+    "Configuration",
+    "EncoderConfiguration",
+    "EncoderReadings",
+    "Geometry",
+    "GeometryItem",
+    "GpsReading",
+    "Greeting",
+    "GroundTruthReading",
+    "InsReading",
+    "ScanIntervalConfiguration",
+    "LinkConfiguration",
+    "LinkGeometry",
+    "LinkStatus",
+    "MissionPackageConfiguration",
+    "MissionPackageGeometry",
+    "MissionPackageStatus",
+    "OdometryConfiguration",
+    "OdometryReading",
+    "RangeScanReading",
+    "RangeScannerConfiguration",
+    "Reading",
+    "Report",
+    "CommandResult",
+    "RfidReading",
+    "SonarConfiguration",
+    "SonarReadings",
+    "StartPose",
+    "StartPoses",
+    "TachometerReading",
+    "TextureRegion",
+    "TouchConfiguration",
+    "TouchReadings",
+    "VehicleConfiguration",
+    "VehicleGeometry",
+    "VehicleStatus",
+    "VictimPart",
+    "VictimReading",
+    "Viewport",
+    "ViewportsResult",
+    "line_from_report",
+    "report_from_message",
+]

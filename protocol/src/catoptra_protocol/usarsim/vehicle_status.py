@@ -1,0 +1,86 @@
+"""STA: what the robot itself tells, every fifth of a second."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from catoptra_protocol.usarsim import strict_fields
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.grammar import Message, Pairs
+from catoptra_protocol.usarsim.value_format import format_boolean, format_fixed_point, is_number
+
+_STANDARD_BLOCKS = frozenset(
+    ("time", "type", "battery", "view", "frontsteer", "rearsteer", "lighttoggle", "lightintensity")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1.
+
+    joints: those of the robot itself, such as flippers, as (name, radians).
+    """
+
+    WORD: ClassVar[str] = "STA"
+
+    time_s: float
+    battery_s: int
+    vehicle_type: str = "GroundVehicle"
+    light: bool = False
+    view: int = -1
+    joints: tuple[tuple[str, float], ...] = ()
+
+    @classmethod
+    def from_message(cls, message: Message) -> VehicleStatus:
+        """Return the status of a parsed line; UDK's has no View. Further numbers are joints."""
+        return cls(
+            time_s=strict_fields.read_number(message, "Time"),
+            battery_s=strict_fields.read_integer(message, "Battery"),
+            vehicle_type=strict_fields.read_text(message, "Type"),
+            light=strict_fields.read_boolean(message, "LightToggle"),
+            view=strict_fields.read_integer(message, "View", default=-1),
+            joints=tuple(_parse_joints(message)),
+        )
+
+    def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
+        """Return the line."""
+        pairs = self._udk_pairs() if dialect is Dialect.UDK else self._ut2004_pairs()
+        return (Message(self.WORD, pairs),)
+
+    def _ut2004_pairs(self) -> Pairs:
+        """Return blocks of which every one is needed by some client."""
+        return (
+            ("Type", self.vehicle_type),
+            ("Time", format_fixed_point(self.time_s, 2)),
+            ("FrontSteer", format_fixed_point(0.0)),
+            ("RearSteer", format_fixed_point(0.0)),
+            *self._joint_pairs(),
+            ("LightToggle", format_boolean(self.light)),
+            ("LightIntensity", "100" if self.light else "0"),
+            ("Battery", str(int(self.battery_s))),
+            ("View", str(self.view)),
+        )
+
+    def _udk_pairs(self) -> Pairs:
+        """Return the blocks of UDK, where the intensity is that of a light that is on or not."""
+        return (
+            ("Time", format_fixed_point(self.time_s)),
+            ("Battery", str(int(self.battery_s))),
+            ("Type", self.vehicle_type),
+            ("LightToggle", format_boolean(self.light)),
+            ("LightIntensity", "100"),
+            ("FrontSteer", "0"),
+            ("RearSteer", "0"),
+            *self._joint_pairs(),
+        )
+
+    def _joint_pairs(self) -> Pairs:
+        return tuple((name, format_fixed_point(angle_rad)) for name, angle_rad in self.joints)
+
+
+def _parse_joints(message: Message) -> Iterator[tuple[str, float]]:
+    for name, value in message.pairs:
+        if name and name.lower() not in _STANDARD_BLOCKS and is_number(value):
+            yield name, strict_fields.read_number(Message(message.word, ((name, value),)), name)

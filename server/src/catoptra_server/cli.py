@@ -1,0 +1,188 @@
+"""`catoptra-server --robot FILE --world FILE`: its options. Only commands like this one print."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import math
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+from catoptra_protocol.errors import CatoptraError, DomainError
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.image_port import ImageType
+from catoptra_server.app import ListeningAddress, Options, serve
+from catoptra_server.config.bundled_files import FileKind, find_configuration
+from catoptra_server.config.server_file import MAX_FRAME_SKIP, ServerOptions
+from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
+from catoptra_server.simulation import ClockMode
+
+EXIT_CANNOT_START = 2
+_PORT_REMEDY = ". Is another server running there? --control-port 0 --image-port 0 take free ones"
+_MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the server; return 0 after a clean end, 2 if it could not start."""
+    options, level = _make_options(_build_parser().parse_args(arguments))
+    logging.basicConfig(
+        level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+    )
+    try:
+        asyncio.run(serve(options, _print_addresses))
+    except CatoptraError as error:
+        print(f"catoptra-server: {error}", file=sys.stderr)
+        return EXIT_CANNOT_START
+    except OSError as error:
+        print(f"catoptra-server: cannot listen: {error}{_PORT_REMEDY}", file=sys.stderr)
+        return EXIT_CANNOT_START
+    return 0
+
+
+def _print_addresses(address: ListeningAddress) -> None:
+    """Print where to connect, for people and for programs that chose port 0."""
+    image = "off" if address.image_port is None else f"{address.host}:{address.image_port}"
+    print(
+        f"listening control={address.host}:{address.control_port} image={image} "
+        f"stream={address.host}:{address.stream_port}",
+        flush=True,
+    )
+
+
+def _build_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="catoptra-server",
+        description="Simulate a robot with an omnidirectional camera, in USARSim's protocol.",
+    )
+    add = parser.add_argument
+    add("--robot", type=_parse_robot, required=True, action="append", metavar="FILE",
+        help="robot ini, like USARBot.ini, or the name of a shipped one, such as p2at_omni; "
+        "may be given several times")  # fmt: skip
+    add("--world", type=_parse_world, required=True, metavar="FILE",
+        help="world ini, or the name of a shipped one, such as four_legged_2006")  # fmt: skip
+    add("--server-ini", type=Path, metavar="FILE",
+        help="ini with UDK's [USARBotAPI.*]; a robot's file may have them, too")  # fmt: skip
+    add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
+    add("--control-port", type=_parse_port, metavar="PORT", help="default 3000; 0 = any free one")
+    add("--image-port", type=_parse_port, metavar="PORT", help="default 5003; 0 = any free one")
+    add("--stream-port", type=_parse_port, metavar="PORT",
+        help="of the ZeroMQ stream (default: 5005, any free one if another port is 0)")  # fmt: skip
+    add("--image-type", type=_parse_image_type, metavar="TYPE",
+        help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
+    add("--legacy-images", action=argparse.BooleanOptionalAction,
+        help="send one frame unasked on connecting")  # fmt: skip
+    add("--frame-skip", type=_parse_frame_skip, metavar="N",
+        help="the image port shows at most every N-th tick of 20 ms (default 1: each)")  # fmt: skip
+    add("--multi-view", type=_parse_multi_view, metavar="COLUMNSxROWS:WIDTHxHEIGHT",
+        help="the image port shows a tile for each camera, such as 2x2:320x240")  # fmt: skip
+    add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
+        help="of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
+    add("--renderer", choices=["auto", "trace", "raster"], default="auto")
+    add(
+        "--threads",
+        type=_parse_threads,
+        default=0,
+        help="of the trace renderer; 0 = one a processor",
+    )
+    add("--max-error-px", type=_parse_non_negative, metavar="PX",
+        help="draw every camera so that no outline is farther off, as fast as can be; "
+        "0 = as its numbers say")  # fmt: skip
+    add("--budget-ms", type=_parse_non_negative, metavar="MS",
+        help="draw every camera as accurately as can be in this time a frame; "
+        "0 = no budget")  # fmt: skip
+    add("--clock", choices=[c.value for c in ClockMode], default=ClockMode.REALTIME.value,
+        help="lockstep: time passes only when a client sends STEP")  # fmt: skip
+    add("--seed", type=int, default=0, help="of all random numbers")
+    add("--verbose", action="store_true", help="log every message on the wire")
+    return parser
+
+
+def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
+    options = Options(
+        robot_files=tuple(parsed.robot),
+        world_file=parsed.world,
+        server_file=parsed.server_ini,
+        server_options=_make_server_options(parsed),
+        host=parsed.host,
+        stream_port=parsed.stream_port,
+        dialect=Dialect(parsed.dialect),
+        renderer=parsed.renderer,
+        threads=parsed.threads,
+        clock=ClockMode(parsed.clock),
+        seed=parsed.seed,
+        max_error_px=parsed.max_error_px,
+        budget_ms=parsed.budget_ms,
+    )
+    return options, logging.DEBUG if parsed.verbose else logging.INFO
+
+
+def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
+    """Return what counts more than ini files. Who asks for an image port wants one."""
+    keys = ServerOptions.__annotations__
+    said = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
+    return cast(ServerOptions, said | ({"has_images": True} if "image_port" in said else {}))
+
+
+def _parse_robot(text: str) -> Path:
+    return _find_file("robots", text)
+
+
+def _parse_world(text: str) -> Path:
+    return _find_file("worlds", text)
+
+
+def _find_file(kind: FileKind, text: str) -> Path:
+    try:
+        return find_configuration(kind, text)
+    except CatoptraError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _parse_port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"a port is 0 to 65535, not {port}")
+    return port
+
+
+def _parse_non_negative(text: str) -> float:
+    amount = float(text)
+    if not 0.0 <= amount < math.inf:
+        raise argparse.ArgumentTypeError(f"an error or a time is 0 or more, not {text}")
+    return amount
+
+
+def _parse_frame_skip(text: str) -> int:
+    skip = int(text)
+    if not 1 <= skip <= MAX_FRAME_SKIP:
+        raise argparse.ArgumentTypeError(f"a frame skip is 1 to {MAX_FRAME_SKIP}, not {skip}")
+    return skip
+
+
+def _parse_multi_view(text: str) -> TileLayout:
+    found = _MULTI_VIEW.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"a multi-view is written as 2x2:320x240, not {text!r}")
+    columns, rows, width, height = map(int, found.groups())
+    try:
+        return multi_view_layout(columns, rows, width_px=width, height_px=height)
+    except DomainError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _parse_threads(text: str) -> int:
+    threads = int(text)
+    if not 0 <= threads <= 1024:
+        raise argparse.ArgumentTypeError(f"threads are 0 to 1024, not {threads}")
+    return threads
+
+
+def _parse_image_type(text: str) -> ImageType:
+    try:
+        return ImageType.from_text(text)
+    except CatoptraError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error

@@ -1,0 +1,47 @@
+"""Configuration files: each is read as the server would, with its meshes and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from catoptra_protocol.errors import CatoptraError
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.robot_file import read_robots
+from catoptra_server.config.world_file import read_world
+from catoptra_server.doctor.finding import Finding, fault, ok, warning
+from catoptra_server.scene.scene_mesh import build_scene
+
+
+def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
+    """Yield what is wrong with each file, or that it is well."""
+    for path in robots:
+        yield from _check_file("robot", path, _read_robot_names)
+    for path in worlds:
+        yield from _check_file("world", path, _read_world_summary)
+
+
+def _check_file(
+    kind: str, path: Path, read: Callable[[Path], tuple[str, IniFile]]
+) -> Iterator[Finding]:
+    topic = f"{kind} {path.stem}"
+    try:
+        said, file = read(path)
+    except CatoptraError as error:
+        remedy = "correct that line; configs/README.md says what each key may be"
+        yield fault(topic, str(error), remedy=remedy)
+        return
+    yield ok(topic, said)
+    for entry in file.unknown_entries():
+        what = f"{entry.where}: key {entry.key} is not known here and has no effect"
+        yield warning(topic, what, remedy="correct its spelling, or remove it")
+
+
+def _read_robot_names(path: Path) -> tuple[str, IniFile]:
+    robots, file = read_robots(path)
+    return ", ".join(robot.class_name for robot in robots), file
+
+
+def _read_world_summary(path: Path) -> tuple[str, IniFile]:
+    world, file = read_world(path)
+    return f"{world.name}, {len(build_scene(world))} triangles", file

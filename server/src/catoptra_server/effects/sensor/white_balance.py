@@ -1,0 +1,81 @@
+"""White balance: red and blue are amplified against green, after the sensor.
+
+L' = g min(L, 1), g = (red, 1, blue): a full well stays what it is, so that clipped white takes on
+the gains' colour as it does in cameras. Source: von Kries's adaptation, a diagonal matrix in the
+camera's own colours. Domain: gains > 0. Criterion: the change of the grey that changes most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import (
+    GREY_LEVELS,
+    EffectBound,
+    EffectParameter,
+    EffectType,
+    Real,
+    Uniforms,
+    float32_array,
+)
+from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.scene_summary import SceneSummary
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteBalance:
+    """red, blue: gains against green."""
+
+    red_gain: float
+    blue_gain: float
+
+    name: ClassVar[str] = "WhiteBalance"
+    unit: ClassVar[str] = GREY_LEVELS
+    needs_range: ClassVar[bool] = False
+
+    def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
+        """Return the change of the grey that changes most."""
+        value = max(
+            max_change_by_gain(g, summary.max_radiance) for g in (self.red_gain, self.blue_gain)
+        )
+        return EffectBound(value, f"red times {self.red_gain:.3g}, blue times {self.blue_gain:.3g}")
+
+    def update_summary(self, summary: SceneSummary) -> SceneSummary:
+        """Return the summary of the most amplified colour."""
+        return replace(
+            summary,
+            max_radiance=min(summary.max_radiance, 1.0) * max(self.red_gain, 1.0, self.blue_gain),
+        )
+
+    def apply(
+        self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
+    ) -> npt.NDArray[Real]:
+        """Return the balanced picture."""
+        gains = np.array((self.red_gain, 1.0, self.blue_gain), dtype=image.dtype)
+        return np.minimum(image, image.dtype.type(1.0)) * gains
+
+    def uniforms(
+        self,
+        camera: OmniCamera,
+        context: CaptureContext,
+        measure_mean_luminance: Callable[[], float],
+    ) -> Uniforms:
+        """Return the gains."""
+        return {"gains": float32_array(self.red_gain, 1.0, self.blue_gain)}
+
+
+EFFECT_TYPE = EffectType(
+    "WhiteBalance",
+    WhiteBalance,
+    (
+        EffectParameter("RedGain", "red", 1.0, 0.05, 20.0),
+        EffectParameter("BlueGain", "blue", 1.0, 0.05, 20.0),
+    ),
+)

@@ -1,0 +1,67 @@
+"""An exposure that lasts, on the device: sharp pictures, drawn one after the other and added up."""
+
+from __future__ import annotations
+
+import moderngl
+
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.render.raster.effect_chain import LinearImageTarget
+from catoptra_server.render.raster.passes import Pass
+from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.time_samples import sample_shutter
+
+
+class AccumulationPass:
+    """From the scene to the mean light of an exposure.
+
+    sharp: the passes of one instant, whose last draws into `picture`; the pass frees both, but the
+    faces, which are their view's. target: where light is added up.
+    """
+
+    name = "instants"
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        programs: ShaderPrograms,
+        camera: OmniCamera,
+        sharp_passes: tuple[Pass, Pass],
+        image: LinearImageTarget,
+        target: moderngl.Framebuffer,
+    ) -> None:
+        self._context = context
+        self._faces, self._mirror = sharp_passes
+        self._image = image
+        self._target = target
+        self._rows = camera.height_px
+        self._program = programs.get(ProgramSpec("cover", "weigh"))
+        self._fullscreen_triangle = context.vertex_array(self._program, [])
+        self._weights = context.texture((1, self._rows), 1, dtype="f4")
+        self._weights.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    def draw(self, camera_state: CameraState) -> None:
+        """Fill the target."""
+        self._target.clear()
+        for instant, weights in sample_shutter(camera_state, self._rows):
+            self._faces.draw(instant)
+            self._mirror.draw(instant)
+            self._weights.write(weights.tobytes())
+            self._accumulate()
+
+    def _accumulate(self) -> None:
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE
+        self._target.use()
+        set_sampler(self._program, "weights", 1)
+        self._image.texture.use(0)
+        self._weights.use(1)
+        self._fullscreen_triangle.render(vertices=3)
+        self._context.enable_only(moderngl.NOTHING)
+
+    def close(self) -> None:
+        """Free what the pass holds."""
+        self._mirror.close()
+        self._fullscreen_triangle.release()
+        self._weights.release()
+        self._image.close()

@@ -1,0 +1,207 @@
+"""The raster renderer: cube faces at the viewpoint, then the mirror, on an OpenGL device.
+
+All of a renderer and of its views belongs to the thread that made the renderer: OpenGL contexts
+are bound to threads. The server makes it in the simulation thread.
+"""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+
+import moderngl
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.raster.accumulation_pass import AccumulationPass
+from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
+from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
+from catoptra_server.render.raster.face_pass import FacePass
+from catoptra_server.render.raster.gl_device import GlDevice, open_device
+from catoptra_server.render.raster.lens_projection import make_lens_projection
+from catoptra_server.render.raster.mirror_mesh_lookup import render_lookup_texture
+from catoptra_server.render.raster.mirror_pass import MirrorPass, make_lookup_texture
+from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, OutputImage
+from catoptra_server.render.raster.range_pass import RangePass
+from catoptra_server.render.raster.raster_views import PassSequence, RasterOmniView, RasterView
+from catoptra_server.render.raster.scene_buffers import SceneBuffers
+from catoptra_server.render.raster.shader_programs import Definitions, ShaderPrograms
+from catoptra_server.render.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.renderer import CameraState, FaceCamera, View
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
+
+
+class RasterRenderer:
+    """A scene on an OpenGL device: its own one, or one that was opened before to be looked at.
+
+    Raises OpenGLMissingError where there is no OpenGL 3.3.
+    """
+
+    def __init__(self, scene: SceneMesh, world: World, *, device: GlDevice | None = None) -> None:
+        self._device = device or open_device()
+        self._thread = threading.get_ident()
+        self._triangles = len(scene)
+        self._summaries = SceneSummarizer(scene, world)
+        with self._device.context as context:
+            self._programs = ShaderPrograms(context)
+            self._scene = SceneBuffers(context, self._programs, scene, world)
+
+    @property
+    def program_names(self) -> tuple[str, ...]:
+        """Return the names of the shader programs that were built so far."""
+        return self._programs.names
+
+    @property
+    def object_buffer_bytes(self) -> int:
+        """Return the size of the buffer for what moves: 0 as long as no body was seen."""
+        return self._scene.dynamic_objects.buffer_bytes
+
+    def describe(self) -> str:
+        """Return what draws, for logs."""
+        return f"raster: {self._device}, {self._triangles} triangles"
+
+    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
+        """Return what an exposure can show at most."""
+        return self._summaries.summarize(camera_state, camera)
+
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
+        """Return the brightest light that an exposure can show, and of the rest nothing."""
+        return self._summaries.summarize_radiance()
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
+        """Return a view of the scene by an omnidirectional camera."""
+        self._check_thread()
+        with self._device.context as context, ExitStack() as undo:
+            faces = self._make_face_pass(plan, undo)
+            output = OutputImage(context, camera.width_px, camera.height_px)
+            undo.callback(output.close)
+            places = self._make_lookup_map(camera, plan, faces.atlas, plan.samples)
+            undo.callback(places.release)
+            faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))  # compiles what scenes need
+            undo.pop_all()
+
+        def plain() -> PassSequence:
+            return PassSequence((faces, mirror(output.target, ENCODED)))
+
+        def mirror(target: moderngl.Framebuffer, encoding: Definitions) -> MirrorPass:
+            return MirrorPass(
+                context,
+                self._programs,
+                faces,
+                camera,
+                places,
+                plan.samples,
+                target,
+                encoding=encoding,
+            )
+
+        def linear(effects: tuple[ImageEffect, ...], lasts: bool) -> PassSequence:
+            ranges = self._make_range_pass(camera, plan, faces, effects)
+            chain = EffectChain(
+                context, self._programs, effects, camera, output.target, ranges=ranges
+            )
+            first = (
+                lasting(chain.input_target)
+                if lasts
+                else (faces, mirror(chain.input_target, LINEAR))
+            )
+            between = (ranges,) if ranges is not None else ()
+            return PassSequence((*first, *between, *chain.passes), chain)
+
+        def lasting(target: moderngl.Framebuffer) -> tuple[AccumulationPass]:
+            sharp = LinearImageTarget(context, camera.width_px, camera.height_px)
+            steps = (faces, mirror(sharp.target, LINEAR))
+            return (AccumulationPass(context, self._programs, camera, steps, sharp, target),)
+
+        return RasterOmniView(
+            self._device,
+            faces,
+            places,
+            output,
+            make_plain=plain,
+            make_linear=linear,
+            thread=self._thread,
+        )
+
+    def _make_range_pass(
+        self,
+        camera: OmniCamera,
+        plan: RenderPlan,
+        faces: FacePass[Atlas],
+        effects: tuple[ImageEffect, ...],
+    ) -> RangePass | None:
+        """Return the pass that finds how far pixels see, if some effect uses it."""
+        if not any(effect.needs_range for effect in effects):
+            return None
+        places = self._make_lookup_map(camera, plan, faces.atlas, 1)
+        return RangePass(
+            self._device.context, self._programs, self._scene, faces.atlas, camera, places
+        )
+
+    def _make_face_pass(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
+        atlas = pack_atlas(
+            plan.face_regions, guard_texels=GUARD_TEXELS, max_texels=self._max_texels
+        )
+        faces = FacePass(self._device.context, self._scene, atlas, plan.face_samples)
+        undo.callback(faces.close)
+        return faces
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
+        """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
+        return self._make_lens_view(camera, samples)
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
+        """Return a view of the scene by one virtual camera of the cube, samples^2 a pixel."""
+        return self._make_lens_view(camera.perspective_camera, samples, camera.mirror_from_camera)
+
+    def _make_lens_view(
+        self, camera: PerspectiveCamera, samples: int, mirror_from_camera: Floats | None = None
+    ) -> RasterView:
+        self._check_thread()
+        cell = make_lens_projection(
+            camera, samples, mirror_from_camera, max_texels=self._max_texels
+        )
+        known = self.program_names
+        with self._device.context as context:
+            faces = FacePass(context, self._scene, cell, 1)
+            output = OutputImage(context, camera.width_px, camera.height_px)
+            average = AveragePass(context, self._programs, faces.texture, samples, output.target)
+        view = RasterView(self._device, faces, (average,), output, self._thread)
+        if self.program_names != known:  # a camera that zooms has nothing left to compile
+            self._warm_up(view)
+        return view
+
+    @property
+    def _max_texels(self) -> int:
+        return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
+
+    def _make_lookup_map(
+        self, camera: OmniCamera, plan: RenderPlan, atlas: Atlas, samples: int
+    ) -> moderngl.Texture:
+        """Return where samples^2 of each pixel look in the atlas."""
+        context = self._device.context
+        if isinstance(plan.surface, PerPixel):
+            return make_lookup_texture(context, camera, atlas, samples)
+        return render_lookup_texture(context, self._programs, camera, plan.surface, samples, atlas)
+
+    def _warm_up(self, view: View) -> None:
+        """Draw once for nothing: drivers compile a program's machine code at its first draw."""
+        view.render(CameraState(Pose.from_rpy(self._scene.origin)))
+
+    def _check_thread(self) -> None:
+        assert threading.get_ident() == self._thread, (
+            "a renderer belongs to the thread it was made in"
+        )
+
+    def close(self) -> None:
+        """Free the device. Views are closed before."""
+        self._check_thread()
+        with self._device.context:
+            self._scene.close()
+        self._device.close()

@@ -1,0 +1,78 @@
+"""The rays of the paper's polygon mirror, in float64: the measure of raster's UV-mapped mesh.
+
+A camera ray from the pinhole meets a flat facet; the looked-up direction is interpolated between
+the facet's corners at that point. Embree finds the facet, the interpolation is done here in
+float64.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
+from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh
+
+
+def mirror_mesh_directions(
+    camera: OmniCamera, tessellation: Tessellation, pixel: Floats
+) -> tuple[Floats, Bools]:
+    """Return unit (..., 3) directions that a polygon mirror shows at (..., 2) pixels, and validity.
+
+    Invalid, with +z for a value: pixels beside the polygons (which do not reach the rim circle).
+    """
+    if not np.isfinite(camera.mirror.pinhole_distance_m):
+        raise DomainError("a polygon mirror needs a capture camera with a pinhole")
+    mesh = build_mirror_mesh(camera, tessellation)
+    rays = _camera_rays(camera, pixel).reshape(-1, 3)
+    pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m])
+    triangle = _intersect_facets(mesh, pinhole, rays)
+    valid = triangle >= 0
+    looked_up = np.tile([0.0, 0.0, 1.0], (len(rays), 1))
+    corners, directions = mesh.corners[triangle[valid]], mesh.directions[triangle[valid]]
+    weights = _barycentric_weights(corners - pinhole, rays[valid])
+    looked_up[valid] = np.einsum("nc,nci->ni", weights, directions)
+    looked_up /= np.linalg.norm(looked_up, axis=-1, keepdims=True)
+    return looked_up.reshape(*pixel.shape[:-1], 3), valid.reshape(pixel.shape[:-1])
+
+
+def _camera_rays(camera: OmniCamera, pixel: Floats) -> Floats:
+    """Return (..., 3) directions from the pinhole to the exact mirror's point behind each pixel.
+
+    Outside the rim the ray passes the mirror; any direction that misses will do: away from it.
+    """
+    direction, valid = direction_from_pixel(camera, pixel)
+    t = np.linalg.norm(direction[..., :2], axis=-1) / (1.0 + direction[..., 2])
+    r, z = camera.mirror.surface_point(np.where(valid, t, 0.0))
+    azimuth = np.arctan2(direction[..., 1], direction[..., 0])
+    drop = camera.mirror.pinhole_distance_m - z
+    rays = np.stack((r * np.cos(azimuth), r * np.sin(azimuth), -drop), axis=-1)
+    return np.where(valid[..., None], rays, (0.0, 0.0, 1.0))
+
+
+def _intersect_facets(mesh: MirrorMesh, pinhole: Floats, rays: Floats) -> np.ndarray[tuple[int]]:
+    """Return the (n,) index of the triangle that each ray from the pinhole meets, -1 for none."""
+    scene = rtcore_scene.EmbreeScene(robust=True)
+    TriangleMesh(scene, (mesh.corners - pinhole).astype(np.float32))
+    origins = np.zeros((len(rays), 3), dtype=np.float32)
+    hits: np.ndarray[tuple[int]] = scene.run(origins, rays.astype(np.float32))
+    return hits
+
+
+def _barycentric_weights(corners: Floats, rays: Floats) -> Floats:
+    """Return (n, 3) barycentric weights where (n, 3) rays from the origin meet (n, 3, 3) triangles.
+
+    Each weight is the volume of the ray with the opposite edge; all three share their divisor.
+    """
+    volumes = np.stack(
+        [
+            np.einsum("ni,ni->n", rays, np.cross(corners[:, (i + 1) % 3], corners[:, (i + 2) % 3]))
+            for i in range(3)
+        ],
+        axis=-1,
+    )
+    weights: Floats = volumes / volumes.sum(axis=-1, keepdims=True)
+    return weights

@@ -1,0 +1,228 @@
+"""What rays bring back where things cast shadows: `ray_colours` with a ray to each light.
+
+Nothing of it exists before an exposure has shadows. Light that no shadow can change, of facets that
+are turned away from every light or shine by themselves, is looked up as ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from catoptra_protocol.optics.numerics import Bools
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.trace.embree_objects import (
+    EmbreeObjectScenes,
+    ObjectInstance,
+    RayIndices,
+    intersect_objects,
+)
+from catoptra_server.render.trace.embree_scene import EmbreeScene, SurfacePoints
+from catoptra_server.render.trace.packed_light import Colours, Float32s, Packed, RadianceScale
+from catoptra_server.render.trace.ray_shader import ViewTransform, overwrite_visible_hits
+from catoptra_server.render.trace.shadow_rays import ShadowRays, make_occlusion_query
+from catoptra_server.scene import shading
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
+
+# A table holds the light of each choice of so many suns: four times the triangles.
+_MAX_TABULATED_LIGHTS = 2
+
+
+class ShadowedShader:
+    """A scene's light with shadows, on a scale; bodies cast and receive them."""
+
+    def __init__(
+        self,
+        scene: EmbreeScene,
+        objects: EmbreeObjectScenes,
+        scale: RadianceScale,
+        receivers: ShadowReceivers,
+    ) -> None:
+        self.scene = scene
+        self._object_scenes = objects.with_lights(receivers.hemisphere_lights)
+        self._scale = scale
+        self._receivers = receivers
+        self.channel_dtype = scale.channel_dtype
+        self.pixel_dtype = np.dtype(f"V{3 * scale.channel_dtype.itemsize}")
+        # By which suns are seen, a bit each, then by triangle.
+        self._table = np.stack([scale.pack(radiance) for radiance in receivers.tabulate_radiance()])
+
+    def transform_view(self, camera_state: CameraState) -> ViewTransform:
+        """Return what does not change within an exposure; bodies are lit by the sky alone."""
+        pose = camera_state.world_from_mirror
+        return ViewTransform(
+            pose.rotation.T.astype(np.float32),
+            (pose.translation - self.scene.origin).astype(np.float32),
+            self._object_scenes.place_objects(camera_state.objects, pose.translation, self._scale),
+        )
+
+    def has_varying_light(self, triangle: npt.NDArray[np.int32]) -> Bools:
+        """Return (n,) whether light varies over triangles; -1 is the background."""
+        lit = self._receivers.is_lit.take(triangle, mode="wrap")
+        return np.asarray(self.scene.is_varying(triangle) | lit)
+
+    def shade_rays(
+        self, directions: Float32s, transform: ViewTransform, *, off_mirror: npt.NDArray[np.intp]
+    ) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+        directions = directions @ transform.rotation
+        origins = np.broadcast_to(transform.origin, directions.shape)
+        triangle, places = self.scene.closest_hits(origins, directions)
+        light = self._shade(triangle, places, transform)
+        if transform.objects:
+            bodies = [
+                ShadowedObject(body, transform, self._receivers.shadow_rays)
+                for body in transform.objects
+            ]
+            met = intersect_objects(bodies, directions, self._scale)
+            overwrite_visible_hits(
+                light, met, directions, scene=self.scene, origin=transform.origin
+            )
+        light[off_mirror] = 0
+        return self._encode_pixels(light)
+
+    def shade_points(
+        self,
+        triangle: npt.NDArray[np.int32],
+        surface_points: SurfacePoints,
+        transform: ViewTransform,
+    ) -> Colours:
+        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
+        return self._encode_pixels(self._shade(triangle, surface_points, transform))
+
+    def shade_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
+        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
+        light = self._table[0].take(triangle, mode="wrap") * np.uint64(self._scale.samples)
+        return self._scale.unpack(light)
+
+    def _encode_pixels(self, light: Packed) -> Colours:
+        return self._scale.unpack(self._scale.sum_pixels(light))
+
+    def _shade(
+        self,
+        triangle: npt.NDArray[np.int32],
+        surface_points: SurfacePoints,
+        transform: ViewTransform,
+    ) -> Packed:
+        """Return the (n,) packed light of places on (n,) triangles; -1 is the background."""
+        light: Packed = self._table[0].take(triangle, mode="wrap")
+        by_table = self._receivers.is_tabulated.take(triangle, mode="wrap")
+        self._look_up(light, np.flatnonzero(by_table), triangle, surface_points, transform)
+        rays = np.flatnonzero(self.has_varying_light(triangle) & ~by_table)
+        of = triangle.take(rays)
+        radiance: Float32s = self.scene.hemisphere_radiance.take(of, axis=1)
+        lit = np.flatnonzero(self._receivers.is_lit.take(of))
+        points = surface_points.positions(rays[lit]).astype(np.float64)
+        facet = of.take(lit)
+        normals = self._receivers.normals.take(facet, axis=0)
+        irradiance = self._receivers.shadow_rays.irradiance(points, normals, transform.objects)
+        by_lights = self._receivers.albedo.take(facet, axis=1) * irradiance.T
+        radiance[:, lit] += by_lights.astype(np.float32)
+        self.scene.apply_textures(radiance, rays, of, surface_points)
+        light[rays] = self._scale.pack(radiance)
+        return light
+
+    def _look_up(
+        self,
+        light: Packed,
+        rays: npt.NDArray[np.intp],
+        triangle: npt.NDArray[np.int32],
+        surface_points: SurfacePoints,
+        transform: ViewTransform,
+    ) -> None:
+        """Replace the light of rays whose facets have one of a few lights, by the suns they see."""
+        lit, of = self._receivers, triangle.take(rays)
+        points = surface_points.positions(rays).astype(np.float32)
+        normals = lit.normals_float32.take(of, axis=0)
+        seen = lit.shadow_rays.visible_directional_lights(
+            points, normals, lit.facing_bits.take(of), transform.objects
+        )
+        light[rays] = self._table.reshape(-1).take(seen * self._table.shape[1] + of)
+
+
+class ShadowReceivers:
+    """Which triangles of a scene lights can reach that something may hide.
+
+    is_lit, is_tabulated: (n + 1,), the last row is that of a ray that meets none; the latter have
+    one of a few lights, by the suns that they see. faced: (n,) suns that they are turned to, a bit
+    each. normals (n, 3), normals_float32 the same in float32, albedo (3, n).
+    """
+
+    def __init__(self, embree: EmbreeScene, scene: SceneMesh, world: World) -> None:
+        self.hemisphere_lights = shading.hemisphere_lights(world.lights)
+        self.shadow_rays = ShadowRays(
+            make_occlusion_query(embree, scene), embree.origin, world.lights
+        )
+        self.normals = scene.normals
+        self.normals_float32 = scene.normals.astype(np.float32)
+        self._sky_radiance = embree.hemisphere_radiance
+        self.albedo = np.ascontiguousarray(scene.albedo.T, dtype=np.float32)
+        by_suns = shading.facet_irradiance(
+            shading.shadow_casting_lights(world.lights), scene.normals
+        )
+        reached = by_suns.any(axis=-1) | bool(shading.point_lights(world.lights))
+        takes = ~scene.unlit & scene.albedo.any(axis=-1)
+        self.is_lit = np.append(reached & takes, False)
+        towards = np.array([sun.direction for sun in self.shadow_rays.directional_lights]).reshape(
+            -1, 3
+        )
+        facing = scene.normals @ towards.T < 0.0
+        self._directional_lights = (
+            self.shadow_rays.directional_lights if self._can_tabulate(world) else []
+        )
+        bits = 1 << np.arange(len(self._directional_lights))
+        self.facing_bits = (facing[:, : len(self._directional_lights)] @ bits).astype(np.uint8)
+        untextured = np.append(scene.texture_index < 0, False)
+        self.is_tabulated = self.is_lit & untextured & bool(self._directional_lights)
+
+    def _can_tabulate(self, world: World) -> bool:
+        return len(
+            self.shadow_rays.directional_lights
+        ) <= _MAX_TABULATED_LIGHTS and not shading.point_lights(world.lights)
+
+    def tabulate_radiance(self) -> Iterator[Float32s]:
+        """Yield (3, n + 1) radiance without textures by the sky and each choice of few suns."""
+        yield self._sky_radiance
+        for seen in range(1, 2 ** len(self._directional_lights)):
+            suns = [
+                sun for index, sun in enumerate(self._directional_lights) if seen & (1 << index)
+            ]
+            by_suns = self.albedo * shading.facet_irradiance(suns, self.normals).T
+            by_suns[:, ~self.is_lit[:-1]] = 0.0
+            whole = self._sky_radiance.copy()
+            whole[:, :-1] += by_suns.astype(np.float32)
+            yield whole
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShadowedObject:
+    """A body in one exposure whose light is computed place by place."""
+
+    instance: ObjectInstance
+    transform: ViewTransform
+    shadow_rays: ShadowRays
+
+    def closest_hit(
+        self, directions: Float32s, max_distance: Float32s
+    ) -> tuple[RayIndices, Float32s, RayIndices]:
+        """Return the rays that meet it before their distance: which, how far, what triangle."""
+        return self.instance.closest_hit(directions, max_distance)
+
+    def shade(
+        self, triangle: RayIndices, directions: Float32s, distance: Float32s, scale: RadianceScale
+    ) -> Packed:
+        """Return the (n,) packed light of hits: of a triangle, along a direction, how far."""
+        mesh, pose = (
+            self.instance.dynamic_object.mesh,
+            self.instance.dynamic_object.world_from_object,
+        )
+        points = (self.transform.origin + distance[:, None] * directions).astype(np.float64)
+        normals = pose.rotate_directions(mesh.normals[triangle])
+        irradiance = self.shadow_rays.irradiance(points, normals, self.transform.objects)
+        irradiance[mesh.unlit[triangle]] = 0.0
+        radiance = self.instance.radiance[:, triangle] + (mesh.albedo[triangle] * irradiance).T
+        return scale.pack(radiance.astype(np.float32))

@@ -1,0 +1,152 @@
+"""The trace renderer: a scene in Embree, and views of it on a few threads. Embree releases the GIL.
+
+A sample's light is looked up by the triangle that it meets; samples are summed in linear light and
+encoded last, by one more look-up: a frame costs little more than its rays. `ray_view` traces them
+all; `cell_view` those of a mirror camera that are not known beforehand.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cached_property
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.bounds.light_culling import cull_lights
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import CameraState, FaceCamera
+from catoptra_server.render.trace.cell_view import CellView
+from catoptra_server.render.trace.cells import CellGrid
+from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.render.trace.lens_view import TraceLensView
+from catoptra_server.render.trace.omni_view import TraceOmniView
+from catoptra_server.render.trace.packed_light import LinearScale, RadianceScale, SrgbScale
+from catoptra_server.render.trace.pixel_ranges import PixelRangeTracer
+from catoptra_server.render.trace.projection_table import ProjectionTable
+from catoptra_server.render.trace.ray_samples import (
+    RaySamples,
+    face_rays,
+    lens_rays,
+    omni_rays,
+)
+from catoptra_server.render.trace.ray_shader import RayShader, UnshadowedShader
+from catoptra_server.render.trace.ray_view import RayView
+from catoptra_server.render.trace.shadowed_shader import ShadowedShader, ShadowReceivers
+from catoptra_server.render.trace.visible_surfaces import SurfacePlanes
+from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.world_description import World
+
+
+class TraceRenderer:
+    """Embree on a thread pool. `threads` 0: one for each processor this process may use."""
+
+    def __init__(self, scene: SceneMesh, world: World, *, threads: int = 0) -> None:
+        self._threads = threads or len(os.sched_getaffinity(0))
+        self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
+        reaching = cull_lights(scene, world.lights)
+        self._scene = EmbreeScene(scene, replace(world, lights=reaching))
+        self._object_scenes = EmbreeObjectScenes(world.lights)
+        self._summaries = SceneSummarizer(scene, world)
+        self._mesh = scene
+        self._world = world
+
+    @property
+    def num_object_meshes(self) -> int:
+        """Return how many meshes of bodies were committed so far."""
+        return len(self._object_scenes)
+
+    @property
+    def has_varying_light(self) -> bool:
+        """Return whether light varies over any triangle: by textures, or lamps that reach it."""
+        return self._scene.has_varying_light
+
+    def describe(self) -> str:
+        """Return what draws, for logs."""
+        return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
+
+    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
+        """Return what an exposure can show at most."""
+        return self._summaries.summarize(camera_state, camera)
+
+    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
+        """Return the brightest light that an exposure can show, and of the rest nothing."""
+        return self._summaries.summarize_radiance()
+
+    @cached_property
+    def _planes(self) -> SurfacePlanes:
+        """Return the scene's surfaces: 1.5 s of work for a million triangles, if asked for."""
+        return SurfacePlanes(self._mesh)
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
+        """Return a view of the scene by an omnidirectional camera."""
+        samples = omni_rays(camera, plan)
+        grid, law = self._make_cell_grid(camera, plan, samples)
+
+        def source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
+            colours = self._make_shader(scale, has_shadows)
+            if grid is None or law is None:
+                return RayView(colours, samples, self._pool)
+            return CellView(self._planes, colours, grid, law, self._pool)
+
+        def greys(has_shadows: bool) -> RayView | CellView:
+            return source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
+
+        def linear(has_shadows: bool) -> RayView | CellView:
+            largest = self._summaries.max_radiance
+            return source(
+                LinearScale.for_samples(samples.samples_per_pixel, max_radiance=largest),
+                has_shadows,
+            )
+
+        return TraceOmniView(
+            camera,
+            make_encoded_source=greys,
+            make_linear_source=linear,
+            make_ranges=lambda: (
+                PixelRangeTracer(self._scene, self._object_scenes, camera, plan, self._pool).measure
+            ),
+        )
+
+    def _make_shader(self, scale: RadianceScale, has_shadows: bool) -> RayShader:
+        if has_shadows:
+            return ShadowedShader(self._scene, self._object_scenes, scale, self._shadow_receivers)
+        return UnshadowedShader(self._scene, self._object_scenes, scale)
+
+    @cached_property
+    def _shadow_receivers(self) -> ShadowReceivers:
+        """Return what lights can reach, for shadows, if asked for."""
+        return ShadowReceivers(self._scene, self._mesh, self._world)
+
+    def _make_cell_grid(
+        self, camera: OmniCamera, plan: RenderPlan, samples: RaySamples
+    ) -> tuple[CellGrid | None, ProjectionTable | None]:
+        """Return the cells whose corners are asked before their rays; None: all rays are traced."""
+        if plan.stride_px == 1:
+            return None, None
+        grid = CellGrid.from_camera(camera, samples, side_px=plan.stride_px)
+        return grid, ProjectionTable.from_camera(camera) if len(grid.pixels) else None
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
+        """Return a view of the scene by an ordinary camera."""
+        return self._make_lens_view(lens_rays(camera, samples))
+
+    def prepare_face(self, camera: FaceCamera, samples: int) -> TraceLensView:
+        """Return a view of the scene by one virtual camera of the cube."""
+        return self._make_lens_view(face_rays(camera, samples))
+
+    def _make_lens_view(self, samples: RaySamples) -> TraceLensView:
+        scale = SrgbScale.for_samples(samples.samples_per_pixel)
+
+        def source(has_shadows: bool) -> RayView:
+            return RayView(self._make_shader(scale, has_shadows), samples, self._pool)
+
+        return TraceLensView(source)
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()

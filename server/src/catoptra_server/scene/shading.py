@@ -1,0 +1,130 @@
+"""The one lighting and texture model, in float64. Twin: glsl/include/point_irradiance.glsl.
+
+A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
+times irradiance, with 1 = a white facet at full scale. Hemisphere and directional light depend on
+the normal alone and so are computed once a triangle; point lights depend on the place and are
+computed per sample. Where there are shadows, so is the light of all that have a direction or a
+place, since it may be hidden. Textures repeat and are interpolated bilinearly in linear light.
+Encoding to sRGB comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_server.scene.world_description import (
+    DirectionalLight,
+    HemisphereLight,
+    Light,
+    PointLight,
+)
+
+# What something may stand before.
+ShadowCastingLight = DirectionalLight | PointLight
+
+
+class LitFacets(Protocol):
+    """What light falls on: the triangles of a scene, or of a body where it stands."""
+
+    @property
+    def normals(self) -> Floats:
+        """Return (n, 3) unit normals in the world frame."""
+
+    @property
+    def albedo(self) -> Floats:
+        """Return (n, 3) linear albedos."""
+
+    @property
+    def unlit(self) -> Bools:
+        """Return (n,) which are shown at their albedo whatever the lights."""
+
+
+def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
+    total = np.zeros_like(normals)
+    for light in lights:
+        match light:
+            case HemisphereLight(up, down):
+                # z points down: a facet that looks up has normal z = -1.
+                upward = 0.5 * (1.0 - normals[:, 2:])
+                total += upward * np.asarray(up) + (1.0 - upward) * np.asarray(down)
+            case DirectionalLight(direction, irradiance):
+                cosine = np.maximum(-(normals @ np.asarray(direction)), 0.0)
+                total += cosine[:, None] * np.asarray(irradiance)
+            case PointLight():
+                pass
+    return total
+
+
+def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by point lights at (n, 3) places of (n, 3) normals.
+
+    At the light itself, where the inverse square has no value, the irradiance is that of a
+    millimetre.
+    """
+    total = np.zeros_like(normals)
+    for light in point_lights(lights):
+        towards = np.asarray(light.position_m) - points
+        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-6)
+        cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
+        total += (cosine / squared)[:, None] * np.asarray(light.intensity)
+    return total
+
+
+def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
+    """Return the point lights among the lights."""
+    return tuple(light for light in lights if isinstance(light, PointLight))
+
+
+def shadow_casting_lights(lights: Iterable[Light]) -> tuple[ShadowCastingLight, ...]:
+    """Return the lights that cast shadows: those with a direction first, then those at places."""
+    suns = tuple(light for light in lights if isinstance(light, DirectionalLight))
+    return (*suns, *point_lights(lights))
+
+
+def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
+    """Return the lights from everywhere, which nothing hides."""
+    return tuple(light for light in lights if isinstance(light, HemisphereLight))
+
+
+def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
+    """Return (n, 3) irradiance by one light that nothing hides, at (n, 3) places."""
+    if isinstance(light, PointLight):
+        return point_irradiance((light,), points, normals)
+    return facet_irradiance((light,), normals)
+
+
+def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Floats, Floats]:
+    """Return (n, 3) unit directions from places to a light, and its (n,) distances, perhaps inf."""
+    if isinstance(light, DirectionalLight):
+        towards = np.broadcast_to(-np.asarray(light.direction), points.shape)
+        return towards, np.full(len(points), np.inf)
+    offset = np.asarray(light.position_m) - points
+    distance = np.linalg.norm(offset, axis=-1)
+    return offset / np.maximum(distance, 1e-3)[:, None], distance
+
+
+def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
+    """Return (n, 3) linear radiance of each triangle without texture and point lights."""
+    irradiance = facet_irradiance(lights, facets.normals)
+    return facets.albedo * np.where(facets.unlit[:, None], 1.0, irradiance)
+
+
+def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
+    """Return (n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
+
+    (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
+    """
+    height, width = linear_texture.shape[:2]
+    x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
+    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    fx, fy = (x - left)[:, None], (y - top)[:, None]
+    xa, xb, ya, yb = left % width, (left + 1) % width, top % height, (top + 1) % height
+    upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
+    lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]
+    value: Floats = (1.0 - fy) * upper + fy * lower
+    return value

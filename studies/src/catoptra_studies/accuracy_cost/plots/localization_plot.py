@@ -1,0 +1,70 @@
+"""What accuracy is worth to a robot: landmarks found, their errors, and the place believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from catoptra_studies import plot_style
+from catoptra_studies.accuracy_cost.cost_results import (
+    CostResults,
+    LocalizationAccuracy,
+    LocalizationRow,
+)
+
+WIDTH_PX, HEIGHT_PX = 1520, 620
+_LEFT_PX, _PANEL_WIDTH_PX, _GAP_PX = 380, 232, 56
+
+RowValue = Callable[[LocalizationRow], float]
+_PANELS: tuple[tuple[str, tuple[tuple[str, str, RowValue], ...]], ...] = (
+    ("beacons found, %", (
+        ("to 2.5 m", plot_style.BLUE, lambda row: 100.0 * row.detection_rate),
+        ("to 1.5 m", plot_style.TEAL, lambda row: 100.0 * row.near_detection_rate),
+    )),
+    ("bearing, deg rms", (("", plot_style.BLUE, lambda row: row.bearing_rms_deg),)),
+    ("range, m rms", (("", plot_style.BLUE, lambda row: row.range_rms_m),)),
+    ("place, m, mean of a run", (
+        ("paper's filter", plot_style.BLUE, lambda row: row.ekf_mean_m),
+        ("honest one", plot_style.TEAL, lambda row: row.consistent_ekf_mean_m),
+    )),
+)  # fmt: skip
+
+
+def draw(page: plot_style.Page, results: CostResults) -> None:
+    """Draw a row for each step, from coarse to exact, in four panels."""
+    landmarks = results.localization
+    assert landmarks is not None, "drawn only where the client's side has measured"
+    for index, (title, series) in enumerate(_PANELS):
+        left = _LEFT_PX + index * (_PANEL_WIDTH_PX + _GAP_PX)
+        on = plot_style.add_axes(page, left, 90, _PANEL_WIDTH_PX, 420)
+        _draw_panel(on, landmarks.rows, series)
+        on.set_title(title, loc="left", fontsize=8)
+        if index:
+            on.set_yticklabels([])
+    _draw_odometry_note(page, landmarks)
+
+
+def _draw_panel(
+    axes: plot_style.Axes,
+    rows: Sequence[LocalizationRow],
+    series: Sequence[tuple[str, str, RowValue]],
+) -> None:
+    places = range(len(rows))
+    for name, colour, value in series:
+        values = [value(row) for row in rows]
+        axes.plot(values, places, "o-", color=colour, markersize=4, linewidth=0.8, label=name)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(places, [row.level for row in rows])
+    axes.set_xlim(left=0.0)
+    axes.locator_params(axis="x", nbins=3)
+    axes.tick_params(axis="x", labelsize=7)
+    if len(series) > 1:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=6.5,
+                  handlelength=1.0, columnspacing=0.8, handletextpad=0.4)  # fmt: skip
+
+
+def _draw_odometry_note(page: plot_style.Page, localization: LocalizationAccuracy) -> None:
+    text = (
+        f"{localization.num_runs} runs of {localization.steps_per_run} steps; odometry alone ends up to "
+        f"{localization.odometry_max_m:.2g} m off (median run)"
+    )
+    plot_style.add_text(page, 20, 20, text, color=plot_style.MUTED)

@@ -1,0 +1,198 @@
+"""What the pages of effects show: a scene that calls for each, and one that does not.
+
+To add one: its line in `CASES`, in optical order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from catoptra_server.effects.effect import Effect
+from catoptra_server.effects.kernels.contaminants import Contaminants
+from catoptra_server.effects.kernels.lens_blur import Aperture
+from catoptra_server.effects.medium.chromatic_aberration import ChromaticAberration
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth
+from catoptra_server.effects.medium.diffraction import Diffraction
+from catoptra_server.effects.medium.fog import Fog
+from catoptra_server.effects.medium.misalignment import Misalignment
+from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.effects.mirror.mirror_dust import MirrorDust
+from catoptra_server.effects.mirror.mirror_reflectance import MirrorReflectance
+from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.effects.scene.shadows import Shadows
+from catoptra_server.effects.sensor.auto_exposure import AutoExposure
+from catoptra_server.effects.sensor.bayer import Bayer
+from catoptra_server.effects.sensor.blooming import Blooming
+from catoptra_server.effects.sensor.exposure import Exposure as ShutterTime
+from catoptra_server.effects.sensor.fixed_pattern import FixedPattern
+from catoptra_server.effects.sensor.quantisation import Quantisation
+from catoptra_server.effects.sensor.read_noise import ReadNoise
+from catoptra_server.effects.sensor.shot_noise import ShotNoise
+from catoptra_server.effects.sensor.white_balance import WhiteBalance
+from catoptra_server.scene.twist import AT_REST, Twist
+
+_SHORT_EXPOSURE = ShutterTime(0.004, 0.02)
+_LONG_EXPOSURE = ShutterTime(0.06, 0.02)
+_APERTURE = Aperture(4.0, 7.4e-6, 0.0)
+_FAST_TWIST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
+
+
+@dataclass(frozen=True, slots=True)
+class NegligibleCase:
+    """A scene that does not call for an effect: what is different there, in words."""
+
+    description: str
+    effect: Effect
+    max_radiance: float = 1.0
+    rim_deg: float = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class EffectCase:
+    """What a page shows. before: effects in front of it. zoom: how much of the middle is shown.
+
+    twist: of the robot, in its own axes. near_m: how far ahead of the mirror a board stands.
+    """
+
+    effect: Effect
+    negligible_case: NegligibleCase
+    description: str
+    upstream_effects: tuple[Effect, ...] = ()
+    zoom: int = 1
+    twist: Twist = AT_REST
+    board_distance_m: float = math.inf
+
+
+EFFECT_CASES = (
+    EffectCase(
+        SelfView(),
+        NegligibleCase("a camera that no robot carries", SelfView()),
+        "the P2AT in the mirror above it",
+    ),
+    EffectCase(
+        Shadows(),
+        NegligibleCase("a floor alone", Shadows()),
+        "lamps behind on the left",
+        upstream_effects=(SelfView(),),
+    ),
+    EffectCase(
+        RollingShutter(1.0 / 30.0),
+        NegligibleCase("a robot that stands", RollingShutter(1.0 / 30.0)),
+        "0.5 m/s and 120 degrees/s, rows read in 33 ms",
+        twist=_FAST_TWIST,
+    ),
+    EffectCase(
+        MotionBlur(1.0 / 30.0),
+        NegligibleCase("a robot that stands", MotionBlur(1.0 / 30.0)),
+        "0.5 m/s and 120 degrees/s, 33 ms",
+        twist=_FAST_TWIST,
+    ),
+    EffectCase(
+        Fog(0.35, 0.5, 0.5, 0.5),
+        NegligibleCase("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
+        "fog in which the eye loses contrast after 9 m",
+    ),
+    EffectCase(
+        DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
+        NegligibleCase("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
+        "a board 12 cm ahead",
+        board_distance_m=0.12,
+    ),
+    EffectCase(
+        Defocus(Aperture(2.0, 7.4e-6, 0.0)),
+        NegligibleCase("the same lens at F/22", Defocus(Aperture(22.0, 7.4e-6, 0.0))),
+        "F/2, 4 times enlarged",
+        zoom=4,
+    ),
+    EffectCase(
+        Misalignment(x_m=1e-3),
+        NegligibleCase("a camera at the mirror's focus", Misalignment()),
+        "a camera 1 mm ahead of where it belongs",
+    ),
+    EffectCase(
+        ChromaticAberration(1.02, 0.985),
+        NegligibleCase("a lens corrected to a thousandth", ChromaticAberration(1.001, 0.999)),
+        "red 2 % larger than green, blue 1.5 % smaller, enlarged",
+        zoom=4,
+    ),
+    EffectCase(
+        Diffraction(16.0, 7.4e-6),
+        NegligibleCase("the same lens at F/4", Diffraction(4.0, 7.4e-6)),
+        "F/16 on pixels of 7.4 um, 10 times enlarged",
+        zoom=10,
+    ),
+    EffectCase(
+        MirrorDust(Contaminants(0.01, 4e-4, 20, 0.03, 1e-4), 0.3, _APERTURE),
+        NegligibleCase(
+            "a clean mirror", MirrorDust(Contaminants(0.0, 4e-4, 0, 0.03, 1e-4), 0.3, _APERTURE)
+        ),
+        "1 % dust of 0.4 mm, 20 scratches, at F/4",
+    ),
+    EffectCase(
+        MirrorReflectance(2.8, 3.4),
+        NegligibleCase(
+            "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
+        ),
+        "a mirror of steel, n = 2.8, k = 3.4",
+    ),
+    EffectCase(
+        Vignetting(),
+        NegligibleCase("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
+        "the paper's mirror by day",
+    ),
+    EffectCase(
+        _LONG_EXPOSURE,
+        NegligibleCase("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
+        "60 ms where white needs 20 ms",
+    ),
+    EffectCase(
+        AutoExposure(0.18, 0.1, 10.0),
+        NegligibleCase("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
+        "a picture that was exposed for 4 ms instead of 20",
+        upstream_effects=(_SHORT_EXPOSURE,),
+    ),
+    EffectCase(
+        Blooming(0.3, 40.0),
+        NegligibleCase("the same at the shutter time that white needs", Blooming(0.3, 40.0)),
+        "60 ms where white needs 20 ms: wells run over",
+        upstream_effects=(_LONG_EXPOSURE,),
+    ),
+    EffectCase(
+        FixedPattern(0.02, 20.0, 18000.0),
+        NegligibleCase("a sensor even to a ten-thousandth", FixedPattern(1e-4, 0.1, 18000.0)),
+        "2 % of gain and 20 electrons, 10 times enlarged",
+        zoom=10,
+    ),
+    EffectCase(
+        ShotNoise(1800.0),
+        NegligibleCase("wells of a hundred million electrons", ShotNoise(1e8)),
+        "wells of 1800 electrons, 10 times enlarged",
+        zoom=10,
+    ),
+    EffectCase(
+        ReadNoise(13.0, 1800.0),
+        NegligibleCase("three hundredths of an electron", ReadNoise(0.03, 1800.0)),
+        "13 electrons beside 1800 of white, 10 times enlarged",
+        zoom=10,
+    ),
+    EffectCase(
+        Quantisation(5),
+        NegligibleCase("a converter of 12 bits", Quantisation(12)),
+        "a converter of 5 bits",
+    ),
+    EffectCase(
+        Bayer(),
+        NegligibleCase("a night, a ten-thousandth of white", Bayer(), max_radiance=1e-4),
+        "the field by day, 10 times enlarged",
+        zoom=10,
+    ),
+    EffectCase(
+        WhiteBalance(1.4, 0.75),
+        NegligibleCase("gains of one", WhiteBalance(1.0, 1.0)),
+        "red times 1.4, blue times 0.75",
+    ),
+)

@@ -1,0 +1,277 @@
+"""The robot client against a scripted server."""
+
+from __future__ import annotations
+
+import math
+import socket
+from collections.abc import Callable
+
+import pytest
+
+from catoptra_client.robot_client import RobotClient
+from catoptra_protocol.camera_conf import pairs_from_omni_camera
+from catoptra_protocol.errors import (
+    CatoptraError,
+    ConnectionLostError,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
+from catoptra_protocol.usarsim.reports import (
+    CommandResult,
+    Configuration,
+    Geometry,
+    GeometryItem,
+    GroundTruthReading,
+    OdometryReading,
+    Report,
+    StartPose,
+    StartPoses,
+    VehicleGeometry,
+    VehicleStatus,
+)
+from client.scripted_server import GREETING, ScriptedControlPeer, serve_script, wait_for_close
+
+SHORT_S = 0.05  # a timeout that is meant to pass
+
+STATUS = VehicleStatus(1.0, 1200)
+ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
+GROUND_TRUTH = GroundTruthReading(1.0, "GroundTruth", (4.5, 1.9, 1.85), (0.0, 0.0, 1.5), decimals=4)
+STEP_OK = CommandResult(1.2, "Step", "Clock")
+P2AT = VehicleGeometry("P2AT", (0.5, 0.5, 0.3), (0.0, 0.0, 0.0), 0.13, 0.4712, 0.2884)
+CAMERA = camera_with_inscribed_rim(
+    HyperbolicMirror(11.546, 2.321), width_px=360, height_px=360, rim_rad=math.radians(125.0)
+)
+
+
+def reply_script(*replies: tuple[object, tuple[Report, ...]]) -> Callable[[socket.socket], None]:
+    """Return a script that greets, expects each command in turn and sends the reports for it."""
+
+    def script(connection: socket.socket) -> None:
+        control = ScriptedControlPeer(connection)
+        for command, reports in replies:
+            assert control.receive_command() == command
+            control.send(*reports)
+        wait_for_close(connection)
+
+    return script
+
+
+SPAWN_EXCHANGE = (Init("P2AT"), (STATUS,))
+
+
+def test_connect_when_greeted_knows_the_level() -> None:
+    with serve_script(reply_script()) as port, RobotClient.connect(port=port) as robot:
+        assert robot.greeting == GREETING
+        assert (robot.status, robot.odometry, robot.ground_truth) == (None, None, None)
+
+
+def test_connect_when_nobody_listens_tells_what_to_do() -> None:
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))  # bound, not listening: refused
+        with pytest.raises(ConnectionLostError, match="start catoptra-server"):
+            RobotClient.connect(port=bound.getsockname()[1])
+
+
+def test_connect_when_the_server_does_not_greet_asks_for_the_port() -> None:
+    with (
+        serve_script(wait_for_close) as port,
+        pytest.raises(ConnectionLostError, match="is this the control port"),
+    ):
+        RobotClient.connect(port=port, timeout_s=SHORT_S)
+
+
+def test_connect_when_the_server_closes_tells_so() -> None:
+    with (
+        serve_script(lambda connection: None) as port,
+        pytest.raises(ConnectionLostError, match="lost the control server"),
+    ):
+        RobotClient.connect(port=port)
+
+
+def test_start_poses_when_asked_are_returned() -> None:
+    poses = StartPoses((StartPose("Robot1", (1.0, 2.0, 0.0), (0.0, 0.0, 1.5)),))
+    script = reply_script((GetStartPoses(), (poses,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        assert robot.get_start_poses() == poses
+
+
+def test_spawn_when_the_robot_reports_returns() -> None:
+    init = Init("USARBot.P2AT", "R1", (4.5, 1.9, 1.8), (0.0, 0.0, 1.57))
+    with (
+        serve_script(reply_script((init, (STATUS,)))) as port,
+        RobotClient.connect(port=port) as robot,
+    ):
+        robot.spawn(
+            "USARBot.P2AT",
+            name="R1",
+            location_m=(4.5, 1.9, 1.8),
+            rotation_rad=(0.0, 0.0, 1.57),
+        )
+        assert robot.status == STATUS
+
+
+def test_spawn_when_the_server_stays_silent_tells_that_it_refuses_so() -> None:
+    script = reply_script((Init("Nothing", start="Nowhere"), ()))
+    with serve_script(script) as port, RobotClient.connect(port=port, timeout_s=SHORT_S) as robot:
+        with pytest.raises(CatoptraError, match="refuses an unknown class or start in silence"):
+            robot.spawn("Nothing", start_pose="Nowhere")
+
+
+def test_spawn_when_the_connection_has_its_robot_refuses() -> None:
+    with (
+        serve_script(reply_script(SPAWN_EXCHANGE)) as port,
+        RobotClient.connect(port=port) as robot,
+    ):
+        robot.spawn("P2AT")
+        with pytest.raises(LocalProtocolError, match="connect again"):
+            robot.spawn("P2AT")
+
+
+def test_drive_when_called_sends_both_sides() -> None:
+    drive = Drive(50.0, -50.0, normalized=True)
+    with serve_script(reply_script(SPAWN_EXCHANGE, (drive, (ODOMETRY,)))) as port:
+        with RobotClient.connect(port=port) as robot:
+            robot.spawn("P2AT")
+            robot.drive(50.0, -50.0, normalized=True)
+            assert robot.wait_for_report(OdometryReading) == ODOMETRY
+
+
+def test_step_when_done_returns_what_was_reported_before() -> None:
+    script = reply_script(SPAWN_EXCHANGE, (Step(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.step(0.2) == [ODOMETRY, GROUND_TRUTH, STATUS]
+        assert (robot.odometry, robot.ground_truth, robot.status) == (
+            ODOMETRY,
+            GROUND_TRUTH,
+            STATUS,
+        )
+
+
+def test_step_when_before_spawn_is_served() -> None:
+    with (
+        serve_script(reply_script((Step(0.2), (STEP_OK,)))) as port,
+        RobotClient.connect(port=port) as robot,
+    ):
+        assert robot.step(0.2) == []
+
+
+def test_step_when_failed_tells_how_to_run_the_server() -> None:
+    failed = CommandResult(1.2, "Step", "Clock", "Failed")
+    with (
+        serve_script(reply_script((Step(0.2), (failed,)))) as port,
+        RobotClient.connect(port=port) as robot,
+    ):
+        with pytest.raises(CatoptraError, match="--clock lockstep"):
+            robot.step(0.2)
+
+
+def test_step_when_the_server_does_not_know_it_tells_so_in_time() -> None:
+    with (
+        serve_script(reply_script((Step(0.2), ()))) as port,
+        RobotClient.connect(port=port, timeout_s=SHORT_S) as robot,
+        pytest.raises(ConnectionLostError, match="is it Catoptra"),
+    ):
+        robot.step(0.2)
+
+
+def test_wait_for_when_reports_came_in_one_segment_reads_on_in_it() -> None:
+    script = reply_script((Init("P2AT"), (STATUS, ODOMETRY, GROUND_TRUTH, ODOMETRY)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.wait_for_report(GroundTruthReading) == GROUND_TRUTH
+        assert robot.wait_for_report(OdometryReading) == ODOMETRY
+
+
+def test_wait_for_when_only_others_come_ends_in_time() -> None:
+    ticks = iter(range(100))
+
+    def script(connection: socket.socket) -> None:
+        ScriptedControlPeer(connection).send(*[ODOMETRY] * 100)
+        wait_for_close(connection)
+
+    with serve_script(script) as port, socket.create_connection(("127.0.0.1", port)) as connection:
+        robot = RobotClient(connection, timeout_s=0.03, clock=lambda: 0.01 * next(ticks))
+        with pytest.raises(ConnectionLostError, match="did not send a VehicleStatus"):
+            robot.wait_for_report(VehicleStatus)
+
+
+def test_wait_for_when_the_server_vanishes_tells_what_to_do() -> None:
+    def script(connection: socket.socket) -> None:
+        control = ScriptedControlPeer(connection)
+        control.receive_command()
+        control.send(STATUS)
+
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        with pytest.raises(ConnectionLostError, match="connect and spawn again"):
+            robot.wait_for_report(OdometryReading)
+
+
+def test_wait_for_when_a_report_is_malformed_names_the_field_and_can_go_on() -> None:
+    def script(connection: socket.socket) -> None:
+        control = ScriptedControlPeer(connection)
+        connection.sendall(b"STA {Type GroundVehicle} {Time 1.0}\r\n")
+        control.send(ODOMETRY)
+        wait_for_close(connection)
+
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        with pytest.raises(RemoteProtocolError, match="Battery"):
+            robot.wait_for_report(VehicleStatus)
+        assert robot.wait_for_report(OdometryReading) == ODOMETRY
+
+
+def test_configuration_when_others_come_between_returns_the_one_asked_for() -> None:
+    other = Configuration("Camera", (("Name", "Omni"),))
+    asked = Configuration("Odometry", (("Name", "Odometry"), ("ScanInterval", "0.2000")))
+    script = reply_script(SPAWN_EXCHANGE, (GetConf("odometry"), (STATUS, other, asked)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.get_configuration("odometry") == asked
+
+
+def test_configuration_when_of_the_robot_takes_its_kind_for_an_answer() -> None:
+    answer = Configuration("GroundVehicle", (("Name", "P2AT"),))
+    script = reply_script(SPAWN_EXCHANGE, (GetConf("Robot", "R1"), (answer,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.get_configuration("Robot", "R1") == answer
+
+
+def test_geometry_when_of_sensors_or_of_the_robot_is_returned() -> None:
+    sonar = Geometry("Sonar", (GeometryItem("F1", (0.1, 0.0, 0.0), (0.0, 0.0, 0.5)),))
+    script = reply_script(SPAWN_EXCHANGE, (GetGeo("Sonar"), (sonar,)), (GetGeo("Robot"), (P2AT,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.get_geometry("Sonar") == sonar
+        assert robot.get_geometry("Robot") == P2AT
+
+
+def test_camera_when_asked_returns_the_server_s_own_law() -> None:
+    pairs = (("Name", "Omni"), *pairs_from_omni_camera(CAMERA, 0.55))
+    conf = Configuration("Camera", pairs)
+    script = reply_script(SPAWN_EXCHANGE, *[(GetConf("Camera"), (conf,))] * 2)
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.get_camera() == CAMERA
+        assert robot.get_camera_and_height() == (CAMERA, 0.55)
+
+
+def test_camera_when_it_is_no_omnidirectional_one_names_what_is_missing() -> None:
+    conf = Configuration("Camera", (("Name", "Camera"), ("CameraFov", "80.0000")))
+    script = reply_script(SPAWN_EXCHANGE, (GetConf("Camera", "Camera"), (conf,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        with pytest.raises(RemoteProtocolError, match="Mirror"):
+            robot.get_camera("Camera")
+
+
+def test_configuration_when_of_a_camera_passes_over_tiles_told_unasked() -> None:
+    tile, asked = (Configuration("Camera", (("Name", name),)) for name in ("Omni", "Rear"))
+    script = reply_script((Init("P2AT"), (STATUS, tile)), (GetConf("Camera", "rear"), (asked,)))
+    with serve_script(script) as port, RobotClient.connect(port=port) as robot:
+        robot.spawn("P2AT")
+        assert robot.get_configuration("Camera", "rear") == asked

@@ -1,0 +1,136 @@
+"""Does the dial keep its word on this machine?
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/accuracy_target.py [--frames N]
+
+For both worlds at 640 x 640 px, and each tolerance and each budget: the plan that is chosen, how
+far off its outlines may be, what a frame was predicted to take and what the median of 100 frames
+from places along a way takes, with what the next steps would cost. A row keeps its word when the
+error is within the tolerance, and the time within a fifth of the budget; where no plan can, the
+planner has to say so itself. Ends with 1 if a word was broken.
+
+Costs are measured anew, in seconds that the first line of a world tells; the cache is left alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent / "questions"))
+
+from scenes import CORRIDOR, FIELD, camera
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.budget_monitor import OVERRUN_FACTOR
+from catoptra_server.planning.planner import PlanChoice
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
+from catoptra_server.scene.scene_mesh import build_scene
+
+WORLDS = {"field": FIELD, "corridor": CORRIDOR}
+TARGETS = (
+    *(AccuracyTarget(max_error_px=px) for px in (2.0, 0.5, 0.1, 0.01)),
+    *(AccuracyTarget(budget_ms=ms) for ms in (5.0, 10.0, 20.0, 50.0)),
+)
+VIEWPOINT_M = 0.6
+# Frames before the watched ones: a plan that breaks its budget is chosen again among them.
+WARM_UP_FRAMES = 70
+
+
+@dataclass(frozen=True, slots=True)
+class TargetRow:
+    """What was asked, what was chosen, and what frames really take."""
+
+    target: AccuracyTarget
+    choice: PlanChoice
+    median_ms: float
+
+    @property
+    def error_px(self) -> float:
+        """Return how far off outlines may be."""
+        assert self.choice.bound is not None
+        return self.choice.bound.outline_error_px
+
+    @property
+    def outcome(self) -> str:
+        """Return `kept`, `said so` where the planner itself says that it cannot, or `BROKEN`."""
+        within = not self.target.max_error_px or self.error_px <= self.target.max_error_px
+        budget_ms = self.target.budget_ms
+        in_time = not budget_ms or self.median_ms <= OVERRUN_FACTOR * budget_ms
+        if within and in_time:
+            return "kept"
+        return "BROKEN" if self.choice.target_met else "said so"
+
+
+def circle_path(frames: int) -> Iterator[CameraState]:
+    """Yield what is seen along a circle with a radius of half a metre, turning twice."""
+    for index in range(frames):
+        turn = 2.0 * math.pi * index / frames
+        place = (0.5 * math.cos(turn), 0.5 * math.sin(turn), -VIEWPOINT_M)
+        yield CameraState(Pose.from_rpy(place, (0.0, 0.0, 2.0 * turn)))
+
+
+def measure(views: ViewCache, target: AccuracyTarget, frames: int) -> TargetRow:
+    eye = OmniCameraSpec(camera(), RenderSettings(accuracy_target=target))
+    slow = (views.view_state(eye).choice.predicted_ms or 0.0) > 100.0
+    for exposure in circle_path(3 if slow else WARM_UP_FRAMES):
+        views.render(ViewRequest(eye, exposure))
+    times = []
+    for exposure in circle_path(frames):
+        begin = time.perf_counter()
+        views.render(ViewRequest(eye, exposure))
+        times.append(1e3 * (time.perf_counter() - begin))
+    return TargetRow(target, views.view_state(eye).choice, statistics.median(times))
+
+
+def format_row(row: TargetRow) -> str:
+    dial, choice = row.target, row.choice
+    asked = f"{dial.max_error_px:g} px" if dial.max_error_px else f"{dial.budget_ms:g} ms"
+    numbers = f"{row.error_px:7.3f}{choice.predicted_ms or 0.0:9.1f}{row.median_ms:9.1f}"
+    steps = [
+        f"{name} {step}"
+        for name, step in (("+", choice.more_accurate), ("-", choice.faster))
+        if step
+    ]
+    return f"  {asked:<8}{numbers}  {row.outcome:<8} {choice.plan}\n" + "".join(
+        f"{'':44}{step}\n" for step in steps
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=100)
+    options = parser.parse_args()
+    broken = 0
+    for title, path in WORLDS.items():
+        world = read_world(path)[0]
+        scene = build_scene(world)
+        choice = choose_renderer("auto", scene, world)
+        places = tuple(circle_path(4))
+        views = ViewCache(RenderPlanner(choice), calibration_states=places, max_views=1)
+        begin = time.perf_counter()
+        views.view_state(OmniCameraSpec(camera(), RenderSettings(accuracy_target=TARGETS[0])))
+        print(f"{title}, {len(scene)} triangles, {choice.reason}")
+        print(f"  costs measured in {time.perf_counter() - begin:.1f} s")
+        print(f"  {'asked':<8}{'px':>7}{'foretold':>9}{'ms':>9}")
+        for dial in TARGETS:
+            row = measure(views, dial, options.frames)
+            broken += row.outcome == "BROKEN"
+            print(format_row(row), end="", flush=True)
+        views.close()
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

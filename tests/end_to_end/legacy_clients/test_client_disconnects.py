@@ -1,0 +1,77 @@
+"""Clients that are killed, repeat themselves or send nothing but line ends."""
+
+from __future__ import annotations
+
+from helpers.legacy_sockets import LineSocket, connect, reset_connection
+from helpers.server_process import RunningServer
+
+INIT = "INIT {{ClassName USARBot.OmniP2AT}} {{Name {0}}} {{Location {1},0,0}}\r\n"
+
+
+def spawn_robot(server: RunningServer, name: str, x_m: float = 0.0) -> LineSocket:
+    """Return a connection whose robot has reported."""
+    wire = LineSocket(server.control_port, size=4096)
+    wire.send(INIT.format(name, x_m))
+    wire.read_line_starting_with("STA")
+    return wire
+
+
+def next_shown_robot(server: RunningServer, before: str) -> str:
+    """Return the name of the robot that the stream shows once it shows another; empty: none.
+
+    Pictures are a moment old, so the last robot may still be there in the first of them.
+    """
+    with server.connect_stream() as stream:
+        return next(
+            frame.robot_name or "" for frame in stream.iter_frames() if frame.robot_name != before
+        )
+
+
+def test_robot_when_its_client_is_reset_is_gone_and_its_name_free(server: RunningServer) -> None:
+    for _ in range(3):
+        wire = spawn_robot(server, "Lost")
+        assert next_shown_robot(server, "") == "Lost"
+        reset_connection(wire.connection)
+        assert next_shown_robot(server, "Lost") == ""
+
+
+def test_name_when_taken_gets_a_number(server: RunningServer) -> None:
+    with spawn_robot(server, "Same") as first:
+        assert next_shown_robot(server, "") == "Same"
+        with spawn_robot(server, "Same", x_m=1.5):
+            first.connection.close()
+            name = next_shown_robot(server, "Same")
+    assert name.startswith("Same")
+    assert name[4:].isdigit()
+    assert next_shown_robot(server, name) == ""
+
+
+def test_second_init_when_sent_moves_and_adds_nothing(server: RunningServer) -> None:
+    with spawn_robot(server, "First") as wire:
+        wire.send(INIT.format("Second", 1.5))
+        wire.send("GETSTARTPOSES\r\n")
+        wire.read_line_starting_with("NFO {StartPoses")
+        assert "{Location 0.0" in wire.read_line_starting_with("SEN {Time")
+        assert next_shown_robot(server, "") == "First"
+    # A robot named Second would be shown now.
+    assert next_shown_robot(server, "First") == ""
+
+
+def test_lone_line_ends_when_sent_are_nothing(server: RunningServer) -> None:
+    with LineSocket(server.control_port, size=4096) as wire:
+        for end in ("\r", "\n", "\n\r", "\r\n\n", "\r\r\r", "\r\n\r\n"):
+            wire.send(end)
+        wire.send("GETSTARTPOSES\r")
+        assert wire.read_line().startswith("NFO {Gametype")
+        assert wire.read_line().startswith("NFO {StartPoses 2}")
+
+
+def test_viewer_when_reset_between_request_and_frame_costs_the_next_nothing(
+    server: RunningServer,
+) -> None:
+    for _ in range(5):
+        viewer = connect(server.image_port)
+        viewer.sendall(b"OK" * 10)
+        reset_connection(viewer)
+    with server.connect_images() as images:
+        assert images.get_frame().rgb.shape == (64, 64, 3)

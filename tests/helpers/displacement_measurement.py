@@ -1,0 +1,62 @@
+"""How far an effect moves what a picture shows: read off pictures of their own coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
+from catoptra_server.effects.effect import PIXELS, ImageEffect
+from catoptra_server.effects.scene_summary import SceneSummary
+from helpers.effect_measurement import CAMERA, CAPTURE_CONTEXT
+
+THRESHOLD_PX = 0.5
+
+
+def add_margin(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
+    """Return the camera in a larger picture, so that nothing is read from beyond its border."""
+    return replace(
+        camera,
+        width_px=camera.width_px + 2 * margin_px,
+        height_px=camera.height_px + 2 * margin_px,
+        centre_px=(camera.centre_px[0] + margin_px, camera.centre_px[1] + margin_px),
+    )
+
+
+def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
+    """Return (h, w, 3) px between each pixel of the mirror and where its light comes from.
+
+    0 for what the effect leaves black, and beside the mirror.
+    """
+    pixels = pixel_sample_positions(camera)[:, :, 0]
+    on_mirror = direction_from_pixel(camera, pixels)[1]
+    light = effect.apply(np.ones((*on_mirror.shape, 3)), camera, CAPTURE_CONTEXT)
+    moved = np.zeros_like(light)
+    for axis in (0, 1):
+        ramp = np.repeat(pixels[..., axis, None], 3, axis=-1)
+        moved = np.hypot(moved, effect.apply(ramp, camera, CAPTURE_CONTEXT) - ramp)
+    return np.where((light > 0.0) & on_mirror[..., None], moved, 0.0)
+
+
+def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
+    """Assert that the criterion calls an effect needless, and that nothing moves far."""
+    bound = effect.bound(SceneSummary(1.0), camera)
+    assert effect.unit == PIXELS
+    assert bound.value <= THRESHOLD_PX
+    assert measure_displacement_px(effect, camera).max() <= bound.value * (1.0 + 1e-6) + 1e-6
+
+
+def assert_displacement_not_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
+    """Assert that the criterion calls for an effect, that something moves, within its bound."""
+    bound = effect.bound(SceneSummary(1.0), camera)
+    assert effect.unit == PIXELS
+    assert bound.value > THRESHOLD_PX
+    assert bound.reason
+    moved = float(measure_displacement_px(effect, camera).max())
+    assert 0.5 * THRESHOLD_PX < moved <= bound.value * (1.0 + 1e-6)

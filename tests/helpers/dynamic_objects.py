@@ -1,0 +1,31 @@
+"""Bodies for tests: two robots in the room of `helpers.worlds`, and boxes of one colour."""
+
+from __future__ import annotations
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene import primitives
+from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh, build_object_mesh
+from catoptra_server.scene.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
+from catoptra_server.scene.world_description import Box, Material
+from helpers.worlds import make_omni_camera
+
+P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
+ROBOT_MESH = build_robot_mesh(
+    P2AT, OmniCameraTower(make_omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543)))
+)
+# One ahead of helpers.worlds.VIEW in front of the wall, one behind, partly hidden by the crate.
+TWO_ROBOTS = (
+    DynamicObject(ROBOT_MESH, Pose.from_rpy((0.85, 0.4, -0.1457), (0.0, 0.0, 0.8))),
+    DynamicObject(ROBOT_MESH, Pose.from_rpy((-1.4, -1.2, -0.1457), (0.0, 0.0, 2.0))),
+)
+
+
+def build_cube_mesh(size_m: float, rgb: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> ObjectMesh:
+    """Return a luminous cube around the body's origin."""
+    patch = primitives.box(Box((size_m, size_m, size_m)))
+    return build_object_mesh([(patch, Material(rgb, unlit=True))])
+
+
+def place_cube(x: float, y: float, z: float, *, size_m: float = 0.4) -> DynamicObject:
+    """Return a luminous red cube at a place."""
+    return DynamicObject(build_cube_mesh(size_m), Pose.from_rpy((x, y, z)))

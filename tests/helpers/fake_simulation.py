@@ -1,0 +1,102 @@
+"""A stream server without a simulation: a camera that draws when asked, and a record of posts."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.stream.replies import StartPoseRecord
+from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel, FrameMetadata
+from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
+from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
+from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
+from helpers.loopback import HOST
+from helpers.robots import FakeViewProvider
+from helpers.stream_messages import CAMERA_MODEL
+
+MOUNT = Pose.from_rpy((0.1, 0.0, -0.5))
+LANDMARK = Landmark("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
+SERVER_INFO = ServerInfo(
+    server="Catoptra test",
+    world="field",
+    class_names=("USARBot.OmniP2AT",),
+    clock="lockstep",
+    cameras={
+        ("USARBot.OmniP2AT", "Omni"): CameraInfo(tuple(CAMERA_MODEL.items()), MOUNT, "traced")
+    },
+    landmarks=(LANDMARK,),
+    start_poses=(StartPoseRecord("Centre", (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)),),
+)
+
+
+@dataclass
+class FakeSimulation:
+    """Counts what is drawn, keeps what is posted. Every byte of a picture is the frame's number.
+
+    draws: whether a wanted frame ever comes.
+    """
+
+    width: int = 8
+    height: int = 6
+    renders_frames: bool = True
+    num_rendered: int = 0
+    posted_events: list[SimulationEvent] = field(default_factory=list)
+    mailboxes: Mailboxes | None = None
+
+    def post(self, request: SimulationEvent) -> None:
+        """Draw at once what is wanted; keep what else is posted."""
+        match request:
+            case FrameRequested(channel=channel):
+                if self.renders_frames:
+                    self._render(channel)
+            case FrameRendered():
+                pass
+            case _:
+                self.posted_events.append(request)
+
+    def _render(self, channel: Channel) -> None:
+        assert self.mailboxes is not None
+        known = {CameraChannel(r, c) for r in ("", "OmniP2AT") for c in ("", "Omni")}
+        if channel not in {IMAGE_PORT, *known}:
+            self.mailboxes.fail(channel)
+            return
+        self.num_rendered += 1
+        pose = Pose.from_rpy((0.01 * self.num_rendered, 0.0, -0.2))
+        frame = Frame(
+            sequence=self.num_rendered,
+            time_s=0.1 * self.num_rendered,
+            rgb=np.full((self.height, self.width, 3), self.num_rendered % 256, dtype=np.uint8),
+            exposed_at_s=0.0,
+            finished_at_s=0.0,
+            channel=channel,
+            metadata=FrameMetadata(
+                *("OmniP2AT", "USARBot.OmniP2AT", "Omni", pose, MOUNT, tuple(CAMERA_MODEL.items()))
+            ),
+            stage_ms={"trace": 2.0},
+            plan="traced",
+            effect_decisions=(EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),),
+        )
+        self.mailboxes.put(frame)
+
+
+@asynccontextmanager
+async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[StreamServer]:
+    """Serve a scene on a free port."""
+    simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
+    async with serve_stream(
+        HOST,
+        0,
+        mailboxes=simulation.mailboxes,
+        post=simulation.post,
+        server_info=SERVER_INFO,
+        query_plan=lambda eye, tell: tell(FakeViewProvider().view_state(eye)),
+    ) as server:
+        yield server

@@ -1,0 +1,44 @@
+"""Films made by hand: a robot at the origin that looks along x, and what the stream says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
+from catoptra_client.landmarks import Detection
+from catoptra_client.localization import OdometryPose
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
+from catoptra_studies.degradation.recorded_drive import LabelledFrame, RecordedDrive
+from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
+from catoptra_studies.experiment.route import Waypoint
+
+NEAR = Landmark("near", "beacon", 1.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
+SIDE = Landmark("aside", "beacon", 0.0, 2.0, 0.1, 0.1, 0.2, 0.4, "magenta", "cyan")
+FAR = Landmark("far", "beacon", -3.0, 0.0, 0.1, 0.1, 0.2, 0.4, "yellow", "cyan")
+FIELD = (NEAR, SIDE, FAR)
+CAMERA = camera_with_inscribed_rim(
+    HyperbolicMirror(11.546, 0.2321), width_px=40, height_px=40, rim_rad=math.radians(120.0)
+)
+_STATIONARY_STEP = DriveStep(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0), ())
+
+
+def make_frame(*visible: Landmark) -> LabelledFrame:
+    """Return a black frame in which these landmarks, and no others, are visible."""
+    seen = (LandmarkProjection(m, (m.x_m, m.y_m), m in visible, 0.0) for m in FIELD)
+    return LabelledFrame(np.zeros((40, 40, 3), np.uint8), tuple(seen))
+
+
+def make_drive(*shots: LabelledFrame) -> RecordedDrive:
+    """Return a drive in which the robot does not move."""
+    steps = (_STATIONARY_STEP,) * (1 + len(shots))
+    return RecordedDrive(DriveLog("still", 0, steps), tuple(shots), CAMERA, 0.6)
+
+
+def make_detection(name: str, range_m: float, bearing_deg: float) -> Detection:
+    """Return a beacon that a detector says it has found."""
+    bearing = math.radians(bearing_deg)
+    return Detection(name, "beacon", range_m, bearing, np.eye(2), 9, True)

@@ -1,0 +1,64 @@
+"""Scenes with exact geometry for range sensors: a room of six walls, and places in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from catoptra_server.sensors import SensorContext
+from catoptra_server.sensors.sensor_environment import SensorEnvironment
+
+
+class RoomRayCaster:
+    """A room around the origin, of half its edges, seen from inside: analytic, float64."""
+
+    def __init__(self, half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> None:
+        self._half = np.array(half_m)
+
+    def distances(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the way to the wall that each ray leaves by."""
+        level = np.abs(directions) < 1e-12
+        along = np.where(level, 1.0, directions)
+        ways = (np.copysign(self._half, along) - origins) / along
+        return np.where(level, np.inf, ways).min(axis=-1)
+
+    def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the distances, and the inward normals of the walls."""
+        distances = self.distances(origins, directions)
+        places = (origins + distances[:, None] * directions) / self._half
+        wall = np.abs(places).argmax(axis=1)
+        normals = -np.sign(np.take_along_axis(places, wall[:, None], axis=1)) * np.eye(3)[wall]
+        return distances, normals
+
+
+def make_room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
+    """Return the same room as a world, its walls 0.1 m thick."""
+    items = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            centre, size = [0.0, 0.0, 0.0], [2.0 * (half + 0.1) for half in half_m]
+            centre[axis], size[axis] = side * (half_m[axis] + 0.05), 0.1
+            shape = Box((size[0], size[1], size[2]))
+            items.append(
+                Item(
+                    f"wall {axis} {side:g}", shape, Pose.from_rpy(centre), Material((0.5, 0.5, 0.5))
+                )
+            )
+    return World("room", tuple(items))
+
+
+def oriented_box_at(
+    x_m: float, y_m: float, *, size_m: tuple[float, float, float] = (0.4, 0.4, 0.4)
+) -> OrientedBox:
+    """Return an upright box whose middle is at the height of the world's origin."""
+    return OrientedBox(Pose.from_rpy((x_m, y_m, 0.0)), size_m)
+
+
+def context_in_room(*boxes: OrientedBox, pose: Pose | None = None, tick: int = 0) -> SensorContext:
+    """Return a moment of a robot in the room, with other robots."""
+    return SensorContext(
+        1.0, tick, pose or Pose.identity(), SensorEnvironment(RoomRayCaster(), boxes)
+    )

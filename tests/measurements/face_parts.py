@@ -1,0 +1,97 @@
+"""What do faces of one size cost against parts of the picture's own density, and what do they show?
+
+Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/face_parts.py
+
+Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, on the
+wall and of all processors, drawn in turns; the latter's ratio to faces of one size (1.01 picture
+widths, which give a texel a pixel at any rim); and the RMSE in grey levels against 8 x 8 exact rays
+a pixel. Decided by it: DEFAULT_TEXELS_PER_PX in render/render_plan.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from interleaved import median_ms
+from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
+
+from catoptra_server.planning.face_regions import FaceRegion, regions_by_density, regions_of_size
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.raster_renderer import RasterView
+from catoptra_server.render.render_plan import (
+    PerPixel,
+    RendererKind,
+    RenderSettings,
+    plan_from_settings,
+)
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+
+ROUNDS = 25
+
+
+def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
+    """Return the parts that are compared, by name; the first is what the others are measured by."""
+    shown = make_camera()
+    parts = {"one size, 672 px": regions_of_size(shown.rim_rad, 672)}
+    for texels in (1.0, 1.25, 1.5, 2.0):
+        of_density = regions_by_density(shown, shown.rim_rad, texels_per_px=texels)
+        parts[f"by density, {texels:g} texels a pixel"] = of_density
+    return parts
+
+
+def prepare_view(
+    renderer: RasterRenderer, parts: tuple[FaceRegion, ...], samples: int
+) -> RasterView:
+    plan = plan_from_settings(
+        RenderSettings(PerPixel(), samples),
+        make_camera(),
+        kind=RendererKind.RASTER,
+        reason="measured",
+    )
+    return renderer.prepare(make_camera(), replace(plan, face_regions=parts))
+
+
+def render_reference(world: World) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    plan = plan_from_settings(
+        RenderSettings(PerPixel(), 8), make_camera(), kind=RendererKind.TRACE, reason="measured"
+    )
+    renderer = TraceRenderer(build_scene(world), world)
+    image = renderer.prepare(make_camera(), plan).render(CAMERA_STATE).rgb.astype(float)
+    renderer.close()
+    return image
+
+
+def print_errors(
+    world: World, samples: int, exact: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+) -> None:
+    renderer = RasterRenderer(build_scene(world), world)
+    views = {name: prepare_view(renderer, parts, samples) for name, parts in part_layouts().items()}
+    images = {name: view.render(CAMERA_STATE).rgb for name, view in views.items()}
+    draws = {name: lambda view=view: view.render(CAMERA_STATE) for name, view in views.items()}
+    times = median_ms(draws, rounds=ROUNDS)
+    first = next(iter(times.values()))[1]
+    for name, view in views.items():
+        rmse = np.sqrt(np.square(images[name] - exact).mean())
+        counts, (wall, processors) = view.face_counts, times[name]
+        print(
+            f"  {samples}^2 {name:<38}{wall:8.1f}{processors:8.1f}{processors / first:8.2f}"
+            f"{rmse:8.2f}"
+            f"{counts.num_texels / 1e6:8.2f} M texels{counts.num_triangles:9} triangles"
+        )
+        view.close()
+    renderer.close()
+
+
+def main() -> None:
+    for title, world in make_worlds_with_million_triangles().items():
+        print(f"{title}\n  {'':<42}{'wall':>8}{'CPU':>8}{'ratio':>8}{'rmse':>8}")
+        exact = render_reference(world)
+        for samples in (1, 2):
+            print_errors(world, samples, exact)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,297 @@
+"""From direction to pixel and back: numbers, masks, handedness, hard places, an outside judge."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    camera_with_inscribed_rim,
+    direction_from_pixel,
+    half_angle_tangent,
+    opencv_from_pixel,
+    pixel_from_direction,
+    pixel_sample_positions,
+)
+
+HYPERBOLIC = HyperbolicMirror(11.546, 0.2321)
+
+
+def make_camera(
+    mirror: CentralMirror = HYPERBOLIC,
+    *,
+    width_px: int = 360,
+    height_px: int = 360,
+    rim_deg: float = 120.0,
+    up_azimuth_rad: float = 0.0,
+) -> OmniCamera:
+    return camera_with_inscribed_rim(
+        mirror,
+        width_px=width_px,
+        height_px=height_px,
+        rim_rad=math.radians(rim_deg),
+        image_up_azimuth_rad=up_azimuth_rad,
+    )
+
+
+def direction_from_angles(incidence_deg: float, bearing_deg: float = 0.0) -> np.ndarray:
+    theta, gamma = math.radians(incidence_deg), math.radians(bearing_deg)
+    ring = math.sin(theta)
+    return np.array([ring * math.cos(gamma), ring * math.sin(gamma), math.cos(theta)])
+
+
+@pytest.mark.parametrize(
+    ("rim_deg", "horizon_px"),
+    [
+        (100.0, 150.894),
+        (110.0, 125.741),
+        (120.0, 103.453),
+        (math.degrees(math.pi - math.atan(math.sqrt(2.0))), 92.599),
+        (135.0, 73.744),
+        (150.0, 46.820),
+    ],
+)
+def test_horizon_circle_when_the_rim_fills_360_px_is_that_of_the_table(
+    rim_deg: float, horizon_px: float
+) -> None:
+    camera = make_camera(rim_deg=rim_deg)
+    assert camera.horizon_radius_px == pytest.approx(horizon_px, abs=5.1e-4)
+    assert camera.rim_radius_px == pytest.approx(180.0, abs=1e-12)
+
+
+def test_horizon_circle_when_of_the_reference_is_103_45267_px() -> None:
+    assert make_camera().horizon_radius_px == pytest.approx(103.45267, abs=5.1e-6)
+
+
+def test_rim_when_the_picture_is_oblong_touches_the_nearer_borders() -> None:
+    camera = make_camera(width_px=640, height_px=480)
+    assert camera.centre_px == (320.0, 240.0)
+    assert camera.rim_radius_px == pytest.approx(240.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("incidence_deg", "ratio"), [(20.0, 0.175941187), (90.0, 1.0), (110.0, 1.431515995)]
+)
+def test_pixel_when_of_an_incidence_lies_on_its_circle(incidence_deg: float, ratio: float) -> None:
+    camera = make_camera()
+    pixel, valid = pixel_from_direction(camera, direction_from_angles(incidence_deg, 37.0))
+    assert valid
+    radius = math.dist(pixel, camera.centre_px)
+    assert radius / camera.horizon_radius_px == pytest.approx(ratio, abs=5.1e-10)
+
+
+@pytest.mark.parametrize(
+    ("bearing_deg", "u", "v"),
+    [(0.0, 0.0, -1.0), (90.0, -1.0, 0.0), (-90.0, 1.0, 0.0), (180.0, 0.0, 1.0)],
+    ids=["forward is up", "right is left", "left is right", "behind is down"],
+)
+def test_picture_when_forward_is_up_is_mirrored(bearing_deg: float, u: float, v: float) -> None:
+    camera = make_camera()
+    pixel, _ = pixel_from_direction(camera, direction_from_angles(90.0, bearing_deg))
+    away = (pixel - camera.centre_px) / camera.horizon_radius_px
+    np.testing.assert_allclose(away, (u, v), atol=1e-15)
+
+
+@pytest.mark.parametrize("up_deg", [0.0, 30.0, 90.0, 180.0, -135.0])
+def test_picture_when_turned_shows_the_up_azimuth_at_its_top(up_deg: float) -> None:
+    camera = make_camera(up_azimuth_rad=math.radians(up_deg))
+    pixel, _ = pixel_from_direction(camera, direction_from_angles(90.0, up_deg))
+    expected = (180.0, 180.0 - camera.horizon_radius_px)
+    np.testing.assert_allclose(pixel, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("mirror", [HYPERBOLIC, ParabolicMirror(0.05), HyperbolicMirror(1e9, 0.2)])
+@pytest.mark.parametrize("up_azimuth_rad", [0.0, 2.1])
+def test_direction_when_sent_to_a_pixel_and_back_is_the_same(
+    mirror: CentralMirror, up_azimuth_rad: float
+) -> None:
+    camera = make_camera(mirror, up_azimuth_rad=up_azimuth_rad)
+    there = np.array(
+        [
+            direction_from_angles(t, g)
+            for t in (1e-6, 20, 60, 89.999, 90, 119.999)
+            for g in range(-180, 180, 30)
+        ]
+    )
+    pixel, seen = pixel_from_direction(camera, 3.7 * there)
+    back, valid = direction_from_pixel(camera, pixel)
+    assert seen.all()
+    assert valid.all()
+    # Pixels are known to 3e-14 px of 180, so directions to some 1e-15 rad.
+    np.testing.assert_allclose(back, there, atol=2e-15)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.floats(0.0, 360.0), st.floats(0.0, 360.0))
+def test_pixel_when_sent_to_a_direction_and_back_is_the_same(u: float, v: float) -> None:
+    camera = make_camera()
+    pixel = np.array([u, v])
+    there, valid = direction_from_pixel(camera, pixel)
+    assert np.linalg.norm(there) == pytest.approx(1.0, abs=1e-15)
+    back, _ = pixel_from_direction(camera, there)
+    np.testing.assert_allclose(back, pixel if valid else camera.centre_px, atol=1e-10)
+
+
+def test_pixel_when_beside_the_mirror_is_invalid_and_harmless() -> None:
+    camera = make_camera()
+    pixel = np.array([[0.5, 0.5], [180.0, -1e9], [1e300, 1e300], [math.nan, 1.0], [math.inf, 0.0]])
+    there, valid = direction_from_pixel(camera, pixel)
+    assert not valid.any()
+    np.testing.assert_array_equal(there, np.tile([0.0, 0.0, 1.0], (5, 1)))
+
+
+def test_mask_when_over_the_whole_picture_is_the_rim_s_disc() -> None:
+    camera = make_camera()
+    centres = pixel_sample_positions(camera)[:, :, 0]
+    _, valid = direction_from_pixel(camera, centres)
+    inside = np.hypot(*(centres - 180.0).T).T < 180.0
+    np.testing.assert_array_equal(valid, inside)
+
+
+@pytest.mark.parametrize(
+    "unseen",
+    [
+        direction_from_angles(121.0, 45.0),
+        direction_from_angles(179.99999),
+        np.array([0.0, 0.0, -1.0]),
+        np.array([0.0, 0.0, 0.0]),
+        np.array([math.nan, 0.0, 1.0]),
+        np.array([math.inf, 0.0, 1.0]),
+    ],
+    ids=["beyond the rim", "near the antipode", "antipode", "zero", "nan", "infinite"],
+)
+def test_direction_when_not_seen_is_invalid_and_at_the_centre(unseen: np.ndarray) -> None:
+    pixel, valid = pixel_from_direction(make_camera(), unseen)
+    assert not valid
+    np.testing.assert_array_equal(pixel, (180.0, 180.0))
+
+
+@pytest.mark.parametrize(("beyond_rad", "seen"), [(-1e-12, True), (1e-12, False)])
+def test_direction_when_at_the_rim_is_seen_just_inside(beyond_rad: float, seen: bool) -> None:
+    theta = math.radians(120.0) + beyond_rad
+    _, valid = pixel_from_direction(
+        make_camera(), np.array([math.sin(theta), 0.0, math.cos(theta)])
+    )
+    assert bool(valid) is seen
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 1e160, 1e300])
+def test_direction_when_tiny_or_huge_has_the_pixel_of_its_unit(scale: float) -> None:
+    camera = make_camera()
+    unit, _ = pixel_from_direction(camera, direction_from_angles(100.0, 70.0))
+    pixel, valid = pixel_from_direction(camera, scale * direction_from_angles(100.0, 70.0))
+    assert valid
+    np.testing.assert_allclose(pixel, unit, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [360, 361])
+def test_axis_when_looked_along_is_the_exact_centre(size: int) -> None:
+    camera = make_camera(width_px=size, height_px=size)
+    pixel, valid = pixel_from_direction(camera, np.array([0.0, 0.0, 2.0]))
+    assert valid
+    np.testing.assert_array_equal(pixel, (0.5 * size, 0.5 * size))
+    back, _ = direction_from_pixel(camera, pixel)
+    np.testing.assert_array_equal(back, (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        (1e-300, 0.0, 1.0),
+        (1e-9, 1e-9, 1.0),
+        (1.0, 0.0, 0.0),
+        (1.0, 0.0, -0.0),
+        (1.0, 0.0, 1e-17),
+        (1.0, 0.0, -1e-17),
+        (0.3, -0.4, -0.2),
+        (1e-8, 0.0, -1.0),
+        (1e-300, 0.0, -1.0),
+    ],
+)
+def test_half_angle_when_at_a_hard_place_is_that_of_50_digits(
+    place: tuple[float, float, float],
+) -> None:
+    with mpmath.workdps(50):
+        x, y, z = map(mpmath.mpf, place)
+        norm, rho = mpmath.sqrt(x * x + y * y + z * z), mpmath.hypot(x, y)
+        # At the antipode 50 digits cancel too: the other form there.
+        exact = float(rho / (norm + z) if z >= 0 else (norm - z) / rho)
+    t, valid = half_angle_tangent(np.array(place))
+    assert valid
+    assert t == pytest.approx(exact, rel=1e-15)
+
+
+def test_pixel_centres_when_one_sample_are_at_half_pixels() -> None:
+    grid = pixel_sample_positions(make_camera(width_px=4, height_px=3))
+    assert grid.shape == (3, 4, 1, 2)
+    assert grid[0, 0, 0].tolist() == [0.5, 0.5]
+    assert grid[2, 3, 0].tolist() == [3.5, 2.5]
+
+
+def test_pixel_centres_when_sampled_are_a_regular_grid_around_the_centre() -> None:
+    grid = pixel_sample_positions(make_camera(width_px=4, height_px=3), samples_per_side=2)
+    assert grid.shape == (3, 4, 4, 2)
+    assert sorted(map(tuple, grid[1, 2])) == [
+        (2.25, 1.25),
+        (2.25, 1.75),
+        (2.75, 1.25),
+        (2.75, 1.75),
+    ]
+    np.testing.assert_allclose(
+        grid.mean(axis=2), pixel_sample_positions(make_camera(width_px=4, height_px=3))[:, :, 0]
+    )
+
+
+def test_opencv_pixel_of_the_first_pixel_s_centre_is_0() -> None:
+    np.testing.assert_array_equal(opencv_from_pixel(np.array([0.5, 0.5])), (0.0, 0.0))
+
+
+def test_law_when_judged_by_opencv_s_omnidirectional_model_agrees() -> None:
+    """This mirror is Mei's model with xi and gamma = h xi, seen mirrored."""
+    camera = make_camera(width_px=640, height_px=480)
+    there = np.array(
+        [direction_from_angles(t, g) for t in (5, 45, 90, 118) for g in range(0, 360, 25)]
+    )
+    mirrored = np.stack((-there[:, 1], -there[:, 0], there[:, 2]), axis=-1)
+    gamma = camera.horizon_radius_px * HYPERBOLIC.xi
+    matrix = np.array([[gamma, 0, 319.5], [0, gamma, 239.5], [0, 0, 1.0]])
+    still = np.zeros((3, 1))
+    judged, _ = cv2.omnidir.projectPoints(
+        mirrored.reshape(-1, 1, 3), still, still, matrix, HYPERBOLIC.xi, np.zeros((1, 4))
+    )
+    pixel, _ = pixel_from_direction(camera, there)
+    np.testing.assert_allclose(opencv_from_pixel(pixel), judged.reshape(-1, 2), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"width_px": 0}, "no pixel"),
+        ({"height_px": -1}, "no pixel"),
+        ({"horizon_radius_px": 0.0}, "radius > 0"),
+        ({"horizon_radius_px": math.nan}, "radius > 0"),
+        ({"rim_rad": 0.0}, "below 155.405"),
+        ({"rim_rad": math.radians(155.41)}, "below 155.405"),
+        ({"rim_rad": math.pi}, "below 155.405"),
+        ({"rim_rad": math.nan}, "below 155.405"),
+    ],
+)
+def test_camera_when_it_cannot_be_is_refused(change: dict[str, float], expected: str) -> None:
+    values = {
+        "width_px": 360,
+        "height_px": 360,
+        "centre_px": (180.0, 180.0),
+        "horizon_radius_px": 100.0,
+        "rim_rad": 2.0,
+    }
+    with pytest.raises(DomainError, match=expected):
+        OmniCamera(HYPERBOLIC, **{**values, **change})  # type: ignore[arg-type] # by name

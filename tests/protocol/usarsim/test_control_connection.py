@@ -1,0 +1,146 @@
+"""Whole conversations in memory, both roles."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, GetStartPoses, Init, Step
+from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
+from catoptra_protocol.usarsim.control_states import ControlState
+from catoptra_protocol.usarsim.dialect import Dialect
+from catoptra_protocol.usarsim.reports import (
+    CommandResult,
+    Greeting,
+    OdometryReading,
+    SonarReadings,
+    VehicleStatus,
+)
+
+GREETING = Greeting("BotDeathMatch", "field")
+
+
+def greet_client() -> ControlServer:
+    server = ControlServer()
+    server.send(GREETING)
+    return server
+
+
+def test_conversation_when_held_in_memory_delivers_both_ways() -> None:
+    server, client = ControlServer(), ControlClient()
+    assert client.receive(server.send(GREETING)) == [GREETING]
+    assert server.receive(client.send(GetStartPoses())) == [GetStartPoses()]
+    assert server.receive(client.send(Init("P2AT"))) == [Init("P2AT")]
+    assert server.receive(client.send(Step(0.2))) == [Step(0.2)]
+    reports = [VehicleStatus(0.2, 1199), OdometryReading("O", 0.0, 0.0, 0.0)]
+    data = b"".join(
+        server.send(report) for report in (*reports, CommandResult(0.2, "Step", "Clock"))
+    )
+    assert client.receive(data) == [*reports, CommandResult(0.2, "Step", "Clock")]
+
+
+def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -> None:
+    server = ControlServer()
+    with pytest.raises(LocalProtocolError, match="greet"):
+        server.receive(b"INIT\n")
+    with pytest.raises(LocalProtocolError, match="greeting comes first"):
+        server.send(VehicleStatus(0.0, 1200))
+    assert server.state is ControlState.ACCEPTED
+
+
+def test_server_when_it_has_greeted_refuses_to_greet_again() -> None:
+    with pytest.raises(LocalProtocolError, match="once"):
+        greet_client().send(GREETING)
+
+
+def test_greeting_when_it_cannot_be_sent_is_not_counted_as_sent() -> None:
+    server = ControlServer()
+    with pytest.raises(LocalProtocolError, match="cannot be sent"):
+        server.send(Greeting("A", "B}"))
+    assert server.send(GREETING).startswith(b"NFO")
+
+
+def test_server_when_there_is_no_robot_drops_what_needs_one() -> None:
+    data = b"DRIVE {Left 1}\nGETCONF {Type Robot}\nGETGEO {Type Robot}\nSTEP {Time 1}\n"
+    assert greet_client().receive(data) == [Step(1.0)]
+
+
+def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
+    data = (
+        b"INIT {ClassName A}\r\nGETGEO {Type Robot}\r\nGETCONF {Type Robot}\r\nDRIVE {Left 1}\r\n"
+    )
+    expected = [Init("A"), GetGeo("Robot"), GetConf("Robot"), Drive(left=1.0)]
+    assert greet_client().receive(data) == expected
+
+
+def test_server_when_a_second_init_comes_drops_it() -> None:
+    server = greet_client()
+    assert server.receive(b"INIT {ClassName A}\nINIT {ClassName B}\n") == [Init("A")]
+    assert server.receive(b"INIT {ClassName C}\n") == []
+
+
+def test_server_when_init_was_refused_takes_another() -> None:
+    server = greet_client()
+    server.receive(b"INIT {ClassName Unknown}\n")
+    server.reject_init()
+    assert server.receive(b"DRIVE {Left 1}\nINIT {ClassName A}\n") == [Init("A")]
+
+
+def test_refuse_init_when_there_was_none_is_our_fault() -> None:
+    with pytest.raises(LocalProtocolError, match="no INIT"):
+        greet_client().reject_init()
+
+
+def test_server_when_sent_stray_text_ignores_it() -> None:
+    assert greet_client().receive(b"\r\n\0\0 hello {x}\nPING\n{}\n\xff\xfe\nGETSTARTPOSES\n") == [
+        GetStartPoses()
+    ]
+
+
+def test_client_when_a_report_is_malformed_raises_after_those_before_it_and_goes_on() -> None:
+    client, odometry = ControlClient(), OdometryReading("O", 1.0, 2.0, 3.0)
+    sound = b"SEN {Type Odometry} {Name O} {Pose 1,2,3}\r\n"
+    malformed = b"STA {Type GroundVehicle} {Time 1}\r\n"
+    assert client.receive(sound + malformed + sound) == [odometry]
+    with pytest.raises(RemoteProtocolError, match="Battery"):
+        client.receive(b"")
+    assert client.receive(b"") == [odometry]
+
+
+PIECES = st.sampled_from(
+    [
+        b"INIT {ClassName A} {Location 1 2 3}",
+        b"DRIVE {Left 1.0}{Right -1}",
+        b"GETCONF {Type Camera}",
+        b"STEP {Time .1}",
+        b"\r",
+        b"\n",
+        b"\r\n",
+        b"{",
+        b"}",
+        b"\xff",
+    ]
+)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.lists(PIECES | st.binary(max_size=8)), st.integers(1, 9))
+def test_server_when_bytes_are_cut_anywhere_hears_the_same(pieces: list[bytes], size: int) -> None:
+    data = b"".join(pieces)
+    server = greet_client()
+    cut = [c for i in range(0, len(data), size) for c in server.receive(data[i : i + size])]
+    assert cut == greet_client().receive(data)
+
+
+def test_conversation_when_in_udk_is_read_by_the_same_client() -> None:
+    server, client = ControlServer(Dialect.UDK), ControlClient()
+    assert client.receive(server.send(GREETING)) == [GREETING]
+    sonars = server.send(SonarReadings(1.0, (("F1", 4.0), ("F2", 2.0))))
+    assert client.receive(sonars) == [
+        SonarReadings(1.0, (("F1", 4.0),)),
+        SonarReadings(1.0, (("F2", 2.0),)),
+    ]
+    assert server.send(CommandResult(1.0, "Odometry", "O")) == b""
+    assert client.receive(server.send(VehicleStatus(1.0, 9))) == [VehicleStatus(1.0, 9)]

@@ -1,0 +1,156 @@
+"""Lines and messages: what any byte stream means, and what may be written."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.limits import MAX_LINE_BYTES
+from catoptra_protocol.usarsim.grammar import (
+    LineReader,
+    Message,
+    format_line,
+    parse_message,
+    split_groups,
+)
+
+DETERMINISTIC = settings(derandomize=True, max_examples=200, deadline=None)
+
+WORDS = st.text(st.characters(min_codepoint=33, max_codepoint=90), min_size=1, max_size=8)
+NAMES = st.text(st.characters(codec="ascii", categories=["L", "N"]), max_size=6)
+VALUES = st.text(st.characters(codec="latin-1", exclude_characters="{}\r\n"), min_size=1)
+
+
+@pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n", b"\r\r\r"])
+def test_line_reader_when_a_line_ends_in_any_known_way_gives_it_once(end: bytes) -> None:
+    reader = LineReader()
+    assert reader.receive(b"DRIVE" + end + b"INIT" + end) == ["DRIVE", "INIT"]
+
+
+@pytest.mark.parametrize("data", [b"", b"\r\n", b"\n\n\n", b"\r\r\n\n"])
+def test_line_reader_when_lines_are_blank_gives_nothing(data: bytes) -> None:
+    assert LineReader().receive(data) == []
+
+
+def test_line_reader_when_a_line_is_not_ended_keeps_it() -> None:
+    reader = LineReader()
+    assert reader.receive(b"DRIVE {Left 1.0} {Right 1.0}" * 100) == []
+    assert reader.receive(b"\n") == ["DRIVE {Left 1.0} {Right 1.0}" * 100]
+
+
+def test_line_reader_when_a_line_is_longest_keeps_it() -> None:
+    line = b"x" * MAX_LINE_BYTES
+    assert LineReader().receive(line + b"\n") == [line.decode()]
+
+
+@pytest.mark.parametrize("count", [1, 7, 70_000])
+def test_line_reader_when_a_line_is_too_long_drops_it_and_reads_the_next(count: int) -> None:
+    reader = LineReader()
+    data = b"x" * (MAX_LINE_BYTES + 1) + b"\nGETSTARTPOSES\n"
+    size = -(-len(data) // count)
+    pieces = (data[i : i + size] for i in range(0, len(data), size))
+    assert [line for x in pieces for line in reader.receive(x)] == ["GETSTARTPOSES"]
+
+
+@DETERMINISTIC
+@given(st.lists(st.binary(max_size=40)))
+def test_line_reader_when_bytes_are_cut_anywhere_gives_the_same(chunks: list[bytes]) -> None:
+    reader = LineReader()
+    cut = [line for chunk in chunks for line in reader.receive(chunk)]
+    assert cut == LineReader().receive(b"".join(chunks))
+
+
+@DETERMINISTIC
+@given(st.binary())
+def test_line_reader_when_fed_any_bytes_gives_lines_without_ends(data: bytes) -> None:
+    lines = LineReader().receive(data)
+    assert all(line and "\r" not in line and "\n" not in line for line in lines)
+
+
+PARSED = [
+    # The regression examples inside the UDK parser.
+    ("TestCommand {test1 1} {test2 2}", Message("TESTCOMMAND", (("test1", "1"), ("test2", "2")))),
+    ("Com1{BasMan Rulez} {Hello 2}", Message("COM1", (("BasMan", "Rulez"), ("Hello", "2")))),
+    (
+        "Com2     {  WithWhitespaces      88     } {        More  whitespaces }    ",
+        Message("COM2", (("WithWhitespaces", "88"), ("More", "whitespaces"))),
+    ),
+    # No space is needed anywhere.
+    ("Com1{A b}{C d}", Message("COM1", (("A", "b"), ("C", "d")))),
+    # A value without a name, and nothing at all.
+    ("SET {Word}", Message("SET", (("", "Word"),))),
+    ("SET {} { }", Message("SET")),
+    # Spaces are trimmed, tabs are not.
+    ("SET {A \tb }", Message("SET", (("A", "\tb"),))),
+    # A block that is not closed, or closed twice, says nothing more than its sound neighbours.
+    ("DRIVE {Left 1.0} {Right 2", Message("DRIVE", (("Left", "1.0"),))),
+    ("DRIVE {Left {Right 2}} stray", Message("DRIVE", (("Right", "2"),))),
+    # The word ends at a space, as in GameBots, or at a brace, as in UDK.
+    ("DRIVE }{Left 3}", Message("DRIVE", (("Left", "3"),))),
+    ("DRIVE now {Left 3}", Message("DRIVE", (("Left", "3"),))),
+    ("", Message("")),
+    ("   ", Message("")),
+    ("{A b}", Message("", (("A", "b"),))),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), PARSED, ids=[line for line, _ in PARSED])
+def test_parse_message_when_the_form_is_loose_finds_word_and_pairs(
+    line: str, message: Message
+) -> None:
+    assert parse_message(line) == message
+
+
+def test_get_when_a_name_repeats_in_any_case_gives_the_first() -> None:
+    message = parse_message("INIT {Classname A} {CLASSNAME B}")
+    assert message.get("ClassName") == "A"
+    assert message.get("Name") is None
+
+
+@DETERMINISTIC
+@given(st.text())
+def test_parse_message_when_given_any_text_never_raises_and_can_be_logged(line: str) -> None:
+    message = parse_message(line)
+    assert message.get("Type") is None or "type" in line.lower()
+    assert str(message).isprintable()
+
+
+@DETERMINISTIC
+@given(WORDS, st.lists(st.tuples(NAMES, VALUES)))
+def test_format_line_when_parsed_again_gives_the_message(
+    word: str, pairs: list[tuple[str, str]]
+) -> None:
+    message = parse_message(f"{word} " + " ".join(f"{{{n} {v}}}" for n, v in pairs))
+    line = format_line(message.word, message.pairs)
+    assert line.endswith(b"\r\n")
+    assert [parse_message(text) for text in LineReader().receive(line)] == [message]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("A", "b}"), ("A", "{b"), ("A", "b\r"), ("A", "b\nDRIVE"), ("A b", "c"), ("A}", "b")],
+)
+def test_format_line_when_text_would_break_the_line_refuses(name: str, value: str) -> None:
+    with pytest.raises(LocalProtocolError, match="cannot be sent"):
+        format_line("INIT", [(name, value)])
+
+
+def test_format_line_when_text_is_not_latin_1_refuses() -> None:
+    with pytest.raises(LocalProtocolError, match="Latin-1"):
+        format_line("INIT", [("Name", "機械")])
+
+
+def test_str_when_text_cannot_be_printed_escapes_it() -> None:
+    assert str(Message("SET", (("A", "\x1b[2J\x00"),))) == r"SET {A \x1b[2J\x00}"
+
+
+def test_groups_when_a_key_repeats_are_the_runs_it_begins() -> None:
+    message = parse_message("X {Value 0} {Link 1} {Value 5} {link 2} {Link 3} {A b}")
+    assert [group.pairs for group in split_groups(message, "Link")] == [
+        (("Link", "1"), ("Value", "5")),
+        (("link", "2"),),
+        (("Link", "3"), ("A", "b")),
+    ]
+    assert split_groups(message, "Name") == []

@@ -1,0 +1,203 @@
+"""The image server's bytes, both roles."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES
+from catoptra_protocol.usarsim.image_port import (
+    JPEG_QUALITY,
+    EncodedFrame,
+    FullFrameRequest,
+    ImageFrameReader,
+    ImageRequest,
+    ImageRequestReader,
+    ImageType,
+    RegionRequest,
+    encode_frame_header,
+    encode_full_frame_request,
+    encode_raw_header,
+    parse_raw_size,
+    raw_row_pitch,
+)
+
+DETERMINISTIC = settings(derandomize=True, max_examples=200, deadline=None)
+
+WHOLE = FullFrameRequest()
+RECTANGLE = struct.pack(">4I", 320, 0, 640, 480)
+REGION = RegionRequest(320, 0, 640, 480)
+# A rectangle whose 16 bytes spell requests.
+REGION_SPELLING_REQUESTS = b"OKOKUOKOKOKOKOKO"
+
+TAGS = [
+    ("RAW", ImageType.RAW),
+    ("super", ImageType.SUPER),
+    ("Good", ImageType.GOOD),
+    ("NORMAL", ImageType.NORMAL),
+    ("fair", ImageType.FAIR),
+    (" BAD ", ImageType.BAD),
+    ("0", ImageType.RAW),
+    ("5", ImageType.BAD),
+    ("", ImageType.NORMAL),
+]
+
+
+@pytest.mark.parametrize(("text", "image_type"), TAGS)
+def test_image_type_when_given_as_tag_or_number_is_understood(
+    text: str, image_type: ImageType
+) -> None:
+    assert ImageType.from_text(text) is image_type
+
+
+@pytest.mark.parametrize("text", ["6", "-1", "JPEG", "1.0"])
+def test_image_type_when_unknown_names_what_it_may_be(text: str) -> None:
+    with pytest.raises(LocalProtocolError, match=r"RAW \(0\), SUPER \(1\)"):
+        ImageType.from_text(text)
+
+
+def test_jpeg_quality_when_looked_up_is_the_reference_s() -> None:
+    qualities = [JPEG_QUALITY.get(image_type) for image_type in ImageType]
+    assert qualities == [None, 100, 75, 50, 25, 10]
+
+
+REQUESTS: list[tuple[bytes, list[ImageRequest]]] = [
+    (b"", []),
+    (b"OK", [WHOLE]),
+    (b"OK\r\n", [WHOLE]),
+    (b"OK\n", [WHOLE]),
+    (b" \0\r\nOK\0", [WHOLE]),
+    (b"OKOKOK", [WHOLE] * 3),
+    (b"O", []),
+    (b"K", []),
+    (b"ok", []),
+    (b"O OK", [WHOLE]),
+    (b"OOK", []),  # O and the next byte are both swallowed
+    (b"OOOK", [WHOLE]),
+    (b"OU" + RECTANGLE, []),
+    (b"U" + RECTANGLE, [REGION]),
+    (b"\0\0\0U" + RECTANGLE, [REGION]),  # the Qt client's form
+    (b"U" + RECTANGLE + b"OK", [REGION, WHOLE]),
+    (
+        b"U" + REGION_SPELLING_REQUESTS,
+        [RegionRequest(*struct.unpack(">4I", REGION_SPELLING_REQUESTS))],
+    ),
+    (b"U" + REGION_SPELLING_REQUESTS[:15], []),
+    (b"U" + b"\xff" * 16, [RegionRequest(*[0xFFFFFFFF] * 4)]),
+]
+
+
+@pytest.mark.parametrize(("data", "requests"), REQUESTS)
+@pytest.mark.parametrize("size", [1, 2, 5, 16, 1000])
+def test_request_reader_when_bytes_are_cut_in_any_way_finds_the_requests(
+    data: bytes, requests: list[ImageRequest], size: int
+) -> None:
+    reader = ImageRequestReader()
+    found = [r for i in range(0, len(data), size) for r in reader.receive(data[i : i + size])]
+    assert found == requests
+
+
+@DETERMINISTIC
+@given(st.lists(st.sampled_from([b"O", b"K", b"U", b"OK", RECTANGLE]) | st.binary(max_size=20)))
+def test_request_reader_when_fed_any_bytes_does_not_depend_on_their_cuts(
+    chunks: list[bytes],
+) -> None:
+    reader = ImageRequestReader()
+    cut = [request for chunk in chunks for request in reader.receive(chunk)]
+    assert cut == ImageRequestReader().receive(b"".join(chunks))
+
+
+def test_request_reader_when_written_to_by_our_client_finds_a_whole_frame() -> None:
+    assert ImageRequestReader().receive(encode_full_frame_request()) == [WHOLE]
+
+
+def test_frame_header_when_packed_is_type_and_big_endian_length() -> None:
+    assert encode_frame_header(ImageType.GOOD, 0x01020304) == b"\x02\x01\x02\x03\x04"
+
+
+@pytest.mark.parametrize("length", [-1, 2**32])
+def test_frame_header_when_the_length_does_not_fit_refuses(length: int) -> None:
+    with pytest.raises(LocalProtocolError, match="does not fit"):
+        encode_frame_header(ImageType.RAW, length)
+
+
+def encode_frame(frame: EncodedFrame) -> bytes:
+    return encode_frame_header(frame.image_type, len(frame.payload)) + frame.payload
+
+
+FRAMES = st.builds(EncodedFrame, st.sampled_from(ImageType), st.binary(max_size=300))
+
+
+@DETERMINISTIC
+@given(st.lists(FRAMES, max_size=5), st.integers(1, 50), st.binary(max_size=4))
+def test_frame_reader_when_bytes_are_cut_in_any_way_gives_the_frames(
+    frames: list[EncodedFrame], size: int, tail: bytes
+) -> None:
+    data = b"".join(map(encode_frame, frames)) + tail
+    reader = ImageFrameReader()
+    found = [f for i in range(0, len(data), size) for f in reader.receive(data[i : i + size])]
+    assert found == frames
+
+
+def test_frame_reader_when_a_payload_is_at_the_limit_takes_it() -> None:
+    frame = EncodedFrame(ImageType.RAW, b"x" * 100)
+    assert ImageFrameReader(max_payload_bytes=100).receive(encode_frame(frame)) == [frame]
+
+
+def test_frame_reader_when_a_payload_is_too_large_refuses_at_its_header() -> None:
+    header = encode_frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
+    reader = ImageFrameReader()
+    assert reader.receive(header[:4]) == []
+    with pytest.raises(RemoteProtocolError, match="more than"):
+        reader.receive(header[4:])
+
+
+def test_frame_reader_when_the_type_is_unknown_asks_for_the_port() -> None:
+    with pytest.raises(RemoteProtocolError, match="image port"):
+        ImageFrameReader().receive(b"NFO {Gametype BotDeathMatch}\r\n")
+
+
+def test_wire_frame_when_logged_tells_type_and_size_only() -> None:
+    assert str(EncodedFrame(ImageType.GOOD, b"x" * 5000)) == "GOOD frame of 5000 bytes"
+
+
+@pytest.mark.parametrize(("width", "pitch"), [(0, 0), (1, 4), (2, 8), (4, 12), (640, 1920)])
+def test_raw_pitch_when_rounded_is_a_multiple_of_4(width: int, pitch: int) -> None:
+    assert raw_row_pitch(width) == pitch
+
+
+def test_raw_header_when_packed_is_big_endian() -> None:
+    assert encode_raw_header(640, 0x0102) == b"\x02\x80\x01\x02"
+
+
+@pytest.mark.parametrize(("width", "height"), [(65536, 1), (1, 65536), (-1, 1)])
+def test_raw_header_when_a_side_does_not_fit_refuses(width: int, height: int) -> None:
+    with pytest.raises(LocalProtocolError, match="does not fit"):
+        encode_raw_header(width, height)
+
+
+RAW = [
+    (encode_raw_header(5, 2) + bytes(32), (5, 2, 16)),
+    (encode_raw_header(5, 2) + bytes(30), (5, 2, 15)),
+    (encode_raw_header(4, 2) + bytes(24), (4, 2, 12)),
+    (encode_raw_header(0, 0), (0, 0, 0)),
+]
+
+
+@pytest.mark.parametrize(("payload", "size"), RAW)
+def test_raw_size_when_rows_are_padded_or_not_finds_the_pitch(
+    payload: bytes, size: tuple[int, int, int]
+) -> None:
+    assert parse_raw_size(payload) == size
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"\0\1\0", encode_raw_header(5, 2) + bytes(31), b"\xff" * 4]
+)
+def test_raw_size_when_header_and_length_disagree_refuses(payload: bytes) -> None:
+    with pytest.raises(RemoteProtocolError, match="RAW frame"):
+        parse_raw_size(payload)

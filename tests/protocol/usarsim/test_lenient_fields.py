@@ -1,0 +1,55 @@
+"""Fields of a client's command: lenient to read, exact to write."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.usarsim import lenient_fields as fields
+from catoptra_protocol.usarsim.grammar import parse_message
+
+MESSAGE = parse_message("X {Text abc} {Number -1.9} {On 1} {Place 1, 2,3} {Wrong up}")
+
+
+def test_fields_when_missing_are_none() -> None:
+    readers = (
+        fields.read_name,
+        fields.read_number,
+        fields.read_integer,
+        fields.read_boolean,
+        fields.read_vector,
+    )
+    assert [reader(MESSAGE, "Missing") for reader in readers] == [None] * 5
+
+
+def test_fields_when_given_are_read() -> None:
+    assert fields.read_name(MESSAGE, "text") == "abc"
+    assert fields.read_number(MESSAGE, "NUMBER") == -1.9
+    assert fields.read_integer(MESSAGE, "Number") == -1
+    assert fields.read_boolean(MESSAGE, "On") is True
+    assert fields.read_vector(MESSAGE, "Place") == (1.0, 2.0, 3.0)
+
+
+def test_fields_when_no_numbers_are_zero() -> None:
+    assert fields.read_number(MESSAGE, "Wrong") == 0.0
+    assert fields.read_integer(MESSAGE, "Wrong") == 0
+    assert fields.read_vector(MESSAGE, "Wrong") == (0.0, 0.0, 0.0)
+
+
+def test_name_when_too_long_is_cut() -> None:
+    assert fields.read_name(parse_message("X {A " + "n" * 999 + "}"), "A") == "n" * MAX_NAME_CHARS
+
+
+def test_given_when_written_leaves_out_what_is_none() -> None:
+    pairs = fields.format_pairs(
+        ("A", None), ("B", True), ("C", 1e-7), ("D", 3), ("E", (1.0, 2.0, 0.5))
+    )
+    assert pairs == (("B", "true"), ("C", "0.0000001"), ("D", "3"), ("E", "1.0,2.0,0.5"))
+
+
+def test_given_when_a_number_is_not_finite_refuses() -> None:
+    with pytest.raises(LocalProtocolError, match="finite"):
+        fields.format_pairs(("A", math.nan))

@@ -1,0 +1,143 @@
+"""STA, CONF and RES against the samples of real servers; and the table of all reports."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.limits import MAX_NAME_CHARS, MAX_SERVER_LINE_BYTES
+from catoptra_protocol.usarsim.grammar import parse_message
+from catoptra_protocol.usarsim.reports import (
+    CommandResult,
+    Configuration,
+    Geometry,
+    Report,
+    VehicleStatus,
+    Viewport,
+    ViewportsResult,
+    line_from_report,
+    report_from_message,
+)
+
+SAMPLES = [
+    (
+        "STA {Type GroundVehicle} {Time 395.38} {FrontSteer 0.0000} {RearSteer 0.0000} "
+        "{LightToggle False} {LightIntensity 0} {Battery 1200} {View -1}",
+        VehicleStatus(395.38, 1200),
+    ),
+    (
+        "STA {Type GroundVehicle} {Time 0.00} {FrontSteer 0.0000} {RearSteer 0.0000} "
+        "{LightToggle True} {LightIntensity 100} {Battery 0} {View 2}",
+        VehicleStatus(0.0, 0, light=True, view=2),
+    ),
+    (
+        "CONF {Type GroundVehicle} {Name P2AT} {SteeringType SkidSteered} {Mass 14.0000} "
+        "{MaxSpeed 5.3850} {MaxTorque 60.0000} {MaxFrontSteer 0.0000} {MaxRearSteer 0.0000}",
+        Configuration(
+            "GroundVehicle",
+            (
+                ("Name", "P2AT"),
+                ("SteeringType", "SkidSteered"),
+                ("Mass", "14.0000"),
+                ("MaxSpeed", "5.3850"),
+                ("MaxTorque", "60.0000"),
+                ("MaxFrontSteer", "0.0000"),
+                ("MaxRearSteer", "0.0000"),
+            ),
+        ),
+    ),
+    ("CONF {Type RFID}", Configuration("RFID")),
+    ("CONF {Type Sonar} {Name F9}", Configuration("Sonar", (("Name", "F9"),))),
+    ("RES {Time 1.2000} {Type Step} {Name Clock} {Status OK}", CommandResult(1.2, "Step", "Clock")),
+    (
+        "RES {Time 0.0000} {Type Step} {Name Clock} {Status Failed}",
+        CommandResult(0.0, "Step", "Clock", "Failed"),
+    ),
+]
+
+
+@pytest.mark.parametrize(("line", "report"), SAMPLES)
+def test_report_when_written_and_read_equals_the_sample(line: str, report: Report) -> None:
+    assert line_from_report(report) == line.encode() + b"\r\n"
+    assert report_from_message(parse_message(line)) == report
+
+
+UDK = [
+    (
+        "STA {Time 477.7582} {Battery 99999} {Type GroundVehicle} {LightToggle False} "
+        "{LightIntensity 100} {FrontSteer 0} {RearSteer 0}",
+        VehicleStatus(477.7582, 99999),
+    ),
+    (
+        "CONF {Name P3AT} {Type GroundVehicle} {SteeringType SkidSteered}",
+        Configuration("GroundVehicle", (("Name", "P3AT"), ("SteeringType", "SkidSteered"))),
+    ),
+    (
+        "CONF {Type Camera} {Name Camera}{TextureOffsetX 320}{CameraDefFov 80.0000}",
+        Configuration(
+            "Camera",
+            (("Name", "Camera"), ("TextureOffsetX", "320"), ("CameraDefFov", "80.0000")),
+        ),
+    ),
+    (
+        "RES {Time 1.0} {Type Viewports} {Config SingleView} {Status OK} {Viewport1 Camera}",
+        ViewportsResult(1.0, "SingleView", (Viewport("Camera"),)),
+    ),
+    ("DIE {Killer A}", None),
+    ("FO {Gametype BotDeathMatch}", None),
+    ("", None),
+]
+
+
+@pytest.mark.parametrize(("line", "report"), UDK)
+def test_report_when_sent_by_another_server_is_read_or_skipped(
+    line: str, report: Report | None
+) -> None:
+    assert report_from_message(parse_message(line)) == report
+
+
+BAD = [
+    ("STA {Time 1} {Type A}", "without {Battery}"),
+    ("STA {Battery 1} {Type A}", "without {Time}"),
+    ("STA {Time 1} {Battery full} {Type A}", "Battery full"),
+    ("STA {Time 1} {Battery 1} {Type A} {View x}", "View x"),
+    ("CONF {Name A}", "without {Type}"),
+    ("RES {Time 1} {Type Step} {Name Clock}", "without {Status}"),
+]
+
+
+@pytest.mark.parametrize(("line", "named"), BAD)
+def test_report_when_malformed_names_the_field(line: str, named: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=named):
+        report_from_message(parse_message(line))
+
+
+def test_configuration_when_asked_for_a_value_ignores_case() -> None:
+    configuration = Configuration("Camera", (("Name", "Omni"), ("name", "Other")))
+    assert configuration.get("NAME") == "Omni"
+    assert configuration.get("Width") is None
+
+
+def test_line_when_longer_than_clients_read_is_refused() -> None:
+    with pytest.raises(LocalProtocolError, match=str(MAX_SERVER_LINE_BYTES)):
+        line_from_report(Configuration("Sonar", (("Name", "x" * MAX_SERVER_LINE_BYTES),)))
+
+
+def test_line_when_it_echoes_the_longest_names_is_sent() -> None:
+    longest = "x" * MAX_NAME_CHARS
+    assert line_from_report(Geometry(longest, name=longest)).count(b"x") == 2 * MAX_NAME_CHARS
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(st.sampled_from(["NFO", "STA", "SEN", "CONF", "GEO", "RES"]), st.text())
+def test_report_from_message_when_given_any_text_raises_only_protocol_errors(
+    word: str, text: str
+) -> None:
+    report = None
+    with contextlib.suppress(RemoteProtocolError):
+        report = report_from_message(parse_message(f"{word} {text}"))
+    assert report is None or report.WORD == word

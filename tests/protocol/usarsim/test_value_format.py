@@ -1,0 +1,184 @@
+"""Numbers as USARSim prints and reads them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.usarsim.value_format import (
+    boolean_from_text,
+    format_boolean,
+    format_exact,
+    format_fixed_point,
+    format_vector,
+    is_number,
+    number_from_text,
+    numbers_from_text,
+    truncate_to_unreal_units,
+    vector_from_text,
+)
+
+DETERMINISTIC = settings(derandomize=True, max_examples=300, deadline=None)
+
+FIXED = [
+    (math.pi, 4, "3.1415"),
+    (-math.pi, 4, "-3.1415"),
+    (0.01745, 4, "0.0174"),
+    (5.385, 4, "5.3850"),  # its double is 5.38499999999999978
+    (0.29, 2, "0.29"),  # 0.29 * 100 is 28.999999999999996
+    (1.13, 2, "1.13"),
+    (0.1 + 0.2, 4, "0.3000"),
+    (14.0, 4, "14.0000"),
+    (14, 4, "14.0000"),
+    (395.389, 2, "395.38"),
+    (-0.0, 2, "-0.00"),
+    (-0.001, 2, "-0.00"),
+    (1e-300, 4, "0.0000"),
+    (123456789.0, 0, "123456789"),
+    (2.0**80, 1, "1208925819614629200000000.0"),
+    (1e22, 2, "10000000000000000000000.00"),
+    (-1e300, 4, "-1" + "0" * 300 + ".0000"),
+]
+
+
+@pytest.mark.parametrize(("value", "decimals", "text"), FIXED)
+def test_fixed_when_printed_truncates_the_shortest_decimal(
+    value: float, decimals: int, text: str
+) -> None:
+    assert format_fixed_point(value, decimals) == text
+
+
+@DETERMINISTIC
+@given(st.floats(allow_nan=False, allow_infinity=False), st.integers(0, 8))
+def test_fixed_when_printed_is_never_further_from_zero(value: float, decimals: int) -> None:
+    printed = format_fixed_point(value, decimals)
+    assert "e" not in printed
+    assert abs(float(printed)) <= abs(value)
+    # Truncation loses less than one unit of the last place; the rest is the double's own rounding.
+    assert abs(value) - abs(float(printed)) <= 10.0**-decimals + math.ulp(value)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_fixed_when_not_finite_refuses(value: float) -> None:
+    with pytest.raises(LocalProtocolError, match="finite"):
+        format_fixed_point(value)
+
+
+@DETERMINISTIC
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_exact_when_read_again_gives_the_same_double(value: float) -> None:
+    assert "e" not in format_exact(value)
+    assert number_from_text(format_exact(value)) == value
+
+
+def test_vector_when_printed_has_no_spaces() -> None:
+    assert format_vector((0.0395, 0.98541, 2.5156)) == "0.0395,0.9854,2.5156"
+    assert format_vector((4.5, 1.9, 1.85), 2) == "4.50,1.90,1.85"
+
+
+def test_boolean_when_printed_is_capitalised() -> None:
+    assert (format_boolean(True), format_boolean(False)) == ("True", "False")
+
+
+NUMBERS = [
+    ("1.5", 1.5),
+    (".4", 0.4),
+    ("-.4", -0.4),
+    ("+2", 2.0),
+    ("3.", 3.0),
+    (" 7", 7.0),
+    ("1e2", 100.0),
+    ("1.5abc", 1.5),
+    ("1,5", 1.0),
+    ("abc", 0.0),
+    ("", 0.0),
+    (".", 0.0),
+    ("-", 0.0),
+    ("nan", 0.0),
+    ("inf", 0.0),
+    ("-infinity", 0.0),
+    ("1e999", 0.0),
+    ("9" * 400, 0.0),
+    ("0x10", 0.0),
+    ("1_000", 1.0),
+    ("٣", 0.0),
+]
+
+
+@pytest.mark.parametrize(("text", "value"), NUMBERS)
+def test_number_from_text_when_read_takes_what_atof_takes(text: str, value: float) -> None:
+    assert number_from_text(text) == value
+
+
+VECTORS = [
+    ("4.5,1.9,1.8", (4.5, 1.9, 1.8)),
+    (".4, .4, 1.8", (0.4, 0.4, 1.8)),
+    ("1.5 1.0 0.2", (1.5, 1.0, 0.2)),
+    ("  1   2  3 ", (1.0, 2.0, 3.0)),
+    ("1 , 2 ,3", (1.0, 2.0, 3.0)),
+    ("1,,3", (1.0, 0.0, 3.0)),
+    ("1,2", (1.0, 2.0, 0.0)),
+    ("1,2,3,4", (1.0, 2.0, 3.0)),
+    ("", (0.0, 0.0, 0.0)),
+    ("a,b,c", (0.0, 0.0, 0.0)),
+]
+
+
+@pytest.mark.parametrize(("text", "values"), VECTORS)
+def test_vector_from_text_when_separated_in_any_known_way_gives_three(
+    text: str, values: tuple[float, float, float]
+) -> None:
+    assert vector_from_text(text) == values
+
+
+@pytest.mark.parametrize("text", ["true", "True", "TRUE", "1", " true "])
+def test_boolean_from_text_when_true_in_any_case_is_true(text: str) -> None:
+    assert boolean_from_text(text) is True
+
+
+@pytest.mark.parametrize("text", ["false", "False", "0", "", "maybe"])
+def test_boolean_from_text_when_anything_else_is_false(text: str) -> None:
+    assert boolean_from_text(text) is False
+
+
+@DETERMINISTIC
+@given(st.text())
+def test_readers_when_given_any_text_give_finite_numbers(text: str) -> None:
+    assert all(map(math.isfinite, (number_from_text(text), *vector_from_text(text))))
+    assert boolean_from_text(text) in (True, False)
+
+
+UNREAL = [(math.pi, "3.1415"), (3.14159, "3.1414"), (0.01745, "0.0174"), (-0.01745, "-0.0174")]
+
+
+@pytest.mark.parametrize(("angle_rad", "text"), UNREAL)
+def test_unreal_angle_when_printed_equals_the_captures(angle_rad: float, text: str) -> None:
+    assert format_fixed_point(truncate_to_unreal_units(angle_rad)) == text
+
+
+@pytest.mark.parametrize("angle_rad", [1e308, math.inf, math.nan])
+def test_unreal_angle_when_out_of_reach_is_refused(angle_rad: float) -> None:
+    with pytest.raises(LocalProtocolError, match="Unreal"):
+        truncate_to_unreal_units(angle_rad)
+
+
+LISTS = [("", ()), ("  ", ()), ("1", (1.0,)), ("1,2, 3 4", (1.0, 2.0, 3.0, 4.0)), ("x", (0.0,))]
+
+
+@pytest.mark.parametrize(("text", "numbers"), LISTS)
+def test_numbers_from_text_when_read_are_as_many_as_there_are(
+    text: str, numbers: tuple[float, ...]
+) -> None:
+    assert numbers_from_text(text) == numbers
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("1.5", True), ("-.5", True), ("1.5m", False), ("", False), ("True", False), ("1e999", False)],
+)
+def test_number_when_asked_whether_it_is_one_must_be_whole(text: str, expected: bool) -> None:
+    assert is_number(text) is expected

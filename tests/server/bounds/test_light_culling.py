@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_lights
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.primitives import box
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, DirectionalLight, Light, PointLight
+from helpers.opengl import device_or_skip
+from helpers.shadows import (
+    DIRECTIONAL_LIGHT,
+    GREY,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    floor_item,
+    make_world,
+)
+from helpers.worlds import make_omni_camera, make_plan
+
+BELOW = PointLight((0.0, 0.0, 0.5), (9.0, 9.0, 9.0))
+FAR = PointLight((0.0, 0.0, -500.0), (3.0, 3.0, 3.0))
+DIM = PointLight((0.0, 0.0, -1.0), (1e-5, 1e-5, 1e-5))
+UPWARD = DirectionalLight((0.0, 0.0, -1.0), (1.0, 1.0, 1.0))
+OFF = PointLight((0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
+AT = CameraState(Pose.from_rpy((0.1, 0.2, -0.6)))
+
+
+def kept(*lights: Light) -> tuple[Light, ...]:
+    return cull_lights(build_scene(make_world(floor_item())), lights)
+
+
+@pytest.mark.parametrize("light", [BELOW, FAR, DIM, UPWARD, OFF])
+def test_light_when_no_surface_would_miss_it_is_left_out_and_the_log_says_why(
+    light: Light, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO):
+        assert kept(HEMISPHERE_LIGHT, light) == (HEMISPHERE_LIGHT,)
+    assert "is left out: it changes no surface by more than" in caplog.text
+
+
+@pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
+def test_light_when_a_surface_is_lit_by_it_stays(light: Light) -> None:
+    assert kept(HEMISPHERE_LIGHT, light) == (HEMISPHERE_LIGHT, light)
+
+
+def test_lights_when_dim_one_by_one_stay_where_all_together_are_noticed() -> None:
+    one = PointLight((0.0, 0.0, -1.0), (8e-5, 8e-5, 8e-5))
+    many = tuple(PointLight((0.1 * n, 0.0, -1.0), one.intensity) for n in range(20))
+    assert kept(HEMISPHERE_LIGHT, one) == (HEMISPHERE_LIGHT,)
+    assert len(kept(HEMISPHERE_LIGHT, *many)) > 10
+
+
+def test_picture_when_lights_are_left_out_changes_by_less_than_is_noticed() -> None:
+    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, FAR, DIM, OFF))
+    whole = build_scene(world)
+    assert cull_lights(whole, world.lights) == (HEMISPHERE_LIGHT,)
+    normals, points = np.tile((0.0, 0.0, -1.0), (100, 1)), np.zeros((100, 3))
+    points[:, 0] = np.linspace(-2.0, 2.0, 100)
+    from catoptra_server.scene import shading
+
+    sky = shading.facet_irradiance(world.lights, normals)
+    lamps = shading.point_irradiance(world.lights, points, normals)
+    change = 255.0 * (srgb_from_linear(0.5 * (sky + lamps)) - srgb_from_linear(0.5 * sky))
+    assert 0.0 < change.max() < MAX_CULLED_GREY_LEVELS
+
+
+def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body_comes() -> None:
+    device = device_or_skip()
+    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, DIM))
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    view.render(AT)
+    assert not any("POINT_LIGHTS" in name for name in renderer.program_names)
+    body = DynamicObject(
+        build_object_mesh([(box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0.5, 0, 0.2))
+    )
+    view.render(CameraState(AT.world_from_mirror, (body,)))
+    assert any("POINT_LIGHTS=2" in name for name in renderer.program_names)
+    view.close()
+    device.close()
+
+
+def test_trace_when_lamps_reach_nothing_computes_no_light_by_place() -> None:
+    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, FAR))
+    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    assert not renderer.has_varying_light
+    renderer.close()

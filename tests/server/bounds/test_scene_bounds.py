@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_bounds import SceneBounds
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from helpers.dynamic_objects import place_cube
+from helpers.worlds import CAMERA_STATE, make_test_world
+
+AT = CAMERA_STATE.world_from_mirror.translation
+# Rounded up, to eighths of an octave.
+COARSE = 2.0**0.125
+
+
+def test_scene_when_looked_at_is_not_farther_than_is_told() -> None:
+    scene = build_scene(make_test_world())
+    farthest = float(np.linalg.norm(scene.corners - AT, axis=-1).max())
+    assert farthest <= SceneBounds(scene).max_distance_m(AT, ()) <= 1.3 * COARSE * farthest
+
+
+def test_body_when_it_is_beyond_the_scene_counts() -> None:
+    far = place_cube(40.0, 0.0, 0.0)
+    told = SceneBounds(build_scene(make_test_world())).max_distance_m(np.zeros(3), (far,))
+    assert 40.2 <= told <= 41.0 * COARSE
+
+
+def test_world_when_it_is_empty_has_nothing_far() -> None:
+    empty = SceneBounds(build_scene(World("nothing", ())))
+    assert empty.max_distance_m(AT, ()) == 0.0
+    near = place_cube(1.0, 0.0, 0.0)
+    assert empty.max_distance_m(Pose.identity().translation, (near,)) == pytest.approx(
+        1.3, rel=0.15
+    )

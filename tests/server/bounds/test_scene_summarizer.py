@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds import round_outward
+from catoptra_server.bounds.radiance_bounds import max_radiance
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.config.world_file import read_world
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.scene_effects import scene_twist_in_mirror
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.configs import WORLDS
+from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.effect_measurement import CAMERA, CAMERA_STATE
+from helpers.ring_ranges import min_ring_ranges_m
+from helpers.worlds import CAMERA_STATE, make_test_world
+
+WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+
+
+def summaries(world: World) -> SceneSummarizer:
+    return SceneSummarizer(build_scene(world), world)
+
+
+def test_summary_knows_the_brightest_light_and_how_the_scene_moves() -> None:
+    world = make_test_world()
+    summary = summaries(world).summarize(CAMERA_STATE, CAMERA)
+    assert summary.max_radiance == max_radiance(build_scene(world), world)
+    assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(CAMERA_STATE))
+
+
+def test_summary_of_light_alone_looks_for_no_distance() -> None:
+    known = summaries(make_test_world())
+    summary = known.summarize_radiance()
+    assert summary.max_radiance == known.max_radiance
+    assert set(summary.min_distances_m) == {math.inf}
+
+
+def random_pose(rng: np.random.Generator, tilt_rad: float) -> Pose:
+    place = (*rng.uniform(-2.0, 2.0, 2), -rng.uniform(0.2, 1.5))
+    turn = (*rng.uniform(-tilt_rad, tilt_rad, 2), rng.uniform(-math.pi, math.pi))
+    return Pose.from_rpy(place, turn)
+
+
+def clutter(seed: int) -> World:
+    """Return thin bars and plates of all sizes, turned at random; one is a hair of 0.1 mm."""
+    rng = np.random.default_rng(seed)
+    sizes = [(4.0, 1e-4, 1e-4), *np.exp(rng.uniform(math.log(1e-3), math.log(3.0), (25, 3)))]
+    items = (
+        Item(
+            f"box {index}",
+            Box(tuple(map(float, size))),
+            Pose.from_rpy(rng.uniform(-3.0, 3.0, 3), rng.uniform(-3.0, 3.0, 3)),
+            WHITE,
+        )
+        for index, size in enumerate(sizes)
+    )
+    return World("clutter", tuple(items))
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.4, 3.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_no_ring_shows_anything_nearer_than_its_bound(seed: int, tilt_rad: float) -> None:
+    rng = np.random.default_rng(seed)
+    world = make_test_world() if seed == 0 else clutter(seed)
+    known = summaries(world)
+    for index in range(5):
+        exposure = CameraState(random_pose(rng, tilt_rad), TWO_ROBOTS if index % 2 else ())
+        bound = np.array(known.summarize(exposure, CAMERA).min_distances_m)
+        assert (bound <= min_ring_ranges_m(world, exposure)).all()
+
+
+def ratios(world: World, poses: list[Pose]) -> Floats:
+    """Return (poses, RINGS) bounds over what is seen; rings that see nothing are left out."""
+    known = summaries(world)
+    bounds = np.array(
+        [known.summarize(CameraState(pose), CAMERA).min_distances_m for pose in poses]
+    )
+    seen = np.array([min_ring_ranges_m(world, CameraState(pose)) for pose in poses])
+    return np.asarray(bounds[np.isfinite(seen)] / seen[np.isfinite(seen)])
+
+
+@pytest.mark.parametrize("name", ["four_legged_2006", "corridor"])
+def test_bounds_in_shipped_worlds_are_mostly_more_than_half_of_what_is_seen(name: str) -> None:
+    rng = np.random.default_rng(5)
+    reach = (7.0, 0.6) if name == "corridor" else (2.5, 1.5)
+    poses = [Pose.from_rpy((*rng.uniform(-1.0, 1.0, 2) * reach, -0.6)) for _ in range(8)]
+    shares = ratios(read_world(WORLDS / f"{name}.ini")[0], poses)
+    assert shares.max() <= 1.0
+    assert np.median(shares) > 0.7
+    assert np.quantile(shares, 0.05) > 0.4
+
+
+def test_wire_thinner_than_a_pixel_is_bound_though_no_pixel_shows_it() -> None:
+    wire = Item("wire", Box((1e-4, 1e-4, 2.0)), Pose.from_rpy((0.8, 0.3, -0.6)), WHITE)
+    exposure = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
+    world = World("wire", (wire,))
+    nearest = summaries(world).summarize(exposure, CAMERA).min_distances_m
+    assert min(nearest) == pytest.approx(math.hypot(0.8, 0.3), rel=0.25)
+    assert min(nearest) <= math.hypot(0.8, 0.3)
+
+
+def test_bodies_pass_by_where_they_are_seen_as_fast_as_their_parts_move() -> None:
+    summary = summaries(make_test_world()).summarize(CAMERA_STATE, CAMERA)
+    (body,) = CAMERA_STATE.objects
+    distance = np.linalg.norm(body.centre - CAMERA_STATE.world_from_mirror.translation)
+    assert max(summary.max_object_rates_rad_s) >= 0.6 / distance
+    still = CameraState(CAMERA_STATE.world_from_mirror, TWO_ROBOTS)
+    assert not any(summaries(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s)

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.shadow_bounds import ShadowBounds
+from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.primitives import box
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    PointLight,
+    World,
+)
+from helpers.shadows import GREY, box_item, floor_item, make_world
+
+SKY = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
+NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
+MESH = build_object_mesh([(box(Box((0.2, 0.2, 0.2))), GREY)])
+BOX = box_item(0.0, 0.0, -0.2, (0.2, 0.2, 0.2))
+
+
+def bound(world: World, *bodies: DynamicObject) -> ShadowLoss:
+    return ShadowBounds(build_scene(world), world).darkest_shadow(bodies)
+
+
+def test_floor_when_a_box_stands_on_it_loses_the_sun_and_keeps_the_sky() -> None:
+    shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON)))
+    assert shade.lost_radiance == pytest.approx(0.5 * 0.5)
+    assert shade.remaining_radiance == pytest.approx(0.5 * 0.3)
+
+
+def test_floor_when_a_second_sun_shines_past_all_things_keeps_it() -> None:
+    away = DirectionalLight((0.0, 0.0, -1.0), (0.4, 0.4, 0.4))
+    shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON, away)))
+    assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx((0.25, 0.15))
+
+
+def test_floor_when_alone_loses_nothing_until_a_body_comes() -> None:
+    world = make_world(floor_item(), lights=(SKY, NOON))
+    assert bound(world) == NO_SHADOW_LOSS
+    # White, turned towards the sun, in the dimmer half of the sky.
+    shade = bound(world, DynamicObject(MESH, Pose.identity()))
+    assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx(
+        (0.5 / 0.7, 0.2 / 0.7)
+    ) or (
+        shade.lost_radiance,
+        shade.remaining_radiance,
+    ) == pytest.approx((0.5, 0.2))
+
+
+def test_body_when_near_a_lamp_may_lose_more_than_the_floor() -> None:
+    lamp = PointLight((0.0, 0.0, -2.0), (0.1, 0.1, 0.1))
+    world = make_world(floor_item(), lights=(SKY, lamp))
+    far, near = (bound(world, DynamicObject(MESH, Pose.from_rpy((0, 0, -z)))) for z in (0.2, 1.5))
+    assert near.lost_radiance > 2.0 * far.lost_radiance
+
+
+def test_world_when_it_has_a_sky_alone_loses_nothing() -> None:
+    assert (
+        bound(make_world(floor_item(), BOX, lights=(SKY,)), DynamicObject(MESH, Pose.identity()))
+        == NO_SHADOW_LOSS
+    )

@@ -1,0 +1,45 @@
+"""Configurations by name: every shipped file is found, and a wrong name is answered with all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.bundled_files import FileKind, bundled_files, find_configuration
+from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, WORLDS
+
+
+@pytest.mark.parametrize(("kind", "folder"), [("robots", ROBOTS), ("worlds", WORLDS)])
+def test_shipped_files_when_listed_are_those_of_the_repository(
+    kind: FileKind, folder: Path
+) -> None:
+    names = [path.name for path in bundled_files(kind)]
+    assert names == sorted(path.name for path in folder.glob("*.ini"))
+    assert len(names) > 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "file"), [("robots", "p2at_omni", OMNI_ROBOT), ("worlds", FIELD.stem, FIELD)]
+)
+def test_name_when_shipped_is_the_file(kind: FileKind, name: str, file: Path) -> None:
+    assert find_configuration(kind, name).resolve() == file
+
+
+@pytest.mark.parametrize("text", ["mine.ini", "folder/mine", "folder/mine.ini"])
+def test_path_when_given_is_taken_as_it_is(text: str) -> None:
+    assert find_configuration("robots", text) == Path(text)
+
+
+def test_name_when_a_file_of_that_name_is_here_is_that_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("p2at_omni").touch()
+    assert find_configuration("robots", "p2at_omni") == Path("p2at_omni")
+
+
+def test_name_when_unknown_is_answered_with_those_that_are_there() -> None:
+    with pytest.raises(ConfigError, match=r"robots that come with the server: .*p2at_omni,"):
+        find_configuration("robots", "p2atomni")

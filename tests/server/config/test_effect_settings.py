@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.effect_settings import read_effect_settings
+from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import (
+    NO_EFFECT_SETTINGS,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    EffectType,
+)
+from catoptra_server.effects.sensor.quantisation import Quantisation
+from catoptra_server.effects.sensor.read_noise import ReadNoise
+from helpers.configs import OMNI_ROBOT
+
+REAL = OMNI_ROBOT.with_name("p2at_omni_real.ini")
+
+
+def read_settings(path: Path) -> EffectSettings:
+    camera = read_robot(path)[0].omni_camera
+    assert camera is not None
+    return camera.effects
+
+
+def make_section(tmp_path: Path, *lines: str) -> EffectSettings:
+    path = tmp_path / "robot.ini"
+    path.write_text("\n".join(("[Camera]", *lines)), encoding="utf-8")
+    return read_effect_settings(IniFile(path).get_section("Camera"))
+
+
+def test_robot_when_its_file_names_no_effect_has_none() -> None:
+    assert read_settings(OMNI_ROBOT) == NO_EFFECT_SETTINGS
+
+
+def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
+    found = read_settings(REAL).settings
+    assert [wish.effect.name for wish in found] == [kind.name for kind in EFFECT_TYPES]
+    modes = {wish.effect.name: wish.mode for wish in found}
+    assert modes.pop("AutoExposure") is EffectMode.NEVER
+    assert set(modes.values()) == {EffectMode.AUTO}
+
+
+def test_real_robot_when_read_leaves_no_key_unknown() -> None:
+    assert read_robot(REAL)[1].unknown_entries() == []
+
+
+def test_number_when_several_effects_share_it_reaches_all(tmp_path: Path) -> None:
+    lines = ("ReadNoise=ALWAYS", "ReadNoiseElectrons=4", "FullWell=9000", "Quantisation=never")
+    assert make_section(tmp_path, *lines).settings == (
+        EffectSetting(ReadNoise(4.0, 9000.0), EffectMode.ALWAYS),
+        EffectSetting(Quantisation(12.0), EffectMode.NEVER),
+    )
+
+
+def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
+    found = make_section(tmp_path, "EffectThreshold=2", "EffectThresholdPx=0.25")
+    assert (found.threshold_grey_levels, found.threshold_px) == (2.0, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("ShotNoise=yes", "one of auto, always, never"),
+        ("FullWell=0", "from 1 to"),
+        ("AdcBits=32", "from 1 to 16"),
+        ("EffectThreshold=-1", "from 0 to 255"),
+        ("EffectThresholdPx=inf", "from 0 to 1000"),
+    ],
+)
+def test_value_when_impossible_is_refused_by_its_key(
+    tmp_path: Path, line: str, expected: str
+) -> None:
+    with pytest.raises(ConfigError, match=expected) as error:
+        make_section(tmp_path, line)
+    assert line.partition("=")[0] in str(error.value)
+
+
+@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
+def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType) -> None:
+    page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith(f"| `{kind.name}` |"))
+    # `MisalignmentX`, `Y`: what a row repeats of a key may be left out.
+    told = row + (" the same FNumber PixelPitch FocusDistance" if "the same" in row else "")
+    for parameter in kind.parameters:
+        assert re.search(rf"`?{parameter.key}\b", told) or f"`{parameter.key[12:]}`" in told
+
+
+def test_page_of_effects_names_every_one_in_order() -> None:
+    page = (OMNI_ROBOT.parents[2] / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
+    table = page[page.index("## The effects") : page.index("## Add one")]
+    assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECT_TYPES]

@@ -1,0 +1,36 @@
+"""Mission packages of robot files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from catoptra_server.config.robot_file import read_robot
+from catoptra_server.robot.joint_chain import MissionPackageDescription
+
+HEAD = (
+    'MisPkgs=(PkgName="CameraPanTilt",Location=(Y=0.0,X=0.1,Z=-0.3),'
+    "PkgClass=class'USARMisPkg.{}')\n"
+)
+
+
+def read(folder: Path, text: str) -> tuple[MissionPackageDescription, ...]:
+    path = folder / "robot.ini"
+    path.write_text("[USARBot.P2AT]\n" + text, encoding="utf-8")
+    return read_robot(path)[0].mission_packages
+
+
+def test_package_when_known_has_the_joints_of_ut2004_at_its_location(tmp_path: Path) -> None:
+    (package,) = read(tmp_path, HEAD.format("CameraPanTilt"))
+    assert [link.name for link in package.links] == ["CameraPan", "CameraTilt"]
+    assert package.links[0].position_m == (0.1, 0.0, -0.3)
+
+
+def test_package_when_its_section_lists_links_has_those(tmp_path: Path) -> None:
+    links = '[USARMisPkg.Arm]\nLinks=(Name="Elbow",Parent=-1,MaxSpeed=2,MinRange=-1,MaxRange=1)\n'
+    (package,) = read(tmp_path, HEAD.format("Arm") + links)
+    (link,) = package.links
+    assert (link.name, link.max_speed_rad_s, link.clamp(9.0)) == ("Elbow", 2.0, 1.0)
+
+
+def test_package_when_without_joints_is_left_out(tmp_path: Path) -> None:
+    assert read(tmp_path, HEAD.format("OmniCamPillar")) == ()

@@ -1,0 +1,198 @@
+"""Typed values, and complaints that name file, line, key, value and expectation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_server.config.section_reader import SectionReader, is_wire_name
+from catoptra_server.config.unreal_ini import parse_sections
+
+
+def make_section(*lines: str) -> SectionReader:
+    (parsed,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
+    return SectionReader(parsed.name, parsed.where, parsed.entries)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1", 1.0), ("-.4", -0.4), ("0.14399984", 0.14399984), ("1e3", 1000.0), ("2.5f", 2.5)],
+)
+def test_number_when_written_as_in_real_files_is_read(text: str, value: float) -> None:
+    assert make_section(f"K={text}").get_float("k") == value
+
+
+@pytest.mark.parametrize("text", ["", "abc", "nan", "inf", "-inf", "+inf", "1e999", "1,5", "f"])
+def test_number_when_it_is_none_names_everything(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_section(f"K={text}").get_float("K")
+    error = caught.value
+    assert (error.location, error.key, error.value) == (SourceLocation("x.ini", 2), "K", text)
+    assert error.expected == "a number"
+
+
+@pytest.mark.parametrize(("text", "expected"), [("-1", "from 0 to 10"), ("10.5", "from 0 to 10")])
+def test_number_when_out_of_bounds_states_them(text: str, expected: str) -> None:
+    with pytest.raises(ConfigError, match=f"x.ini:2: K='{text}': expected a number {expected}"):
+        make_section(f"K={text}").get_float("K", min_value=0.0, max_value=10.0)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "expected"),
+    [({"at_least": 1.0}, "of at least 1"), ({"at_most": 1.0}, "of at most 1")],
+)
+def test_number_when_missing_states_its_bounds(bounds: dict[str, float], expected: str) -> None:
+    with pytest.raises(ConfigError, match=rf"x.ini:1: A.B.K=''.*{expected}; it is missing"):
+        make_section().get_float("K", **bounds)
+
+
+def test_number_when_missing_is_its_default() -> None:
+    assert make_section().get_float("K", 2.5) == 2.5
+
+
+def test_number_when_repeated_is_the_last() -> None:
+    assert make_section("K=1", "K=2").get_float("K") == 2.0
+
+
+@pytest.mark.parametrize("text", ["1.5", "-1", "9", "x"])
+def test_integer_when_it_is_none_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="a whole number from 0 to 8"):
+        make_section(f"K={text}").get_int("K", max_value=8)
+
+
+def test_integer_when_written_with_a_fraction_of_zero_is_read() -> None:
+    assert make_section("K=4.0").get_int("K") == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("true", True), ("True", True), ("1", True), ("FALSE", False), ("0", False)]
+)
+def test_boolean_when_in_any_case_is_read(text: str, value: bool) -> None:
+    assert make_section(f"K={text}").get_bool("K", not value) is value
+
+
+def test_boolean_when_it_is_none_is_refused() -> None:
+    with pytest.raises(ConfigError, match="true or false"):
+        make_section("K=yes").get_bool("K", False)
+
+
+def test_choice_when_in_any_case_is_spelled_as_allowed() -> None:
+    assert make_section("K=SKIDSTEERED").get_choice("K", ["SkidSteered"]) == "SkidSteered"
+
+
+def test_choice_when_not_allowed_lists_what_is() -> None:
+    with pytest.raises(ConfigError, match="one of y, z"):
+        make_section("K=x").get_choice("K", ["y", "z"])
+
+
+def test_vector_when_members_are_missing_takes_0_for_them() -> None:
+    assert make_section("K=(y=2, X=1)").get_vector("K") == (1.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "(X=1", "(X=a)"])
+def test_vector_when_it_is_none_is_refused_with_its_line(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"x\.ini:2"):
+        make_section(f"K={text}").get_vector("K")
+
+
+def test_vector_when_a_member_is_out_of_bounds_names_the_member() -> None:
+    with pytest.raises(ConfigError, match=r"x\.ini:2: Z='-1': expected a number from 0 to 9"):
+        make_section("K=(X=1,Z=-1)").get_vector("K", min_value=0.0, max_value=9.0)
+
+
+@pytest.mark.parametrize("name", ["P2AT", "R1_left", "naïve", "a|b~c", "x" * 256])
+def test_word_when_the_wire_can_carry_it_is_read(name: str) -> None:
+    assert make_section(f'K="{name}"').get_wire_name("K") == name
+
+
+@pytest.mark.parametrize("name", ["", "two words", "a{b", "a}b", "a\tb", "€", "x" * 257])
+def test_word_when_the_wire_cannot_carry_it_is_refused(name: str) -> None:
+    assert not is_wire_name(name)
+    with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*one word"):
+        make_section(f'K="{name}"').get_wire_name("K")
+
+
+def test_file_when_it_exists_is_found_beside_the_ini(tmp_path: Path) -> None:
+    (tmp_path / "a b").mkdir()
+    (tmp_path / "a b" / "x.png").touch()
+    assert make_section('K="a b\\x.png"').get_path("K", tmp_path) == tmp_path / "a b" / "x.png"
+
+
+@pytest.mark.parametrize("name", ["missing.png", ".", "a\0b"])
+def test_file_when_it_does_not_exist_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*a file that exists"):
+        make_section(f"K={name}").get_path("K", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "values"),
+    [
+        (("L=(A=1)", "L=(A=1)"), [1, 1]),
+        (("L=(A=1)", "+L=(A=1)"), [1]),
+        (("L=(A=1)", "+L=(A=2)"), [1, 2]),
+        (("L=(A=1)", ".L=(A=1)"), [1, 1]),
+        (("L=(A=1)", "L=(A=2)", "-L=(A=1)"), [2]),
+        (("L=(A=1)", "!L=", "L=(A=2)"), [2]),
+        (("-L=(A=1)",), []),
+    ],
+)
+def test_list_when_changed_by_prefixes_follows_unreal(
+    lines: tuple[str, ...], values: list[int]
+) -> None:
+    assert [struct.get_int("A") for struct in make_section(*lines).get_structs("L")] == values
+
+
+@pytest.mark.parametrize(
+    ("base", "derived", "values"),
+    [
+        (("L=(A=1)",), ("L=(A=2)", "L=(A=3)"), [2, 3]),
+        (("L=(A=1)",), ("+L=(A=2)", "L=(A=3)"), [1, 2, 3]),
+        (("L=(A=1)",), ("+L=(A=1)",), [1]),
+        (("L=(A=1)", "L=(A=2)"), ("-L=(A=1)",), [2]),
+        (("L=(A=1)",), ("!L=",), []),
+        (("L=(A=1)",), ("!L=", ".L=(A=2)"), [2]),
+        (("L=(A=1)",), ("M=1",), [1]),
+    ],
+)
+def test_overlay_when_derived_lines_have_prefixes_changes_the_base(
+    base: tuple[str, ...], derived: tuple[str, ...], values: list[int]
+) -> None:
+    settings = make_section(*base)
+    settings.apply_overrides(make_section(*derived))
+    assert [struct.get_int("A") for struct in settings.get_structs("L")] == values
+
+
+def test_unknown_when_keys_and_members_were_not_asked_for_lists_them() -> None:
+    settings = make_section("A=1", "B=2", "S=(X=1,W=2)")
+    settings.get_float("A")
+    settings.get_vector("S")
+    assert [entry.key for entry in settings.unknown_entries()] == ["B", "W"]
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda s: s.text("A"),
+        lambda s: s.integer("A"),
+        lambda s: s.boolean("A", True),
+        lambda s: s.choice("A", ["1"]),
+        lambda s: s.word("A"),
+    ],
+)
+def test_unknown_when_a_key_was_asked_for_leaves_it_out(
+    ask: Callable[[SectionReader], object],
+) -> None:
+    settings = make_section("A=1")
+    ask(settings)
+    assert settings.unknown_entries() == []
+
+
+def test_keys_when_passed_over_are_not_reported() -> None:
+    settings = make_section("A=1", "B=2")
+    settings.get_float("A")
+    assert [entry.key for entry in settings.unknown_entries()] == ["B"]
+    settings.ignore_all()
+    assert settings.unknown_entries() == []

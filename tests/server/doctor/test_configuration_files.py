@@ -1,0 +1,35 @@
+"""Configuration files as the doctor sees them: well, broken, misspelt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from catoptra_server.config.bundled_files import bundled_files
+from catoptra_server.doctor.configuration_files import check_configurations
+from catoptra_server.doctor.finding import Level
+from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy, write_small_world
+
+
+def test_shipped_files_when_examined_are_well() -> None:
+    found = list(check_configurations(bundled_files("robots"), bundled_files("worlds")))
+    assert [f for f in found if f.level is not Level.OK] == []
+    assert len(found) == len(bundled_files("robots")) + len(bundled_files("worlds"))
+
+
+def test_robot_when_broken_is_a_fault_with_its_line(tmp_path: Path) -> None:
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    (found,) = check_configurations([path], [])
+    assert found.level is Level.FAULT
+    assert f"{path}:{find_line_number(path, 'C=two')}: C='two'" in found.message
+
+
+def test_world_when_its_mesh_is_missing_is_a_fault(tmp_path: Path) -> None:
+    (found,) = check_configurations([], [write_small_world(tmp_path, "Meshes=(File=none.glb)")])
+    assert found.level is Level.FAULT
+    assert "none.glb" in found.message
+
+
+def test_key_when_misspelt_is_a_warning(tmp_path: Path) -> None:
+    found = list(check_configurations([], [write_small_world(tmp_path, "Bxoes=()")]))
+    assert [f.level for f in found] == [Level.OK, Level.WARNING]
+    assert "Bxoes" in found[1].message

@@ -1,0 +1,113 @@
+"""The doctor as a whole, with each fault that it claims to find, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from catoptra_server.doctor.doctor_cli import main
+from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
+from helpers.opengl import device_or_skip
+
+FREE_PORTS = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
+# What takes long is asked for once.
+FAST_CHECKS = (*FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omni")
+
+
+def run_doctor(
+    capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, list[dict[str, Any]]]:
+    """Return the status, and the findings that are problems."""
+    status = main([*arguments, "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert document["status"] == status
+    problems = [f for f in document["findings"] if f["level"] != "ok"]
+    assert all(f["remedy"] and "\n" not in f["what"] + f["remedy"] for f in problems)
+    return status, [f for f in problems if f["topic"] != "threads"]
+
+
+def test_machine_when_raster_and_trace_run_is_well(capsys: pytest.CaptureFixture[str]) -> None:
+    device_or_skip().close()
+    assert run_doctor(capsys, *FREE_PORTS, "--world", "corridor")[1] == []
+
+
+def test_lines_when_printed_end_with_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(FAST_CHECKS) in (0, 1)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("ok       python: 3.")
+    assert lines[-1].startswith("catoptra-server can serve (faults: 0")
+
+
+def test_opengl_when_its_library_is_broken_is_found(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "libEGL.so.1").touch()
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
+    status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "raster", "--robot", "p2at")
+    assert status == 2
+    assert "libEGL.so.1 cannot be loaded" in found["what"]
+    assert "libegl1" in found["remedy"]
+
+
+def test_file_when_broken_is_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
+    status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "trace", "--robot", str(path))
+    assert status == 2
+    assert "C='two'" in found["what"]
+
+
+def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+    status, (found,) = run_doctor(
+        capsys, *FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omin"
+    )
+    assert status == 2
+    assert "p2at_omni" in found["what"]
+
+
+def test_port_when_taken_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        status, (found,) = run_doctor(capsys, *FAST_CHECKS, "--control-port", port)
+    assert status == 2
+    assert found["topic"] == "ports"
+
+
+def test_package_when_too_old_is_found(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "numpy-1.26.4.dist-info").mkdir()
+    metadata = "Metadata-Version: 2.1\nName: numpy\nVersion: 1.26.4\n"
+    (tmp_path / "numpy-1.26.4.dist-info/METADATA").write_text(metadata)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
+    assert status == 2
+    assert "numpy is 1.26.4, numpy>=2.0 is needed" in found["what"]
+
+
+def test_library_when_it_cannot_be_imported_is_found(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "embreex").mkdir()
+    (tmp_path / "embreex/__init__.py").write_text("raise ImportError('embreex is broken')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    status, (found,) = run_doctor(capsys, *FAST_CHECKS)
+    assert status == 2
+    assert "embreex is broken" in found["what"]
+
+
+def test_server_when_none_answers_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        port = str(held.getsockname()[1])
+        asked = ("--answers", "127.0.0.1", "--control-port", port, "--image-port", port)
+        status, found = run_doctor(capsys, *asked)
+    assert (status, [f["topic"] for f in found]) == (2, ["control", "image"])
+
+
+def test_port_when_it_is_none_is_refused() -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["--control-port", "65536"])

@@ -1,0 +1,213 @@
+"""Rays of a displaced pinhole, against a caster of its own: Eq. 1 itself, met by bisection, with
+normals by differencing, and Embree for what the reflected rays see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.image_scale import compute_image_scale
+from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Bools, Floats
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    pixel_from_direction,
+    pixel_sample_positions,
+)
+from catoptra_protocol.optics.transforms import rotation_from_rpy
+from catoptra_server.effects.kernels.misaligned_rays import (
+    CameraPoseOffset,
+    lookup_offsets_px,
+    reflect_rays,
+)
+from catoptra_server.render.trace.embree_scene import EmbreeScene
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_test_world
+
+CAMERA = make_omni_camera(width_px=90)
+PAPER = make_omni_camera(width_px=360)
+PINHOLE_M = 0.2321
+POSE_OFFSETS = (
+    CameraPoseOffset((1e-3, 0.0, 0.0)),
+    CameraPoseOffset((-4e-4, 7e-4, 2e-3)),
+    CameraPoseOffset((0.0, 0.0, -5e-3)),
+    CameraPoseOffset((2e-3, -1e-3, 1e-3), 4e-3, -6e-3),
+    CameraPoseOffset((0.01, 0.01, -0.02), 0.02, 0.0),
+)
+
+
+def surface_residual(mirror: HyperbolicMirror, points: Floats) -> Floats:
+    """Return Eq. 1 of (n, 3) places, 0 on the mirror, over 0 between its sheet and the other."""
+    x, y, z = points.T
+    c, k = mirror.c_m, mirror.k
+    height = 0.5 * c - z
+    flat = (0.5 * k - 1.0) * (x * x + y * y) + 0.25 * c * c * (k - 2.0) / k
+    return np.sqrt(flat) - height
+
+
+def cast_rays(
+    camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
+) -> tuple[Floats, ...]:
+    """Return where (n, 2) pixels' rays meet the mirror, how they go on, and how far from the axis.
+
+    The camera of `CAMERA`: forward is up in the picture.
+    """
+    mirror = camera.mirror
+    assert isinstance(mirror, HyperbolicMirror)
+    rim_r, rim_z = (float(part) for part in mirror.surface_point(np.array(camera.rim_t)))
+    focal_px = camera.rim_radius_px * (PINHOLE_M - rim_z) / rim_r
+    u, v = (pixels - np.asarray(camera.centre_px)).T
+    straight = np.stack((-v, -u, np.full(len(u), -focal_px)), axis=-1) / focal_px
+    turn = rotation_from_rpy(pose_offset.roll_rad, pose_offset.pitch_rad, 0.0)
+    rays = straight @ turn.T
+    pinhole = np.array([0.0, 0.0, PINHOLE_M]) + pose_offset.translation_m
+    near, far = np.zeros(len(u)), np.full(len(u), 1.5 * PINHOLE_M)
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        before = surface_residual(mirror, pinhole + middle[:, None] * rays) > 0.0
+        near, far = np.where(before, middle, near), np.where(before, far, middle)
+    met = pinhole + near[:, None] * rays
+    step = 1e-6 * np.eye(3)
+    slope = np.stack(
+        [surface_residual(mirror, met + s) - surface_residual(mirror, met - s) for s in step],
+        axis=-1,
+    )
+    normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
+    on = rays - 2.0 * np.einsum("ni,ni->n", rays, normal)[:, None] * normal
+    return met, on / np.linalg.norm(on, axis=-1, keepdims=True), np.hypot(*met.T[:2])
+
+
+def all_pixel_centres(camera: OmniCamera) -> Floats:
+    return pixel_sample_positions(camera).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("displacement", POSE_OFFSETS)
+def test_rays_are_those_of_eq_1_with_normals_by_differencing(
+    displacement: CameraPoseOffset,
+) -> None:
+    pixels = all_pixel_centres(CAMERA)
+    place, on, axis_m = cast_rays(CAMERA, displacement, pixels)
+    reflected = reflect_rays(CAMERA, displacement, pixels)
+    rim_m = float(CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))[0])
+    certain = np.abs(axis_m - rim_m) > 1e-9
+    np.testing.assert_array_equal(reflected.is_hit[certain], (axis_m < rim_m)[certain])
+    met = reflected.is_hit
+    assert met.mean() > 0.4
+    np.testing.assert_allclose(reflected.point_m[met], place[met], atol=1e-12)
+    unit = reflected.direction / np.linalg.norm(reflected.direction, axis=-1, keepdims=True)
+    # Differences over a micrometre of numbers of some decimetres.
+    np.testing.assert_allclose(unit[met], on[met], atol=1e-9)
+
+
+def embree_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Bools]:
+    """Return (n, 2) px where the ideal camera shows what the displaced one sees in a room, how far
+    away that is, and where both see the mirror.
+    """
+    place, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
+    scene = EmbreeScene(build_scene(make_test_world()), make_test_world())
+    pose = CAMERA_STATE.world_from_mirror
+    origins = (pose.transform_points(place) - scene.origin).astype(np.float32)
+    far = scene.distances(origins, pose.rotate_directions(on).astype(np.float32)).astype(np.float64)
+    towards = np.where(np.isfinite(far)[:, None], place + np.minimum(far, 1e6)[:, None] * on, on)
+    ideal, shown = pixel_from_direction(CAMERA, towards)
+    rim_m = float(CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))[0])
+    distance = np.where(np.isfinite(far), np.linalg.norm(towards, axis=-1), np.inf)
+    return ideal, distance, shown & (axis_m < rim_m)
+
+
+@pytest.mark.parametrize("displacement", POSE_OFFSETS[:4])
+def test_map_when_held_against_embree_is_off_by_no_more_than_parallax(
+    displacement: CameraPoseOffset,
+) -> None:
+    ideal, distance_m, shown = embree_lookup_px(displacement)
+    aside, seen = lookup_offsets_px(CAMERA, displacement)
+    both = shown & seen.ravel()
+    assert both.sum() > 0.9 * seen.sum()
+    off = np.linalg.norm(all_pixel_centres(CAMERA) + aside.reshape(-1, 2) - ideal, axis=-1)[both]
+    # The most that rays pass the viewpoint at, over the distance; a share more for the second order
+    # of what is as near as 0.3 m.
+    miss_m = 0.19 * np.linalg.norm(displacement.translation_m)
+    most = 1.02 * miss_m / distance_m[both] * compute_image_scale(CAMERA).max_px_per_rad
+    assert np.isinf(distance_m[both]).any()
+    assert distance_m[both].min() < 0.7
+    assert (off <= most + 1e-6).all()
+
+
+def displacement_px(pose_offset: CameraPoseOffset) -> Floats:
+    aside, seen = lookup_offsets_px(PAPER, pose_offset)
+    return np.linalg.norm(aside, axis=-1)[seen]
+
+
+def test_paper_s_picture_when_the_pinhole_is_a_millimetre_off_moves_by_pixels() -> None:
+    aside = displacement_px(CameraPoseOffset((1e-3, 0.0, 0.0)))
+    assert aside.min() == pytest.approx(3.43, abs=0.01)
+    assert aside.max() == pytest.approx(4.67, abs=0.01)
+    assert displacement_px(CameraPoseOffset((0.0, 0.0, 1e-3))).max() == pytest.approx(
+        0.567, abs=0.001
+    )
+
+
+@pytest.mark.parametrize(("offset_m", "most_px"), [((1e-3, 0, 0), 0.80), ((0, 0, 1e-3), 0.132)])
+def test_paper_s_picture_when_the_rim_is_put_back_is_off_by_less_than_a_pixel(
+    offset_m: tuple[float, float, float], most_px: float
+) -> None:
+    # As who finds the rim's circle in the picture would: moved to the middle, and to its old size.
+    rim_z = float(PAPER.mirror.surface_point(np.array(PAPER.rim_t))[1])
+    nearer = (PINHOLE_M - rim_z) / (PINHOLE_M + offset_m[2] - rim_z)
+    focal_px = PAPER.rim_radius_px / float(PAPER.mirror.surface_point(np.array(PAPER.rim_t))[0])
+    moved = np.array([0.0, focal_px * offset_m[0]])
+    pixels = all_pixel_centres(PAPER)
+    centre = np.asarray(PAPER.centre_px)
+    inside = np.linalg.norm(pixels - centre, axis=-1) < PAPER.rim_radius_px - 0.1
+    found = centre + moved + nearer * (pixels[inside] - centre)
+    ideal, shown = pixel_from_direction(
+        PAPER, reflect_rays(PAPER, CameraPoseOffset(offset_m), found).direction
+    )
+    off = np.linalg.norm(ideal - pixels[inside], axis=-1)[shown]
+    assert off.max() == pytest.approx(most_px, abs=0.005)
+
+
+def test_rays_when_the_pinhole_is_a_millimetre_off_pass_the_viewpoint_within_a_fifth() -> None:
+    reflected = reflect_rays(PAPER, CameraPoseOffset((1e-3, 0.0, 0.0)), all_pixel_centres(PAPER))
+    unit = reflected.direction / np.linalg.norm(reflected.direction, axis=-1, keepdims=True)
+    miss_m = np.linalg.norm(np.cross(reflected.point_m, unit), axis=-1)[reflected.is_hit].max()
+    assert miss_m == pytest.approx(0.189e-3, abs=1e-6)
+    assert miss_m * compute_image_scale(PAPER).max_px_per_rad == pytest.approx(0.04, abs=5e-4)
+
+
+@pytest.mark.parametrize("mirror", [HyperbolicMirror(11.546, PINHOLE_M), ParabolicMirror(0.03)])
+def test_camera_where_it_belongs_reads_every_pixel_where_it_is(
+    mirror: HyperbolicMirror | ParabolicMirror,
+) -> None:
+    camera = make_omni_camera(mirror=mirror, width_px=90)
+    aside, seen = lookup_offsets_px(camera, CameraPoseOffset())
+    radius = np.linalg.norm(all_pixel_centres(camera) - np.asarray(camera.centre_px), axis=-1)
+    np.testing.assert_array_equal(seen.ravel(), radius <= camera.rim_radius_px)
+    assert np.abs(aside).max() < 1e-10
+
+
+def test_orthographic_camera_when_beside_its_axis_shows_the_same_moved() -> None:
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=90)
+    aside, seen = lookup_offsets_px(camera, CameraPoseOffset((0.0, 1e-3, 5e-3)))
+    per_metre = camera.horizon_radius_px / 0.03
+    # A ray parallel to the axis always goes on to the focus, wherever it meets the paraboloid.
+    np.testing.assert_allclose(aside[seen], [(-1e-3 * per_metre, 0.0)] * seen.sum(), atol=1e-9)
+
+
+def test_tilt_when_the_pinhole_stays_moves_the_picture_by_the_focal_length() -> None:
+    aside, seen = lookup_offsets_px(PAPER, CameraPoseOffset(pitch_rad=1e-4))
+    assert seen[180, 180]
+    assert np.linalg.norm(aside[180, 180]) == pytest.approx(0.1086, abs=1e-4)
+
+
+@pytest.mark.parametrize(("c_m", "most"), [(PINHOLE_M, 1.0), (0.02, 0.1)])
+def test_pinhole_when_it_is_far_from_where_it_belongs_breaks_no_number(
+    c_m: float, most: float
+) -> None:
+    camera = make_omni_camera(mirror=HyperbolicMirror(11.546, c_m), width_px=30)
+    with np.errstate(all="raise", under="ignore"):
+        aside, seen = lookup_offsets_px(camera, CameraPoseOffset((0.02, -0.02, -0.05), 0.1, 0.1))
+    assert np.isfinite(aside).all()
+    assert seen.mean() < most
+    assert not aside[~seen].any()

@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.capture_context import CaptureContext
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.kernels.lens_blur import (
+    Aperture,
+    CircleOfConfusion,
+    circle_of_confusion_map,
+)
+from catoptra_server.effects.medium.defocus import Defocus
+from catoptra_server.effects.medium.defocus_by_depth import DefocusByDepth, max_diameter_change_px
+from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
+from helpers.blur_measurement import inner_pixels, measure_blur_diameters_px
+from helpers.effect_measurement import CAPTURE_CONTEXT, THRESHOLD, assert_summary_bounds_effect
+from helpers.worlds import make_omni_camera
+
+CAMERA = make_omni_camera(width_px=160)
+PITCH_M = 7.4e-6 * 360.0 / 160.0
+SHAPE = (CAMERA.height_px, CAMERA.width_px)
+
+
+def make_both(f_number: float, focus_m: float = 0.0) -> tuple[DefocusByDepth, Defocus]:
+    aperture = Aperture(f_number, PITCH_M, focus_m)
+    return DefocusByDepth(aperture), Defocus(aperture)
+
+
+def context_at_range(range_m: float) -> CaptureContext:
+    everywhere = np.full(SHAPE, range_m, dtype=np.float32)
+    return replace(CAPTURE_CONTEXT, range_m=everywhere)
+
+
+def diameter_change_px(effects: tuple[DefocusByDepth, Defocus], range_m: float) -> float:
+    """Return by how much discs of a range differ from infinity's, at most."""
+    by_depth, fixed = effects
+    capture = context_at_range(range_m)
+    near = measure_blur_diameters_px(by_depth, CAMERA, capture)
+    return float(np.abs(near - measure_blur_diameters_px(fixed, CAMERA, CAPTURE_CONTEXT)).max())
+
+
+GRID = [
+    (f_number, focus_m, nearest_m)
+    for f_number in (1.0, 2.0, 4.0)
+    for focus_m in (0.0, 0.4)
+    for nearest_m in (0.12, 0.25, 0.6, 2.0)
+]
+
+
+@pytest.mark.parametrize(("f_number", "focus_m", "nearest_m"), GRID)
+def test_bound_when_discs_are_measured_holds_and_is_reached(
+    f_number: float, focus_m: float, nearest_m: float
+) -> None:
+    effects = make_both(f_number, focus_m)
+    bound = effects[0].bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
+    seen = [diameter_change_px(effects, nearest_m * factor) for factor in (1.0, 1.3, 2.0, 5.0)]
+    # What float32 ranges round.
+    assert max(seen) <= bound.value + 1e-4
+    is_on = bound.value > THRESHOLD
+    assert not is_on or max(seen) > max(0.5 * THRESHOLD, 0.8 * bound.value)
+
+
+def test_grid_when_decided_has_both_sides() -> None:
+    bounds = [
+        make_both(f_number, focus_m)[0]
+        .bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
+        .value
+        for f_number, focus_m, nearest_m in GRID
+    ]
+    assert sum(bound > THRESHOLD for bound in bounds) > 4
+    assert sum(bound <= THRESHOLD for bound in bounds) > 4
+
+
+def test_disc_when_measured_is_that_of_the_pixels_range() -> None:
+    effect = make_both(2.0)[0]
+    range_m = np.linspace(0.1, 1.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE).astype(np.float32)
+    capture = replace(CAPTURE_CONTEXT, range_m=range_m)
+    inner = inner_pixels(CAMERA, 5.0)
+    expected = circle_of_confusion_map(effect.aperture, CAMERA).diameter_px(
+        range_m.astype(np.float64)
+    )
+    seen = measure_blur_diameters_px(effect, CAMERA, capture)
+    np.testing.assert_allclose(seen[inner], expected[inner], atol=2e-5)
+
+
+def test_picture_when_nothing_is_near_is_that_of_the_fixed_part() -> None:
+    by_depth, fixed = make_both(2.0)
+    light = np.random.default_rng(2).uniform(0.0, 1.0, (*SHAPE, 3))
+    far = by_depth.apply(light, CAMERA, context_at_range(np.inf))
+    np.testing.assert_allclose(far, fixed.apply(light, CAMERA, CAPTURE_CONTEXT), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("fixed_px", "near_px", "expected"),
+    [
+        (2.0, 0.5, 0.5),  # before the focus discs only grow
+        (-2.0, 0.5, 0.5),  # behind it they shrink
+        (-0.4, 0.5, 0.4),  # to a point, and grow again
+        (-0.4, 2.0, 1.2),  # to more than they were
+    ],
+)
+def test_change_when_the_focus_is_passed_counts_what_lies_between(
+    fixed_px: float, near_px: float, expected: float
+) -> None:
+    law = CircleOfConfusion(*(np.array(value) for value in (fixed_px, near_px, 1.0, 0.0)))
+    assert max_diameter_change_px(law, np.array(1.0)) == pytest.approx(expected)
+
+
+def test_summary_behind_the_lens_holds() -> None:
+    assert_summary_bounds_effect(DefocusByDepth(Aperture(1.0, 3e-5, 0.0)), 2.0)
+
+
+@pytest.mark.parametrize("fixed_mode", [EffectMode.AUTO, EffectMode.ALWAYS])
+@pytest.mark.parametrize(("nearest_m", "runs"), [(0.12, "DefocusByDepth"), (3.0, "Defocus")])
+def test_light_is_blurred_once_by_the_one_that_the_scene_calls_for(
+    nearest_m: float, runs: str, fixed_mode: EffectMode
+) -> None:
+    by_depth, fixed = make_both(2.0)
+    wishes = EffectSettings(
+        (EffectSetting(by_depth, EffectMode.AUTO), EffectSetting(fixed, fixed_mode))
+    )
+    plan = plan_effects(wishes, SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
+    assert [effect.name for effect in plan.image_effects] == [runs]
+
+
+def test_fixed_part_when_it_is_left_out_leaves_no_depth_to_be_called_for() -> None:
+    for f_number in (1.0, 4.0, 6.0, 8.0, 16.0):
+        for nearest_m in (0.08, 0.2, 1.0):
+            summary = SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS)
+            by_depth, fixed = (each.bound(summary, CAMERA).value for each in make_both(f_number))
+            assert by_depth <= fixed
+
+
+def test_map_when_asked_twice_is_the_same_array() -> None:
+    effect = make_both(4.0)[0]
+    one, other = (effect.uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
+    assert one["law"] is other["law"]

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_server.effects.kernels.symmetric_kernels import pair_multiplicities
+from catoptra_server.effects.medium.diffraction import (
+    Diffraction,
+    airy_pattern,
+    kernel_half_width_px,
+    kernel_weights,
+    truncated_fraction,
+)
+from catoptra_server.effects.scene_summary import SceneSummary
+from helpers.blur_measurement import make_point_source
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    THRESHOLD,
+    assert_summary_bounds_effect,
+)
+
+PITCH_M = 7.4e-6
+DAYLIGHT = SceneSummary(1.0)
+# What the first dark ring encloses: 1 - J0(3.8317)^2.
+IN_DISC = 0.83779
+
+
+def make_diffraction(f_number: float) -> Diffraction:
+    return Diffraction(f_number, PITCH_M)
+
+
+@pytest.mark.parametrize(("f_number", "diameter_px"), [(4.0, 0.725), (8.0, 1.450)])
+def test_airy_disc_of_550_nm_has_the_textbooks_diameter(
+    f_number: float, diameter_px: float
+) -> None:
+    assert make_diffraction(f_number).airy_diameter_px(550e-9) == pytest.approx(
+        diameter_px, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("f_number", [1.0, 4.0, 8.0, 22.0])
+def test_kernel_of_each_colour_keeps_all_light_and_loses_little_before(f_number: float) -> None:
+    effect = make_diffraction(f_number)
+    assert pair_multiplicities(kernel_half_width_px(effect)) @ kernel_weights(
+        effect
+    ) == pytest.approx(1.0, abs=1e-13)
+    assert kernel_weights(effect).min() >= 0.0
+    assert 0.0 < truncated_fraction(effect).max() < 0.031
+
+
+def test_pattern_when_added_up_encloses_what_rayleighs_formula_says() -> None:
+    """At so large an aperture number that pixels resolve the rings."""
+    effect = make_diffraction(64.0)
+    reach = kernel_half_width_px(effect)
+    shares = airy_pattern(effect)[:, 1]
+    sizes = pair_multiplicities(reach)
+    unit_px = 540e-9 * 64.0 / PITCH_M
+    half_px = reach + 0.5
+    # Beyond a circle 2 / (pi v); beyond a square the mean of that over all angles.
+    v = math.pi * half_px / unit_px
+    left = 4.0 * math.sqrt(0.5) * 2.0 / (math.pi**2 * v)
+    assert 1.0 - sizes @ shares == pytest.approx(left, rel=0.05)
+    # The middle pixel: (pi / 4) / unit^2 of all light a px^2, J1(v)^2 / v^2 next to 1 / 4.
+    assert shares[0] == pytest.approx(0.25 * math.pi / unit_px**2, rel=0.02)
+
+
+def spread_point(effect: Diffraction) -> Floats:
+    return effect.apply(make_point_source(CAMERA, 48, 48), CAMERA, CAPTURE_CONTEXT)
+
+
+def central_pixel_fraction(effect: Diffraction) -> float:
+    """Return how much of a red point's light stays in its pixel."""
+    return float(spread_point(effect)[48, 48, 0])
+
+
+@pytest.mark.parametrize("f_number", [1.0, 2.8, 4.0, 4.9])
+def test_lens_when_left_out_would_leave_the_disc_of_every_point_in_its_pixel(
+    f_number: float,
+) -> None:
+    effect = make_diffraction(f_number)
+    assert effect.bound(DAYLIGHT, CAMERA).value <= THRESHOLD
+    assert central_pixel_fraction(effect) >= IN_DISC
+
+
+@pytest.mark.parametrize("f_number", [5.0, 5.6, 8.0, 16.0, 32.0])
+def test_lens_when_called_for_spreads_light_farther_than_half_the_threshold(
+    f_number: float,
+) -> None:
+    effect = make_diffraction(f_number)
+    bound = effect.bound(DAYLIGHT, CAMERA)
+    assert bound.value > THRESHOLD
+    assert "Airy disc" in bound.reason
+    # Even were all that stays in the pixel spread over it evenly, a square of a quarter of a pixel
+    # around the middle would not hold the disc's light.
+    within_quarter_px = central_pixel_fraction(effect) * (2.0 * 0.25) ** 2
+    assert within_quarter_px < IN_DISC
+
+
+@pytest.mark.parametrize("f_number", [8.0, 16.0, 32.0])
+def test_bound_when_wider_than_a_pixel_encloses_the_discs_light(f_number: float) -> None:
+    effect = make_diffraction(f_number)
+    v, u = np.mgrid[:96, :96]
+    distance = np.hypot(u - 48, v - 48)
+    radius = effect.bound(DAYLIGHT, CAMERA).value
+    enclosed = [
+        float(spread_point(effect)[distance <= radius + by, 0].sum()) for by in (-0.71, 0.71)
+    ]
+    # Pixels that lie wholly within the ring, and all that it touches.
+    assert enclosed[0] < IN_DISC / (1.0 - truncated_fraction(effect)[0]) < enclosed[1] + 1e-3
+
+
+def test_light_of_a_point_is_kept_in_each_colour_and_red_is_widest() -> None:
+    seen = spread_point(make_diffraction(8.0))
+    np.testing.assert_allclose(seen.sum(axis=(0, 1)), 1.0, rtol=1e-12)
+    assert seen[48, 48, 0] < seen[48, 48, 1] < seen[48, 48, 2]
+
+
+def test_summary_behind_the_lens_holds() -> None:
+    assert_summary_bounds_effect(make_diffraction(11.0), 2.0)
+
+
+def test_kernel_when_asked_twice_is_the_same_array() -> None:
+    one, other = (
+        make_diffraction(8.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
+    )
+    assert one["weights"] is other["weights"]

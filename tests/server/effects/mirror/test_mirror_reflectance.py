@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.mirror.mirror_reflectance import (
+    MirrorReflectance,
+    mirror_incidence_rad,
+    reflectance,
+)
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    assert_effect_negligible,
+    assert_effect_not_negligible,
+    assert_summary_bounds_effect,
+)
+from helpers.worlds import make_omni_camera
+
+ALUMINIUM = MirrorReflectance(0.96, 6.7)
+STEEL = MirrorReflectance(2.8, 3.4)
+ANGLES = np.radians([0.0, 10.0, 45.0, 65.0, 80.0, 89.9])
+
+
+def reflectance_in_reals(angle: float, n: float, k: float) -> float:
+    """Return Fresnel's reflectance in real numbers: a + ib, the index along the normal inside."""
+    sine2, cosine = math.sin(angle) ** 2, math.cos(angle)
+    real = n**2 - k**2 - sine2
+    root = math.hypot(real, 2.0 * n * k)
+    a, whole = math.sqrt(0.5 * (root + real)), root
+    across = (whole - 2 * a * cosine + cosine**2) / (whole + 2 * a * cosine + cosine**2)
+    slant = math.sin(angle) * math.tan(angle)
+    along = across * (whole - 2 * a * slant + slant**2) / (whole + 2 * a * slant + slant**2)
+    return 0.5 * (across + along)
+
+
+@pytest.mark.parametrize(("n", "k"), [(0.96, 6.7), (2.8, 3.4), (1.5, 0.0)])
+def test_reflectance_is_that_of_the_real_form(n: float, k: float) -> None:
+    expected = [reflectance_in_reals(float(angle), n, k) for angle in ANGLES]
+    np.testing.assert_allclose(reflectance(ANGLES, n, k), expected, rtol=1e-9)
+
+
+def test_glass_when_met_straight_reflects_four_hundredths() -> None:
+    assert float(reflectance(np.array(0.0), 1.5, 0.0)) == pytest.approx(0.04)
+
+
+def test_mirror_when_met_at_its_rim_is_met_at_half_the_sum_of_both_angles() -> None:
+    t = np.array(CAMERA.rim_t)
+    r, z = CAMERA.mirror.surface_point(t)
+    psi = math.atan2(float(r), CAMERA.mirror.pinhole_distance_m - float(z))
+    assert float(mirror_incidence_rad(np.array(1.0), CAMERA)) == pytest.approx(
+        0.5 * (CAMERA.rim_rad + psi)
+    )
+    assert math.degrees(float(mirror_incidence_rad(np.array(1.0), CAMERA))) == pytest.approx(
+        65.0, abs=0.5
+    )
+
+
+def test_centre_when_light_meets_it_straight_keeps_its_light() -> None:
+    light = np.ones((97, 97, 3))
+    behind = STEEL.apply(light, make_omni_camera(width_px=97), CAPTURE_CONTEXT)
+    np.testing.assert_allclose(behind[48, 48], 1.0, rtol=1e-12)
+
+
+def test_straight_light_when_criterion_is_asked_is_left_out() -> None:
+    assert_effect_negligible(STEEL, camera=make_omni_camera(width_px=96, rim_deg=40.0))
+
+
+def test_steel_when_criterion_is_asked_is_called_for() -> None:
+    assert_effect_not_negligible(STEEL)
+    assert_summary_bounds_effect(STEEL, 2.0)
+    assert_summary_bounds_effect(ALUMINIUM, 2.0)

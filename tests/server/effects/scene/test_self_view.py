@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_server.effects.effect import (
+    Effect,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    ImageEffect,
+)
+from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
+from helpers.effect_measurement import CAMERA
+
+AUTO = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
+
+
+def bound_for_angle(angle_deg: float) -> float:
+    summary = SceneSummary(1.0, ego_body_max_angle_rad=math.radians(angle_deg))
+    return SelfView().bound(summary, CAMERA).value
+
+
+def test_bound_when_a_robot_is_seen_is_the_image_radius_that_it_reaches() -> None:
+    angle = math.radians(47.0)
+    pixel, _ = pixel_from_direction(CAMERA, np.array((math.sin(angle), 0.0, math.cos(angle))))
+    assert bound_for_angle(47.0) == pytest.approx(math.dist(pixel, CAMERA.centre_px), rel=1e-12)
+
+
+def test_bound_when_a_robot_reaches_beyond_the_rim_ends_there() -> None:
+    assert bound_for_angle(150.0) == pytest.approx(CAMERA.rim_radius_px, rel=1e-12)
+
+
+@pytest.mark.parametrize(("angle_deg", "is_on"), [(0.0, False), (0.5, False), (6.0, True)])
+def test_robot_when_it_is_less_than_the_threshold_is_left_out(
+    angle_deg: float, is_on: bool
+) -> None:
+    summary = SceneSummary(1.0, ego_body_max_angle_rad=math.radians(angle_deg))
+    plan = plan_effects(AUTO, summary, CAMERA)
+    assert plan.decisions[0].enabled is is_on
+    assert plan.scene_effects == ((SelfView(),) if is_on else ())
+    assert plan.image_effects == ()
+
+
+def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
+    assert SelfView().bound(SceneSummary(1.0), CAMERA).reason == (
+        "the mirror sees nothing of the robot"
+    )
+
+
+def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass_by() -> None:
+    own = (0.2, 0.3, *[math.inf] * (NUM_RINGS - 2))
+    scene = (0.6, 0.25, *[0.7] * (NUM_RINGS - 2))
+    behind = SelfView().update_summary(SceneSummary(1.0, scene, ego_body_min_distances_m=own))
+    assert behind.visible_min_distances_m == (0.2, 0.25, *[0.7] * (NUM_RINGS - 2))
+    assert behind.min_distances_m == scene, "what moves against the camera is no nearer than before"
+
+
+def test_own_body_changes_the_scene_and_not_the_picture() -> None:
+    effect: Effect = SelfView()
+    assert not isinstance(effect, ImageEffect)

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.config.world_file import read_world
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
+from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.scene.shadows import Shadows
+from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
+from catoptra_server.scene.primitives import box
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    PointLight,
+    World,
+)
+from helpers.configs import REPOSITORY
+from helpers.effect_measurement import CAMERA
+from helpers.shadows import (
+    DIRECTIONAL_LIGHT,
+    GREY,
+    HEMISPHERE_LIGHT,
+    box_item,
+    floor_item,
+    make_inward_facing_room,
+    make_world,
+)
+from helpers.worlds import make_plan
+
+AUTO = EffectSettings((EffectSetting(Shadows(), EffectMode.AUTO),))
+VIEW = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
+# Its shadows fall towards the camera.
+BOX_ON_FLOOR = box_item(-0.7, 0.2, -0.3, (0.3, 0.2, 0.6))
+BODY = DynamicObject(
+    build_object_mesh([(box(Box((0.3, 0.3, 0.5))), GREY)]),
+    Pose.from_rpy((-0.8, 0.3, -0.25), (0, 0, 0.2)),
+)
+
+
+def world_with_lights(*lights: DirectionalLight | PointLight | HemisphereLight) -> World:
+    return make_world(floor_item(), BOX_ON_FLOOR, lights=lights)
+
+
+def dim_sun_world(irradiance: float) -> World:
+    return world_with_lights(HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3))
+
+
+def lamp_world(intensity: float) -> World:
+    return world_with_lights(PointLight((-1.4, 0.3, -1.3), (intensity,) * 3))
+
+
+def bound_and_measured_change(world: World, *bodies: DynamicObject) -> tuple[float, float]:
+    """Return the bound of a world, and by how much shadows change the pixel that changes most."""
+    renderer = TraceRenderer(build_scene(world), world, threads=2)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
+    exposure = CameraState(VIEW, bodies)
+    bound = Shadows().bound(renderer.summarize_scene(exposure, CAMERA), CAMERA)
+    forced = dataclasses.replace(exposure, has_shadows=True)
+    without, with_them = (view.render_linear(e) for e in (exposure, forced))
+    renderer.close()
+    change = 255.0 * np.abs(srgb_from_linear(with_them) - srgb_from_linear(without)).max()
+    return bound.value, float(change)
+
+
+WORLDS_WITHOUT_SHADOWS = {
+    "a floor alone": make_world(floor_item()),
+    "an empty room with a lamp": make_inward_facing_room(
+        PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
+    ),
+    "a box alone": make_world(BOX_ON_FLOOR),
+    "a sky": world_with_lights(HEMISPHERE_LIGHT),
+    "a night": world_with_lights(),
+    "a dim sun": dim_sun_world(0.003),
+    "a dim lamp": lamp_world(1e-4),
+    "glass": make_world(floor_item(), dataclasses.replace(BOX_ON_FLOOR, casts_shadows=False)),
+    "nothing": World("empty", (), lights=(DIRECTIONAL_LIGHT,)),
+}
+
+
+@pytest.mark.parametrize("name", WORLDS_WITHOUT_SHADOWS)
+def test_shadows_when_left_out_would_have_changed_no_pixel_by_more_than_the_threshold(
+    name: str,
+) -> None:
+    bound, change = bound_and_measured_change(WORLDS_WITHOUT_SHADOWS[name])
+    assert bound <= 0.5
+    # Light is stored in 21 bits.
+    assert change <= max(bound, 0.01)
+
+
+def bundled_world(name: str) -> World:
+    return read_world(REPOSITORY / "configs" / "worlds" / f"{name}.ini")[0]
+
+
+WORLDS_WITH_SHADOWS = {
+    "a box on a floor": make_world(floor_item(), BOX_ON_FLOOR),
+    "a box in a room with a lamp": dataclasses.replace(
+        make_inward_facing_room(PointLight((-1.3, 0.2, -1.5), (0.9, 0.9, 0.9))),
+        items=(*make_inward_facing_room(DIRECTIONAL_LIGHT).items, BOX_ON_FLOOR),
+    ),
+    "a sun just bright enough": dim_sun_world(0.012),
+    "a lamp just bright enough": lamp_world(1e-3),
+    "the field": bundled_world("four_legged_2006"),
+    "the corridor": bundled_world("corridor"),
+}
+
+
+@pytest.mark.parametrize("name", WORLDS_WITH_SHADOWS)
+def test_shadows_when_called_for_change_a_pixel_by_more_than_half_the_threshold(name: str) -> None:
+    bound, change = bound_and_measured_change(WORLDS_WITH_SHADOWS[name])
+    assert bound > 0.5
+    assert 0.25 < change <= bound + 0.01
+
+
+def test_body_when_it_comes_calls_for_shadows() -> None:
+    bound, change = bound_and_measured_change(make_world(floor_item()), BODY)
+    assert bound > 0.5
+    assert 0.25 < change <= bound
+
+
+def test_shadows_change_the_scene_not_the_picture() -> None:
+    assert not isinstance(Shadows(), ImageEffect)
+    plan = plan_effects(AUTO, SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.1, 0.2)), CAMERA)
+    assert plan.scene_effects == (Shadows(),)
+
+
+def test_reason_when_told_says_how_much_light_can_be_hidden_or_why_none() -> None:
+    said = Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
+    assert "0.25" in said
+    assert "0.5" in said
+    assert "nothing stands before" in Shadows().bound(SceneSummary(1.0), CAMERA).reason

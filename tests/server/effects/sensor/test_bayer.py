@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.sensor.bayer import Bayer, mosaic
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    assert_effect_negligible,
+    assert_effect_not_negligible,
+    assert_summary_bounds_effect,
+    make_test_pattern,
+)
+
+
+def demosaic(image: np.ndarray) -> np.ndarray:
+    return Bayer().apply(image, CAMERA, CAPTURE_CONTEXT)
+
+
+def test_filters_when_read_row_by_row_are_red_green_green_blue() -> None:
+    light = np.broadcast_to([1.0, 2.0, 3.0], (4, 4, 3))
+    np.testing.assert_array_equal(mosaic(light)[:2, :2], [[1, 2], [2, 3]])
+
+
+@pytest.mark.parametrize("shape", [(6, 8, 3), (5, 7, 3)])
+def test_light_when_it_is_the_same_everywhere_stays_what_it_is(shape: tuple[int, ...]) -> None:
+    light = np.broadcast_to([0.2, 0.5, 0.7], shape).copy()
+    np.testing.assert_allclose(demosaic(light), light, rtol=1e-15)
+
+
+def test_ramp_when_interpolated_is_exact_inside() -> None:
+    rows, columns = np.mgrid[:9, :9]
+    light = np.stack([0.1 * rows + 0.02 * columns + c for c in (0.0, 0.3, 0.5)], axis=-1)
+    np.testing.assert_allclose(demosaic(light)[1:-1, 1:-1], light[1:-1, 1:-1], rtol=1e-12)
+
+
+def test_border_when_interpolated_is_mirrored_about_the_last_pixel() -> None:
+    light = np.zeros((4, 4, 3))
+    light[1, 0, 1] = 1.0  # a green filter, below a red one in the corner
+    assert demosaic(light)[0, 0, 1] == pytest.approx(0.5)
+
+
+def test_measured_colour_when_demosaiced_is_kept() -> None:
+    light = make_test_pattern()
+    np.testing.assert_array_equal(mosaic(demosaic(light)), mosaic(light))
+
+
+def test_night_when_criterion_is_asked_is_left_out() -> None:
+    assert_effect_negligible(Bayer(), 1e-4)
+
+
+def test_day_when_criterion_is_asked_is_called_for() -> None:
+    assert_effect_not_negligible(Bayer())
+    assert_summary_bounds_effect(Bayer(), 2.0)

@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.effects.sensor.quantisation import Quantisation
+from helpers.effect_measurement import (
+    CAMERA,
+    CAPTURE_CONTEXT,
+    assert_effect_negligible,
+    assert_effect_not_negligible,
+    assert_summary_bounds_effect,
+)
+
+
+def test_light_when_converted_is_a_whole_code_at_most_half_a_step_away() -> None:
+    light = np.linspace(-0.05, 1.0, 3000).reshape(10, 100, 3)
+    codes = 1023.0 * Quantisation(10).apply(light, CAMERA, CAPTURE_CONTEXT)
+    np.testing.assert_allclose(codes, np.rint(codes), atol=1e-9)
+    assert np.abs(codes - 1023.0 * light).max() <= 0.5 + 1e-9
+
+
+def test_error_when_light_is_anything_has_the_variance_of_a_twelfth() -> None:
+    light = np.random.default_rng(2).uniform(0.0, 1.0, (200, 200, 3))
+    error = 255.0 * (Quantisation(8).apply(light, CAMERA, CAPTURE_CONTEXT) - light)
+    assert error.var() == pytest.approx(1.0 / 12.0, rel=0.02)
+
+
+def test_light_when_beyond_white_is_white() -> None:
+    assert Quantisation(8).apply(np.full((2, 2, 3), 7.0), CAMERA, CAPTURE_CONTEXT).max() == 1.0
+
+
+def test_twelve_bits_when_criterion_is_asked_are_left_out() -> None:
+    assert_effect_negligible(Quantisation(12))
+
+
+def test_eight_bits_when_criterion_is_asked_are_called_for() -> None:
+    assert_effect_not_negligible(Quantisation(8))
+    assert_summary_bounds_effect(Quantisation(8), 2.0)

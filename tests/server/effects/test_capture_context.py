@@ -1,0 +1,9 @@
+from __future__ import annotations
+
+from catoptra_server.capture.noise_seed import ZERO_SEED
+from catoptra_server.effects.capture_context import EMPTY_CONTEXT
+
+
+def test_capture_when_nothing_is_known_has_no_ranges() -> None:
+    assert EMPTY_CONTEXT.noise_seed == ZERO_SEED
+    assert EMPTY_CONTEXT.range_m is None

@@ -1,0 +1,73 @@
+"""Pictures as payloads: RAW byte by byte, JPEG by its quality, rectangles."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
+from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageType
+from catoptra_server.frames.encode import crop, encode_payload
+
+JPEGS = [t for t in ImageType if t is not ImageType.RAW]
+
+
+def make_image(width: int, height: int) -> npt.NDArray[np.uint8]:
+    """Return a picture whose channels rise along u, v and both."""
+    v, u = np.mgrid[:height, :width]
+    rgb = np.stack((u * 255 // max(width - 1, 1), v * 255 // max(height - 1, 1), (u + v) % 256), -1)
+    return rgb.astype(np.uint8)
+
+
+def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
+    rgb = np.array([[[1, 2, 3]], [[4, 5, 6]]], dtype=np.uint8)
+    payload = encode_payload(rgb, ImageType.RAW)
+    assert payload == struct.pack(">HH", 1, 2) + bytes((3, 2, 1, 0, 6, 5, 4, 0))
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 360, 361])
+def test_raw_when_read_by_the_client_is_the_picture(width: int) -> None:
+    rgb = make_image(width, 7)
+    payload = encode_payload(rgb, ImageType.RAW)
+    assert len(payload) == 4 + 7 * ((3 * width + 3) // 4 * 4)
+    np.testing.assert_array_equal(rgb_from_encoded_frame(EncodedFrame(ImageType.RAW, payload)), rgb)
+
+
+@pytest.mark.parametrize("image_type", JPEGS, ids=lambda t: t.name)
+def test_jpeg_when_read_by_the_client_is_near_the_picture(image_type: ImageType) -> None:
+    rgb = make_image(64, 48)
+    payload = encode_payload(rgb, image_type)
+    assert payload[:2] == b"\xff\xd8"
+    difference = rgb_from_encoded_frame(EncodedFrame(image_type, payload)).astype(int) - rgb
+    # The worst quality, 10 of 100, is off by some levels on smooth ramps; channels are not swapped.
+    assert np.abs(difference).mean() < 12.0
+
+
+def test_jpeg_when_of_better_quality_is_larger() -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    sizes = [len(encode_payload(noise, image_type)) for image_type in JPEGS]
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(set(sizes)) == len(JPEGS)
+
+
+@pytest.mark.parametrize(
+    ("rectangle", "columns", "rows"),
+    [
+        ((0, 0, 8, 6), (0, 8), (0, 6)),
+        ((2, 1, 3, 4), (2, 5), (1, 5)),
+        ((6, 4, 9, 9), (6, 8), (4, 6)),
+        ((0, 0, 0, 0), (0, 1), (0, 1)),
+        ((8, 6, 1, 1), (7, 8), (5, 6)),
+        ((2**32 - 1, 0, 2**32 - 1, 2**32 - 1), (7, 8), (0, 6)),
+    ],
+)
+def test_rectangle_when_cut_is_clamped_to_the_picture(
+    rectangle: tuple[int, int, int, int], columns: tuple[int, int], rows: tuple[int, int]
+) -> None:
+    rgb = make_image(8, 6)
+    part = crop(rgb, *rectangle)
+    np.testing.assert_array_equal(part, rgb[slice(*rows), slice(*columns)])
+    assert encode_payload(part, ImageType.RAW)[:4] == struct.pack(">HH", *part.shape[1::-1])

@@ -1,0 +1,209 @@
+"""What the screen shows: viewports of one robot, or a tile for each camera of all robots."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.usarsim.commands import Drive, Init, Set, SetViewports
+from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.frames.frame_request import IMAGE_PORT, ImagePortChannel, OmniCameraSpec
+from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
+from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.twist import AT_REST
+from catoptra_server.simulation import Fleet
+from helpers.motion_reference import relative_twist
+from helpers.robots import (
+    FakeClient,
+    FakeViewProvider,
+    make_p2at,
+    make_walled_world,
+    render_channel,
+)
+
+AHEAD = PerspectiveCameraDescription(
+    "Ahead", Mount((0.1, 0.0, -0.4), (0.0, 0.0, 0.0)), 12, 10, 1.0, 0.3, 2.0
+)
+REAR = dataclasses.replace(AHEAD, name="Rear", mount=Mount((-0.1, 0.0, -0.4), (0.0, 0.0, 3.1)))
+TILES = multi_view_layout(2, 2, width_px=8, height_px=6)
+
+
+def make_fleet(tiles: TileLayout | None = None, *, omni: bool = True) -> Fleet:
+    robot = (
+        make_p2at(cameras=(AHEAD, REAR))
+        if omni
+        else make_p2at(cameras=(AHEAD, REAR), omni_camera=None)
+    )
+    world = make_walled_world()
+    return Fleet([robot], world, build_scene(world), seed=1, multi_view=tiles)
+
+
+def spawn(fleet: Fleet, name: str = "R", x_m: float = 0.0) -> FakeClient:
+    client = FakeClient()
+    fleet.execute(client, Init("OmniP2AT", name, (x_m, 0.0, 0.0)), 0.0)
+    return client
+
+
+def viewports(config: str, *names: str | None) -> SetViewports:
+    cameras = (*names, *[None] * (4 - len(names)))
+    return SetViewports(config, cameras)  # type: ignore[arg-type] # four of them
+
+
+def last_status(client: FakeClient) -> VehicleStatus:
+    return [r for r in client.reports if isinstance(r, VehicleStatus)][-1]
+
+
+def pushed_configurations(client: FakeClient) -> list[Report]:
+    return [report for report in client.reports if isinstance(report, CameraConfiguration)]
+
+
+def test_screen_when_nothing_was_set_shows_the_omnidirectional_camera() -> None:
+    fleet, views = make_fleet(), FakeViewProvider()
+    spawn(fleet)
+    frame = render_channel(fleet, views)
+    assert (frame.rgb.shape, frame.metadata.camera) == ((6, 8, 3), "OmniCam")
+    assert isinstance(views.view_requests[0].camera, OmniCameraSpec)
+
+
+def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
+    fleet, views = make_fleet(), FakeViewProvider()
+    client = spawn(fleet)
+    render_channel(fleet, views)
+    robot = fleet.find_robot(client)
+    assert robot is not None
+    assert views.view_requests[0].camera_state.noise_seed == robot.noise_seed_for("OmniCam")
+
+
+def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> None:
+    wishes = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
+    plain = make_p2at(cameras=(AHEAD,))
+    assert plain.omni_camera is not None
+    omni = dataclasses.replace(plain.omni_camera, effects=wishes)
+    world = make_walled_world()
+    robot = dataclasses.replace(plain, omni_camera=omni)
+    fleet, views = (
+        Fleet([robot], world, build_scene(world), seed=1, multi_view=TILES),
+        FakeViewProvider(),
+    )
+    client = spawn(fleet)
+    fleet.execute(client, Drive(left=2.0, right=0.5), 0.0)
+    fleet.step(0.02, 0.02)
+    render_channel(fleet, views)
+    mirror, ahead = (take.camera_state for take in views.view_requests)
+    assert mirror.ego_body is not None
+    assert ahead.ego_body is None, "only a mirror looks back at its robot"
+    standing = fleet.find_robot(client)
+    assert standing is not None
+    for own, is_ in zip(
+        (mirror.ego_body.world_from_object.translation, mirror.ego_body.world_from_object.rotation),
+        (standing.world_from_robot.translation, standing.world_from_robot.rotation),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(own, is_)
+    assert mirror.twist != AT_REST
+    assert relative_twist(mirror, mirror.ego_body) == AT_REST
+
+
+def test_take_when_no_effect_asks_for_it_has_no_own_body() -> None:
+    fleet, views = make_fleet(), FakeViewProvider()
+    spawn(fleet)
+    render_channel(fleet, views)
+    assert views.view_requests[0].camera_state.ego_body is None
+
+
+def test_screen_when_the_robot_has_ordinary_cameras_alone_shows_the_first_at_its_size() -> None:
+    fleet, views = make_fleet(omni=False), FakeViewProvider()
+    spawn(fleet)
+    frame = render_channel(fleet, views)
+    assert (frame.rgb.shape, frame.metadata.camera) == ((10, 12, 3), "Ahead")
+    assert views.view_requests[0].camera == PerspectiveCamera(12, 10, 1.0)
+    assert dict(frame.metadata.camera_model or ())["Projection"] == "perspective"
+
+
+def test_screen_when_another_camera_is_set_shows_that_from_where_it_looks() -> None:
+    fleet, views = make_fleet(), FakeViewProvider()
+    client = spawn(fleet)
+    fleet.execute(client, viewports("SingleView", "rear"), 0.0)
+    assert render_channel(fleet, views).metadata.camera == "Rear"
+    pose = views.view_requests[0].camera_state.world_from_mirror
+    assert pose.to_rpy()[2] == pytest.approx(3.1)
+    assert pose.translation[0] == pytest.approx(-0.1)
+
+
+def test_screen_when_divided_shows_quarters_and_black_where_one_is_disabled() -> None:
+    fleet, views = make_fleet(), FakeViewProvider()
+    client = spawn(fleet)
+    fleet.execute(client, viewports("QuadView", "OmniCam", "Ahead", "Disable", "Rear"), 0.0)
+    frame = render_channel(fleet, views)
+    assert frame.rgb.shape == (6, 8, 3)
+    assert [frame.rgb[y, x, 0] for y, x in ((0, 0), (0, 4), (3, 0), (3, 4))] == [1, 2, 0, 3]
+    assert (frame.metadata.robot, frame.metadata.camera) == ("R", "")
+
+
+def test_screen_when_a_camera_zooms_shows_its_new_field_of_view() -> None:
+    fleet, views = make_fleet(omni=False), FakeViewProvider()
+    client = spawn(fleet)
+    fleet.execute(client, Set("Camera", "Ahead", "FOV", "0.5"), 0.0)
+    render_channel(fleet, views)
+    assert views.view_requests[0].camera == PerspectiveCamera(12, 10, 0.5)
+
+
+def test_tiles_when_robots_come_are_given_in_order_and_told() -> None:
+    fleet, views = make_fleet(TILES), FakeViewProvider()
+    client = spawn(fleet)
+    frame = render_channel(fleet, views)
+    assert frame.rgb.shape == (12, 16, 3)
+    corners = [frame.rgb[y, x, 0] for y, x in ((0, 0), (0, 8), (6, 0), (6, 8))]
+    assert corners == [1, 2, 3, 0]
+    tiles = [
+        report.texture_region
+        for report in pushed_configurations(client)
+        if isinstance(report, CameraConfiguration)
+    ]
+    assert [(t.x, t.y, t.width, t.height) for t in tiles if t] == [
+        (0, 0, 8, 6), (8, 0, 8, 6), (0, 6, 8, 6)
+    ]  # fmt: skip
+    assert last_status(client).view == 0
+
+
+def test_tiles_when_there_are_no_more_leave_cameras_out() -> None:
+    fleet = make_fleet(TILES)
+    spawn(fleet)
+    second = spawn(fleet, "S", 5.0)
+    third = spawn(fleet, "T", -5.0)
+    assert last_status(second).view == 3
+    assert len(pushed_configurations(second)) == 1
+    assert (last_status(third).view, pushed_configurations(third)) == (-1, [])
+
+
+def test_tiles_when_a_robot_leaves_are_free_again() -> None:
+    fleet = make_fleet(TILES)
+    first = spawn(fleet)
+    fleet.remove(first)
+    assert not render_channel(fleet).rgb.any()
+    assert last_status(spawn(fleet, "S")).view == 0
+
+
+def test_tile_when_asked_for_alone_is_drawn_alone() -> None:
+    fleet, views = make_fleet(TILES), FakeViewProvider()
+    spawn(fleet)
+    frame = render_channel(fleet, views, ImagePortChannel(1))
+    assert (frame.rgb.shape, frame.metadata.camera) == ((6, 8, 3), "Ahead")
+    assert len(views.view_requests) == 1
+
+
+def test_tile_when_nobody_s_is_black() -> None:
+    assert not render_channel(make_fleet(TILES), channel=ImagePortChannel(3)).rgb.any()
+
+
+def test_screen_when_several_robots_are_on_it_is_nobody_s_in_particular() -> None:
+    fleet = make_fleet(TILES)
+    spawn(fleet)
+    spawn(fleet, "S", 5.0)
+    assert render_channel(fleet, channel=IMAGE_PORT).metadata.robot == ""

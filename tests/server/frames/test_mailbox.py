@@ -1,0 +1,190 @@
+"""The slot between drawing and sending: the newest frame wins, and who asks when."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+import pytest
+
+from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
+from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
+from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
+
+NOW_S = 1000.0
+
+
+def frame(sequence: int, *, age_s: float = 0.0, drawn_s: float = 0.0) -> Frame:
+    """Return a frame that was finished some time ago."""
+    rgb = np.zeros((1, 1, 3), dtype=np.uint8)
+    finished_s = NOW_S - age_s
+    return Frame(sequence, 0.0, rgb, finished_s, finished_s, render_duration_s=drawn_s)
+
+
+class Asked:
+    """Counts how often a frame was asked for."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, newer_than: float) -> None:
+        self.count += 1
+        self.newer_than = newer_than
+
+
+def run(scene: Callable[[Mailbox, Asked], Awaitable[None]], *, ahead: bool = True) -> None:
+    async def main() -> None:
+        asked = Asked()
+        await asyncio.wait_for(
+            scene(Mailbox(asked, prefetch=ahead, monotonic=lambda: NOW_S), asked), 5.0
+        )
+
+    asyncio.run(main())
+
+
+async def let_it_wait(task: asyncio.Task[Frame]) -> None:
+    """Let a task run up to where it waits."""
+    await asyncio.sleep(0)
+    assert not task.done()
+
+
+def test_frame_when_none_is_there_is_asked_for_and_waited_for() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        task = asyncio.create_task(mailbox.wait_for_newer(0))
+        await let_it_wait(task)
+        assert asked.count == 1
+        mailbox.put(frame(1))
+        assert (await task).sequence == 1
+        assert asked.count == 2  # the next one, ahead
+
+    run(scene)
+
+
+def test_frame_when_many_wait_comes_to_all() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
+        await let_it_wait(tasks[-1])
+        mailbox.put(frame(1))
+        assert {(await task).sequence for task in tasks} == {1}
+
+    run(scene)
+
+
+@pytest.mark.parametrize(
+    ("waiting", "last", "taken"),
+    [
+        (frame(5, drawn_s=1e9), 4, True),
+        (frame(5, drawn_s=1e9), 5, False),
+        (frame(5, age_s=10.0, drawn_s=1.0), 4, False),
+        (frame(5, age_s=0.0, drawn_s=1e-6), 4, True),  # younger than a tick: the same world
+    ],
+    ids=["young and new", "known already", "older than drawing takes", "younger than a tick"],
+)
+def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
+    waiting: Frame, last: int, taken: bool
+) -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(waiting)
+        await asyncio.sleep(0)
+        task = asyncio.create_task(mailbox.wait_for_newer(last))
+        await asyncio.sleep(0)
+        assert task.done() is taken
+        mailbox.put(frame(6))
+        assert (await task).sequence == (5 if taken else 6)
+
+    run(scene)
+
+
+def test_waiting_frame_when_in_lockstep_is_never_taken() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(frame(5, drawn_s=1e9))
+        await asyncio.sleep(0)
+        task = asyncio.create_task(mailbox.wait_for_newer(0))
+        await let_it_wait(task)
+        mailbox.put(frame(6))
+        assert (await task).sequence == 6
+        assert asked.count == 1  # nothing ahead: time stands still
+
+    run(scene, ahead=False)
+
+
+def test_frames_when_several_arrive_leave_the_newest() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        for sequence in (1, 2, 3):
+            mailbox.put(frame(sequence, drawn_s=1e9))
+        await asyncio.sleep(0)
+        assert (await mailbox.wait_for_newer(0)).sequence == 3
+
+    run(scene)
+
+
+def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
+        await let_it_wait(stays)
+        gone.cancel()
+        await let_it_wait(stays)
+        mailbox.put(frame(1))
+        assert (await stays).sequence == 1
+        assert gone.cancelled()
+
+    run(scene)
+
+
+def test_frame_when_waited_for_is_asked_for_once_however_many_come() -> None:
+    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+        mailbox.put(frame(7, drawn_s=1e9))
+        assert (await mailbox.wait_for_newer(6)).sequence == 7
+        assert asked.newer_than == 7  # the next one, ahead
+        task = asyncio.create_task(mailbox.wait_for_newer(7))
+        await let_it_wait(task)
+        assert asked.newer_than == 7  # the same one again: it is drawn only once
+        mailbox.put(frame(8))
+        assert (await task).sequence == 8
+
+    run(scene)
+
+
+def test_mailboxes_when_a_channel_was_watched_before_ask_for_any_frame() -> None:
+    async def main() -> None:
+        posted: list[SimulationEvent] = []
+        boxes = Mailboxes(posted.append, prefetch=False)
+        waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+        other = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
+        await let_it_wait(waiting)
+        assert posted == [FrameRequested(math.inf, IMAGE_PORT)]  # once, for both
+        boxes.put(frame(38))
+        assert (await waiting).sequence == (await other).sequence == 38
+        assert posted[1:] == [FrameRendered(IMAGE_PORT)]
+
+    asyncio.run(asyncio.wait_for(main(), 5.0))
+
+
+def test_mailboxes_when_a_channel_shows_nothing_disappoint_who_waits_for_it_alone() -> None:
+    async def main() -> None:
+        boxes = Mailboxes(lambda request: None, prefetch=False)
+        lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
+        waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
+        other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
+        await let_it_wait(waiting)
+        boxes.fail(lost)
+        with pytest.raises(ChannelUnavailableError):
+            await waiting
+        boxes.put(frame(1))
+        assert (await other).sequence == 1
+
+    asyncio.run(asyncio.wait_for(main(), 5.0))
+
+
+def test_mailbox_when_nobody_holds_it_is_gone() -> None:
+    async def main() -> None:
+        boxes = Mailboxes(lambda request: None, prefetch=False)
+        held = boxes.get(IMAGE_PORT)
+        assert boxes.get(IMAGE_PORT) is held
+        boxes.get(CameraChannel("R", ""))
+        assert len(boxes) == 1
+
+    asyncio.run(main())

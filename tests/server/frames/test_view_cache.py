@@ -1,0 +1,310 @@
+"""What nobody watches is not prepared, what is watched again is not prepared again."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
+from catoptra_server.effects.medium.fog import Fog
+from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.effects.sensor.blooming import Blooming
+from catoptra_server.effects.sensor.quantisation import Quantisation
+from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.planning.cost_calibration import calibration_plans
+from catoptra_server.planning.cost_model import PlanTiming
+from catoptra_server.planning.render_planner import RenderPlanner
+from catoptra_server.planning.renderer_choice import RendererChoice
+from catoptra_server.render.render_plan import RendererKind, RenderPlan
+from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
+from helpers.robots import CAMERA
+
+CAMERA_STATE = CameraState(Pose.identity())
+
+
+class CountingRenderer:
+    """Prepares views that draw black and write down what happens."""
+
+    def __init__(self) -> None:
+        self.log: list[str] = []
+
+    def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> Any:
+        self.log.append(f"prepare {camera.width_px}")
+        return CountingView(self.log, camera)
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        self.log.append(f"prepare omni {camera.width_px}")
+        return CountingView(self.log, camera)
+
+    def close(self) -> None:
+        self.log.append("close renderer")
+
+
+class CountingView:
+    def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
+        self._log, self._camera = log, camera
+
+    def draw(self, exposure: CameraState) -> RenderedImage:
+        shape = (self._camera.height_px, self._camera.width_px, 3)
+        return RenderedImage(np.zeros(shape, dtype=np.uint8), {})
+
+    def close(self) -> None:
+        self._log.append(f"close {self._camera.width_px}")
+
+
+def make_cache(renderer: Any, *, capacity: int = 16) -> ViewCache:
+    return ViewCache(
+        RenderPlanner(RendererChoice(renderer, RendererKind.TRACE, "test")), max_views=capacity
+    )
+
+
+def render(views: ViewCache, *widths: int) -> None:
+    for width in widths:
+        views.render(ViewRequest(PerspectiveCamera(width, 10, 1.0), CAMERA_STATE))
+
+
+def test_nothing_is_prepared_before_it_is_drawn() -> None:
+    renderer = CountingRenderer()
+    assert len(make_cache(renderer)) == 0
+    assert renderer.log == []
+
+
+def test_equal_cameras_share_a_view() -> None:
+    renderer = CountingRenderer()
+    render(make_cache(renderer), 20, 20, 30, 20)
+    assert renderer.log == ["prepare 20", "prepare 30"]
+
+
+def test_view_drawn_longest_ago_makes_room() -> None:
+    renderer = CountingRenderer()
+    views = make_cache(renderer, capacity=2)
+    render(views, 20, 30, 20, 40)
+    assert renderer.log[-2:] == ["close 30", "prepare 40"]
+    assert len(views) == 2
+
+
+def test_close_frees_all() -> None:
+    renderer = CountingRenderer()
+    views = make_cache(renderer)
+    render(views, 20, 30)
+    views.close()
+    assert renderer.log[-3:] == ["close 20", "close 30", "close renderer"]
+    assert len(views) == 0
+
+
+def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
+    renderer = CountingRenderer()
+    views, eye = make_cache(renderer), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+    assert "test" in str(views.plan(eye))
+    views.render(ViewRequest(eye, CAMERA_STATE))
+    assert renderer.log == ["prepare omni 8"]
+
+
+class EffectRenderer(CountingRenderer):
+    """Writes down with which effects its views are drawn, and how often it is asked what it sees.
+
+    The background is as bright as the viewpoint is far from the world's middle.
+    """
+
+    def light_summary(self, exposure: CameraState) -> SceneSummary:
+        self.log.append("light")
+        return SceneSummary(max(0.1, float(exposure.world_from_mirror.translation[0])))
+
+    def summary(self, exposure: CameraState, camera: OmniCamera) -> SceneSummary:
+        self.log.append("summary")
+        return self.light_summary(exposure)
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        super().prepare(camera, plan)
+        return EffectView(self.log, camera)
+
+
+class EffectView(CountingView):
+    def draw(self, exposure: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
+        self._log.append(" ".join(("draw", *(effect.name for effect in effects))))
+        return super().draw(exposure)
+
+
+def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
+    wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
+    return OmniCameraSpec(CAMERA.camera, CAMERA.render_settings, wishes)
+
+
+def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
+    renderer = EffectRenderer()
+    picture = make_cache(renderer).render(ViewRequest(camera_spec_with(), CAMERA_STATE))
+    assert (renderer.log, picture.effects) == (["prepare omni 8", "draw"], ())
+
+
+def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
+    renderer = EffectRenderer()
+    picture = make_cache(renderer).render(
+        ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE)
+    )
+    assert renderer.log == ["prepare omni 8", "light", "draw"]
+    assert [(one.effect, one.enabled) for one in picture.effects] == [("Quantisation", False)]
+
+
+def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
+    renderer = EffectRenderer()
+    views, eye = make_cache(renderer), camera_spec_with(Blooming(0.1, 8.0), Quantisation(8))
+    glare = CameraState(Pose.from_rpy((3.0, 0.0, 0.0)))
+    pictures = [
+        views.render(ViewRequest(eye, exposure)) for exposure in (CAMERA_STATE, glare, CAMERA_STATE)
+    ]
+    told = [entry for entry in renderer.log if entry != "light"]
+    expected = ["draw Quantisation", "draw Bloom Quantisation", "draw Quantisation"]
+    assert told == ["prepare omni 8", *expected]
+    assert [[one.enabled for one in picture.effects] for picture in pictures] == [
+        [False, True],
+        [True, True],
+        [False, True],
+    ]
+
+
+def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
+    renderer = EffectRenderer()
+    make_cache(renderer).render(
+        ViewRequest(camera_spec_with(Fog(1e-6, 0.5, 0.5, 0.5)), CAMERA_STATE)
+    )
+    assert renderer.log[:2] == ["prepare omni 8", "summary"]
+
+
+def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    views, eye = make_cache(EffectRenderer()), camera_spec_with(Vignetting(), Quantisation(8))
+    with caplog.at_level(logging.INFO):
+        places = [CameraState(Pose.from_rpy((x, 0.0, 0.0))) for x in (0.4, 0.6, 0.8)]
+        pictures = [views.render(ViewRequest(eye, place)) for place in places]
+    assert len({picture.effects for picture in pictures}) == 3
+    assert sum("effects:" in record.message for record in caplog.records) == 1
+
+
+class SlowRenderer:
+    """Views take `ms_a_sample` by a clock of their own, for each sample of a pixel."""
+
+    def __init__(self, ms_per_sample: float) -> None:
+        self.ms_a_sample = ms_per_sample
+        self.now_s = 0.0
+        self.plans: list[RenderPlan] = []
+
+    def describe(self) -> str:
+        return "slow"
+
+    def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
+        self.plans.append(plan)
+        return SlowView(self, plan)
+
+    def close(self) -> None:
+        pass
+
+
+class SlowView:
+    def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
+        self._renderer, self._plan = renderer, plan
+
+    def draw(self, exposure: CameraState) -> RenderedImage:
+        ms = self._renderer.ms_a_sample * self._plan.samples**2
+        self._renderer.now_s += 1e-3 * ms
+        return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})
+
+    def close(self) -> None:
+        pass
+
+
+def make_budgeted_cache(
+    renderer: SlowRenderer, budget_ms: float, published: ErrorBoundTable | None = None
+) -> tuple[ViewCache, ViewRequest]:
+    """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
+    wish = replace(CAMERA.render_settings, dial=AccuracyTarget(budget_ms=budget_ms))
+
+    def measure(
+        renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
+    ) -> list[PlanTiming]:
+        plans = calibration_plans(kind, camera, surface)
+        return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
+
+    choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
+    planning = RenderPlanner(choice, measure=measure)
+    views = ViewCache(planning, clock=lambda: renderer.now_s, error_bounds=published)
+    return views, ViewRequest(OmniCameraSpec(CAMERA.camera, wish), CAMERA_STATE)
+
+
+def render_repeatedly(views: ViewCache, request: ViewRequest, frames: int) -> None:
+    for _ in range(frames):
+        views.render(request)
+
+
+def test_budget_when_kept_leaves_the_plan_alone() -> None:
+    renderer = SlowRenderer(1.0)
+    render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3]
+
+
+def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    renderer = SlowRenderer(2.0)
+    with caplog.at_level("INFO"):
+        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 2]
+    assert "18.0 ms a frame (median), 10 ms asked: too slow" in caplog.text
+
+
+def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCaptureFixture) -> None:
+    renderer = SlowRenderer(50.0)
+    with caplog.at_level("INFO"):
+        render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 1]
+    assert caplog.text.count("there is nothing better to do") == 1
+
+
+def test_budget_when_frames_become_fast_again_is_used_again() -> None:
+    renderer = SlowRenderer(2.0)
+    views, take = make_budgeted_cache(renderer, 10.0)
+    render_repeatedly(views, take, 100)
+    renderer.ms_a_sample = 0.9
+    render_repeatedly(views, take, 1000)
+    assert [plan.samples for plan in renderer.plans] == [3, 2, 3]
+
+
+def test_frame_s_plan_when_it_is_chosen_again_is_the_one_that_drew_it() -> None:
+    renderer = SlowRenderer(2.0)
+    views, take = make_budgeted_cache(renderer, 10.0)
+    for _ in range(100):
+        drawn = views.render(take).stage_ms["trace"]
+        plan = views.plan(take.camera)
+        assert drawn == 2.0 * plan.samples**2
+
+
+def test_eye_when_asked_for_is_answered_without_being_prepared() -> None:
+    renderer = SlowRenderer(1.0)
+    views, take = make_budgeted_cache(renderer, 10.0)
+    assert isinstance(take.camera, OmniCameraSpec)
+    asked = views.view_state(take.camera)
+    assert (asked.choice.plan.samples, asked.median_ms, renderer.plans) == (3, None, [])
+    render_repeatedly(views, take, 30)
+    assert views.view_state(take.camera).median_ms == pytest.approx(9.0)
+
+
+def test_bound_when_a_view_is_prepared_is_published_until_it_makes_room() -> None:
+    published = ErrorBoundTable()
+    views, take = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)
+    assert published.get(take.camera) is None
+    views.render(take)
+    assert published.get(take.camera) is views.error_bound(take.camera) is not None
+
+
+def test_ordinary_camera_has_no_bound() -> None:
+    assert make_cache(CountingRenderer()).error_bound(PerspectiveCamera(20, 10, 1.0)) is None

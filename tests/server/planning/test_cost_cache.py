@@ -1,0 +1,69 @@
+"""Costs are kept for what they were measured on, and whatever lies in the cache does no harm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.planning.cost_cache import CostCache, default_cache_folder, hash_scene
+from catoptra_server.robot.render_settings import PerPixel
+from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.worlds import make_omni_camera, make_test_world
+
+SCENE = build_scene(make_test_world())
+CAMERA = make_omni_camera(width_px=64)
+RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
+
+
+def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
+    key = CostCache(tmp_path / "deep/costs", SCENE).make_key("llvmpipe", CAMERA, PerPixel())
+    CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES)
+    assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES
+    assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
+
+
+def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None:
+    cache = CostCache(tmp_path, SCENE)
+    exact, split = PerPixel(), Tessellation(8, 8)
+    other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
+    keys = {
+        cache.make_key("a", CAMERA, exact),
+        cache.make_key("b", CAMERA, exact),
+        cache.make_key("a", make_omni_camera(width_px=65), exact),
+        cache.make_key("a", CAMERA, split),
+        other.make_key("a", CAMERA, exact),
+    }
+    assert len(keys) == 5
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[1]", '{"raster": 3}', '{"raster": {"a": ["x"]}}'])
+def test_file_when_it_is_spoilt_is_as_if_not_there(tmp_path: Path, text: str) -> None:
+    (tmp_path / "key.json").write_text(text)
+    assert not CostCache(tmp_path, SCENE).read("key")
+
+
+def test_cache_when_it_cannot_be_written_is_done_without(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    CostCache(tmp_path / "file", SCENE).write("key", RATES)
+    assert "not kept" in caplog.text
+
+
+def test_cache_when_there_is_none_keeps_nothing() -> None:
+    CostCache(None, SCENE).write("key", RATES)
+    assert CostCache(None, SCENE).read("key") is None
+
+
+def test_digest_of_a_scene_is_of_its_content() -> None:
+    assert hash_scene(SCENE) == hash_scene(build_scene(make_test_world()))
+
+
+def test_users_cache_is_where_their_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert default_cache_folder() == Path("/somewhere/catoptra/costs")
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")
+    assert default_cache_folder() == Path.home() / ".cache/catoptra/costs"

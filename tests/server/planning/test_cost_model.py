@@ -1,0 +1,91 @@
+"""A model of costs finds the rates that made the times, and foretells others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_server.planning.cost_model import (
+    CostModel,
+    PlanTiming,
+    cost_features,
+    cost_group,
+    fit_cost_model,
+    fit_nonnegative_rates,
+)
+from catoptra_server.render.render_plan import (
+    RendererKind,
+    RenderPlan,
+    RenderSettings,
+    plan_from_settings,
+)
+from helpers.worlds import make_omni_camera
+
+CAMERA = make_omni_camera(width_px=640)
+RATES = {"faces": (2.0, 20.0, 5.0), "mirror": (0.5, 9.0, 3.0), "readback": (0.3, 0.0)}
+TRUE_MODEL = CostModel(CAMERA, {"raster": RATES})
+
+
+def make_plan(kind: RendererKind, samples: int, texels_per_px: float = 1.0) -> RenderPlan:
+    wish = RenderSettings(samples=samples, texels_per_px=texels_per_px)
+    return plan_from_settings(wish, CAMERA, kind=kind, reason="test")
+
+
+def raster_plan(samples: int, texels_per_px: float, face_samples: int = 1) -> RenderPlan:
+    plan = make_plan(RendererKind.RASTER, samples, texels_per_px)
+    return replace(plan, face_samples=face_samples)
+
+
+MEASURED_PLANS = [
+    raster_plan(1, 0.5),
+    raster_plan(1, 1.0),
+    raster_plan(2, 1.0),
+    raster_plan(1, 1.0, 4),
+]
+
+
+def test_model_when_fitted_to_a_few_frames_foretells_others() -> None:
+    model = fit_cost_model(
+        CAMERA, [PlanTiming(plan, TRUE_MODEL.predict_stage_ms(plan)) for plan in MEASURED_PLANS]
+    )
+    for plan in (raster_plan(8, 0.5), raster_plan(3, 4.0), raster_plan(4, 2.0, 4)):
+        assert model.predict_frame_ms(plan) == pytest.approx(
+            TRUE_MODEL.predict_frame_ms(plan), rel=1e-6
+        )
+
+
+def test_model_when_times_are_noisy_has_no_negative_rates() -> None:
+    rng = np.random.default_rng(3)
+    measured = [
+        PlanTiming(
+            p, {s: ms * rng.uniform(0.7, 1.3) for s, ms in TRUE_MODEL.predict_stage_ms(p).items()}
+        )
+        for p in MEASURED_PLANS
+    ]
+    rates = fit_cost_model(CAMERA, measured).rates["raster"]
+    assert all(rate >= 0.0 for stage in rates.values() for rate in stage)
+
+
+def test_rates_of_something_that_only_falls_are_its_mean() -> None:
+    amounts = np.array([[1.0, 1.0], [1.0, 2.0]])
+    fixed, growing = fit_nonnegative_rates(amounts, np.array([2.0, 1.0]))
+    assert growing == 0.0
+    assert 1.0 < fixed < 2.0
+
+
+def test_way_of_a_plan_tells_renderers_and_sparse_rays_apart() -> None:
+    apart = make_plan(RendererKind.TRACE, 1)
+    plans = (apart, replace(apart, stride_px=1), raster_plan(1, 1.0))
+    assert len({cost_group(plan) for plan in plans}) == 3
+
+
+def test_model_when_asked_of_a_way_that_was_not_measured_says_so() -> None:
+    with pytest.raises(KeyError, match="trace"):
+        TRUE_MODEL.predict_frame_ms(make_plan(RendererKind.TRACE, 1))
+
+
+def test_cells_cost_the_same_with_more_samples() -> None:
+    few, many = (cost_features("cells", make_plan(RendererKind.TRACE, s), CAMERA) for s in (1, 8))
+    assert few == many

@@ -1,0 +1,107 @@
+"""What a bound is made of and says; that it holds is tests/server/render/test_error_bound.py."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_server.planning.error_bound import ErrorBound, error_bound
+from catoptra_server.render.render_plan import (
+    MirrorSurface,
+    PerPixel,
+    RendererKind,
+    RenderPlan,
+    RenderSettings,
+    plan_from_settings,
+)
+from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
+from helpers.worlds import make_omni_camera
+
+CAMERA = make_omni_camera(width_px=360)
+TRACE, RASTER = RendererKind.TRACE, RendererKind.RASTER
+
+
+def make_plan(kind: RendererKind, surface: MirrorSurface, samples: int = 2) -> RenderPlan:
+    return plan_from_settings(RenderSettings(surface, samples), CAMERA, kind=kind, reason="test")
+
+
+def make_bound(kind: RendererKind, surface: MirrorSurface) -> ErrorBound:
+    return error_bound(CAMERA, make_plan(kind, surface))
+
+
+@pytest.mark.parametrize(
+    ("kind", "surface", "names"),
+    [
+        (TRACE, PerPixel(), ["rounding"]),
+        (RASTER, PerPixel(), ["faces", "rounding"]),
+        (TRACE, Tessellation(16, 16), ["polygons", "rounding", "rim"]),
+        (RASTER, Tessellation(16, 16), ["polygons", "faces", "corners", "rounding", "rim"]),
+    ],
+    ids=["trace", "raster", "traced polygons", "rastered polygons"],
+)
+def test_bound_has_the_parts_of_its_plan_each_with_a_reason(
+    kind: RendererKind, surface: MirrorSurface, names: list[str]
+) -> None:
+    parts = make_bound(kind, surface).components
+    assert [part.name for part in parts] == names
+    assert all(part.reason and part.max_px > 0.0 for part in parts)
+
+
+def test_parts_add_up_but_for_the_rim() -> None:
+    whole = make_bound(RASTER, Tessellation(16, 16))
+    added = sum(part.max_px for part in whole.components if part.name != "rim")
+    assert whole.geometric.max_px == pytest.approx(added)
+
+
+def test_rim_of_few_sectors_and_many_rings_is_the_whole() -> None:
+    camera = make_omni_camera(width_px=360, rim_deg=60.0)
+    split = Tessellation(8, 64, Interpolation.POSITION)
+    few = plan_from_settings(RenderSettings(split), camera, kind=TRACE, reason="test")
+    whole = error_bound(camera, few)
+    rim = {part.name: part.max_px for part in whole.components}["rim"]
+    assert whole.geometric.max_px == rim
+
+
+def test_second_answer_is_the_first_one() -> None:
+    assert make_bound(RASTER, Tessellation(8, 8)) is make_bound(RASTER, Tessellation(8, 8))
+
+
+def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
+    numbers = make_bound(RASTER, PerPixel()).as_dict()
+    assert set(numbers) == {
+        *("max_px", "rms_px", "max_deg", "rms_deg"),
+        *("edge_px", "outline_px", "marker_px"),
+        *("texels_per_px_min", "texels_per_px_median", "texels_per_px_max"),
+        *("faces_px", "rounding_px"),
+    }
+    assert all(isinstance(value, float) for value in numbers.values())
+    assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).as_dict()
+
+
+def test_marker_is_off_by_both_errors() -> None:
+    whole = make_bound(RASTER, PerPixel())
+    assert whole.marker_error_px == whole.geometric.max_px + whole.sampling.centroid_error_px
+
+
+def test_bound_in_words_names_the_whole_its_parts_and_the_samples() -> None:
+    text = str(make_bound(RASTER, Tessellation(16, 16)))
+    assert text.startswith("at most 7.9")
+    assert "(polygons 7.3, faces 0.58, " in text
+    assert "samples leave 0.35 px" in text
+    assert text.endswith("texels a px, more than its taps see")
+
+
+def test_bound_of_traced_exact_pictures_does_not_speak_of_texels() -> None:
+    assert "texels" not in str(make_bound(TRACE, PerPixel()))
+
+
+def test_polygons_of_an_orthographic_camera_have_no_bound() -> None:
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03))
+    with pytest.raises(DomainError, match="pinhole"):
+        error_bound(camera, make_plan(TRACE, Tessellation(8, 8)))
+
+
+def test_outline_is_off_by_its_displacement_and_by_what_samples_leave() -> None:
+    whole = make_bound(RASTER, PerPixel())
+    assert whole.outline_error_px == whole.geometric.max_px + whole.sampling.edge_error_px

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.cube_map import (
+    MIRROR_FROM_FACE_ROTATIONS,
+    Face,
+    face_coordinates,
+    face_from_direction,
+)
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
+from catoptra_server.planning.face_regions import (
+    MAX_SIDE_TEXELS,
+    MAX_TEXELS,
+    FaceRegion,
+    face_regions,
+    max_face_size_px,
+    pixels_per_unit,
+    regions_by_density,
+    regions_of_size,
+    visible_window,
+)
+from helpers.worlds import PAPER_MIRROR, make_omni_camera
+
+RIMS_DEG = (40.0, 60.0, 90.0, 91.0, 105.0, 120.0, 125.2, 130.0, 140.0, 150.0)
+
+
+def directions_within(limit_deg: float) -> Floats:
+    theta = np.radians(np.linspace(0.0, limit_deg, 181))
+    gamma = np.radians(np.linspace(-180.0, 180.0, 361))
+    theta, gamma = np.meshgrid(theta, gamma, indexing="ij")
+    ring = np.sin(theta)
+    grid = np.stack((ring * np.cos(gamma), ring * np.sin(gamma), np.cos(theta)), axis=-1)
+    return grid.reshape(-1, 3)
+
+
+def regions_of(camera: OmniCamera, texels_per_px: float = 1.0) -> tuple[FaceRegion, ...]:
+    return regions_by_density(camera, camera.rim_rad, texels_per_px=texels_per_px)
+
+
+@pytest.mark.parametrize("limit_deg", [30.0, 44.9, 45.1, 60.0, 89.0, 90.0, 91.0, 120.0, 125.2])
+def test_windows_hold_every_direction_up_to_the_limit(limit_deg: float) -> None:
+    directions = directions_within(limit_deg)
+    face = face_from_direction(directions)
+    st = face_coordinates(directions, face)
+    for index in np.unique(face):
+        window = visible_window(Face(index), math.radians(limit_deg))
+        s, t = st[face == index].T
+        assert window.left - 1e-9 <= s.min()
+        assert s.max() <= window.right + 1e-9
+        assert window.top - 1e-9 <= t.min()
+        assert t.max() <= window.bottom + 1e-9
+
+
+@pytest.mark.parametrize("limit_deg", [30.0, 60.0, 100.0, 120.0, 125.2])
+def test_windows_are_no_larger_than_what_is_seen(limit_deg: float) -> None:
+    directions = directions_within(limit_deg)
+    face = face_from_direction(directions)
+    top = face_coordinates(directions, face)[face == Face.N][:, 1] if limit_deg > 45 else None
+    window = visible_window(Face.N if top is not None else Face.C, math.radians(limit_deg))
+    expected = top.min() if top is not None else -math.tan(math.radians(limit_deg))
+    assert window.top == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rim_deg", "faces"), [(40, "C"), (46, "NESWC"), (125.26, "NESWC"), (125.27, "NESWCU")]
+)
+def test_only_faces_that_are_seen_have_a_part(rim_deg: float, faces: str) -> None:
+    assert (
+        "".join(part.face.name for part in regions_of(make_omni_camera(rim_deg=rim_deg))) == faces
+    )
+
+
+def texel_sides_px(camera: OmniCamera, region: FaceRegion) -> Floats:
+    """Return the lengths in px of texels' sides on a grid over a part, where the mirror looks."""
+    window = region.window
+    grid = np.meshgrid(
+        np.linspace(window.left, window.right, 97), np.linspace(window.top, window.bottom, 97)
+    )
+    places = np.stack(grid, axis=-1).reshape(-1, 2)
+    lengths = []
+    for step in ((0.5e-4, 0.0), (0.0, 0.5e-4)):
+        pixels, seen = [], np.ones(len(places), dtype=bool)
+        for side in (-1.0, 1.0):
+            moved = np.column_stack((np.ones(len(places)), places + side * np.array(step)))
+            pixel, inside = pixel_from_direction(
+                camera, moved @ MIRROR_FROM_FACE_ROTATIONS[region.face].T
+            )
+            pixels.append(pixel)
+            seen &= inside
+        per_unit = np.linalg.norm(pixels[1] - pixels[0], axis=-1)[seen] / 1e-4
+        density = region.columns_per_unit if step[0] else region.rows_per_unit
+        lengths.append(float(per_unit.max()) / density)
+    return np.array(lengths)
+
+
+MIRRORS: list[tuple[CentralMirror, float]] = [
+    *((PAPER_MIRROR, rim_deg) for rim_deg in RIMS_DEG),
+    (HyperbolicMirror(3.0, 0.2), 105.0),
+    (ParabolicMirror(0.03), 110.0),
+]
+
+
+@pytest.mark.parametrize(("mirror", "rim_deg"), MIRRORS)
+@pytest.mark.parametrize("texels_per_px", [1.0, 1.7])
+def test_no_texel_is_longer_than_its_share_of_a_pixel(
+    mirror: CentralMirror, rim_deg: float, texels_per_px: float
+) -> None:
+    camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
+    for part in regions_of(camera, texels_per_px):
+        longest = texels_per_px * texel_sides_px(camera, part)
+        assert longest.max() <= 1.001
+        # And no finer than it must be, but for whole texels a face.
+        assert longest.min() > 0.97
+
+
+def test_bottom_has_a_quarter_of_the_texels_a_side_that_the_sides_have() -> None:
+    camera = make_omni_camera(width_px=640)
+    size = {part.face: 2.0 * part.columns_per_unit for part in regions_of(camera)}
+    # At the centre a pixel is 2 / h radians, and a texel of the bottom 2 / n: n = h.
+    assert size[Face.C] == pytest.approx(camera.horizon_radius_px, abs=1.0)
+    assert size[Face.N] == pytest.approx(3.48 * size[Face.C], rel=0.01)
+    assert {size[face] for face in (Face.E, Face.S, Face.W)} == {size[Face.N]}
+
+
+def test_density_on_the_axis_is_the_same_all_around() -> None:
+    camera = make_omni_camera()
+    density = pixels_per_unit(camera, Face.C, np.array([[0.0, 0.0], [1e-5, -1e-5]]))
+    slope = float(camera.mirror.radius_ratio_slope(np.array(0.0)))
+    assert density == pytest.approx(np.full((2, 2), camera.horizon_radius_px * slope), rel=1e-4)
+
+
+def test_wished_size_wins_on_every_face() -> None:
+    camera = make_omni_camera(rim_deg=130.0)
+    parts = face_regions(camera, camera.rim_rad, size_px=500, texels_per_px=1.0)
+    assert len(parts) == 6
+    assert {(part.columns_per_unit, part.rows_per_unit) for part in parts} == {(250.0, 250.0)}
+    assert max_face_size_px(parts) == 500
+
+
+def test_wish_of_zero_is_by_density() -> None:
+    camera = make_omni_camera()
+    parts = face_regions(camera, camera.rim_rad, size_px=0, texels_per_px=1.0)
+    assert parts == regions_of(camera)
+
+
+def test_parts_for_an_extreme_mirror_stay_within_reason() -> None:
+    camera = make_omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=85.0)
+    parts = regions_of(camera)
+    assert sum(part.num_texels for part in parts) <= 1.001 * MAX_TEXELS
+    assert max(max(part.size_texels) for part in parts) <= 1.001 * MAX_SIDE_TEXELS
+
+
+def test_places_beyond_the_rim_that_coarse_polygons_look_at_have_the_density_of_the_rim() -> None:
+    camera = make_omni_camera(mirror=HyperbolicMirror(2.1, 0.2), rim_deg=100.0)
+    parts = regions_by_density(camera, math.radians(110.0), texels_per_px=1.0)
+    assert all(math.isfinite(part.num_texels) for part in parts)
+    assert regions_of_size(math.radians(110.0), 2)[0].window == parts[0].window

@@ -1,0 +1,23 @@
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_server.planning.perspective_plan import plan_perspective_view
+from catoptra_server.render.render_plan import DEFAULT_SAMPLES, RendererKind
+
+
+@pytest.mark.parametrize(("wished", "samples"), [(0, DEFAULT_SAMPLES), (1, 1), (5, 5)])
+def test_plan_takes_the_wish_or_the_default(wished: int, samples: int) -> None:
+    assert plan_perspective_view(wished, kind=RendererKind.TRACE, reason="test").samples == samples
+
+
+def test_plan_says_what_and_why() -> None:
+    plan = plan_perspective_view(3, kind=RendererKind.RASTER, reason="asked for")
+    assert str(plan) == "raster, 3^2 samples: asked for"
+
+
+@pytest.mark.parametrize("samples", [-1, 17])
+def test_plan_with_impossible_samples_is_refused(samples: int) -> None:
+    with pytest.raises(DomainError, match="1 to 16"):
+        plan_perspective_view(samples, kind=RendererKind.TRACE, reason="test")

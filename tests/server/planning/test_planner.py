@@ -1,0 +1,116 @@
+"""The planner with costs that are made up: what it takes, what it says, what its neighbours are."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from catoptra_server.planning.candidate_plans import generate_candidate_plans
+from catoptra_server.planning.planner import PlanChoice, PlanOption, choose_plan, pareto_front
+from catoptra_server.render.render_plan import PerPixel, RendererKind, RenderPlan
+from catoptra_server.robot.render_settings import AccuracyTarget
+from helpers.worlds import make_omni_camera
+
+CAMERA = make_omni_camera(width_px=360)
+KINDS = tuple(RendererKind)
+
+
+class FakeCostPredictor:
+    """So many ms a sample and a million texels; rays apart cost half of all rays."""
+
+    def __init__(self, *, trace_ms: float = 5.0, raster_ms: float = 5.0) -> None:
+        self._trace_ms, self._raster_ms = trace_ms, raster_ms
+
+    def predict_frame_ms(self, plan: RenderPlan) -> float:
+        if plan.renderer is RendererKind.TRACE:
+            return self._trace_ms * plan.samples**2 * (1.0 if plan.stride_px > 1 else 2.0)
+        texels = sum(part.num_texels for part in plan.face_regions) * plan.face_samples
+        return self._raster_ms * (plan.samples**2 / 4 + 1e-6 * texels)
+
+
+def make_front(costs: FakeCostPredictor) -> tuple[PlanOption, ...]:
+    return pareto_front(CAMERA, generate_candidate_plans(PerPixel(), CAMERA, KINDS), costs)
+
+
+def choose_for(target: AccuracyTarget, costs: FakeCostPredictor | None = None) -> PlanChoice:
+    return choose_plan(CAMERA, make_front(costs or FakeCostPredictor()), target)
+
+
+def test_ladder_when_climbed_costs_more_and_shows_better_at_each_step() -> None:
+    steps = make_front(FakeCostPredictor())
+    assert len(steps) > 8
+    for lower, higher in itertools.pairwise(steps):
+        assert lower.predicted_ms < higher.predicted_ms
+        assert lower.error_bound_px > higher.error_bound_px
+
+
+@pytest.mark.parametrize(("tolerance_px", "samples"), [(2.0, 1), (0.5, 2), (0.1, 8)])
+def test_tolerance_when_it_can_be_kept_takes_the_cheapest_that_keeps_it(
+    tolerance_px: float, samples: int
+) -> None:
+    choice = choose_for(AccuracyTarget(max_error_px=tolerance_px), FakeCostPredictor(raster_ms=1e3))
+    assert choice.target_met
+    assert choice.bound is not None
+    assert choice.bound.outline_error_px <= tolerance_px
+    assert (choice.plan.renderer, choice.plan.samples) == (RendererKind.TRACE, samples)
+    assert choice.faster is None or choice.faster.error_bound_px > tolerance_px
+    assert f"within {tolerance_px:g} px" in choice.plan.reason
+
+
+def test_tolerance_when_no_plan_keeps_it_takes_the_best_and_says_so() -> None:
+    choice = choose_for(AccuracyTarget(max_error_px=0.01))
+    assert not choice.target_met
+    assert choice.plan.samples == 8
+    assert choice.more_accurate is None
+    assert choice.plan.reason == "no plan keeps 0.01 px: the best that can be is 0.0884 px"
+
+
+def test_budget_when_plans_fit_takes_the_most_accurate_of_them() -> None:
+    choice = choose_for(AccuracyTarget(budget_ms=21.0))
+    assert choice.target_met
+    assert choice.predicted_ms == 20.0
+    assert choice.more_accurate is not None
+    assert choice.more_accurate.predicted_ms > 21.0
+    assert choice.plan.reason.startswith("the most accurate within 21 ms")
+
+
+def test_budget_when_nothing_fits_takes_the_cheapest_and_says_so() -> None:
+    choice = choose_for(AccuracyTarget(budget_ms=0.1))
+    assert not choice.target_met
+    assert choice.faster is None
+    assert choice.plan.reason.startswith("no plan fits into 0.1 ms: the cheapest, about ")
+
+
+def test_tolerance_with_a_budget_when_both_can_be_kept_is_as_cheap_as_without() -> None:
+    both, alone = choose_for(AccuracyTarget(0.5, 30.0)), choose_for(AccuracyTarget(0.5))
+    assert both.plan.description == alone.plan.description
+    assert both.target_met
+
+
+def test_tolerance_with_a_budget_when_it_takes_too_long_keeps_the_budget_and_says_so() -> None:
+    choice = choose_for(AccuracyTarget(0.1, 30.0))
+    assert not choice.target_met
+    assert choice.predicted_ms is not None
+    assert choice.predicted_ms <= 30.0
+    assert choice.plan.reason.startswith("0.1 px cannot be kept in that time, the most accurate")
+
+
+@pytest.mark.parametrize(
+    ("costs", "kind"),
+    [
+        (FakeCostPredictor(trace_ms=1.0, raster_ms=100.0), RendererKind.TRACE),
+        (FakeCostPredictor(trace_ms=100.0, raster_ms=0.1), RendererKind.RASTER),
+    ],
+)
+def test_renderer_when_another_is_slower_is_the_faster_one(
+    costs: FakeCostPredictor, kind: RendererKind
+) -> None:
+    assert choose_for(AccuracyTarget(max_error_px=2.0), costs).plan.renderer is kind
+
+
+def test_choice_when_printed_tells_time_and_neighbours() -> None:
+    text = str(choose_for(AccuracyTarget(budget_ms=21.0)))
+    assert "about 20.0 ms a frame" in text
+    assert "next better trace" in text
+    assert "next cheaper " in text

@@ -1,0 +1,88 @@
+"""What float32 leaves; that it holds for rays is tests/server/render/test_error_bound.py."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_sample_positions,
+)
+from catoptra_server.planning.rounding_error import corner_error, rounding_error
+from catoptra_server.planning.texel_footprint import texel_footprint
+from catoptra_server.render.raster.atlas import GUARD_TEXELS, pack_atlas
+from catoptra_server.render.raster.lookup_map import atlas_coordinates
+from catoptra_server.render.render_plan import (
+    MirrorSurface,
+    PerPixel,
+    RendererKind,
+    RenderPlan,
+    RenderSettings,
+    plan_from_settings,
+)
+from catoptra_server.scene.mirror_mesh import Tessellation
+from helpers.worlds import PAPER_MIRROR, make_omni_camera
+
+
+def make_plan(camera: OmniCamera, kind: RendererKind, surface: MirrorSurface) -> RenderPlan:
+    return plan_from_settings(RenderSettings(surface), camera, kind=kind, reason="test")
+
+
+def rounding_px(
+    camera: OmniCamera,
+    kind: RendererKind,
+    surface: MirrorSurface = PerPixel(),  # noqa: B008 - frozen
+) -> float:
+    return rounding_error(camera, make_plan(camera, kind, surface)).max_px
+
+
+@pytest.mark.parametrize(
+    ("mirror", "rim_deg"),
+    [(PAPER_MIRROR, 120.0), (HyperbolicMirror(2.1, 0.2), 100.0), (ParabolicMirror(0.03), 135.0)],
+    ids=str,
+)
+def test_places_in_the_atlas_are_held_better_than_their_part(
+    mirror: CentralMirror, rim_deg: float
+) -> None:
+    camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
+    plan = make_plan(camera, RendererKind.RASTER, PerPixel())
+    atlas = pack_atlas(plan.face_regions, guard_texels=GUARD_TEXELS, max_texels=16384)
+    pixels = pixel_sample_positions(camera)[::3, ::3, 0]
+    directions, on_mirror = direction_from_pixel(camera, pixels)
+    size = np.array((atlas.width, atlas.height), dtype=np.float32)
+    # As a sampler does it, in float32.
+    held = (atlas_coordinates(camera, atlas, pixels) * size).astype(np.float64)
+    moved = (held - atlas.texels_from_direction(directions))[on_mirror]
+    seen_px = (
+        np.linalg.norm(moved, axis=-1).max() * texel_footprint(camera, plan.face_regions).max_px
+    )
+    assert 0.0 < seen_px <= rounding_px(camera, RendererKind.RASTER) < 5e-3
+
+
+def test_directions_of_polygons_are_rounded_too() -> None:
+    camera = make_omni_camera(width_px=360)
+    split = Tessellation(16, 16)
+    assert rounding_px(camera, RendererKind.RASTER, split) > rounding_px(
+        camera, RendererKind.RASTER
+    )
+
+
+def test_rounding_of_rays_is_far_below_what_can_be_seen() -> None:
+    # Unit vectors in float32 are good to 6e-8; times up to 210 px a radian at the rim.
+    assert 1e-5 < rounding_px(make_omni_camera(width_px=360), RendererKind.TRACE) < 5e-5
+
+
+def test_rounding_grows_with_the_image() -> None:
+    small, large = (
+        rounding_px(make_omni_camera(width_px=w), RendererKind.TRACE) for w in (90, 900)
+    )
+    assert large == pytest.approx(10.0 * small)
+
+
+def test_corners_of_polygons_stand_finer_with_more_samples() -> None:
+    camera = make_omni_camera(width_px=360)
+    assert corner_error(camera, 1).max_px == pytest.approx(2**0.5 / 512.0)
+    assert corner_error(camera, 4).max_px == pytest.approx(2**0.5 / 2048.0)

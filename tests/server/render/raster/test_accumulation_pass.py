@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.time_samples import sample_shutter
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.effect_measurement import CAMERA, CAMERA_STATE, make_effect
+from helpers.worlds import make_plan, make_test_world
+
+LASTING = replace(CAMERA_STATE, shutter=Shutter(0.04, 0.03, 5))
+
+
+def renderer_on(device: GlDevice) -> RasterRenderer:
+    return RasterRenderer(build_scene(make_test_world()), make_test_world(), device=device)
+
+
+def mean_of(view: object, exposure: CameraState) -> np.ndarray[tuple[int, int, int]]:
+    drawn = (
+        view.draw_linear(instant).astype(np.float64) * weights[:, None, None]  # type: ignore[attr-defined]
+        for instant, weights in sample_shutter(exposure, CAMERA.height_px)
+    )
+    return sum(drawn, start=np.zeros((CAMERA.height_px, CAMERA.width_px, 3)))
+
+
+def test_exposure_when_it_lasts_is_the_mean_of_its_instants_by_row(device: GlDevice) -> None:
+    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
+    np.testing.assert_allclose(view.render_linear(LASTING), mean_of(view, LASTING), atol=1e-6)
+    view.close()
+
+
+def test_view_when_an_exposure_lasts_has_one_stage_for_it_and_none_otherwise(
+    device: GlDevice,
+) -> None:
+    renderer = renderer_on(device)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    view.render(CAMERA_STATE)
+    assert view.pass_names == ("faces", "mirror")
+    assert not [name for name in renderer.program_names if "weigh" in name]
+    effects = (make_effect("Vignetting"),)
+    assert tuple(view.render(LASTING, effects).stage_ms) == (
+        "instants",
+        "Vignetting",
+        "encode",
+        "readback",
+    )
+    view.close()

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.atlas import GUARD_TEXELS
+from catoptra_server.render.raster.face_pass import DrawCounts
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.renderer import CameraState, FaceCamera
+from catoptra_server.scene.colour import linear_from_srgb
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.dynamic_objects import place_cube
+from helpers.image_comparison import mask_away_from_edges
+from helpers.worlds import CAMERA_STATE, make_omni_camera, make_plan, make_test_world
+
+
+@pytest.fixture(scope="module")
+def renderer(device: GlDevice) -> RasterRenderer:
+    world = make_test_world()
+    return RasterRenderer(build_scene(world), world, device=device)
+
+
+def counts(
+    renderer: RasterRenderer, rim_deg: float, exposure: CameraState = CAMERA_STATE
+) -> DrawCounts:
+    camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
+    view = renderer.prepare(camera, make_plan(camera))
+    view.render(exposure)
+    view.close()
+    return view.face_counts
+
+
+@pytest.mark.parametrize(
+    ("rim_deg", "cells"),
+    [
+        (90.0, 5),
+        (100.0, 5),
+        (110.0, 5),
+        (120.0, 5),
+        (125.26, 5),
+        (125.27, 6),
+        (135.0, 6),
+        (150.0, 6),
+    ],
+)
+def test_sixth_face_is_drawn_only_beyond_its_limit(
+    renderer: RasterRenderer, rim_deg: float, cells: int
+) -> None:
+    assert counts(renderer, rim_deg).num_cells == cells
+
+
+@pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
+def test_only_texels_that_the_plan_gives_are_drawn(
+    renderer: RasterRenderer, rim_deg: float
+) -> None:
+    camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
+    parts = make_plan(camera).face_regions
+    # Whole texels, and the guard on both sides.
+    around = 2 * GUARD_TEXELS + 1
+    most = sum((part.size_texels[0] + around) * (part.size_texels[1] + around) for part in parts)
+    drawn = counts(renderer, rim_deg).num_texels
+    assert sum(part.num_texels for part in parts) < drawn <= most
+
+
+@pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
+def test_density_saves_a_fifth_of_the_texels_of_one_size(rim_deg: float) -> None:
+    camera = make_omni_camera(width_px=640, rim_deg=rim_deg)
+    of_one_size = regions_of_size(camera.rim_rad, math.ceil(1.01 * camera.width_px))
+    texels = sum(part.num_texels for part in make_plan(camera).face_regions)
+    assert texels < 0.8 * sum(part.num_texels for part in of_one_size)
+
+
+def test_side_faces_are_not_drawn_for_a_mirror_that_looks_down_only(
+    renderer: RasterRenderer,
+) -> None:
+    assert counts(renderer, 40.0).num_cells == 1
+
+
+def test_lower_rim_costs_fewer_texels(renderer: RasterRenderer) -> None:
+    def texels(rim_deg: float) -> int:
+        camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
+        view = renderer.prepare(camera, make_plan(camera, face_size_px=96))
+        view.render(CAMERA_STATE)
+        view.close()
+        return view.face_counts.num_texels
+
+    of_rims = [texels(rim_deg) for rim_deg in (30.0, 60.0, 90.0, 120.0, 130.0)]
+    assert of_rims == sorted(set(of_rims))
+
+
+def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) -> None:
+    above = renderer.prepare_face(FaceCamera(Face.U, 32), 1)
+    image = above.render(CameraState(Pose.from_rpy((0.0, 0.0, -5.0))))
+    assert above.face_counts.num_draw_calls == 0
+    assert (image.rgb == image.rgb[0, 0]).all()
+    above.close()
+
+
+@pytest.mark.parametrize(
+    ("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1), ((3.0, 3.0, 0.0), 2)]
+)
+def test_cell_of_the_atlas_when_nothing_is_in_it_has_no_draw_call(
+    device: GlDevice, at: tuple[float, float, float], faces: int
+) -> None:
+    post = Item("post", Box((0.2, 0.2, 0.2)), Pose.from_rpy(at), Material((0.5, 0.5, 0.5)))
+    small = World("post", (post,), background=(0.2, 0.2, 0.2))
+    renderer = RasterRenderer(build_scene(small), small, device=device)
+    drawn = counts(renderer, 120.0, CameraState(Pose.identity()))
+    assert (drawn.num_cells, drawn.num_draw_calls, drawn.num_triangles) == (5, faces, 12 * faces)
+
+
+@pytest.mark.parametrize(("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1)])
+def test_cell_of_the_atlas_when_no_body_is_in_it_has_no_draw_call(
+    device: GlDevice, at: tuple[float, float, float], faces: int
+) -> None:
+    empty = World("nothing", (), background=(0.2, 0.2, 0.2))
+    renderer = RasterRenderer(build_scene(empty), empty, device=device)
+    here = CameraState(Pose.identity())
+    assert counts(renderer, 120.0, here).num_draw_calls == 0
+    drawn = counts(renderer, 120.0, replace(here, objects=(place_cube(*at),)))
+    assert (drawn.num_draw_calls, drawn.num_triangles) == (faces, 12 * faces)
+
+
+def test_more_samples_than_the_device_has_are_refused(renderer: RasterRenderer) -> None:
+    camera = make_omni_camera(width_px=32)
+    with pytest.raises(DomainError, match="samples a texel"):
+        renderer.prepare(camera, make_plan(camera, face_samples=1024))
+
+
+def test_resolved_face_averages_in_linear_light(renderer: RasterRenderer) -> None:
+    camera = make_omni_camera(width_px=96)
+    plain, smooth = (
+        renderer.prepare(camera, make_plan(camera, face_samples=samples)) for samples in (1, 4)
+    )
+    one, four = plain.render(CAMERA_STATE).rgb, smooth.render(CAMERA_STATE).rgb
+    # Steps at edges become ramps; the light as a whole stays, to a thousandth of full scale.
+    assert (
+        mask_away_from_edges(four, contrast=64).sum() > mask_away_from_edges(one, contrast=64).sum()
+    )
+    light = [linear_from_srgb(image / 255.0).mean() for image in (one, four)]
+    assert light[0] == pytest.approx(light[1], abs=1e-3)
+    plain.close()
+    smooth.close()

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.omni_camera import pixel_from_direction
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.render.render_plan import MirrorSurface, PerPixel
+from catoptra_server.render.renderer import CameraState, FaceCamera, Image
+from catoptra_server.scene.mirror_mesh import Tessellation
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, World
+from helpers.image_comparison import level_differences
+from helpers.worlds import (
+    CAMERA_STATE,
+    HEMISPHERE_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    translate_world,
+)
+
+CAMERA = make_omni_camera(width_px=120)
+HERE = CameraState(Pose.identity())
+
+
+@pytest.fixture(scope="module")
+def renderer(device: GlDevice) -> RasterRenderer:
+    world = make_test_world()
+    return RasterRenderer(build_scene(world), world, device=device)
+
+
+def picture(device: GlDevice, world: World, exposure: CameraState) -> Image:
+    view = RasterRenderer(build_scene(world), world, device=device).prepare(
+        CAMERA, make_plan(CAMERA)
+    )
+    image = view.render(exposure).rgb
+    view.close()
+    return image
+
+
+def box_at(x: float, y: float, z: float, *, size: float = 0.4) -> World:
+    red = Material((1.0, 0.0, 0.0), unlit=True)
+    item = Item("box", Box((size, size, size)), Pose.from_rpy((x, y, z)), red)
+    return World("box", (item,), lights=(HEMISPHERE_LIGHT,), background=(0.0, 0.0, 1.0))
+
+
+def red_middle(image: Image) -> tuple[float, float]:
+    rows, columns = np.nonzero(image[..., 0] > 128)
+    return float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
+
+
+@pytest.mark.parametrize("place", [(2.0, 0.0, 0.0), (0.0, -2.0, 0.3), (-1.0, 1.0, 0.5)])
+def test_thing_appears_mirrored_where_the_law_puts_it(
+    device: GlDevice, place: tuple[float, float, float]
+) -> None:
+    expected, _ = pixel_from_direction(CAMERA, np.array(place))
+    # A box is no point: its middle in the picture is within two pixels of its centre's.
+    assert red_middle(picture(device, box_at(*place), HERE)) == pytest.approx(expected, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("surface", "samples", "passes"),
+    [
+        (PerPixel(), 1, ("faces", "mirror")),
+        (PerPixel(), 3, ("faces", "mirror")),
+        (Tessellation(8, 8), 1, ("faces", "mirror")),
+        (Tessellation(64, 64), 2, ("faces", "mirror")),
+    ],
+)
+def test_view_has_the_passes_that_its_plan_needs_and_times_each(
+    renderer: RasterRenderer, surface: MirrorSurface, samples: int, passes: tuple[str, ...]
+) -> None:
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, surface, samples=samples))
+    assert tuple(view.render(CAMERA_STATE).stage_ms) == (*passes, "readback")
+    assert view.pass_names == passes
+    view.close()
+
+
+def test_programs_are_shared_by_views_of_one_kind(renderer: RasterRenderer) -> None:
+    first = renderer.prepare(CAMERA, make_plan(CAMERA))
+    picture = first.render(CAMERA_STATE).rgb
+    built = renderer.program_names
+    second = renderer.prepare(
+        make_omni_camera(width_px=64), make_plan(make_omni_camera(width_px=64))
+    )
+    assert picture.shape != second.render(CAMERA_STATE).rgb.shape
+    assert renderer.program_names == built
+    first.close()
+    second.close()
+
+
+def test_views_do_not_disturb_each_other(renderer: RasterRenderer) -> None:
+    other_camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=64, rim_deg=100.0)
+    one = renderer.prepare(CAMERA, make_plan(CAMERA))
+    alone = one.render(CAMERA_STATE).rgb
+    other = renderer.prepare(other_camera, make_plan(other_camera, samples=2))
+    face = renderer.prepare_face(FaceCamera(Face.C, 40), 2)
+    for view in (other, face):
+        view.render(HERE)
+    assert np.array_equal(one.render(CAMERA_STATE).rgb, alone)
+    for view in (one, other, face):
+        view.close()
+
+
+def test_same_exposure_gives_the_same_bytes(renderer: RasterRenderer) -> None:
+    view = renderer.prepare(CAMERA, make_plan(CAMERA, face_samples=4))
+    first = view.render(CAMERA_STATE).rgb
+    view.render(HERE)
+    assert np.array_equal(view.render(CAMERA_STATE).rgb, first)
+    view.close()
+
+
+def test_polygons_of_an_orthographic_camera_are_refused(renderer: RasterRenderer) -> None:
+    camera = make_omni_camera(mirror=ParabolicMirror(0.03))
+    with pytest.raises(DomainError, match="pinhole"):
+        renderer.prepare(camera, make_plan(camera, Tessellation(8, 8)))
+
+
+def test_world_far_from_the_origin_looks_the_same(device: GlDevice) -> None:
+    away = (2.0e6, -1.0e6, 300.0)
+    there = CameraState(Pose.from_rpy(away) @ CAMERA_STATE.world_from_mirror)
+    near, far = (
+        picture(device, make_test_world(), CAMERA_STATE),
+        picture(device, translate_world(make_test_world(), away), there),
+    )
+    # Poses themselves are rounded to 2e-10 m out there: only edges may jump, by a pixel.
+    assert (level_differences(near, far) > 1).mean() < 0.002
+
+
+def test_wall_that_touches_the_viewpoint_is_not_cut_away(device: GlDevice) -> None:
+    wall = Item(
+        "wall",
+        Box((0.1, 4.0, 4.0)),
+        Pose.from_rpy((0.06, 0.0, 0.0)),
+        Material((1, 0, 0), unlit=True),
+    )
+    image = picture(device, World("wall", (wall,)), HERE)
+    assert (image[30, 60] == (255, 0, 0)).all(), "ahead is up in the picture"
+    assert (image[90, 60] == 0).all()
+
+
+def test_lines_a_millimetre_above_the_floor_do_not_flicker(device: GlDevice) -> None:
+    floor = Item(
+        "floor", Box((60, 60, 0.1)), Pose.from_rpy((0, 0, 0.65)), Material((0, 1, 0), unlit=True)
+    )
+    paint = Item(
+        "paint", Box((60, 60, 0.1)), Pose.from_rpy((0, 0, 0.649)), Material((1, 0, 0), unlit=True)
+    )
+    image = picture(device, World("floor", (paint, floor)), HERE)
+    assert not (image[..., 1] > 0).any()
+
+
+def test_inside_of_a_box_is_drawn_too(device: GlDevice) -> None:
+    image = picture(device, box_at(0.0, 0.0, 0.0, size=3.0), HERE)
+    assert (image[60, 60] == (255, 0, 0)).all()
+
+
+def test_empty_world_shows_the_background_on_the_mirror_only(device: GlDevice) -> None:
+    image = picture(device, World("empty", (), background=(1.0, 1.0, 1.0)), HERE)
+    assert (image[60, 60] == 255).all()
+    assert (image[0, 0] == 0).all()
+
+
+def test_scenes_of_one_device_keep_apart(device: GlDevice) -> None:
+    blue = replace(box_at(2.0, 0.0, 0.0), items=())
+    assert (picture(device, blue, HERE)[60, 60] == (0, 0, 255)).all()
+    assert (picture(device, box_at(0.0, 0.0, 2.0, size=2.0), HERE)[60, 60] == (255, 0, 0)).all()
+
+
+def test_renderer_says_what_draws(renderer: RasterRenderer) -> None:
+    assert "OpenGL" in renderer.describe()
+    assert "triangles" in renderer.describe()
+
+
+def test_renderer_is_refused_in_another_thread(renderer: RasterRenderer) -> None:
+    errors: list[AssertionError] = []
+
+    def prepare() -> None:
+        try:
+            renderer.prepare(CAMERA, make_plan(CAMERA))
+        except AssertionError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=prepare)
+    thread.start()
+    thread.join()
+    assert "thread" in str(errors[0])

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.effect_measurement import CAMERA, make_effect
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
+
+
+def renderer_on(device: GlDevice) -> RasterRenderer:
+    world = make_test_world()
+    return RasterRenderer(build_scene(world), world, device=device)
+
+
+def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
+    effects = (make_effect("Vignetting"),)
+    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
+    light, rgb = view.render_linear(CAMERA_STATE, effects), view.render(CAMERA_STATE, effects).rgb
+    assert (light.dtype, light.shape) == (np.float32, rgb.shape)
+    # Half a level is rounding, the rest the shader's square roots.
+    assert np.abs(255.0 * srgb_from_linear(light.astype(np.float64)) - rgb).max() < 0.5 + 0.03
+    assert np.ptp(rgb) > 100
+    view.close()
+
+
+def test_view_when_drawn_by_another_thread_says_so(device: GlDevice) -> None:
+    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
+    said: list[str] = []
+
+    def draw() -> None:
+        try:
+            view.render(CAMERA_STATE)
+        except AssertionError as error:
+            said.append(str(error))
+
+    thread = threading.Thread(target=draw)
+    thread.start()
+    thread.join()
+    assert said == ["a view belongs to its renderer's thread"]
+    view.close()

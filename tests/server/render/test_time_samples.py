@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.time_samples import advance, sample_shutter
+from helpers.effect_measurement import CAMERA_STATE
+from helpers.motion_reference import camera_state_after
+
+
+def test_exposure_without_a_shutter_is_its_only_instant() -> None:
+    ((instant, weights),) = sample_shutter(CAMERA_STATE, 3)
+    assert instant is CAMERA_STATE
+    assert weights.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_instants_are_sharp_and_carried_by_every_motion() -> None:
+    lasting = replace(CAMERA_STATE, shutter=Shutter(0.04, 0.0, 3))
+    for (instant, _), time_s in zip(
+        sample_shutter(lasting, 2), (-0.04 / 3, 0.0, 0.04 / 3), strict=True
+    ):
+        expected = camera_state_after(CAMERA_STATE, time_s)
+        assert instant.shutter is None
+        pairs = zip(
+            (instant.world_from_mirror, instant.objects[0].world_from_object),
+            (expected.world_from_mirror, expected.objects[0].world_from_object),
+            strict=True,
+        )
+        for pose, other in pairs:
+            np.testing.assert_allclose(pose.rotation, other.rotation, atol=1e-12)
+            np.testing.assert_allclose(pose.translation, other.translation, atol=1e-12)
+
+
+def test_instants_that_no_row_sees_are_left_out() -> None:
+    # Two rows in a readout of four slots without exposure: the middles of two slots.
+    lasting = replace(CAMERA_STATE, shutter=Shutter(0.0, 0.04, 4))
+    assert [weights.tolist() for _, weights in sample_shutter(lasting, 2)] == [
+        [1.0, 0.0],
+        [0.0, 1.0],
+    ]
+
+
+def test_exposure_carried_by_no_time_stays() -> None:
+    same = advance(CAMERA_STATE, 0.0)
+    np.testing.assert_array_equal(
+        same.world_from_mirror.translation, CAMERA_STATE.world_from_mirror.translation
+    )

@@ -1,0 +1,229 @@
+"""The trace renderer against the camera law, a float64 ray caster and itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.omni_camera import (
+    OmniCamera,
+    direction_from_pixel,
+    pixel_from_direction,
+    pixel_sample_positions,
+)
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import CameraState, FaceCamera, Image
+from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.colour import srgb_from_linear
+from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, World
+from helpers.markers import marker_centroid, marker_directions, marker_world
+from helpers.reference_caster import cast_rays
+from helpers.worlds import (
+    CAMERA_STATE,
+    DIRECTIONAL_LIGHT,
+    HEMISPHERE_LIGHT,
+    POINT_LIGHT,
+    make_omni_camera,
+    make_plan,
+    make_test_world,
+    write_smooth_texture,
+)
+
+WHITE = Material((1.0, 1.0, 1.0), unlit=True)
+
+
+@contextmanager
+def renderer_of(world: World, *, threads: int = 1) -> Iterator[TraceRenderer]:
+    renderer = TraceRenderer(build_scene(world), world, threads=threads)
+    yield renderer
+    renderer.close()
+
+
+def picture(
+    world: World,
+    camera: OmniCamera,
+    plan: RenderPlan | None = None,
+    *,
+    exposure: CameraState = CAMERA_STATE,
+    threads: int = 1,
+) -> Image:
+    with renderer_of(world, threads=threads) as renderer:
+        return renderer.prepare(camera, plan or make_plan(camera)).render(exposure).rgb
+
+
+# Geometry.
+
+
+@pytest.mark.parametrize(
+    "mirror",
+    [HyperbolicMirror(11.546, 0.2321), HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
+    ids=["the paper's", "strongly curved", "parabolic"],
+)
+def test_marker_when_drawn_is_within_a_tenth_of_a_pixel_of_its_place(mirror: CentralMirror) -> None:
+    camera = make_omni_camera(mirror=mirror, width_px=360)
+    incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)
+    directions = marker_directions(incidence, tuple(range(-180, 180, 24)))
+    world = marker_world(directions, world_from_mirror=CAMERA_STATE.world_from_mirror)
+    # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 find their middle to 0.1 px.
+    image = picture(world, camera, make_plan(camera, samples=6))
+    places, seen = pixel_from_direction(camera, directions)
+    assert seen.all()
+    # 3 px: the markers at 20 degrees are 7 px apart.
+    errors = [np.hypot(*(marker_centroid(image, at, window_px=3.0) - at)) for at in places]
+    assert len(errors) == 120
+    assert max(errors) < 0.1
+
+
+def test_picture_when_something_is_on_the_left_shows_it_on_the_right() -> None:
+    wall = Item("left", Box((4.0, 1.0, 4.0)), Pose.from_rpy((0.0, -2.0, 0.0)), WHITE)
+    at = CameraState(Pose.identity())
+    image = picture(World("w", (wall,)), make_omni_camera(width_px=100), exposure=at)
+    assert image[50, 80:].mean() > 100
+    assert image[50, :50].max() == 0
+
+
+@pytest.mark.parametrize("face", list(Face))
+def test_face_when_drawn_sees_what_is_in_front_of_it_alone(face: Face) -> None:
+    around = {Face.N: (2, 0, 0), Face.E: (0, 2, 0), Face.S: (-2, 0, 0), Face.W: (0, -2, 0)}
+    place = {**around, Face.C: (0, 0, 2), Face.U: (0, 0, -2)}[face]
+    world = World("w", (Item("box", Box((1.0, 1.0, 1.0)), Pose.from_rpy(place), WHITE),))
+    with renderer_of(world) as renderer:
+        seen = [
+            renderer.prepare_face(FaceCamera(f, 9), 1)
+            .render(CameraState(Pose.identity()))
+            .rgb[4, 4, 0]
+            for f in Face
+        ]
+    assert seen == [255 if f is face else 0 for f in Face]
+
+
+# Light.
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_picture_when_textured_and_lamp_lit_is_that_of_the_float64_caster(
+    tmp_path: Path, samples: int
+) -> None:
+    camera = make_omni_camera(width_px=56)
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    image = picture(world, camera, make_plan(camera, samples=samples))
+    grid = pixel_sample_positions(camera, samples)
+    local, on_mirror = direction_from_pixel(camera, grid)
+    pose = CAMERA_STATE.world_from_mirror
+    seen = cast_rays(
+        build_scene(world), world, pose.translation, pose.rotate_directions(local.reshape(-1, 3))
+    )
+    light = np.where(on_mirror.reshape(-1, 1), np.clip(seen.radiance, 0.0, 1.0), 0.0)
+    mean = light.reshape(56, 56, samples**2, 3).mean(axis=2)
+    certain = seen.is_certain.reshape(56, 56, samples**2).all(axis=2)
+    assert certain.mean() > 0.9
+    difference = np.abs(image - 255.0 * srgb_from_linear(mean))[certain]
+    # Half a level is rounding; float32 rays and texture coordinates move it by little more.
+    assert difference.max() < 0.6
+
+
+def test_samples_when_half_are_white_average_in_linear_light() -> None:
+    # A white wall fills the right half of the one pixel.
+    wall = Item("wall", Box((0.1, 2.0, 4.0)), Pose.from_rpy((1.0, 1.0, 0.0)), WHITE)
+    with renderer_of(World("w", (wall,))) as renderer:
+        view = renderer.prepare_face(FaceCamera(Face.N, 1), 4)
+        rgb = view.render(CameraState(Pose.identity())).rgb
+    assert rgb.tolist() == [[[188, 188, 188]]]  # half the light, not half of 255
+
+
+def test_rim_when_sampled_fades_into_black() -> None:
+    camera = make_omni_camera(width_px=40)
+    image = picture(
+        World("w", (), background=(1.0, 1.0, 1.0)), camera, make_plan(camera, samples=4)
+    )
+    levels = np.unique(image)
+    assert levels[0] == 0
+    assert levels[-1] == 255
+    assert len(levels) > 5
+
+
+def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it() -> None:
+    camera = make_omni_camera(width_px=40)
+    image = picture(World("w", (), background=(1.0, 0.0, 0.2159)), camera)
+    _, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    np.testing.assert_array_equal(image[~seen], 0)
+    np.testing.assert_array_equal(image[seen], np.tile([255, 0, 128], (seen.sum(), 1)))
+
+
+def test_mirror_when_of_few_polygons_shows_nothing_beyond_them() -> None:
+    camera = make_omni_camera(width_px=60)
+    world = World("w", (), background=(1.0, 1.0, 1.0))
+    image = picture(world, camera, make_plan(camera, tessellation_from_polygon_count(16)))
+    exact = picture(world, camera)
+    assert image.any(axis=-1).sum() / exact.any(axis=-1).sum() == pytest.approx(0.634, abs=0.02)
+
+
+# Itself.
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_picture_when_drawn_by_more_threads_has_the_same_bytes(
+    tmp_path: Path, samples: int
+) -> None:
+    camera = make_omni_camera(width_px=90)
+    world = make_test_world(
+        lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+        texture=write_smooth_texture(tmp_path / "waves.png"),
+    )
+    plan = make_plan(camera, samples=samples)
+    pictures = [picture(world, camera, plan, threads=threads) for threads in (1, 2, 5)]
+    assert pictures[0].tobytes() == pictures[1].tobytes() == pictures[2].tobytes()
+
+
+def test_picture_when_drawn_again_is_the_same_and_read_only() -> None:
+    camera = make_omni_camera(width_px=60)
+    with renderer_of(make_test_world()) as renderer:
+        view = renderer.prepare(camera, make_plan(camera))
+        one, _, again = (
+            view.render(e) for e in (CAMERA_STATE, CameraState(Pose.identity()), CAMERA_STATE)
+        )
+    np.testing.assert_array_equal(one.rgb, again.rgb)
+    assert not one.rgb.flags.writeable
+    assert set(one.stage_ms) == {"cells", "trace"}
+    assert one.stage_ms["trace"] > 0.0
+
+
+@pytest.mark.parametrize("far_m", [1e3, 1e5])
+def test_world_when_far_from_its_origin_looks_the_same(far_m: float) -> None:
+    camera = make_omni_camera(width_px=90)
+    near = make_test_world()
+    moved = Pose.from_rpy((far_m, -far_m, 0.5 * far_m))
+    items = tuple(
+        Item(item.name, item.shape, moved @ item.world_from_item, item.material)
+        for item in near.items
+    )
+    far = World("far", items, lights=near.lights, background=near.background)
+    image = picture(near, camera)
+    exposure = CameraState(moved @ CAMERA_STATE.world_from_mirror)
+    other = picture(far, camera, exposure=exposure)
+    # Rays through the very edges may go either way.
+    assert (image != other).any(axis=-1).mean() < 2e-3
+
+
+def test_view_when_inside_an_object_or_on_a_surface_is_drawn() -> None:
+    camera = make_omni_camera(width_px=30)
+    floor = Item("floor", Rectangle((4.0, 4.0)), Pose.identity(), WHITE)
+    image = picture(World("w", (floor,)), camera, exposure=CameraState(Pose.identity()))
+    assert image.shape == (30, 30, 3)
+
+
+def test_describe_when_asked_names_library_threads_and_triangles() -> None:
+    with renderer_of(make_test_world(), threads=2) as renderer:
+        assert renderer.describe() == "trace: Embree, 2 threads, 230 triangles"

@@ -1,0 +1,23 @@
+"""A place on the floor as a pose in space."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.robot.planar_pose import PlanarPose
+
+
+def test_pose_when_at_a_height_is_above_the_floor_and_turned() -> None:
+    pose = PlanarPose(1.0, 2.0, 0.5).at_height(0.3)
+    np.testing.assert_array_equal(pose.translation, (1.0, 2.0, -0.3))
+    assert pose.to_rpy() == pytest.approx((0.0, 0.0, 0.5))
+
+
+def test_pose_when_turned_clockwise_looks_to_the_right() -> None:
+    ahead = (
+        PlanarPose(0.0, 0.0, 0.5 * np.pi)
+        .at_height(0.0)
+        .rotate_directions(np.array([1.0, 0.0, 0.0]))
+    )
+    np.testing.assert_allclose(ahead, (0.0, 1.0, 0.0), atol=1e-15)

@@ -1,0 +1,107 @@
+"""A robot's body against walls."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_body import RobotBody, step
+from catoptra_server.robot.skid_steer import WheelSpin
+from catoptra_server.scene.obstacle_grid import (
+    ObstacleGrid,
+    build_obstacle_grid,
+    rectangle_intersects,
+)
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.robots import BASE, make_walled_world
+
+STREAM = RandomSource.from_names(1, "slip")
+HALF_LENGTH_M = 0.5 * BASE.dimensions_m[0]
+TICK_S = 0.02
+
+
+def make_walls(*x_m: float) -> ObstacleGrid:
+    return build_obstacle_grid(build_scene(make_walled_world(*x_m)), low_m=0.03, high_m=0.7)
+
+
+def drive_for(
+    body: RobotBody, ticks: int, obstacles: ObstacleGrid, *, stream: RandomSource = STREAM
+) -> RobotBody:
+    for _ in range(ticks):
+        body, _ = step(body, TICK_S, obstacles=obstacles, stream=stream)
+    return body
+
+
+def make_body(
+    x_m: float, yaw_rad: float = 0.0, *, left: float = 5.0, right: float = 5.0
+) -> RobotBody:
+    return RobotBody(BASE, PlanarPose(x_m, 0.0, yaw_rad), WheelSpin(left, right))
+
+
+@pytest.mark.parametrize("spin", [0.1, 1.0, 5.385])
+def test_base_when_it_meets_a_wall_stops_within_a_millimetre(spin: float) -> None:
+    body = drive_for(make_body(0.7, left=spin, right=spin), 200, make_walls(1.0))
+    nose = body.pose.x_m + HALF_LENGTH_M
+    assert 1.0 - 1e-3 < nose <= 1.0
+
+
+def test_base_when_it_meets_a_wall_at_an_angle_stops_with_its_corner() -> None:
+    body = drive_for(make_body(0.0, 0.4), 400, make_walls(1.0))
+    corner = HALF_LENGTH_M * math.cos(0.4) + 0.5 * BASE.dimensions_m[1] * math.sin(0.4)
+    assert 1.0 - 1e-3 < body.pose.x_m + corner <= 1.0
+
+
+def test_wheels_when_the_base_is_stopped_roll_on() -> None:
+    body = drive_for(make_body(0.7), 50, make_walls(1.0))
+    _, way = step(body, TICK_S, obstacles=make_walls(1.0), stream=STREAM)
+    assert way.distance_m == pytest.approx(5.0 * 0.13 * TICK_S)
+
+
+def test_base_when_stopped_can_back_off() -> None:
+    stopped = drive_for(make_body(0.7), 50, make_walls(1.0))
+    back = dataclasses.replace(stopped, spin=WheelSpin(-5.0, -5.0))
+    assert drive_for(back, 10, make_walls(1.0)).pose.x_m == pytest.approx(
+        stopped.pose.x_m - 10 * 5.0 * 0.13 * TICK_S, abs=1e-9
+    )
+
+
+def test_base_when_spawned_inside_a_wall_can_leave() -> None:
+    body = make_body(1.05)
+    assert drive_for(body, 100, make_walls(1.0)).pose.x_m == pytest.approx(1.05 + 1.3, abs=1e-9)
+
+
+def test_base_when_turning_in_a_corridor_stops_at_the_wall() -> None:
+    body = drive_for(
+        make_body(1.0 - HALF_LENGTH_M - 0.001, left=1.0, right=-1.0), 300, make_walls(1.0)
+    )
+    centre = (body.pose.x_m, body.pose.y_m)
+    half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
+    near = make_walls(1.0).find_near(centre, 1.0)
+    assert near
+    assert not rectangle_intersects(near, centre, body.pose.yaw_rad, half_size_m=half)
+    assert 0.0 < body.pose.yaw_rad < 0.1
+
+
+def test_base_when_much_faster_than_itself_long_does_not_jump_over_a_wall() -> None:
+    base = dataclasses.replace(BASE, max_speed_rad_s=1000.0)
+    body = RobotBody(base, PlanarPose(0.0, 0.0, 0.0), WheelSpin(1000.0, 1000.0))
+    assert drive_for(body, 3, make_walls(1.0)).pose.x_m + HALF_LENGTH_M <= 1.0
+
+
+def test_base_when_standing_draws_no_random_numbers() -> None:
+    base = dataclasses.replace(BASE, slip_noise=0.1)
+    body = drive_for(RobotBody(base, PlanarPose(0.0, 0.0, 0.0), WheelSpin()), 10, make_walls(9.0))
+    assert body.pose == PlanarPose(0.0, 0.0, 0.0)
+    assert body.tick == 10
+
+
+def test_slip_when_driven_twice_is_the_same_and_keyed_by_the_tick() -> None:
+    base = dataclasses.replace(BASE, slip_noise=0.1)
+    body = RobotBody(base, PlanarPose(0.0, 0.0, 0.0), WheelSpin(2.0, 2.0))
+    one, other = (drive_for(body, 20, make_walls(9.0)).pose for _ in range(2))
+    later = drive_for(dataclasses.replace(body, tick=1), 20, make_walls(9.0)).pose
+    assert one == other != later

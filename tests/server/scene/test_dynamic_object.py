@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene import primitives
+from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh, world_facets
+from catoptra_server.scene.world_description import Box, Material
+
+RED, BLUE = Material((1.0, 0.0, 0.0)), Material((0.0, 0.0, 1.0), unlit=True)
+CUBE = primitives.box(Box((0.2, 0.2, 0.2)))
+MESH = build_object_mesh([(CUBE, RED), (CUBE.translate((1.0, 0.0, 0.0)), BLUE)])
+
+
+def test_mesh_keeps_each_patch_its_material() -> None:
+    assert len(MESH) == 24
+    assert MESH.albedo[0].tolist() == [1.0, 0.0, 0.0]
+    assert MESH.albedo[-1].tolist() == [0.0, 0.0, 1.0]
+    assert MESH.unlit.tolist() == [False] * 12 + [True] * 12
+
+
+def test_sphere_holds_every_corner_and_touches_one() -> None:
+    distance = np.linalg.norm(MESH.corners - MESH.centre, axis=-1)
+    assert distance.max() == MESH.radius_m
+    assert MESH.centre == pytest.approx((0.5, 0.0, 0.0))
+
+
+def test_facets_are_turned_as_the_body_is() -> None:
+    body = DynamicObject(MESH, Pose.from_rpy((5.0, 0.0, 0.0), (0.0, 0.0, 0.5 * math.pi)))
+    ahead = np.flatnonzero(MESH.normals[:, 0] > 0.9)
+    np.testing.assert_allclose(world_facets(body).normals[ahead], [[0.0, 1.0, 0.0]] * 4, atol=1e-15)
+    assert body.centre == pytest.approx((5.0, 0.5, 0.0))
+
+
+def test_mesh_cannot_be_written_to() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        MESH.corners[0] = 0.0
+
+
+def test_texture_is_no_part_of_a_body() -> None:
+    with pytest.raises(AssertionError, match="no textures"):
+        build_object_mesh([(CUBE, Material((1.0, 1.0, 1.0), Path("a.png")))])

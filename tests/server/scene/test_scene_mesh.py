@@ -1,0 +1,164 @@
+"""From a world to one soup of triangles: places, looks, which item each belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene.scene_mesh import build_scene, load_texture
+from catoptra_server.scene.world_description import (
+    Box,
+    Cylinder,
+    Item,
+    Material,
+    MeshFile,
+    Rectangle,
+    Ring,
+    Shape,
+    SphereBand,
+    World,
+)
+from helpers.mesh_file_samples import (
+    export_mesh,
+    make_plain_square,
+    make_quadrant_image,
+    make_textured_square,
+)
+
+GREY = Material((0.5, 0.5, 0.5))
+BOX = Box((1.0, 1.0, 1.0))
+
+
+def make_item(
+    shape: Shape, material: Material | None = GREY, *, name: str = "it", x_m: float = 0.0
+) -> Item:
+    return Item(name, shape, Pose.from_rpy((x_m, 0.0, 0.0), (0.0, 0.0, 0.3)), material)
+
+
+@pytest.mark.parametrize(
+    ("shape", "triangles"),
+    [
+        (BOX, 12),
+        (Cylinder(1.0, 1.0, sectors=10), 40),
+        (Rectangle((1.0, 1.0)), 2),
+        (Ring(0.5, 1.0, sectors=10), 20),
+        (SphereBand(1.0, 0.0, 1.0, sectors=10, rings=2), 30),
+    ],
+)
+def test_shape_when_built_has_its_triangles_with_unit_normals(shape: Shape, triangles: int) -> None:
+    scene = build_scene(World("w", (make_item(shape),)))
+    assert len(scene) == triangles
+    np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0, atol=1e-12)
+    for array in (scene.uv, scene.albedo, scene.unlit, scene.texture_index, scene.item_index):
+        assert len(array) == triangles
+
+
+def test_world_when_empty_is_a_scene_without_triangles() -> None:
+    scene = build_scene(World("w", ()))
+    assert len(scene) == 0
+    assert scene.corners.shape == (0, 3, 3)
+    assert scene.normals.shape == (0, 3)
+
+
+def test_items_when_placed_are_moved_and_turned() -> None:
+    scene = build_scene(World("w", (make_item(BOX, x_m=5.0),)))
+    np.testing.assert_allclose(scene.corners.mean(axis=(0, 1)), (5.0, 0.0, 0.0), atol=1e-12)
+    ahead = scene.normals[np.argmax(scene.normals[:, 0])]
+    assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
+
+
+def test_items_when_several_are_told_apart() -> None:
+    landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
+    colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
+    items = (
+        make_item(BOX, name="one"),
+        make_item(BOX, Material((1.0, 0, 0), unlit=True), name="two"),
+    )
+    scene = build_scene(World("w", items, landmarks=(landmark,), landmark_albedos=colours))
+    assert scene.item_names == ("one", "two", "b.post", "b.lower", "b.upper")
+    second = scene.item_index == 1
+    assert scene.unlit[second].all()
+    assert not scene.unlit[~second].any()
+    np.testing.assert_array_equal(
+        np.unique(scene.albedo[scene.item_index == 3], axis=0), [[0, 1, 1]]
+    )
+
+
+def test_item_when_it_lets_light_through_has_triangles_that_cast_no_shadows() -> None:
+    glass = Item("glass", BOX, Pose.identity(), GREY, casts_shadows=False)
+    mesh = build_scene(World("w", (make_item(BOX), glass)))
+    assert mesh.casts_shadows.tolist() == [True] * 12 + [False] * 12
+
+
+def test_scene_when_built_cannot_be_changed() -> None:
+    scene = build_scene(World("w", (make_item(BOX),)))
+    with pytest.raises(ValueError, match="read-only"):
+        scene.corners[0, 0, 0] = 1.0
+
+
+# Textures.
+
+
+def test_texture_when_of_one_item_is_on_its_triangles_only(tmp_path: Path) -> None:
+    make_quadrant_image().save(tmp_path / "q.png")
+    picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
+    scene = build_scene(
+        World("w", (make_item(BOX), make_item(BOX, picture), make_item(BOX, picture)))
+    )
+    assert scene.texture_index.tolist() == 12 * [-1] + 12 * [0] + 12 * [1]
+    assert scene.textures[0].shape == (2, 2, 3)
+    assert scene.textures[0][0, 0].tolist() == [255, 0, 0]
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "1", "I;16"])
+def test_texture_when_in_any_mode_is_rgb(tmp_path: Path, mode: str) -> None:
+    path = tmp_path / ("q.tif" if mode == "CMYK" else "q.png")
+    make_quadrant_image().convert("I" if mode == "I;16" else mode).convert(mode).save(path)
+    assert load_texture(path).shape == (2, 2, 3)
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage", b"\x89PNG\r\n\x1a\n" + bytes(50)])
+def test_texture_when_it_is_no_image_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "q.png"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"q\.png: Texture=.*expected an image file"):
+        load_texture(path)
+
+
+def test_texture_when_cut_off_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "q.png"
+    make_quadrant_image().resize((64, 64)).save(path)
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(ConfigError, match="an image file"):
+        load_texture(path)
+
+
+# Mesh files.
+
+
+def test_mesh_when_it_has_no_material_keeps_its_own_look(tmp_path: Path) -> None:
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
+    scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
+    assert scene.texture_index.tolist() == [0, 0]
+    np.testing.assert_array_equal(scene.albedo, 1.0)
+
+
+def test_mesh_when_given_a_material_takes_it(tmp_path: Path) -> None:
+    path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
+    red = Material((1.0, 0.0, 0.0), unlit=True)
+    scene = build_scene(World("w", (make_item(MeshFile(path), red),)))
+    assert scene.texture_index.tolist() == [-1, -1]
+    assert scene.unlit.all()
+    np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
+
+
+def test_mesh_when_placed_is_turned_and_moved(tmp_path: Path) -> None:
+    path = export_mesh(make_plain_square(), tmp_path / "m.stl")
+    scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
+    middle = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
+    np.testing.assert_allclose(middle, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32

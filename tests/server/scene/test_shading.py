@@ -1,0 +1,123 @@
+"""The lighting and texture model, number by number. It is the reference of both renderers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.shading import (
+    facet_irradiance,
+    facet_radiance,
+    point_irradiance,
+    point_lights,
+    sample_texture,
+)
+from catoptra_server.scene.world_description import (
+    Box,
+    DirectionalLight,
+    HemisphereLight,
+    Item,
+    Material,
+    PointLight,
+    World,
+)
+
+UP, DOWN, NORTH = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+SKY = HemisphereLight((0.8, 0.6, 0.4), (0.2, 0.1, 0.0))
+LAMP = PointLight((0.0, 0.0, -2.0), (4.0, 2.0, 1.0))
+# Four texels: 0 and 1 above, 2 and 3 below, in all channels.
+TEXELS = np.arange(4.0).reshape(2, 2, 1) * np.ones(3)
+
+
+@pytest.mark.parametrize(
+    ("normal", "irradiance"),
+    [(UP, (0.8, 0.6, 0.4)), (DOWN, (0.2, 0.1, 0.0)), (NORTH, (0.5, 0.35, 0.2))],
+)
+def test_hemisphere_when_a_facet_looks_up_gives_the_sky_s_light(
+    normal: tuple[float, ...], irradiance: tuple[float, ...]
+) -> None:
+    np.testing.assert_allclose(facet_irradiance([SKY], np.array([normal])), [irradiance])
+
+
+@pytest.mark.parametrize(
+    ("normal", "share"), [(UP, 0.8), (NORTH, 0.0), (DOWN, 0.0), ((-0.6, 0.0, -0.8), 1.0)]
+)
+def test_sun_when_it_shines_down_lights_what_faces_it_by_the_cosine(
+    normal: tuple[float, ...], share: float
+) -> None:
+    sun = DirectionalLight((0.6, 0.0, 0.8), (1.0, 0.5, 0.25))
+    lit = facet_irradiance([sun], np.array([normal]))
+    np.testing.assert_allclose(lit, [[share, 0.5 * share, 0.25 * share]], atol=1e-15)
+
+
+def test_lights_when_several_add_up() -> None:
+    normals = np.array([UP, NORTH])
+    both = facet_irradiance([SKY, LAMP, SKY], normals)
+    np.testing.assert_allclose(both, 2.0 * facet_irradiance([SKY], normals))
+
+
+@pytest.mark.parametrize(
+    ("place", "normal", "share"),
+    [
+        ((0.0, 0.0, 0.0), UP, 0.25),  # 2 m below: the inverse square
+        ((0.0, 0.0, -1.0), UP, 1.0),  # 1 m: the intensity is what 1 m gets
+        ((2.0, 0.0, 0.0), UP, 0.125 * np.sqrt(0.5)),  # 45 degrees aside
+        ((0.0, 0.0, 0.0), DOWN, 0.0),
+        ((0.0, 0.0, 0.0), NORTH, 0.0),
+    ],
+)
+def test_lamp_when_near_lights_by_cosine_and_inverse_square(
+    place: tuple[float, ...], normal: tuple[float, ...], share: float
+) -> None:
+    lit = point_irradiance([LAMP], np.array([place]), np.array([normal]))
+    np.testing.assert_allclose(lit, [[4.0 * share, 2.0 * share, share]], atol=1e-15)
+
+
+def test_lamp_when_at_the_very_place_gives_no_infinity() -> None:
+    lit = point_irradiance([LAMP], np.array([LAMP.position_m]), np.array([UP]))
+    assert np.isfinite(lit).all()
+
+
+def test_point_lights_when_picked_are_only_those() -> None:
+    assert point_lights([SKY, LAMP]) == (LAMP,)
+
+
+def test_radiance_when_of_a_facet_is_albedo_times_irradiance_or_the_albedo_if_unlit() -> None:
+    box = Box((1.0, 1.0, 1.0))
+    items = (
+        Item("lit", box, Pose.identity(), Material((0.5, 0.5, 0.5))),
+        Item("unlit", box, Pose.identity(), Material((0.5, 0.4, 0.3), unlit=True)),
+    )
+    scene = build_scene(World("w", items, lights=(SKY,)))
+    radiance = facet_radiance(scene, [SKY])
+    top = (scene.item_index == 0) & (scene.normals[:, 2] < -0.9)
+    np.testing.assert_allclose(radiance[top], 2 * [(0.4, 0.3, 0.2)])
+    np.testing.assert_allclose(radiance[scene.item_index == 1], 12 * [(0.5, 0.4, 0.3)])
+
+
+@pytest.mark.parametrize(
+    ("uv", "value"),
+    [
+        ((0.25, 0.25), 0.0),  # the middle of the first texel
+        ((0.75, 0.25), 1.0),
+        ((0.25, 0.75), 2.0),
+        ((0.5, 0.25), 0.5),  # between two
+        ((0.5, 0.5), 1.5),  # among all four
+        ((0.0, 0.25), 0.5),  # at the border: it repeats
+        ((1.0, 0.25), 0.5),
+        ((1.25, -0.75), 0.0),
+        ((-0.25, 0.25), 1.0),
+        ((1e6 + 0.25, 0.25), 0.0),
+    ],
+)
+def test_texture_when_looked_up_is_bilinear_and_repeats(
+    uv: tuple[float, float], value: float
+) -> None:
+    np.testing.assert_allclose(sample_texture(TEXELS, np.array([uv])), [3 * [value]], atol=1e-9)
+
+
+def test_texture_when_of_one_texel_is_its_colour_everywhere() -> None:
+    uv = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 2))
+    np.testing.assert_allclose(sample_texture(np.full((1, 1, 3), 0.7), uv), 0.7)

@@ -1,0 +1,32 @@
+"""What is around a robot: the nearer of scene and bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
+from helpers.room_ray_caster import RoomRayCaster, oriented_box_at
+
+RAYS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def test_distances_when_a_body_is_nearer_are_to_it() -> None:
+    around = SensorEnvironment(RoomRayCaster(), [oriented_box_at(2.0, 0.0)])
+    assert around.distances(np.zeros(3), RAYS).tolist() == [1.8, 3.0]
+
+
+def test_distances_when_there_is_nothing_are_infinite() -> None:
+    assert np.isinf(EMPTY_ENVIRONMENT.distances(np.zeros(3), RAYS)).all()
+
+
+def test_hits_when_a_body_is_nearer_have_its_normal() -> None:
+    around = SensorEnvironment(RoomRayCaster(), [oriented_box_at(2.0, 0.0)])
+    distances, normals = around.closest_hits(np.zeros(3), RAYS)
+    assert distances.tolist() == [1.8, 3.0]
+    np.testing.assert_array_equal(normals, [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def test_hits_when_there_is_nothing_are_infinite_and_without_normal() -> None:
+    distances, normals = EMPTY_ENVIRONMENT.closest_hits(np.zeros(3), RAYS)
+    assert np.isinf(distances).all()
+    assert not normals.any()

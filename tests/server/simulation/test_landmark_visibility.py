@@ -1,0 +1,131 @@
+"""Which landmarks are seen, in rooms and behind boxes of exact geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.frames.frame_request import CameraSpec, OmniCameraSpec, ViewRequest
+from catoptra_server.render.renderer import CameraState
+from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
+from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.scene.landmark_shapes import items_from_landmark
+from catoptra_server.scene.oriented_box import OrientedBox
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.world_description import World
+from catoptra_server.sensors.sensor_environment import (
+    EMPTY_ENVIRONMENT,
+    EmptyScene,
+    SensorEnvironment,
+)
+from catoptra_server.simulation.landmark_visibility import (
+    LandmarkVisibility,
+    compute_landmark_visibility,
+)
+
+BEACON = Landmark("b", "beacon", 2.0, 0.0, 0.1, 0.0, 0.2, 0.4, "cyan", "yellow")
+GOAL = Landmark("g", "goal", 2.7, 0.0, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
+GREY = {"cyan": (0.5, 0.5, 0.5), "yellow": (0.5, 0.5, 0.5)}
+OMNI = OmniCameraSpec(
+    camera_with_inscribed_rim(
+        HyperbolicMirror(11.546, 0.2321), width_px=200, height_px=200, rim_rad=math.radians(120.0)
+    ),
+    RenderSettings(),
+)
+PERSPECTIVE = PerspectiveCamera(320, 240, 1.2)
+HEIGHT_M = 0.5
+
+
+def compute_visibility(
+    camera_spec: CameraSpec,
+    landmark: Landmark,
+    *,
+    environment: SensorEnvironment = EMPTY_ENVIRONMENT,
+    x_m: float = 0.0,
+    yaw_rad: float = 0.0,
+) -> LandmarkVisibility:
+    """Return what an eye 0.5 m over the floor sees of one landmark."""
+    pose = Pose.from_rpy((x_m, 0.0, -HEIGHT_M), (0.0, 0.0, yaw_rad))
+    (found,) = compute_landmark_visibility(
+        ViewRequest(camera_spec, CameraState(pose)), [landmark], environment
+    )
+    return found
+
+
+def environment_of_landmark(landmark: Landmark) -> SensorEnvironment:
+    """Return a scene of nothing but the landmark itself, as it is drawn."""
+    world = World("field", items_from_landmark(landmark, GREY))
+    return SensorEnvironment(EmbreeRayCaster(build_scene(world)))
+
+
+def test_pixel_when_of_a_flat_camera_is_where_its_law_puts_the_band() -> None:
+    found = compute_visibility(PERSPECTIVE, BEACON)
+    focal_px = 160.0 / math.tan(0.6)
+    assert found.pixel == pytest.approx((160.0, 120.0 + focal_px * 0.2 / 2.0))
+    assert found.is_visible
+
+
+def test_pixel_when_of_an_omnidirectional_camera_looks_back_at_the_band() -> None:
+    found = compute_visibility(OMNI, BEACON, yaw_rad=2.0)
+    assert found.pixel is not None
+    ray, valid = direction_from_pixel(OMNI.camera, np.array(found.pixel))
+    assert valid
+    ahead = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)).rotate_directions(ray)
+    assert ahead == pytest.approx(np.array((2.0, 0.0, 0.2)) / math.hypot(2.0, 0.2))
+
+
+@pytest.mark.parametrize("yaw_rad", [math.pi, 0.7, -0.7])
+def test_landmark_when_beside_a_flat_picture_has_no_pixel(yaw_rad: float) -> None:
+    assert compute_visibility(PERSPECTIVE, BEACON, yaw_rad=yaw_rad) == LandmarkVisibility(
+        BEACON, None, False
+    )
+
+
+@pytest.mark.parametrize(("box_x_m", "visible"), [(1.0, False), (1.5, False), (3.0, True)])
+def test_landmark_when_a_robot_stands_before_it_is_hidden(box_x_m: float, visible: bool) -> None:
+    box = OrientedBox(Pose.from_rpy((box_x_m, 0.0, -0.4)), (0.3, 0.3, 0.8))
+    found = compute_visibility(
+        PERSPECTIVE, BEACON, environment=SensorEnvironment(EmptyScene(), (box,))
+    )
+    assert found.pixel is not None
+    assert found.is_visible is visible
+
+
+@pytest.mark.parametrize(
+    ("x_m", "width_m"), [(0.0, 0.1), (1.5, 0.1), (1.949, 0.1), (0.0, 0.5), (1.749, 0.5)]
+)
+def test_beacon_when_only_its_own_surface_is_before_its_middle_is_seen(
+    x_m: float, width_m: float
+) -> None:
+    beacon = dataclasses.replace(BEACON, width_m=width_m)
+    assert compute_visibility(
+        OMNI, beacon, environment=environment_of_landmark(beacon), x_m=x_m
+    ).is_visible
+
+
+@pytest.mark.parametrize(("x_m", "visible"), [(0.0, True), (3.5, False)])
+def test_goal_when_looked_at_from_behind_is_hidden_by_its_own_back(
+    x_m: float, visible: bool
+) -> None:
+    low = dataclasses.replace(GOAL, band_top_m=0.6)
+    assert (
+        compute_visibility(OMNI, low, environment=environment_of_landmark(low), x_m=x_m).is_visible
+        is visible
+    )
+
+
+def test_landmarks_when_there_are_none_are_none() -> None:
+    assert (
+        compute_landmark_visibility(
+            ViewRequest(PERSPECTIVE, CameraState(Pose.identity())), [], EMPTY_ENVIRONMENT
+        )
+        == ()
+    )

@@ -1,0 +1,272 @@
+"""One robot: what it obeys, when it reports, what it answers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.usarsim.commands import Drive, LinkCommand, MisPkg
+from catoptra_protocol.usarsim.reports import (
+    EncoderReadings,
+    GroundTruthReading,
+    MissionPackageStatus,
+    OdometryReading,
+    VehicleStatus,
+)
+from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.joint_chain import CHASSIS_PARENT, STANDARD_PACKAGES, LinkDescription
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.robot_description import MissionPackageDescription, RobotDescription
+from catoptra_server.scene.obstacle_grid import build_obstacle_grid
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.scene.twist import AT_REST
+from catoptra_server.simulation.robot import Robot
+from helpers.robots import ENCODER, ODOMETRY, make_p2at, make_walled_world
+
+NO_OBSTACLES = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
+TICK_S = 0.02
+
+
+def spawn(description: RobotDescription | None = None, *, time_s: float = 0.0) -> Robot:
+    pose = PlanarPose(0.0, 0.0, 0.0)
+    return Robot(description or make_p2at(), pose, name="R", seed=1, time_s=time_s)
+
+
+def step(robot: Robot, ticks: int, *, since: int = 0) -> None:
+    for tick in range(since + 1, since + ticks + 1):
+        robot.step(TICK_S, tick * TICK_S, NO_OBSTACLES)
+
+
+def position(robot: Robot) -> tuple[float, float]:
+    x, y, _ = robot.world_from_robot.translation
+    return float(x), float(y)
+
+
+def test_drive_when_2_rad_s_for_2_s_goes_0_52_m() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
+    step(robot, 100)
+    # 2 rad/s * 0.13 m * 2 s; a hundred float additions stay far below a nanometre.
+    assert position(robot) == pytest.approx((0.52, 0.0), abs=1e-12)
+
+
+def test_drive_when_left_is_faster_turns_clockwise() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(1.0, -1.0), 0.0)
+    step(robot, 50)
+    yaw = robot.world_from_robot.to_rpy()[2]
+    assert yaw == pytest.approx(2 * 0.13 / 0.4712, abs=1e-12)
+    assert position(robot) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_drive_when_one_side_is_named_keeps_the_other() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
+    robot.drive_wheels(Drive(left=1.0), 0.0)
+    step(robot, 1)
+    yaw = robot.world_from_robot.to_rpy()[2]
+    assert yaw == pytest.approx(-1.0 * 0.13 * TICK_S / 0.4712, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("command", "speed_rad_s"),
+    [
+        (Drive(100.0, 100.0), 5.385),
+        (Drive(-100.0, -100.0), -5.385),
+        (Drive(50.0, 50.0, normalized=True), 2.6925),
+        (Drive(200.0, 200.0, normalized=True), 5.385),
+    ],
+)
+def test_drive_when_too_fast_or_normalized_is_in_rad_s(command: Drive, speed_rad_s: float) -> None:
+    robot = spawn()
+    robot.drive_wheels(command, 0.0)
+    step(robot, 1)
+    assert position(robot)[0] == pytest.approx(speed_rad_s * 0.13 * TICK_S, rel=1e-9)
+
+
+def test_chassis_when_standing_rides_at_its_height() -> None:
+    np.testing.assert_array_equal(spawn().world_from_robot.translation, (0.0, 0.0, -0.1457))
+
+
+def test_battery_when_it_runs_down_counts_whole_seconds_left() -> None:
+    robot = spawn(make_p2at(battery_s=10.0), time_s=5.0)
+    left = [report.battery_s for t in (5.0, 5.1, 14.9, 15.0, 20.0) for report in status(robot, t)]
+    assert left == [10, 9, 0, 0, 0]
+
+
+def status(robot: Robot, time_s: float) -> list[VehicleStatus]:
+    reports = robot.read_all(time_s)
+    return [report for report in reports if isinstance(report, VehicleStatus)]
+
+
+def test_robot_when_its_battery_is_empty_stops_and_obeys_no_more() -> None:
+    robot = spawn(make_p2at(battery_s=1.0))
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
+    step(robot, 100)
+    robot.drive_wheels(Drive(2.0, 2.0, light=True), 2.0)
+    step(robot, 10, since=100)
+    # The tick that ends at 1.0 s no longer moves.
+    assert position(robot)[0] == pytest.approx(2.0 * 0.13 * 0.98, abs=1e-9)
+    assert not status(robot, 2.0)[0].light
+
+
+def test_light_when_switched_is_in_the_status_until_switched_again() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(light=True), 0.0)
+    robot.drive_wheels(Drive(1.0, 1.0), 0.0)
+    assert status(robot, 0.0)[0].light
+    robot.drive_wheels(Drive(light=False), 0.0)
+    assert not status(robot, 0.0)[0].light
+
+
+def test_readings_when_all_are_wanted_end_with_the_status() -> None:
+    kinds = [type(report) for report in spawn().read_all(1.5)]
+    assert kinds == [OdometryReading, GroundTruthReading, VehicleStatus]
+
+
+def test_readings_when_just_spawned_are_due_at_once_and_then_once_a_period() -> None:
+    robot = spawn()
+    counts = [len(robot.read_due(tick * TICK_S)) for tick in range(21)]
+    assert counts == [3] + 9 * [0] + [3] + 9 * [0] + [3]
+
+
+@pytest.mark.parametrize("interval_s", [0.01, 0.02, 0.05, 0.033, 0.07])
+def test_due_times_when_no_multiple_of_a_tick_keep_their_mean(interval_s: float) -> None:
+    odometry = type(ODOMETRY)("Odometry", interval_s)
+    robot = spawn(make_p2at(sensors=(odometry,), status_interval_s=60.0))
+    ticks = 5000
+    reports = sum(len(robot.read_due(tick * TICK_S)) for tick in range(ticks))
+    # One more at time 0, and the status twice in 100 s; a tick is the shortest period there is.
+    expected = ticks * TICK_S / max(interval_s, TICK_S)
+    assert reports - 2 == pytest.approx(expected, abs=1.5)
+
+
+def test_sensor_when_named_like_the_status_word_reports_beside_it() -> None:
+    robot = spawn(make_p2at(sensors=(type(ODOMETRY)("STA", 0.1),)))
+    assert [len(robot.read_due(t)) for t in (0.0, 0.1, 0.2)] == [2, 1, 2]
+
+
+def test_odometry_when_blocked_by_a_wall_goes_on() -> None:
+    robot = spawn()
+    wall = build_obstacle_grid(build_scene(make_walled_world(0.5)), low_m=0.03, high_m=1.0)
+    robot.drive_wheels(Drive(2.0, 2.0), 0.0)
+    for tick in range(1, 201):
+        robot.step(TICK_S, tick * TICK_S, wall)
+    reading = robot.read_all(4.0)[0]
+    assert isinstance(reading, OdometryReading)
+    assert reading.x_m == pytest.approx(1.04, abs=1e-9)
+    nose = position(robot)[0] + 0.5 * 0.5238
+    assert 0.5 - 1e-3 < nose <= 0.5
+
+
+def test_odometry_when_driving_a_circle_closes_it() -> None:
+    robot = spawn()
+    robot.drive_wheels(Drive(2.0, 1.0), 0.0)
+    turn_per_tick = 0.13 * TICK_S / 0.4712
+    ticks = round(2.0 * math.pi / turn_per_tick)
+    step(robot, ticks)
+    reading = robot.read_all(ticks * TICK_S)[0]
+    assert isinstance(reading, OdometryReading)
+    # Without noise it is the way itself; the last tick is at most half a tick's way short.
+    assert (reading.x_m, reading.y_m) == pytest.approx(position(robot), abs=1e-9)
+    assert math.hypot(reading.x_m, reading.y_m) < 0.5 * 1.5 * 0.13 * TICK_S + 1e-9
+
+
+def test_configuration_when_of_the_robot_names_the_model() -> None:
+    configuration = spawn().vehicle_configuration()
+    assert (configuration.vehicle_type, configuration.name) == ("GroundVehicle", "OmniP2AT")
+    assert configuration.max_speed_rad_s == 5.385
+
+
+@pytest.mark.parametrize("type_", ["Odometry", "odometry"])
+def test_part_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
+    (part,) = spawn().find_parts(type_)
+    assert (part.type, part.name) == ("Odometry", "Odometry")
+
+
+def test_geometry_when_of_the_robot_is_the_reference_p2at() -> None:
+    geometry = spawn().vehicle_geometry()
+    assert geometry.dimensions_m == (0.5238, 0.4968, 0.2913)
+    assert (geometry.wheel_radius_m, geometry.wheel_separation_m) == (0.13, 0.4712)
+
+
+FLIPPERS = MissionPackageDescription(
+    "JointParts",
+    tuple(
+        LinkDescription(
+            name, CHASSIS_PARENT, (0.2, y_m, 0.0), (0.0, 0.5 * math.pi, 0.5 * math.pi), 1.0, 20.0
+        )
+        for name, y_m in (("FRFlipper", 0.1), ("FLFlipper", -0.1))
+    ),
+)
+
+
+def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
+    encoder = dataclasses.replace(ENCODER, name="ECFlipper", shaft="frflipper")
+    robot = spawn(make_p2at(joint_parts=FLIPPERS, sensors=(encoder,)))
+    robot.drive_joint("frflipper", 0.5, 0)
+    step(robot, 100)
+    counted, status = robot.read_all(2.0)
+    assert isinstance(counted, EncoderReadings)
+    assert isinstance(status, VehicleStatus)
+    assert status.joints == (("FRFlipper", 0.5), ("FLFlipper", 0.0))
+    assert counted.items == (("ECFlipper", 28),)
+
+
+def test_flippers_when_asked_for_are_no_package() -> None:
+    assert spawn(make_p2at(joint_parts=FLIPPERS)).find_parts("MisPkg") == []
+
+
+@pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])
+def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
+    name: str, is_named_alike: bool
+) -> None:
+    odometry = dataclasses.replace(ODOMETRY, name=name, distance_noise_m=0.01)
+    robot = spawn(make_p2at(sensors=(odometry,)))
+    robot.drive_wheels(Drive(5.0, 5.0), 0.0)
+    step(robot, 1)
+    reading = robot.read_all(TICK_S)[0]
+    assert isinstance(reading, OdometryReading)
+    way_m = 5.0 * 0.13 * TICK_S
+    drawn = float(RandomSource.from_names(1, "R", name).generator(1).standard_normal(3)[0])
+    told_m = way_m + 0.01 * math.sqrt(way_m) * drawn
+    assert (reading.x_m == pytest.approx(told_m)) is is_named_alike
+
+
+def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> None:
+    robot = spawn(make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],), sensors=()))
+    links = (LinkCommand(2, 0.05),)
+    robot.drive_mission_package(MisPkg("CameraPanTilt", links, gripper=1.0, sequence=3.0))
+    robot.drive_mission_package(MisPkg("CameraPanTilt", gripper=0.0))
+    step(robot, 50)
+    status, _ = robot.read_all(1.0)
+    assert isinstance(status, MissionPackageStatus)
+    assert [link.value for link in status.links] == [0.0, 0.05]
+
+
+def test_noise_when_time_passes_has_another_key_and_when_asked_again_the_same() -> None:
+    robot = spawn()
+    first, again = robot.noise_seed_for("Omni"), robot.noise_seed_for("Omni")
+    step(robot, 1)
+    later = robot.noise_seed_for("Omni")
+    assert first == again
+    assert (later.camera_key, later.tick) == (first.camera_key, first.tick + 1)
+    assert robot.noise_seed_for("Ahead").camera_key != first.camera_key
+
+
+def test_twist_when_a_robot_drives_is_its_real_motion_and_none_when_it_stands() -> None:
+    robot = spawn()
+    robot.step(0.02, 0.02, NO_OBSTACLES)
+    assert robot.twist == AT_REST
+    robot.drive_wheels(Drive(left=2.0, right=1.0), 0.02)
+    before = robot.world_from_robot
+    robot.step(0.02, 0.04, NO_OBSTACLES)
+    after = robot.twist.integrate_pose(before, 0.02)
+    np.testing.assert_allclose(after.translation, robot.world_from_robot.translation, atol=1e-12)
+    np.testing.assert_allclose(after.rotation, robot.world_from_robot.rotation, atol=1e-12)
+    robot.drive_wheels(Drive(left=0.0, right=0.0), 0.04)
+    robot.step(0.02, 0.06, NO_OBSTACLES)
+    assert robot.twist == AT_REST

@@ -1,0 +1,86 @@
+"""What is read before anything runs, and who has the last word on the server itself."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from catoptra_protocol.errors import ConfigError
+from catoptra_server.config.server_file import resolve_settings
+from catoptra_server.robot.robot_description import RobotDescription, SensorDescription
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
+from helpers.configs import write_small_world
+from helpers.robots import SCANNER, make_p2at, make_walled_world
+from helpers.server_process import write_small_robot
+
+
+def with_server(robot: Path, *lines: str) -> Path:
+    """Add lines of the image server to a robot's file."""
+    section = "\n".join(("", "[USARBotAPI.UPISImageServer]", *lines))
+    robot.write_text(robot.read_text(encoding="utf-8") + section, encoding="utf-8")
+    return robot
+
+
+def test_setup_when_keys_mean_nothing_warns_with_their_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    world = write_small_world(tmp_path, "Colour=(R=1)")
+    with caplog.at_level(logging.WARNING):
+        setup = read_startup_config([write_small_robot(tmp_path)], world)
+    assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
+    assert len(setup.scene) == 12
+
+
+def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        read_startup_config([write_small_robot(tmp_path)], write_small_world(tmp_path, "Boxes=1"))
+
+
+def test_setup_when_several_files_speak_of_the_server_believes_its_own(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = with_server(write_small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256")
+    server = tmp_path / "server.ini"
+    server.write_text("[USARBotAPI.UPISImageServer]\nListenPort=8\n")
+    with caplog.at_level(logging.WARNING):
+        settings = resolve_settings(
+            read_startup_config([robot], write_small_world(tmp_path), server).server_options
+        )
+    assert (settings.image_port, settings.frame_skip, settings.control_port) == (8, 3, 3000)
+    assert caplog.text.count("key Colours is not known here") == 1
+
+
+def test_setup_when_the_server_s_own_file_says_nothing_of_it_warns(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    server = tmp_path / "server.ini"
+    server.write_text("[USARBot.P2AT]\nMass=1\n")
+    with caplog.at_level(logging.WARNING):
+        assert (
+            read_startup_config(
+                [write_small_robot(tmp_path)], write_small_world(tmp_path), server
+            ).server_options
+            == {}
+        )
+    assert f"{server} says nothing of the server" in caplog.text
+
+
+def setup_of(robot: RobotDescription) -> StartupConfig:
+    world = make_walled_world()
+    return StartupConfig((robot,), world, build_scene(world))
+
+
+@pytest.mark.parametrize("sensors", [(), (SCANNER,)])
+def test_ray_caster_when_asked_measures_whether_sensors_do_or_not(
+    sensors: tuple[SensorDescription, ...],
+) -> None:
+    caster = create_ray_caster(setup_of(make_p2at(sensors=sensors)))
+    origins, ahead = np.array([[0.0, 0.0, -0.5]]), np.array([[1.0, 0.0, 0.0]])
+    assert caster.distances(origins, ahead) == pytest.approx([50.0])
+    distances, normals = caster.closest_hits(origins, ahead)
+    assert distances == pytest.approx([50.0])
+    assert abs(normals) == pytest.approx(ahead)

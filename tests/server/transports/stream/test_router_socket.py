@@ -1,0 +1,206 @@
+"""The ROUTER socket: what is sent, what is not, and what happens when it cannot be had."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from catoptra_server.transports.stream.router_socket import RouterSocket, SendResult
+from helpers.loopback import HOST, run_scenario
+from helpers.stream_peer import connect_raw_peer
+from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
+
+# More than the kernel keeps of a connection that is not read: a few megabytes.
+UNTERMINATED_BYTES = 32_000_000
+UNTERMINATED = {
+    "small parts": zmtp_frame(bytes(30), MORE) * 3000,
+    "largest parts": zmtp_frame(bytes(8 * 1024), LONG | MORE) * 10,
+}
+
+
+class RouterFixture:
+    """A socket that keeps what it received."""
+
+    def __init__(self, host: str = HOST) -> None:
+        self.received: asyncio.Queue[tuple[bytes, list[bytes]]] = asyncio.Queue()
+        self.socket = RouterSocket(
+            host, 0, lambda peer, parts: self.received.put_nowait((peer, parts))
+        )
+
+    def __enter__(self) -> RouterFixture:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.socket.close()
+
+
+def test_messages_when_many_come_at_once_are_all_received_in_order() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            for number in range(100):
+                await peer.send(b"%d" % number, b"more")
+            got = [(await router.received.get())[1] for _ in range(100)]
+            assert got == [[b"%d" % number, b"more"] for number in range(100)]
+
+    run_scenario(scenario())
+
+
+def test_message_when_sent_between_receptions_loses_none() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            for _ in range(50):
+                await peer.send(b"ping")
+                identity, _ = await router.received.get()
+                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+                assert await peer.socket.recv_multipart() == [b"pong"]
+
+    run_scenario(scenario())
+
+
+def test_messages_when_the_peer_reads_as_fast_as_they_come_are_all_sent() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            for _ in range(2000):  # without a look at what was taken, one in hundreds is refused
+                await peer.send(b"ping")
+                identity, _ = await router.received.get()
+                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+                assert await peer.socket.recv_multipart() == [b"pong"]
+
+    run_scenario(scenario())
+
+
+def test_message_when_sent_after_the_end_is_for_nobody() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            await peer.send(b"ping")
+            identity, _ = await router.received.get()
+        assert router.socket.send(identity, [b"late"]) is SendResult.DISCONNECTED
+
+    run_scenario(scenario())
+
+
+def test_suspects_when_a_connection_ended_are_who_it_was_until_sending_tells() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as stays:
+            await stays.send(b"ping")
+            await router.received.get()
+            with connect_raw_peer(router.socket.port) as goes:
+                await goes.send(b"ping")
+                gone, _ = await router.received.get()
+            suspects: set[bytes] = set()
+            while not suspects:
+                suspects = router.socket.poll_disconnects()
+                await asyncio.sleep(0)
+            assert suspects == {gone}
+            while router.socket.send(gone, [b"there?"]) is not SendResult.DISCONNECTED:
+                await asyncio.sleep(0)
+
+    run_scenario(scenario())
+
+
+def test_message_when_the_peer_was_never_there_is_not_sent() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router:
+            assert router.socket.send(b"nobody", [b"a"]) is SendResult.DISCONNECTED
+
+    run_scenario(scenario())
+
+
+def test_messages_when_the_peer_reads_nothing_end_in_full() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port, keeps=1) as peer:
+            await peer.send(b"here")
+            identity, _ = await router.received.get()
+            sent = [router.socket.send(identity, [bytes(1_000_000)]) for _ in range(100)]
+            assert sent[0] is SendResult.SENT
+            assert sent[-1] is SendResult.QUEUE_FULL
+
+    run_scenario(scenario())
+
+
+def test_port_when_in_use_raises_os_error_that_names_it() -> None:
+    async def scenario() -> None:
+        with socket.create_server((HOST, 0)) as taken:
+            port = taken.getsockname()[1]
+            with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
+                RouterSocket(HOST, port, print)
+
+    run_scenario(scenario())
+
+
+def test_host_when_a_name_is_resolved() -> None:
+    async def scenario() -> None:
+        with RouterFixture("localhost") as router:
+            assert router.socket.port > 0
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize("block", UNTERMINATED.values(), ids=UNTERMINATED)
+def test_peers_when_their_messages_never_end_are_cut_off_and_another_is_served(
+    block: bytes,
+) -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            port = router.socket.port
+            attacks = asyncio.gather(*(asyncio.to_thread(_attack, port, block) for _ in range(4)))
+            served = 0
+            while served < 50 or not attacks.done():
+                await peer.send(b"ping")
+                identity, parts = await router.received.get()
+                assert parts == [b"ping"]
+                assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
+                assert await peer.socket.recv_multipart() == [b"pong"]
+                served += 1
+            assert max(await attacks) < UNTERMINATED_BYTES
+
+    run_scenario(scenario())
+
+
+def _attack(port: int, block: bytes) -> int:
+    """Never end a message; return how many bytes of it went until the connection was ended."""
+    return send_until_disconnect(port, block, max_bytes=UNTERMINATED_BYTES)
+
+
+def test_peers_when_they_break_off_inside_a_message_leave_nothing_to_others() -> None:
+    async def scenario() -> None:
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
+            for _ in range(10):
+                with await asyncio.to_thread(connect_with_handshake, router.socket.port) as rude:
+                    rude.sendall(zmtp_frame(b"half", MORE))
+            await peer.send(b"whole")
+            _, parts = await router.received.get()
+            assert parts == [b"whole"]
+
+    run_scenario(scenario())
+
+
+def test_socket_when_closed_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    async def scenario() -> None:
+        with RouterFixture():
+            (folder,) = tmp_path.iterdir()
+            assert folder.stat().st_mode & 0o077 == 0
+        assert list(tmp_path.iterdir()) == []
+
+    run_scenario(scenario())
+
+
+def test_socket_when_its_private_end_cannot_be_had_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("deep" * 30)  # longer than the address of a Unix socket may be
+    deep.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+
+    async def scenario() -> None:
+        with pytest.raises(OSError, match="set TMPDIR to a short path"):
+            RouterSocket(HOST, 0, print)
+        assert list(deep.iterdir()) == []
+
+    run_scenario(scenario())

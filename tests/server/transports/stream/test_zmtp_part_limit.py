@@ -1,0 +1,72 @@
+"""Bytes of ZeroMQ peers, fed whole and byte by byte: who ends their messages passes."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_server.transports.stream.zmtp_part_limit import MAX_PARTS, ZmtpPartCounter
+from helpers.zmtp import COMMAND, GREETING, LONG, MORE, READY, zmtp_frame
+
+PART = zmtp_frame(b"part", MORE)
+LAST = zmtp_frame(b"last")
+PING = zmtp_frame(b"\x04PING\0\0", COMMAND)
+
+GOOD = {
+    "a message": LAST,
+    "empty messages": 100 * zmtp_frame(b""),
+    "as many parts as may be": (MAX_PARTS - 1) * PART + LAST,
+    "many messages of several parts": 100 * (PART + PART + LAST),
+    "long lengths": 100 * (zmtp_frame(bytes(300), LONG | MORE) + zmtp_frame(b"", LONG)),
+    "a body that looks like parts": zmtp_frame(PART * 20, LONG),
+    "commands between parts": 3 * (PART + PING) + LAST,
+    "many commands": 100 * PING,
+}
+BAD = {
+    "a part too many": MAX_PARTS * PART,
+    "empty parts": MAX_PARTS * zmtp_frame(b"", MORE),
+    "long parts": MAX_PARTS * zmtp_frame(bytes(300), LONG | MORE),
+    "parts hidden behind commands": MAX_PARTS * (PING + PART),
+    "parts after good messages": 5 * (PART + LAST) + MAX_PARTS * PART,
+    "a command with more": zmtp_frame(b"\x04PING\0\0", COMMAND | MORE),
+}
+PIECES = {"whole": 10_000_000, "by 7 bytes": 7, "byte by byte": 1}
+
+
+def feed_pieces(data: bytes, piece_bytes: int) -> None:
+    parts = ZmtpPartCounter()
+    for at in range(0, len(data), piece_bytes):
+        parts.feed(data[at : at + piece_bytes])
+
+
+@pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
+@pytest.mark.parametrize("said", GOOD.values(), ids=GOOD)
+def test_messages_when_they_end_pass(said: bytes, piece_bytes: int) -> None:
+    feed_pieces(GREETING + READY + said, piece_bytes)
+
+
+@pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
+@pytest.mark.parametrize("said", BAD.values(), ids=BAD)
+def test_message_when_it_has_too_many_parts_raises(said: bytes, piece_bytes: int) -> None:
+    with pytest.raises(RemoteProtocolError, match="parts"):
+        feed_pieces(GREETING + READY + said, piece_bytes)
+
+
+def test_message_when_it_has_too_many_parts_raises_before_its_bytes_are_passed() -> None:
+    parts = ZmtpPartCounter()
+    parts.feed(GREETING + READY + (MAX_PARTS - 1) * PART)
+    with pytest.raises(RemoteProtocolError, match="more than 8 parts"):
+        parts.feed(PART[:2])
+
+
+OTHER_GREETINGS = {
+    "no ZeroMQ": b"INIT {ClassName USARBot.P2AT}\r\n".ljust(64),
+    "a short first part of ZMTP 1": b"\xff" + bytes(63),
+    "ZMTP 2": b"\xff" + bytes(8) + b"\x7f\x01" + bytes(53),
+}
+
+
+@pytest.mark.parametrize("greeting", OTHER_GREETINGS.values(), ids=OTHER_GREETINGS)
+def test_greeting_when_not_of_zmtp_3_raises(greeting: bytes) -> None:
+    with pytest.raises(RemoteProtocolError, match="no greeting of ZMTP 3"):
+        feed_pieces(greeting, 64)

@@ -1,0 +1,83 @@
+"""A study of made-up numbers: what is told of them does not depend on any machine."""
+
+from __future__ import annotations
+
+import pytest
+
+from catoptra_studies.accuracy_cost.cost_results import (
+    CostResults,
+    FrameRate,
+    LevelCost,
+    LocalizationAccuracy,
+    LocalizationRow,
+    PolygonRow,
+    StudyConditions,
+)
+
+
+def step(name: str, *, ms: float, rmse: float, polygons: int = 0, samples: int = 2) -> LevelCost:
+    return LevelCost(
+        name=name,
+        renderer="raster",
+        num_polygons=polygons,
+        samples=samples,
+        face_size_px=360,
+        is_key=True,
+        robot_ini="[Catoptra.HyperbolicMirror]\nPolygons=0\n",
+        wall_ms=ms,
+        cpu_ms=2.0 * ms,
+        stage_ms={"faces": 2.5, "mirror": ms - 2.5},
+        bound_max_px=0.58,
+        bound_rms_px=0.24,
+        bound_max_deg=0.5,
+        rmse=rmse,
+        psnr_db=36.0,
+        ssim=0.99,
+        is_on_pareto_front=not polygons,
+    )
+
+
+def rate(carries: str, ms: float) -> FrameRate:
+    polygons = int(carries) if carries.isdigit() else 0
+    return FrameRate("field", "raster", carries, polygons, 1e3 / ms, ms, ms, {"screen": 2.0})
+
+
+@pytest.fixture
+def document() -> CostResults:
+    return CostResults(
+        conditions=StudyConditions(
+            date="2026-11-21",
+            machine="a made-up machine",
+            renderers=("raster: none",),
+            robot="p2at_omni",
+            world="field",
+            size_px=360,
+            is_quick=True,
+            num_rounds=6,
+            num_poses=2,
+            reference_samples=8,
+        ),
+        levels=(
+            step("exact, 2x2", ms=5.0, rmse=3.7),
+            step("256 polygons (uv), 2x2", ms=7.0, rmse=25.0, polygons=256),
+            step("exact, 1x1", ms=4.0, rmse=6.1, samples=1),
+        ),
+        polygon_rows=(PolygonRow(256, 16, 16, "uv", 0.975, 2.95, 7.28, 2.95, 7.28),),
+        frame_rates=(
+            rate("no camera", 2.0),
+            *(rate(str(count), 6.0) for count in (16, 64, 256, 1024, 4096)),
+            rate("per pixel", 5.0),
+            rate("LMS200", 2.2),
+        ),
+        localization=LocalizationAccuracy(
+            num_runs=5,
+            steps_per_run=100,
+            odometry_max_m=1.9,
+            rows=(
+                LocalizationRow(
+                    "256 polygons (uv), 2x2", 500, 0.4, 0.9, 0.86, 0.1, 0.05, 0.1, 0.03, 0.07
+                ),
+                LocalizationRow("exact, 2x2", 500, 0.9, 1.0, 0.05, 0.01, 0.04, 0.1, 0.026, 0.09),
+            ),
+        ),
+    )

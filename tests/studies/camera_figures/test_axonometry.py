@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from catoptra_server.scene.mirror_mesh import mirror_polygons, tessellation_from_polygon_count
+from catoptra_studies.camera_figures.axonometry import Axonometry, shade
+from catoptra_studies.camera_figures.figure_subject import FigureSubject
+
+FROM_BEHIND = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=0.0)
+FROM_BELOW = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=-89.0)
+
+
+def test_seen_from_behind_right_is_right_and_down_is_down() -> None:
+    right, down = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+    assert FROM_BEHIND.project(right) == pytest.approx([1.0, 0.0])
+    assert FROM_BEHIND.project(down) == pytest.approx([0.0, -1.0])
+
+
+def test_farthest_polygon_comes_first() -> None:
+    square = np.array([[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1.0]])
+    polygons = square + np.array([0.0, 5.0, -3.0])[:, None, None] * np.array([1.0, 0.0, 0.0])
+
+    assert list(FROM_BEHIND.depth_order(polygons)) == [1, 0, 2]
+
+
+def test_every_polygon_of_the_mirror_turns_its_reflecting_side_down(subject: FigureSubject) -> None:
+    polygons = mirror_polygons(subject.camera, tessellation_from_polygon_count(64))
+
+    assert polygons.shape == (64, 4, 3)
+    assert FROM_BELOW.front_facing_mask(polygons).all()
+
+
+def test_shade_is_a_brightness() -> None:
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    towards, away, _ = shade(normals)
+
+    assert 0.0 <= away < towards <= 1.0

@@ -1,0 +1,61 @@
+"""Servers that run elsewhere: how they are named, and how long one waits for their greeting."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from catoptra_protocol.errors import ConnectionLostError, DomainError
+from catoptra_studies.experiment.remote_server import parse_server_address, wait_for_server
+from catoptra_studies.experiment.server_process import ServerAddress
+from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_close
+
+
+@pytest.fixture
+def nobody() -> Iterator[ServerAddress]:
+    """Return an address that refuses: the port is bound, and nobody listens."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        yield ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("sim=there", ServerAddress("there", 3000, 5003)),
+        ("sim=127.0.0.1:3100", ServerAddress("127.0.0.1", 3100, 5003)),
+        ("sim=there:3100:5100", ServerAddress("there", 3100, 5100)),
+    ],
+)
+def test_server_when_named_is_where_it_says(text: str, address: ServerAddress) -> None:
+    assert parse_server_address(text) == ("sim", address)
+
+
+@pytest.mark.parametrize("text", ["there", "sim=", "sim=there:", "sim=there:x", "=there"])
+def test_server_when_named_otherwise_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(DomainError, match="sim=localhost"):
+        parse_server_address(text)
+
+
+def test_server_when_it_greets_is_answering() -> None:
+    def greet(connection: socket.socket) -> None:
+        ScriptedControlPeer(connection)
+        wait_for_close(connection)
+
+    with serve_script(greet) as port:
+        address = ServerAddress("127.0.0.1", port, 5003)
+        assert wait_for_server(address, timeout_s=0.0) == address
+
+
+def test_server_when_it_never_answers_is_given_up_after_so_long(nobody: ServerAddress) -> None:
+    now, rests = [0.0], []
+
+    def rest(time_s: float) -> None:
+        rests.append(time_s)
+        now[0] += time_s
+
+    with pytest.raises(ConnectionLostError, match="no control server at 127"):
+        wait_for_server(nobody, timeout_s=1.0, clock=lambda: now[0], sleep=rest)
+    assert 1.0 <= sum(rests) < 1.5
