@@ -4,7 +4,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOURCES := protocol/src server/src client/src studies/src
-COST = $(BIN)/catoptra-server cost --robot configs/robots/p2at_omni.ini --world configs/worlds/four_legged_2006.ini --output out/cost
 # Idle BLAS threads spin and nearly double a traced frame on two cores; nothing here multiplies large matrices.
 export OPENBLAS_NUM_THREADS := 1
 
@@ -16,11 +15,11 @@ help: ## Show this list
 
 setup: $(READY) ## Make the virtual environment .venv with everything pinned in constraints.txt
 
-$(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/pyproject.toml
+$(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/pyproject.toml studies/pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Catoptra needs Python 3.11 or newer, this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-	  --editable protocol --editable 'server[figures]' --editable 'client[experiment]' \
+	  --editable protocol --editable server --editable client --editable 'studies[server]' \
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
 	touch $@
 

@@ -11,7 +11,7 @@ from catoptra_protocol.stream.replies import Error, Reply, StatusReply
 from catoptra_protocol.stream.requests import Request
 from conformance.conversation_file import Conversation, StepSpec
 from conformance.stream_player import play_conversation
-from helpers.scripted_stream import Script, serve_script
+from helpers.scripted_stream import Script, serve_stream_script
 from helpers.stream_messages import HEADER
 
 GET_STATUS_STEP: StepSpec = {
@@ -28,7 +28,7 @@ PICTURE = bytes(HEADER.width_px * HEADER.height_px * 3)
 
 def play_steps(script: Script, *steps: StepSpec) -> str:
     """Return what holding these steps with a scripted server says."""
-    with serve_script(script) as port:
+    with serve_stream_script(script) as port:
         talk = Conversation("c", "", "stream", True, steps)
         return play_conversation(talk, ("127.0.0.1", port), {"class": "C", "place": "{Start S}"})
 

@@ -27,6 +27,7 @@ sys.path.append(str(Path(__file__).parent / "questions"))
 from scenes import CORRIDOR, FIELD, camera
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
@@ -34,7 +35,6 @@ from catoptra_server.planning.budget_monitor import OVERRUN_FACTOR
 from catoptra_server.planning.planner import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 

@@ -14,12 +14,12 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
 from catoptra_server.scene.primitives import box
@@ -37,7 +37,7 @@ DYNAMIC_OBJECT = DynamicObject(
     Pose.from_rpy((1.0, 0.5, -0.3)),
     Twist((0.0, -0.6, 0.0), (0.0, 0.0, 1.0)),
 )
-CAMERA_STATE = CameraState(
+DRIVING_STATE = CameraState(
     CAMERA_STATE.world_from_mirror,
     (DYNAMIC_OBJECT,),
     NOISE_SEED,

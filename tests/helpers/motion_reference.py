@@ -15,8 +15,9 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
-from catoptra_server.render.renderer import CameraState, OmniView
+from catoptra_server.render.renderer import OmniView
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.twist import Twist

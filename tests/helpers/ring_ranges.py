@@ -6,8 +6,8 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.world_description import World
 from helpers.effect_measurement import CAMERA
 from helpers.range_images import trace_ranges

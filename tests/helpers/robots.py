@@ -13,6 +13,7 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
@@ -27,7 +28,7 @@ from catoptra_server.frames.view_cache import ViewState
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.planner import PlanChoice
 from catoptra_server.render.render_plan import RendererKind, plan_from_settings
-from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import (
     DriveBase,

@@ -19,7 +19,9 @@ _POLL_INTERVAL_MS = 20
 
 
 @contextmanager
-def serve_script(script: Script, *, port: int = 0, sends_heartbeats: bool = False) -> Iterator[int]:
+def serve_stream_script(
+    script: Script, *, port: int = 0, sends_heartbeats: bool = False
+) -> Iterator[int]:
     """Serve a script; yield the port. pulses: tell clients all the time that the server lives."""
     context = zmq.Context()
     router = context.socket(zmq.ROUTER)

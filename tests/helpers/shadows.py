@@ -20,7 +20,7 @@ from catoptra_server.scene.world_description import (
     World,
 )
 
-HEMISPHERE_LIGHT = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
+DIM_HEMISPHERE_LIGHT = HemisphereLight((0.3, 0.3, 0.3), (0.2, 0.2, 0.2))
 DIRECTIONAL_LIGHT = DirectionalLight((0.6, 0.0, 0.8), (0.5, 0.5, 0.5))
 POINT_LIGHT = PointLight((-0.4, 0.3, -1.3), (0.8, 0.7, 0.6))
 GREY = Material((0.5, 0.5, 0.5))
@@ -40,7 +40,7 @@ def box_item(x: float, y: float, z: float, size_m: tuple[float, float, float]) -
 
 
 def make_world(
-    *items: Item, lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
+    *items: Item, lights: tuple[Light, ...] = (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
 ) -> World:
     """Return a world of items under lights, with a dark background."""
     return World("shadows", items, lights=lights, background=(0.1, 0.1, 0.1))
@@ -61,7 +61,7 @@ def make_inward_facing_room(light: Light) -> World:
         Item(f"face{n}", Rectangle((4.0, 4.0)), Pose.from_rpy(at, turn), GREY)
         for n, (at, turn) in enumerate(faces)
     )
-    return make_world(*items, lights=(HEMISPHERE_LIGHT, light))
+    return make_world(*items, lights=(DIM_HEMISPHERE_LIGHT, light))
 
 
 def reference_radiance(

@@ -12,6 +12,7 @@ from PIL import Image
 from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import (
     MirrorSurface,
     PerPixel,
@@ -20,7 +21,6 @@ from catoptra_server.render.render_plan import (
     RenderSettings,
     plan_from_settings,
 )
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.world_description import (
     Box,
     Cylinder,

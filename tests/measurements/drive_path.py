@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.renderer import CameraState
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.scene.twist import Twist
 
 TICK_S = 0.02

@@ -23,9 +23,10 @@ from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.render_plan import RendererKind, RenderSettings, plan_from_settings
-from catoptra_server.render.renderer import CameraState, Renderer, View
+from catoptra_server.render.renderer import Renderer, View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes, intersect_objects
 from catoptra_server.render.trace.packed_light import SrgbScale

@@ -20,6 +20,7 @@ from driving import drive_path
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
@@ -32,7 +33,6 @@ from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 

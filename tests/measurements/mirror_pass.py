@@ -5,7 +5,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/mirror_pass.py
 Prints, for the mirror's pass of a 640 x 640 px picture, the median milliseconds on the wall and of
 all processors, drawn in turns, and the ratio of the latter to the law in the shader with the power
 of sRGB's definition. Decided by it:
-render/raster/lookup_map.py, and the square roots in glsl/include/colour.glsl.
+render/projection/lookup_map.py, and the square roots in glsl/include/colour.glsl.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_server.render.projection.atlas import pack_atlas
+from catoptra_server.render.projection.lookup_map import compute_lookup_map
 from catoptra_server.render.raster import RasterRenderer, open_device
-from catoptra_server.render.raster.atlas import pack_atlas
 from catoptra_server.render.raster.atlas_lookup import set_atlas_uniforms
-from catoptra_server.render.raster.lookup_map import compute_lookup_map
 from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.render.raster.shader_programs import GLSL_VERSION, load_source, set_uniform
 from catoptra_server.render.render_plan import (

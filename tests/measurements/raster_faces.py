@@ -20,17 +20,17 @@ import numpy as np
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster import RasterRenderer, open_device, scene_buffers
-from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.render.raster.stage_clock import StageClock
 from catoptra_server.render.render_plan import (
     PerPixel,
     RendererKind,
     RenderSettings,
     plan_from_settings,
 )
+from catoptra_server.render.stage_clock import StageClock
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.triangle_clusters import TRIANGLES_PER_CLUSTER, make_clusters
 from catoptra_server.scene.world_description import World

@@ -10,8 +10,8 @@ import numpy as np
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.world_description import (
     Box,
     HemisphereLight,

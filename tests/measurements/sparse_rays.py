@@ -18,9 +18,10 @@ import numpy as np
 from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_world
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.render_plan import RendererKind, RenderSettings, plan_from_settings
-from catoptra_server.render.renderer import CameraState, View
+from catoptra_server.render.renderer import View
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import CameraState, Renderer
+from catoptra_server.render.renderer import Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS

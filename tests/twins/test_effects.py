@@ -12,8 +12,8 @@ from catoptra_server.render.raster.effect_chain import EffectPass, LinearImageTa
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from helpers.effect_measurement import (
     CAMERA,
-    CAMERA_STATE,
     CAPTURE_CONTEXT,
+    DRIVING_STATE,
     IMAGE_EFFECTS,
     NOISE_SEED,
     RANGES,
@@ -61,7 +61,7 @@ def shaded(
         target.target,
         ranges=ranges if effect.needs_range else None,
     )
-    step.draw(CAMERA_STATE)
+    step.draw(DRIVING_STATE)
     read = target.read()
     for made in (step, source, target, ranges):
         made.close()
@@ -104,7 +104,7 @@ def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Contex
     step = EffectPass(
         context, ShaderPrograms(context), noise, CAMERA, source.texture, target.target
     )
-    step.draw(CAMERA_STATE)
+    step.draw(DRIVING_STATE)
     np.testing.assert_array_equal(
         target.read(), normal_variates(frame_noise_key(NOISE_SEED, "ReadNoise"), *LIGHT.shape[:2])
     )

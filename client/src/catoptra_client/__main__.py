@@ -28,11 +28,10 @@ from catoptra_client.landmarks import (
     train,
 )
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
+from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_studies.experiment.drive_log import ROBOT_CLASS
-from catoptra_studies.experiment.server_process import ServerAddress
-from catoptra_studies.experiment.training_frames import capture_training_frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

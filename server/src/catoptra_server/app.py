@@ -18,6 +18,7 @@ from pathlib import Path
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.reports import Greeting
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
 from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.frames.mailbox import Mailboxes
@@ -27,7 +28,6 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.render.render_plan import requested_samples
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.transports.stream.server_info import build_server_info

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from statistics import median
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
@@ -21,7 +22,6 @@ from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.render.render_plan import requested_samples
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.dynamic_object import DynamicObject

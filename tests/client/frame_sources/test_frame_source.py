@@ -14,7 +14,7 @@ from catoptra_client.frame_sources.stream.stream_frame_source import (
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 from catoptra_protocol.stream.requests import ImageEncoding
 from client.scripted_server import serve_script
-from helpers.scripted_stream import serve_script
+from helpers.scripted_stream import serve_stream_script
 
 
 @pytest.mark.parametrize(
@@ -36,14 +36,14 @@ def test_address_when_nobody_listens_names_it(scheme: str) -> None:
 
 
 def test_address_when_of_a_stream_opens_one() -> None:
-    with serve_script(reply_to_all) as port, open_frame_source(f"zmq://127.0.0.1:{port}") as source:
+    with serve_stream_script(reply_to_all) as port, open_frame_source(f"zmq://127.0.0.1:{port}") as source:
         assert isinstance(source, StreamFrameSource)
         assert source.selection == CameraSelection()
 
 
 def test_camera_when_chosen_in_the_address_is_watched() -> None:
     with (
-        serve_script(reply_to_all) as port,
+        serve_stream_script(reply_to_all) as port,
         open_frame_source(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
     ):
         assert isinstance(source, StreamFrameSource)
@@ -52,7 +52,7 @@ def test_camera_when_chosen_in_the_address_is_watched() -> None:
 
 def test_camera_when_chosen_by_keywords_counts_more_than_the_address() -> None:
     with (
-        serve_script(reply_to_all) as port,
+        serve_stream_script(reply_to_all) as port,
         open_frame_source(
             f"zmq://127.0.0.1:{port}?robot=A&camera=Rear",
             camera="Ahead",

@@ -7,8 +7,8 @@ import pytest
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_lights
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
@@ -17,9 +17,9 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, DirectionalLight, Light, PointLight
 from helpers.opengl import device_or_skip
 from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
     DIRECTIONAL_LIGHT,
     GREY,
-    HEMISPHERE_LIGHT,
     POINT_LIGHT,
     floor_item,
     make_world,
@@ -43,26 +43,26 @@ def test_light_when_no_surface_would_miss_it_is_left_out_and_the_log_says_why(
     light: Light, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO):
-        assert kept(HEMISPHERE_LIGHT, light) == (HEMISPHERE_LIGHT,)
+        assert kept(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT,)
     assert "is left out: it changes no surface by more than" in caplog.text
 
 
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
 def test_light_when_a_surface_is_lit_by_it_stays(light: Light) -> None:
-    assert kept(HEMISPHERE_LIGHT, light) == (HEMISPHERE_LIGHT, light)
+    assert kept(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT, light)
 
 
 def test_lights_when_dim_one_by_one_stay_where_all_together_are_noticed() -> None:
     one = PointLight((0.0, 0.0, -1.0), (8e-5, 8e-5, 8e-5))
     many = tuple(PointLight((0.1 * n, 0.0, -1.0), one.intensity) for n in range(20))
-    assert kept(HEMISPHERE_LIGHT, one) == (HEMISPHERE_LIGHT,)
-    assert len(kept(HEMISPHERE_LIGHT, *many)) > 10
+    assert kept(DIM_HEMISPHERE_LIGHT, one) == (DIM_HEMISPHERE_LIGHT,)
+    assert len(kept(DIM_HEMISPHERE_LIGHT, *many)) > 10
 
 
 def test_picture_when_lights_are_left_out_changes_by_less_than_is_noticed() -> None:
-    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, FAR, DIM, OFF))
+    world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, FAR, DIM, OFF))
     whole = build_scene(world)
-    assert cull_lights(whole, world.lights) == (HEMISPHERE_LIGHT,)
+    assert cull_lights(whole, world.lights) == (DIM_HEMISPHERE_LIGHT,)
     normals, points = np.tile((0.0, 0.0, -1.0), (100, 1)), np.zeros((100, 3))
     points[:, 0] = np.linspace(-2.0, 2.0, 100)
     from catoptra_server.scene import shading
@@ -75,7 +75,7 @@ def test_picture_when_lights_are_left_out_changes_by_less_than_is_noticed() -> N
 
 def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body_comes() -> None:
     device = device_or_skip()
-    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, DIM))
+    world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, DIM))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(AT)
@@ -90,7 +90,7 @@ def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body
 
 
 def test_trace_when_lamps_reach_nothing_computes_no_light_by_place() -> None:
-    world = make_world(floor_item(), lights=(HEMISPHERE_LIGHT, BELOW, FAR))
+    world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, FAR))
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     assert not renderer.has_varying_light
     renderer.close()

@@ -10,16 +10,15 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
 from catoptra_server.bounds.radiance_bounds import max_radiance
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.renderer import CameraState
-from catoptra_server.render.scene_effects import scene_twist_in_mirror
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from helpers.configs import WORLDS
 from helpers.dynamic_objects import TWO_ROBOTS
-from helpers.effect_measurement import CAMERA, CAMERA_STATE
+from helpers.effect_measurement import CAMERA, DRIVING_STATE
 from helpers.ring_ranges import min_ring_ranges_m
-from helpers.worlds import CAMERA_STATE, make_test_world
+from helpers.worlds import make_test_world
 
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 
@@ -30,9 +29,9 @@ def summaries(world: World) -> SceneSummarizer:
 
 def test_summary_knows_the_brightest_light_and_how_the_scene_moves() -> None:
     world = make_test_world()
-    summary = summaries(world).summarize(CAMERA_STATE, CAMERA)
+    summary = summaries(world).summarize(DRIVING_STATE, CAMERA)
     assert summary.max_radiance == max_radiance(build_scene(world), world)
-    assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(CAMERA_STATE))
+    assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
 def test_summary_of_light_alone_looks_for_no_distance() -> None:
@@ -107,9 +106,9 @@ def test_wire_thinner_than_a_pixel_is_bound_though_no_pixel_shows_it() -> None:
 
 
 def test_bodies_pass_by_where_they_are_seen_as_fast_as_their_parts_move() -> None:
-    summary = summaries(make_test_world()).summarize(CAMERA_STATE, CAMERA)
-    (body,) = CAMERA_STATE.objects
-    distance = np.linalg.norm(body.centre - CAMERA_STATE.world_from_mirror.translation)
+    summary = summaries(make_test_world()).summarize(DRIVING_STATE, CAMERA)
+    (body,) = DRIVING_STATE.objects
+    distance = np.linalg.norm(body.centre - DRIVING_STATE.world_from_mirror.translation)
     assert max(summary.max_object_rates_rad_s) >= 0.6 / distance
-    still = CameraState(CAMERA_STATE.world_from_mirror, TWO_ROBOTS)
+    still = CameraState(DRIVING_STATE.world_from_mirror, TWO_ROBOTS)
     assert not any(summaries(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s)

@@ -22,9 +22,9 @@ from catoptra_server.bounds.self_view_bounds import (
     bound_self_view,
     max_angle_from_axis,
 )
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
 from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.robot_shapes import CAMERA_RADIUS_M, OmniCameraTower, build_ego_body_mesh

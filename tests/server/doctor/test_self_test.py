@@ -37,9 +37,9 @@ def test_error_when_the_picture_is_black_is_infinite() -> None:
 def render_discs() -> np.ndarray:
     """Return the picture that the self-test draws by trace."""
     from catoptra_protocol.optics.transforms import Pose
+    from catoptra_server.capture.camera_state import CameraState
     from catoptra_server.planning.renderer_choice import choose_renderer
     from catoptra_server.render.render_plan import plan_from_settings
-    from catoptra_server.render.renderer import CameraState
     from catoptra_server.scene.scene_mesh import build_scene
 
     world = module._disc_world(module._disc_directions())

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
@@ -22,7 +23,7 @@ from catoptra_server.frames.frame_request import (
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.render_thread import RenderThread, max_bounds, render_frame
 from catoptra_server.frames.view_cache import ViewState
-from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import RenderSettings
 from helpers.robots import CAMERA, FakeView, FakeViewProvider
 
@@ -34,7 +35,7 @@ SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
 def make_request(
     *views: ViewRequest | None, layout: TileLayout = SINGLE, sequence: int = 1
 ) -> FrameRequest:
-    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, takes))
+    return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, views))
 
 
 class _BrokenView(FakeView):

@@ -12,6 +12,7 @@ import pytest
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
 from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.medium.vignetting import Vignetting
@@ -25,7 +26,7 @@ from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.render_plan import RendererKind, RenderPlan
-from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
 from helpers.robots import CAMERA
 

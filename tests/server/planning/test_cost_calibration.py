@@ -9,10 +9,11 @@ import pytest
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.cost_calibration import OTHER_STAGES, calibration_plans, measure_costs
 from catoptra_server.planning.cost_model import cost_group, fit_cost_model
 from catoptra_server.render.render_plan import PerPixel, RendererKind, RenderPlan
-from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 

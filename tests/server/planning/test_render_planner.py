@@ -12,6 +12,7 @@ from catoptra_protocol.errors import RendererUnavailableError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import calibration_plans
@@ -19,7 +20,7 @@ from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.render_plan import RendererKind
-from catoptra_server.render.renderer import CameraState, Renderer
+from catoptra_server.render.renderer import Renderer
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene

@@ -13,8 +13,8 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_server.planning.rounding_error import corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint
-from catoptra_server.render.raster.atlas import GUARD_TEXELS, pack_atlas
-from catoptra_server.render.raster.lookup_map import atlas_coordinates
+from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
+from catoptra_server.render.projection.lookup_map import atlas_coordinates
 from catoptra_server.render.render_plan import (
     MirrorSurface,
     PerPixel,

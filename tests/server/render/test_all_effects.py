@@ -23,7 +23,7 @@ from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.scene_mesh import build_scene
-from helpers.effect_measurement import CAMERA_STATE, make_effect
+from helpers.effect_measurement import DRIVING_STATE, make_effect
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.worlds import make_omni_camera, make_plan, make_test_world
 
@@ -46,7 +46,7 @@ NAMES = [k.name for k in EFFECT_TYPES if k.name not in (*SCENE_EFFECTS, "Defocus
 CHAIN = tuple(make_effect(name, STRONG.get(name, {})) for name in NAMES)
 # What measures the whole picture before it runs.
 METERED = ("AutoExposure", "MirrorDust")
-SHOT = replace(CAMERA_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
+SHOT = replace(DRIVING_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
 
 
 def pictures(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
@@ -98,11 +98,11 @@ def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(CAMERA, PLAN)
-    view.render(CAMERA_STATE)
-    view.render_linear(CAMERA_STATE)
+    view.render(DRIVING_STATE)
+    view.render_linear(DRIVING_STATE)
     before = set(renderer.program_names)
     effect = make_effect(name, STRONG.get(name, {}))
-    view.render(CAMERA_STATE, (effect,))
+    view.render(DRIVING_STATE, (effect,))
     ranges = ("ranges",) if effect.needs_range else ()
     assert view.pass_names == ("faces", "mirror", *ranges, name, "encode")
     added = {built.split()[0] for built in set(renderer.program_names) - before}

@@ -22,6 +22,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.raster import RasterRenderer
@@ -34,7 +35,7 @@ from catoptra_server.render.render_plan import (
     RenderSettings,
     plan_from_settings,
 )
-from catoptra_server.render.renderer import CameraState, Image, Renderer
+from catoptra_server.render.renderer import Image, Renderer
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_samples import RaySamples, omni_rays
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation

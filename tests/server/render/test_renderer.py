@@ -7,7 +7,8 @@ import pytest
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.renderer import CameraState, FaceCamera
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import FaceCamera
 
 
 def test_exposure_has_no_bodies_unless_they_are_named() -> None:

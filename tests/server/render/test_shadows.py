@@ -16,9 +16,10 @@ import pytest
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import CameraState, Image
+from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.scene import primitives
@@ -30,9 +31,9 @@ from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.image_comparison import level_differences, mask_away_from_edges
 from helpers.renderers import RendererFactory
 from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
     DIRECTIONAL_LIGHT,
     GREY,
-    HEMISPHERE_LIGHT,
     POINT_LIGHT,
     box_item,
     floor_item,
@@ -96,10 +97,10 @@ def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
 
 
 LIGHTS: dict[str, tuple[Light, ...]] = {
-    "sun": (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
-    "lamp": (HEMISPHERE_LIGHT, POINT_LIGHT),
+    "sun": (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+    "lamp": (DIM_HEMISPHERE_LIGHT, POINT_LIGHT),
     "two suns and two lamps": (
-        HEMISPHERE_LIGHT,
+        DIM_HEMISPHERE_LIGHT,
         DIRECTIONAL_LIGHT,
         POINT_LIGHT,
         DirectionalLight((0.0, -0.6, 0.8), (0.1, 0.2, 0.3)),
@@ -132,7 +133,7 @@ def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
     e, b = math.radians(elevation_deg), math.radians(bearing_deg)
     low = (math.cos(e) * math.cos(b), math.cos(e) * math.sin(b), math.sin(e))
     world = make_world(
-        floor_item(6.0), lights=(HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3))
+        floor_item(6.0), lights=(DIM_HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3))
     )
     exposure = seen(ABOVE)
     without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
@@ -177,7 +178,9 @@ def test_body_when_it_stands_in_the_light_casts_the_shadow_of_the_same_thing_in_
 def test_body_when_in_the_shadow_of_the_scene_is_dark(make: RendererFactory) -> None:
     roof = box_item(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
     world = make_world(
-        floor_item(), roof, lights=(HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3))
+        floor_item(),
+        roof,
+        lights=(DIM_HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)),
     )
     body = DynamicObject(
         build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0))

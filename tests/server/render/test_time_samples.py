@@ -6,22 +6,22 @@ import numpy as np
 
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.time_samples import advance, sample_shutter
-from helpers.effect_measurement import CAMERA_STATE
+from helpers.effect_measurement import DRIVING_STATE
 from helpers.motion_reference import camera_state_after
 
 
 def test_exposure_without_a_shutter_is_its_only_instant() -> None:
-    ((instant, weights),) = sample_shutter(CAMERA_STATE, 3)
-    assert instant is CAMERA_STATE
+    ((instant, weights),) = sample_shutter(DRIVING_STATE, 3)
+    assert instant is DRIVING_STATE
     assert weights.tolist() == [1.0, 1.0, 1.0]
 
 
 def test_instants_are_sharp_and_carried_by_every_motion() -> None:
-    lasting = replace(CAMERA_STATE, shutter=Shutter(0.04, 0.0, 3))
+    lasting = replace(DRIVING_STATE, shutter=Shutter(0.04, 0.0, 3))
     for (instant, _), time_s in zip(
         sample_shutter(lasting, 2), (-0.04 / 3, 0.0, 0.04 / 3), strict=True
     ):
-        expected = camera_state_after(CAMERA_STATE, time_s)
+        expected = camera_state_after(DRIVING_STATE, time_s)
         assert instant.shutter is None
         pairs = zip(
             (instant.world_from_mirror, instant.objects[0].world_from_object),
@@ -35,7 +35,7 @@ def test_instants_are_sharp_and_carried_by_every_motion() -> None:
 
 def test_instants_that_no_row_sees_are_left_out() -> None:
     # Two rows in a readout of four slots without exposure: the middles of two slots.
-    lasting = replace(CAMERA_STATE, shutter=Shutter(0.0, 0.04, 4))
+    lasting = replace(DRIVING_STATE, shutter=Shutter(0.0, 0.04, 4))
     assert [weights.tolist() for _, weights in sample_shutter(lasting, 2)] == [
         [1.0, 0.0],
         [0.0, 1.0],
@@ -43,7 +43,7 @@ def test_instants_that_no_row_sees_are_left_out() -> None:
 
 
 def test_exposure_carried_by_no_time_stays() -> None:
-    same = advance(CAMERA_STATE, 0.0)
+    same = advance(DRIVING_STATE, 0.0)
     np.testing.assert_array_equal(
-        same.world_from_mirror.translation, CAMERA_STATE.world_from_mirror.translation
+        same.world_from_mirror.translation, DRIVING_STATE.world_from_mirror.translation
     )

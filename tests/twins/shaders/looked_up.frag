@@ -1,5 +1,5 @@
 // Provides input_0.xy, a place, as a shader reads it from a texture, and whether it is one.
-// Twin: catoptra_server.render.raster.lookup_map.places_of.
+// Twin: catoptra_server.render.projection.lookup_map.places_of.
 uniform sampler2D input_0;
 out vec4 result;
 

@@ -76,4 +76,4 @@ def _url_error(url: str) -> CatoptraError:
     )
 
 
-__all__ = ["ImageEncoding", "Frame", "FrameSource", "open_frame_source"]
+__all__ = ["Frame", "FrameSource", "ImageEncoding", "open_frame_source"]

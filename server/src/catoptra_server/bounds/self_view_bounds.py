@@ -18,8 +18,8 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import NUM_RINGS
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.dynamic_object import ObjectMesh
 
 # The pose of a body in its mirror frame is the same but for rounding: equal to a nanometre.

@@ -20,10 +20,11 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_from_direction,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.render.render_plan import PerPixel, RenderSettings, plan_from_settings
-from catoptra_server.render.renderer import CameraState, Image
+from catoptra_server.render.renderer import Image
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, Material, Ring, World

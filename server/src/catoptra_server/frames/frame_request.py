@@ -12,9 +12,9 @@ from catoptra_protocol.camera_conf import Pairs
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.render_settings import RenderSettings
 
 

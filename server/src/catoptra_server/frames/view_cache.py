@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import needs_radiance_only
 from catoptra_server.effects.effect_plan import NO_EFFECTS, EffectPlan, plan_effects
 from catoptra_server.frames.frame_request import CameraSpec, OmniCameraSpec, ViewRequest
@@ -23,7 +24,7 @@ from catoptra_server.planning.perspective_plan import PerspectivePlan, plan_pers
 from catoptra_server.planning.planner import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import CameraState, OmniView, RenderedImage, View
+from catoptra_server.render.renderer import OmniView, RenderedImage, View
 from catoptra_server.render.scene_effects import apply_scene_effects
 
 log = logging.getLogger(__name__)

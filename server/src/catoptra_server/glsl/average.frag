@@ -1,7 +1,7 @@
 // Provides the mean, in linear light, of SAMPLES x SAMPLES texels of each pixel, sRGB or linear.
 // Twin: catoptra_server.scene.colour.srgb_from_linear, of the mean.
 #include "include/colour.glsl"
-uniform sampler2D linear_picture;
+uniform sampler2D linear_image;
 out vec4 colour;
 
 void main()
@@ -10,7 +10,7 @@ void main()
     vec3 sum = vec3(0.0);
     for (int row = 0; row < SAMPLES; ++row)
         for (int column = 0; column < SAMPLES; ++column)
-            sum += texelFetch(linear_picture, corner + ivec2(column, row), 0).rgb;
+            sum += texelFetch(linear_image, corner + ivec2(column, row), 0).rgb;
     vec3 linear = sum / float(SAMPLES * SAMPLES);
 #ifndef LINEAR
     linear = srgb_from_linear(linear);

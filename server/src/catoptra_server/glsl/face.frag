@@ -3,17 +3,17 @@
 #ifdef SHADOWS
 #include "include/shadows.glsl"
 #endif
-#ifdef POINT_LIGHTS
+#ifdef NUM_POINT_LIGHTS
 #include "include/point_irradiance.glsl"
 #endif
-#if defined(POINT_LIGHTS) || defined(SHADOWS)
-in vec3 place;
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
+in vec3 offset;                      // from the viewpoint, world axes, metres
 flat in vec3 facet_normal;
 flat in vec3 facet_albedo;
 #endif
 #ifdef TEXTURED
-uniform sampler2D albedo_texture;    // stored as sRGB, so that it is filtered in linear light
-in vec2 texture_place;
+uniform sampler2D albedo_texture;    // stored as sRGB, so that OpenGL filters linear light
+in vec2 texture_coordinates;
 #endif
 flat in vec3 facet_radiance;
 out vec4 colour;
@@ -21,14 +21,14 @@ out vec4 colour;
 void main()
 {
     vec3 linear = facet_radiance;
-#ifdef POINT_LIGHTS
-    linear += facet_albedo * point_irradiance(place, facet_normal);
+#ifdef NUM_POINT_LIGHTS
+    linear += facet_albedo * point_irradiance(offset, facet_normal);
 #endif
 #ifdef SHADOWS
-    linear += facet_albedo * direct_irradiance(place, facet_normal);
+    linear += facet_albedo * direct_irradiance(offset, facet_normal);
 #endif
 #ifdef TEXTURED
-    linear *= texture(albedo_texture, texture_place).rgb;
+    linear *= texture(albedo_texture, texture_coordinates).rgb;
 #endif
     colour = vec4(linear, 1.0);
 }

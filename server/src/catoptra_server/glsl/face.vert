@@ -1,5 +1,5 @@
-// Provides the clip position of a scene vertex in one cell of the atlas, and its look.
-// Twin: catoptra_server.render.raster.atlas.Cell.clip_from_mirror.
+// Provides the clip position of a scene vertex in one atlas cell, with its shading attributes.
+// Twin: catoptra_server.render.projection.atlas.AtlasCell.clip_from_mirror.
 uniform vec3 viewpoint;              // in the scene's frame: world axes, metres
 uniform mat3 clip_from_scene;        // rows give x, y and w of the clip position
 uniform vec2 depth_from_forward;     // z = first * w + second
@@ -9,27 +9,27 @@ in vec3 radiance;
 flat out vec3 facet_radiance;
 #ifdef TEXTURED
 in vec2 uv;
-out vec2 texture_place;
+out vec2 texture_coordinates;
 #endif
-#if defined(POINT_LIGHTS) || defined(SHADOWS)
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
 in vec3 normal;
-in vec3 lit_albedo;                  // zero where the material takes no light
-out vec3 place;
+in vec3 lit_albedo;                  // zero for unlit materials
+out vec3 offset;
 flat out vec3 facet_normal;
 flat out vec3 facet_albedo;
 #endif
 
 void main()
 {
-    vec3 offset = position - viewpoint;
-    vec3 clip = clip_from_scene * offset;
+    vec3 from_viewpoint = position - viewpoint;
+    vec3 clip = clip_from_scene * from_viewpoint;
     gl_Position = vec4(clip.xy, depth_from_forward.x * clip.z + depth_from_forward.y, clip.z);
     facet_radiance = radiance;
 #ifdef TEXTURED
-    texture_place = uv;
+    texture_coordinates = uv;
 #endif
-#if defined(POINT_LIGHTS) || defined(SHADOWS)
-    place = offset;
+#if defined(NUM_POINT_LIGHTS) || defined(SHADOWS)
+    offset = from_viewpoint;
     facet_normal = normal;
     facet_albedo = lit_albedo;
 #endif

@@ -1,4 +1,4 @@
-// Provides a triangle that covers the picture.
+// Provides one triangle that covers the whole target.
 // Twin: none, a constant triangle.
 void main()
 {

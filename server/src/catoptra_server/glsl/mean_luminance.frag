@@ -1,17 +1,17 @@
-// Provides the sum of a rectangle of pixels, the rectangles of all texels covering the picture.
-// Twin: catoptra_server.effects.sensor.auto_exposure.mean_of.
-uniform sampler2D picture;
+// Provides the sum of one rectangle of pixels; GRID_SIDE x GRID_SIDE rectangles cover the image.
+// Twin: catoptra_server.effects.auto_exposure.mean_of.
+uniform sampler2D image;
 out vec4 colour;
 
 void main()
 {
-    ivec2 size = textureSize(picture, 0);
-    ivec2 block = (size + GRID - 1) / GRID;
+    ivec2 size = textureSize(image, 0);
+    ivec2 block = (size + GRID_SIDE - 1) / GRID_SIDE;
     ivec2 first = ivec2(gl_FragCoord.xy) * block;
     ivec2 end = min(first + block, size);
     vec4 sum = vec4(0.0);
     for (int y = first.y; y < end.y; ++y)
         for (int x = first.x; x < end.x; ++x)
-            sum += texelFetch(picture, ivec2(x, y), 0);
+            sum += texelFetch(image, ivec2(x, y), 0);
     colour = sum;
 }

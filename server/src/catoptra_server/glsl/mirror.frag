@@ -1,19 +1,19 @@
-// Provides the mirror's picture from the places that SAMPLES x SAMPLES samples a pixel look up.
-// Twin: catoptra_server.render.trace.ray_samples.omni_samples, then the mean of what is met there.
+// Provides the mirror's image: the mean of SAMPLES x SAMPLES atlas look-ups of each pixel.
+// Twin: catoptra_server.render.trace.ray_samples.omni_rays, then the mean over a pixel's rays.
 #include "include/colour.glsl"
 uniform sampler2D atlas;
-uniform sampler2D places;            // of the samples in the atlas; negative where no mirror is
+uniform sampler2D lookup_map;        // atlas coordinates of the samples; negative off the mirror
 out vec4 colour;
 
 void main()
 {
-    // Row 0 of the target is the top of the picture, and so are those of both textures.
+    // Row 0 of the target is the top of the image, and so is row 0 of both textures.
     ivec2 corner = ivec2(gl_FragCoord.xy) * SAMPLES;
     vec3 sum = vec3(0.0);
     for (int row = 0; row < SAMPLES; ++row) {
         for (int column = 0; column < SAMPLES; ++column) {
-            vec2 place = texelFetch(places, corner + ivec2(column, row), 0).xy;
-            sum += place.x >= 0.0 ? textureLod(atlas, place, 0.0).rgb : vec3(0.0);
+            vec2 position = texelFetch(lookup_map, corner + ivec2(column, row), 0).xy;
+            sum += position.x >= 0.0 ? textureLod(atlas, position, 0.0).rgb : vec3(0.0);
         }
     }
     vec3 linear = sum / float(SAMPLES * SAMPLES);

@@ -1,5 +1,5 @@
-// Provides the polygon around the rim circle, outside of which no fragment need be asked.
-// Twin: catoptra_server.render.raster.mirror_pass.polygon_around_rim.
+// Provides the polygon around the rim circle: no fragment outside the polygon sees the mirror.
+// Twin: catoptra_server.render.raster.mirror_pass.rim_polygon.
 in vec2 position;
 
 void main()

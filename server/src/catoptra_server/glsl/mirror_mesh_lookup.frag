@@ -1,10 +1,10 @@
-// Provides the places in the atlas that a polygon mirror's samples look up, drawn once.
-// Twin: catoptra_server.render.trace.mirror_mesh_rays.polygon_directions.
+// Provides the atlas coordinates of the samples of a mirror mesh, rendered once per view.
+// Twin: catoptra_server.render.trace.mirror_mesh_rays.mirror_mesh_directions.
 #include "include/atlas.glsl"
 in vec3 direction;
-out vec2 place;
+out vec2 position;
 
 void main()
 {
-    place = atlas_position(direction);
+    position = atlas_coordinates(direction);
 }

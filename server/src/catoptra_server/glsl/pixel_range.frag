@@ -1,12 +1,12 @@
-// Provides how far away is what the middle of each pixel sees: the texel where it looks.
-// Twin: catoptra_server.render.trace.pixel_ranges.PixelRanges.of.
-uniform sampler2D atlas;             // ranges
-uniform sampler2D places;            // of the pixels' middles; negative where no mirror is
+// Provides the range at each pixel's centre: the nearest texel of the atlas of ranges.
+// Twin: catoptra_server.render.trace.pixel_ranges.PixelRangeTracer.measure.
+uniform sampler2D atlas;             // ranges, metres
+uniform sampler2D lookup_map;        // atlas coordinates of pixel centres; negative off the mirror
 out float range_m;
 
 void main()
 {
-    vec2 place = texelFetch(places, ivec2(gl_FragCoord.xy), 0).xy;
-    ivec2 texel = ivec2(place * vec2(textureSize(atlas, 0)));
-    range_m = place.x >= 0.0 ? texelFetch(atlas, texel, 0).r : uintBitsToFloat(0x7f800000u);
+    vec2 position = texelFetch(lookup_map, ivec2(gl_FragCoord.xy), 0).xy;
+    ivec2 texel = ivec2(position * vec2(textureSize(atlas, 0)));
+    range_m = position.x >= 0.0 ? texelFetch(atlas, texel, 0).r : uintBitsToFloat(0x7f800000u);
 }

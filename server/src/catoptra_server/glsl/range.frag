@@ -1,9 +1,9 @@
 // Provides the range of a surface from the viewpoint.
-// Twin: catoptra_server.render.trace.pixel_ranges.PixelRanges.of.
-in vec3 place;
+// Twin: catoptra_server.render.trace.pixel_ranges.PixelRangeTracer.measure.
+in vec3 offset;
 out float range_m;
 
 void main()
 {
-    range_m = length(place);
+    range_m = length(offset);
 }

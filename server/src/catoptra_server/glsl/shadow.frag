@@ -1,5 +1,5 @@
-// Provides nothing but the depth that is written anyway.
-// Twin: none, it has no colour.
+// Provides no colour: OpenGL writes the depth of a shadow map without a fragment shader.
+// Twin: none, there is no colour.
 void main()
 {
 }

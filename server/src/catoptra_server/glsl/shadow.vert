@@ -1,5 +1,5 @@
-// Provides the clip position of a corner that casts shadows in the map of one light.
-// Twin: catoptra_server.render.raster.shadow_projections.ShadowFrame.clip_from_scene.
+// Provides the clip position of a shadow caster's corner in the map of one light.
+// Twin: catoptra_server.render.projection.shadow_projections.ShadowProjection.clip_from_scene.
 uniform mat4 clip_from_scene;
 
 in vec3 position;                    // in the scene's frame

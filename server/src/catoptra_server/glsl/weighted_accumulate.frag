@@ -1,11 +1,11 @@
-// Provides a sharp picture by what it counts in each row, to be added up.
-// Twin: catoptra_server.capture.shutter.Shutter.weights, times the picture.
-uniform sampler2D picture;
-uniform sampler2D weights;           // one a row
+// Provides a sharp image times the weight of each row, for additive blending.
+// Twin: catoptra_server.capture.shutter.Shutter.weights, times the image.
+uniform sampler2D image;
+uniform sampler2D weights;           // one texel a row
 out vec4 colour;
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    colour = texelFetch(picture, pixel, 0) * texelFetch(weights, ivec2(0, pixel.y), 0).r;
+    colour = texelFetch(image, pixel, 0) * texelFetch(weights, ivec2(0, pixel.y), 0).r;
 }

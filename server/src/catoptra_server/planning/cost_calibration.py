@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.render.render_plan import (
     MirrorSurface,
@@ -21,7 +22,7 @@ from catoptra_server.render.render_plan import (
     RenderSettings,
     plan_from_settings,
 )
-from catoptra_server.render.renderer import CameraState, Renderer, View
+from catoptra_server.render.renderer import Renderer, View
 
 Clock = Callable[[], float]
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.cost_cache import CostCache
@@ -22,7 +23,7 @@ from catoptra_server.planning.error_bound import ErrorBound, error_bound
 from catoptra_server.planning.planner import PlanChoice, choose_plan, pareto_front
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.render_plan import RendererKind, RenderPlan, plan_from_settings
-from catoptra_server.render.renderer import CameraState, Renderer
+from catoptra_server.render.renderer import Renderer
 from catoptra_server.robot.render_settings import MirrorSurface
 
 log = logging.getLogger(__name__)

@@ -16,40 +16,14 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
-from catoptra_server.capture.shutter import Shutter
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.scene.dynamic_object import DynamicObject
-from catoptra_server.scene.twist import AT_REST, Twist
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 0 at the top
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraState:
-    """What changes from frame to frame: where the effective viewpoint is, and what has moved.
-
-    world_from_mirror: of an omnidirectional camera's mirror frame; of a perspective camera's own
-    frame (x ahead, y right, z down), which a mirror frame's axes equal. bodies: what is seen beside
-    the scene; the robot that carries the camera is left out by who asks. key: of the noise, where
-    there is any. twist: of the frame, told at its origin in the world's axes. own_body: of the
-    robot that carries the camera, seen only where `staging` puts it among the bodies. has_shadows:
-    whether lights with a place or a direction are hidden by what stands before them. shutter: None
-    where the exposure is so short that nothing moves in it.
-    """
-
-    world_from_mirror: Pose
-    objects: tuple[DynamicObject, ...] = ()
-    noise_seed: NoiseSeed = ZERO_SEED
-    twist: Twist = AT_REST
-    ego_body: DynamicObject | None = None
-    has_shadows: bool = False
-    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.effects.effect_plan import EffectPlan
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.effects.scene.shadows import Shadows
-from catoptra_server.render.renderer import CameraState
-from catoptra_server.scene.twist import AT_REST, Twist
 
 
 def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
@@ -41,18 +40,3 @@ def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraSt
         readout_displacement_px=carried_px,
     )
     return replace(camera_state, shutter=shutter)
-
-
-def scene_twist_in_mirror(camera_state: CameraState) -> Twist:
-    """Return the motion of the scene as the camera sees it: told at the viewpoint, mirror frame.
-
-    In plain numbers, which take a tenth of the time of arrays of three: it is asked every frame.
-    """
-    if camera_state.twist is AT_REST:
-        return AT_REST
-    axes = camera_state.world_from_mirror.rotation.T.tolist()
-    linear, angular = (
-        tuple(-(a * x + b * y + c * z) for a, b, c in axes)
-        for x, y, z in (camera_state.twist.linear_m_s, camera_state.twist.angular_rad_s)
-    )
-    return Twist(linear, angular)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import RowWeights
-from catoptra_server.render.renderer import CameraState
 
 
 def sample_shutter(

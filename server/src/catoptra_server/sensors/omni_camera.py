@@ -10,9 +10,9 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.configurations import TextureRegion as WireTile
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
 from catoptra_server.frames.multi_view import Tile, fit_omni_camera
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.dynamic_object import DynamicObject
 

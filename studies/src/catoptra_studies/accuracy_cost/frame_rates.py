@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.render_plan import MirrorSurface, PerPixel, RendererKind, RenderSettings
-from catoptra_server.render.renderer import CameraState, View
+from catoptra_server.render.renderer import View
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import DriveBase, RangeScannerDescription

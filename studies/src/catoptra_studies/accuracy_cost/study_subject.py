@@ -12,6 +12,7 @@ from pathlib import Path
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.planning.renderer_choice import choose_renderer
@@ -23,7 +24,7 @@ from catoptra_server.render.render_plan import (
     RenderSettings,
     plan_from_settings,
 )
-from catoptra_server.render.renderer import CameraState, Image, Renderer, View
+from catoptra_server.render.renderer import Image, Renderer, View
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from catoptra_client.landmarks import ColourClassifier, train
+from catoptra_client.training_frames import capture_training_frames
 from catoptra_studies.degradation.degradation_metrics import (
     DegradationMetrics,
     compute_degradation_metrics,
@@ -30,7 +31,6 @@ from catoptra_studies.degradation.recorded_drive import (
     record_drive,
 )
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig, open_server
-from catoptra_studies.experiment.training_frames import capture_training_frames
 
 # What a classifier has learnt from.
 TRAINED_ON_CLEAN = "clean"

@@ -22,18 +22,17 @@ from catoptra_client.landmarks import (
 )
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_studies.experiment.drive_log import (
-    ROBOT_CLASS,
     DriveLog,
     LandmarkMeasurement,
     drive_route,
 )
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, ExperimentSetup
 from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.experiment.server_process import ServerAddress
 
 # Two servers and what else the machine does may keep a frame waiting: a study is not lost by that.
 _TIMEOUT_S = 60.0
@@ -70,7 +69,6 @@ def record_drive(
         StreamClient.connect(address.host, address.stream_port, _TIMEOUT_S) as stream,
     ):
         robot.spawn(
-            ROBOT_CLASS,
             name=name,
             location_m=(start.x_m, start.y_m, 0.0),
             rotation_rad=(0.0, 0.0, start.yaw_rad),

@@ -23,13 +23,14 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.render_plan import RendererKind, plan_from_settings
-from catoptra_server.render.renderer import CameraState, Image
+from catoptra_server.render.renderer import Image
 from catoptra_server.render.scene_effects import apply_scene_effects
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.omni_view import TraceOmniView

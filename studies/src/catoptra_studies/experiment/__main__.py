@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.camera_figures import FigureSource, collect_camera_figures
 from catoptra_studies.experiment.experiment_results import write_experiment_results
@@ -32,7 +33,6 @@ from catoptra_studies.experiment.experiment_runner import (
 )
 from catoptra_studies.experiment.experiment_setups import SETUPS, SIM
 from catoptra_studies.experiment.remote_server import parse_server_address
-from catoptra_studies.experiment.server_process import ServerAddress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,6 +23,8 @@ from catoptra_client.landmarks import (
 from catoptra_client.landmarks.ranging import range_from_half_angle
 from catoptra_client.localization import OdometryPose
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
+from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import wrap_angle
@@ -34,10 +36,7 @@ from catoptra_studies.experiment.experiment_setups import (
     MeasurementSource,
 )
 from catoptra_studies.experiment.route import Waypoint
-from catoptra_studies.experiment.server_process import ServerAddress
 from catoptra_studies.experiment.waypoint_controller import Chassis, wheel_command_towards
-
-ROBOT_CLASS = "USARBot.OmniP2AT"
 
 
 @dataclass(frozen=True, slots=True)

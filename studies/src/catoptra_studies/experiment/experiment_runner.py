@@ -22,8 +22,10 @@ from catoptra_client.landmarks import (
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.localization import make_landmark_map
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
+from catoptra_client.training_frames import ROBOT_CLASS, capture_training_frames
 from catoptra_protocol.landmarks import Landmark, read_landmarks
-from catoptra_studies.experiment.drive_log import ROBOT_CLASS, DriveLog, log_drive
+from catoptra_studies.experiment.drive_log import DriveLog, log_drive
 from catoptra_studies.experiment.experiment_setups import (
     FILTERS,
     ExperimentSetup,
@@ -31,8 +33,7 @@ from catoptra_studies.experiment.experiment_setups import (
 )
 from catoptra_studies.experiment.filter_replay import FilterRun, replay_filter
 from catoptra_studies.experiment.remote_server import wait_for_server
-from catoptra_studies.experiment.server_process import ServerAddress, run_server
-from catoptra_studies.experiment.training_frames import capture_training_frames
+from catoptra_studies.experiment.server_process import run_server
 
 ProgressCallback = Callable[[str], None]
 

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable
 
 from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import ConnectionLostError, DomainError
-from catoptra_studies.experiment.server_process import ServerAddress
 
 _DEFAULT_CONTROL_PORT = 3000
 _DEFAULT_IMAGE_PORT = 5003

@@ -7,23 +7,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
+from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
 
 _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+) stream=\S+:(\d+)")
 _TERMINATE_TIMEOUT_S = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class ServerAddress:
-    """Where a server listens. stream_port: None where nobody said."""
-
-    host: str
-    control_port: int
-    image_port: int
-    stream_port: int | None = None
 
 
 @contextmanager

@@ -36,7 +36,7 @@ from catoptra_protocol.stream.requests import (
     ResetRequest,
 )
 from catoptra_protocol.usarsim.reports import OdometryReading, line_from_report
-from helpers.scripted_stream import HEARTBEAT, Script, serve_script
+from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
 from helpers.stream_messages import HEADER, LANDMARK
 
 HOST = "127.0.0.1"
@@ -81,7 +81,7 @@ def ignore_request(request: Request) -> list[list[bytes]]:
 
 
 def test_client_when_everything_is_answered_returns_what_was_said() -> None:
-    with serve_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
+    with serve_stream_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
         assert client.get_status().world == "field"
         assert client.spawn("USARBot.OmniP2AT") == [OdometryReading("Odometry", 1.0, 2.0, 0.5)]
         assert client.step(0.2) == client.get_readings()
@@ -96,7 +96,7 @@ def test_client_when_everything_is_answered_returns_what_was_said() -> None:
 
 
 def test_frames_when_iterated_are_asked_for_one_by_one() -> None:
-    with serve_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
+    with serve_stream_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
         frames = list(itertools.islice(client.iter_frames(encoding=ImageEncoding.RAW), 3))
     assert [frame.sequence for frame in frames] == [2, 3, 4]
     assert frames[0].rgb.tobytes() == PICTURE
@@ -113,13 +113,13 @@ def test_answers_when_old_or_unknown_or_pulses_come_between_are_passed_over() ->
         old = [bytes_from_message(Ok(request.id - 1))]
         return [[HEARTBEAT], old, [b"\x81\xa4kind\xa4news"], *reply_to_all(request)]
 
-    with serve_script(reply_with_noise) as port, StreamClient.connect(HOST, port) as client:
+    with serve_stream_script(reply_with_noise) as port, StreamClient.connect(HOST, port) as client:
         client.drive(1.0, 1.0)
         assert client.get_frame(encoding=ImageEncoding.RAW).sequence == 3
 
 
 def test_request_when_refused_raises_with_the_reason() -> None:
-    with serve_script(reply_with_error) as port, StreamClient(HOST, port) as client:
+    with serve_stream_script(reply_with_error) as port, StreamClient(HOST, port) as client:
         with pytest.raises(CatoptraError, match=f"127.0.0.1:{port} refused: no robot"):
             client.drive(1.0, 1.0)
 
@@ -128,7 +128,7 @@ def test_request_when_the_server_cannot_read_us_says_so() -> None:
     def reply_unreadable(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(Error(0, "no msgpack"))]]
 
-    with serve_script(reply_unreadable) as port, StreamClient(HOST, port) as client:
+    with serve_stream_script(reply_unreadable) as port, StreamClient(HOST, port) as client:
         with pytest.raises(RemoteProtocolError, match="cannot read us: no msgpack"):
             client.reset()
 
@@ -137,7 +137,7 @@ def test_answer_when_of_another_kind_is_refused() -> None:
     def reply_with_wrong_kind(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(Ok(request.id))]]
 
-    with serve_script(reply_with_wrong_kind) as port, StreamClient(HOST, port) as client:
+    with serve_stream_script(reply_with_wrong_kind) as port, StreamClient(HOST, port) as client:
         with pytest.raises(RemoteProtocolError, match="answered with done"):
             client.get_status()
 
@@ -148,24 +148,24 @@ def test_server_when_there_is_none_is_named() -> None:
 
 
 def test_server_when_silent_altogether_is_lost() -> None:
-    with serve_script(ignore_request) as port:
+    with serve_stream_script(ignore_request) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
             with pytest.raises(ConnectionLostError, match="nothing heard"):
                 client.get_frame()
 
 
 def test_server_when_it_lives_and_sends_no_frame_is_slow() -> None:
-    with serve_script(ignore_request, pulses=True) as port:
+    with serve_stream_script(ignore_request, sends_heartbeats=True) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
             with pytest.raises(DeadlineExceededError, match="lives but did not send a frame"):
                 client.get_frame()
 
 
 def test_frames_when_the_server_was_away_go_on() -> None:
-    with serve_script(reply_to_all) as port:
+    with serve_stream_script(reply_to_all) as port:
         client = StreamClient.connect(HOST, port)
         first = client.get_frame(encoding=ImageEncoding.RAW)
-    with client, serve_script(reply_to_all, port=port):
+    with client, serve_stream_script(reply_to_all, port=port):
         again = client.get_frame(encoding=ImageEncoding.RAW)
         assert again.sequence == first.sequence + 1
 
@@ -182,5 +182,5 @@ def lose_first_request() -> Script:
 
 
 def test_request_for_a_frame_when_lost_is_repeated() -> None:
-    with serve_script(lose_first_request()) as port, StreamClient(HOST, port) as client:
+    with serve_stream_script(lose_first_request()) as port, StreamClient(HOST, port) as client:
         assert client.get_frame(encoding=ImageEncoding.RAW).sequence == 1

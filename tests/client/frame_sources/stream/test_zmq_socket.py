@@ -10,7 +10,7 @@ from catoptra_client.frame_sources.stream.zmq_socket import StreamSocket
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.requests import GetStatusRequest, Request
-from helpers.scripted_stream import HEARTBEAT, serve_script
+from helpers.scripted_stream import HEARTBEAT, serve_stream_script
 
 STATUS_REQUEST = bytes_from_message(GetStatusRequest(1))
 
@@ -20,7 +20,7 @@ def reply_with_heartbeat(request: Request) -> list[list[bytes]]:
 
 
 def test_message_when_answered_comes_with_its_parts() -> None:
-    with serve_script(reply_with_heartbeat) as port:
+    with serve_stream_script(reply_with_heartbeat) as port:
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
         assert socket.receive(time.monotonic() + 5.0) == [HEARTBEAT]
@@ -29,7 +29,7 @@ def test_message_when_answered_comes_with_its_parts() -> None:
 
 
 def test_message_when_nobody_is_there_is_not_kept() -> None:
-    with serve_script(reply_with_heartbeat) as port:
+    with serve_stream_script(reply_with_heartbeat) as port:
         pass
     socket = StreamSocket("127.0.0.1", port)
     with pytest.raises(ConnectionLostError, match=f"no stream server at 127.0.0.1:{port}"):
@@ -40,7 +40,7 @@ def test_message_when_nobody_is_there_is_not_kept() -> None:
         received.append(request)
         return [[HEARTBEAT]]
 
-    with serve_script(record_request, port=port):
+    with serve_stream_script(record_request, port=port):
         socket.send(bytes_from_message(GetStatusRequest(2)), time.monotonic() + 5.0)
         assert socket.receive(time.monotonic() + 5.0) == [HEARTBEAT]
     assert received == [GetStatusRequest(2)]
@@ -48,7 +48,7 @@ def test_message_when_nobody_is_there_is_not_kept() -> None:
 
 
 def test_server_when_it_pulses_is_not_lost() -> None:
-    with serve_script(reply_with_heartbeat, pulses=True) as port:
+    with serve_stream_script(reply_with_heartbeat, sends_heartbeats=True) as port:
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
         assert not socket.is_lost()

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
@@ -27,9 +27,9 @@ from catoptra_server.scene.world_description import (
 from helpers.configs import REPOSITORY
 from helpers.effect_measurement import CAMERA
 from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
     DIRECTIONAL_LIGHT,
     GREY,
-    HEMISPHERE_LIGHT,
     box_item,
     floor_item,
     make_inward_facing_room,
@@ -52,7 +52,7 @@ def world_with_lights(*lights: DirectionalLight | PointLight | HemisphereLight) 
 
 
 def dim_sun_world(irradiance: float) -> World:
-    return world_with_lights(HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3))
+    return world_with_lights(DIM_HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3))
 
 
 def lamp_world(intensity: float) -> World:
@@ -78,7 +78,7 @@ WORLDS_WITHOUT_SHADOWS = {
         PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
     ),
     "a box alone": make_world(BOX_ON_FLOOR),
-    "a sky": world_with_lights(HEMISPHERE_LIGHT),
+    "a sky": world_with_lights(DIM_HEMISPHERE_LIGHT),
     "a night": world_with_lights(),
     "a dim sun": dim_sun_world(0.003),
     "a dim lamp": lamp_world(1e-4),

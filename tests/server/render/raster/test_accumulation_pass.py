@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.shutter import Shutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.time_samples import sample_shutter
 from catoptra_server.scene.scene_mesh import build_scene
-from helpers.effect_measurement import CAMERA, CAMERA_STATE, make_effect
+from helpers.effect_measurement import CAMERA, DRIVING_STATE, make_effect
 from helpers.worlds import make_plan, make_test_world
 
-LASTING = replace(CAMERA_STATE, shutter=Shutter(0.04, 0.03, 5))
+LASTING = replace(DRIVING_STATE, shutter=Shutter(0.04, 0.03, 5))
 
 
 def renderer_on(device: GlDevice) -> RasterRenderer:
@@ -39,7 +39,7 @@ def test_view_when_an_exposure_lasts_has_one_stage_for_it_and_none_otherwise(
 ) -> None:
     renderer = renderer_on(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
-    view.render(CAMERA_STATE)
+    view.render(DRIVING_STATE)
     assert view.pass_names == ("faces", "mirror")
     assert not [name for name in renderer.program_names if "weigh" in name]
     effects = (make_effect("Vignetting"),)

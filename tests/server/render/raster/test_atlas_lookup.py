@@ -5,7 +5,7 @@ import math
 import pytest
 
 from catoptra_server.planning.face_regions import regions_of_size
-from catoptra_server.render.raster.atlas import pack_atlas
+from catoptra_server.render.projection.atlas import pack_atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 
 

@@ -11,10 +11,11 @@ from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.render_plan import MirrorSurface, PerPixel
-from catoptra_server.render.renderer import CameraState, FaceCamera, Image
+from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World

@@ -9,6 +9,7 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
@@ -17,14 +18,13 @@ from catoptra_server.render.raster.shadow_maps import (
     MAX_SHADOWED_POINT_LIGHTS,
     ShadowMaps,
 )
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import DirectionalLight, Light, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
     DIRECTIONAL_LIGHT,
-    HEMISPHERE_LIGHT,
     POINT_LIGHT,
     box_item,
     floor_item,
@@ -35,7 +35,7 @@ from helpers.worlds import make_omni_camera, make_plan
 WORLD = make_world(
     floor_item(),
     box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)),
-    lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
+    lights=(DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
 )
 AT = CameraState(Pose.from_rpy((0.05, 0.03, -1.0)))
 
@@ -55,7 +55,7 @@ def test_exposures_when_without_shadows_build_nothing_for_them(device: GlDevice)
 
 
 def test_world_when_no_light_casts_shadows_builds_nothing_for_them(device: GlDevice) -> None:
-    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT,))
+    world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT,))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(dataclasses.replace(AT, has_shadows=True))
@@ -102,7 +102,7 @@ def test_lights_when_as_many_as_are_allowed_are_drawn(device: GlDevice) -> None:
         for a in np.linspace(0.0, 5.0, MAX_SHADOWED_DIRECTIONAL_LIGHTS)
     ]
     lamps = [dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)] * MAX_SHADOWED_POINT_LIGHTS
-    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT, *suns, *lamps))
+    world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT, *suns, *lamps))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     lit = view.render(AT).rgb.astype(int)

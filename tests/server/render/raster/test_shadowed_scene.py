@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.scene_mesh import build_scene
 from helpers.dynamic_objects import TWO_ROBOTS
-from helpers.shadows import HEMISPHERE_LIGHT, box_item, floor_item, make_world
+from helpers.shadows import DIM_HEMISPHERE_LIGHT, box_item, floor_item, make_world
 
 WORLD = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)))
 PLAIN = CameraState(Pose.from_rpy((0.0, 0.0, -1.0)), TWO_ROBOTS)
@@ -32,7 +32,7 @@ def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
 
 
 def test_scene_when_no_light_can_be_hidden_has_one_look(device: GlDevice) -> None:
-    world = dataclasses.replace(WORLD, lights=(HEMISPHERE_LIGHT,))
+    world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT,))
     buffers = SceneBuffers(
         device.context, ShaderPrograms(device.context), build_scene(world), world
     )

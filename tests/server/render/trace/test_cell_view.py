@@ -11,7 +11,8 @@ import pytest
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.renderer import CameraState, Image
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.silhouette_edges import SilhouetteEdges

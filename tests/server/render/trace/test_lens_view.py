@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from catoptra_server.render.renderer import CameraState, Image, RenderedImage
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import Image, RenderedImage
 from catoptra_server.render.trace.lens_view import TraceLensView
 from helpers.worlds import CAMERA_STATE
 

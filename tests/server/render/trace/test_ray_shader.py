@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.renderer import CameraState
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.packed_light import SrgbScale

@@ -16,7 +16,13 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Material, World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.image_comparison import level_differences
-from helpers.shadows import DIRECTIONAL_LIGHT, HEMISPHERE_LIGHT, box_item, floor_item, make_world
+from helpers.shadows import (
+    DIM_HEMISPHERE_LIGHT,
+    DIRECTIONAL_LIGHT,
+    box_item,
+    floor_item,
+    make_world,
+)
 from helpers.worlds import (
     CAMERA_STATE,
     HEMISPHERE_LIGHT,
@@ -41,7 +47,7 @@ def colours_of(world: World) -> tuple[ShadowedShader, UnshadowedShader]:
 def test_light_when_nothing_is_hidden_is_that_without_shadows(tmp_path: Path) -> None:
     look = Material((0.5, 0.5, 0.5), write_smooth_texture(tmp_path / "waves.png"))
     world = make_world(
-        floor_item(material=look), lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
+        floor_item(material=look), lights=(DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
     )
     rays = np.random.default_rng(1).normal(size=(2000, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)

@@ -18,8 +18,9 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import CameraState, FaceCamera, Image
+from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count

@@ -2,7 +2,7 @@
 
 To add one: write `<name>.py` beside the others (frozen parameters, `pixel_from_direction` and its
 inverse with validity, domain, source), then add its line here; what raster needs beside the law is
-said in `catoptra_server.render.raster.lens_projection`.
+said in `catoptra_server.render.projection.lens_projection`.
 """
 
 from catoptra_protocol.optics.lenses.lens import Lens

@@ -5,10 +5,10 @@ from __future__ import annotations
 import moderngl
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.effect_chain import LinearImageTarget
 from catoptra_server.render.raster.passes import Pass
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.time_samples import sample_shutter
 
 

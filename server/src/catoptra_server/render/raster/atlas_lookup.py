@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
-from catoptra_server.render.raster.atlas import Atlas
+from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.shader_programs import Definitions, set_uniform
 
 

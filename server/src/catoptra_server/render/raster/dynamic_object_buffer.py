@@ -12,7 +12,7 @@ import moderngl
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.depth_range import min_distance_bound
+from catoptra_server.render.projection.depth_range import min_distance_bound
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.scene_batches import FacetLighting
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_uniform

@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
 from catoptra_server.effects.sensor.auto_exposure import LUMINANCE_WEIGHTS, count_mirror_pixels
 from catoptra_server.render.raster.passes import AveragePass, Pass
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
-from catoptra_server.render.renderer import CameraState, LinearImage
+from catoptra_server.render.renderer import LinearImage
 
 UniformValues = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.depth_range import MAX_NEAR_M, DepthRange
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.projection.depth_range import MAX_NEAR_M, DepthRange
 from catoptra_server.render.raster.dynamic_object_buffer import object_distance_range
 from catoptra_server.render.raster.passes import LINEAR_DTYPE
 from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
-from catoptra_server.render.renderer import CameraState
 
 
 class Projection(Protocol):

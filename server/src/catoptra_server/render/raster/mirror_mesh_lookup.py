@@ -15,9 +15,9 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.raster.atlas import Atlas
+from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.atlas_lookup import atlas_definitions, set_atlas_uniforms
-from catoptra_server.render.raster.lookup_map import OUTSIDE_MIRROR
+from catoptra_server.render.projection.lookup_map import OUTSIDE_MIRROR
 from catoptra_server.render.raster.mirror_pass import lookup_map_size
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms
 from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mirror_mesh

@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
-from catoptra_server.render.renderer import CameraState
 
 # Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
 # survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.raster.atlas import Atlas
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.projection.atlas import Atlas
 from catoptra_server.render.raster.face_pass import frame_depth_range, frustum_planes
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import (
@@ -23,7 +24,6 @@ from catoptra_server.render.raster.shader_programs import (
     set_sampler,
     set_uniform,
 )
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.triangle_clusters import visible_runs
 

@@ -16,14 +16,15 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
+from catoptra_server.render.projection.lens_projection import make_lens_projection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
-from catoptra_server.render.raster.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.gl_device import GlDevice, open_device
-from catoptra_server.render.raster.lens_projection import make_lens_projection
 from catoptra_server.render.raster.mirror_mesh_lookup import render_lookup_texture
 from catoptra_server.render.raster.mirror_pass import MirrorPass, make_lookup_texture
 from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, OutputImage
@@ -32,7 +33,7 @@ from catoptra_server.render.raster.raster_views import PassSequence, RasterOmniV
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import Definitions, ShaderPrograms
 from catoptra_server.render.render_plan import PerPixel, RenderPlan
-from catoptra_server.render.renderer import CameraState, FaceCamera, View
+from catoptra_server.render.renderer import FaceCamera, View
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
 

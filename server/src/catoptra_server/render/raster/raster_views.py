@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import moderngl
 
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.raster.atlas import Atlas
+from catoptra_server.render.projection.atlas import Atlas
+from catoptra_server.render.projection.lens_projection import LensProjection
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.face_pass import DrawCounts, FacePass
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.raster.lens_projection import LensProjection
 from catoptra_server.render.raster.passes import OutputImage, Pass
-from catoptra_server.render.raster.stage_clock import StageClock
-from catoptra_server.render.renderer import CameraState, LinearImage, RenderedImage
+from catoptra_server.render.renderer import LinearImage, RenderedImage
+from catoptra_server.render.stage_clock import StageClock
 
 
 class RasterView:

@@ -15,13 +15,13 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.render.raster.depth_range import DepthRangeFinder
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
 from catoptra_server.render.raster.frame_uniforms import FrameUniforms
 from catoptra_server.render.raster.scene_batches import FacetLighting, SceneBatches, make_attribute
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.raster.shadowed_scene import ShadowedScene
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.triangle_clusters import make_clusters

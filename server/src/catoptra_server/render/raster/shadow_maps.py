@@ -23,7 +23,7 @@ from catoptra_server.render.raster.shader_programs import (
     set_sampler,
     set_uniform,
 )
-from catoptra_server.render.raster.shadow_projections import (
+from catoptra_server.render.projection.shadow_projections import (
     MAX_SIDE_TEXELS,
     MAX_TOTAL_TEXELS,
     ShadowCasters,

@@ -20,7 +20,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.renderer import CameraState, Image, RenderedImage
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import Image, RenderedImage
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.cluster_marks import covered_cells
 from catoptra_server.render.trace.embree_objects import ObjectInstance

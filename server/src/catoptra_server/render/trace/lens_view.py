@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from catoptra_server.render.renderer import CameraState, RenderedImage
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.render.trace.ray_view import RayView
 
 

@@ -16,9 +16,10 @@ from typing import Protocol, cast
 import numpy as np
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.render.renderer import CameraState, Image, LinearImage, RenderedImage
+from catoptra_server.render.renderer import Image, LinearImage, RenderedImage
 from catoptra_server.render.time_samples import sample_shutter
 from catoptra_server.render.trace.packed_light import Float32s, encode_srgb
 from catoptra_server.render.trace.ray_view import RenderedColours

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import CameraState
 from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes
 from catoptra_server.render.trace.embree_scene import EmbreeScene
 from catoptra_server.render.trace.packed_light import Float32s, SrgbScale

@@ -12,7 +12,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_server.render.renderer import CameraState, Image, RenderedImage
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.render.renderer import Image, RenderedImage
 from catoptra_server.render.trace.packed_light import Colours, Float32s
 from catoptra_server.render.trace.ray_samples import RaySamples
 from catoptra_server.render.trace.ray_shader import RayShader, ViewTransform

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_server.render.renderer import CameraState
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.trace.embree_objects import (
     EmbreeObjectScenes,
     ObjectInstance,

@@ -16,9 +16,10 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.bounds.light_culling import cull_lights
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import CameraState, FaceCamera
+from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.cell_view import CellView
 from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes

@@ -15,9 +15,10 @@ import pytest
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import CameraState, Image
+from catoptra_server.render.renderer import Image
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.scene import primitives
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
