@@ -53,10 +53,11 @@ def refusal(name: str, inputs: Inputs, *, expect: str, which: str) -> dict[str, 
 
 
 def write(group: str, formula: str, rows: list[dict[str, Any]]) -> None:
-    """Write the cases of a formula."""
+    """Write the cases of a formula, one a line, so that a change shows as the lines it touches."""
     path = CASES / group / f"{formula}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
+    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
 
 
 def _digits(value: Any) -> Any:
