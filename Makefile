@@ -24,7 +24,7 @@ $(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/p
 	touch $@
 
 demo: $(READY) ## Run the paper's experiment, server and client as two processes; writes out/demo/report.html
-	$(BIN)/python -m catoptra_studies.experiment --output out/demo
+	$(BIN)/catoptra-studies demo --output out/demo
 
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
@@ -49,15 +49,13 @@ bench: $(READY) ## Measure frames per second on this machine; writes out/bench/b
 	$(BIN)/python tests/cost/bench.py
 	$(BIN)/python tests/cost/latency.py
 
-cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=words]
-	$(COST) --world configs/worlds/corridor.ini $(if $(QUICK),--quick) --machine "$(MACHINE)"
-	$(BIN)/python -m catoptra_studies.experiment.cost --output out/cost $(if $(QUICK),--quick)
-	$(COST) --tell --report server/COST.md --readme README.md
+cost: $(READY) ## Measure what accuracy costs in time; writes server/COST.md, README's table, out/cost: [QUICK=yes] [MACHINE=text]
+	$(BIN)/catoptra-studies cost --output out/cost --report server/COST.md --readme README.md \
+	  $(if $(QUICK),--quick) --machine "$(MACHINE)"
 	$(if $(QUICK),,$(BIN)/python tests/cost/accuracy_target.py)
 
-effects: $(READY) ## Draw what each effect does, find where bad pictures defeat the classifier; writes out/effects: [QUICK=yes]
-	$(BIN)/python -m catoptra_studies.effects.effect_pages --output out/effects
-	$(BIN)/python -m catoptra_studies.degradation --output out/effects $(if $(QUICK),--quick)
+effects: $(READY) ## Draw each image effect, find the levels at which classification fails; writes out/effects: [QUICK=yes]
+	$(BIN)/catoptra-studies effects --output out/effects $(if $(QUICK),--quick)
 
 conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port [IMAGE= STREAM= DIALECT=udk LEGACY=yes]
 	@test -n "$(ADDRESS)" || { echo "usage: make conformance ADDRESS=127.0.0.1:3000 [IMAGE=127.0.0.1:5003] [STREAM=127.0.0.1:5005] [DIALECT=udk] [LEGACY=yes]"; exit 2; }
@@ -71,9 +69,9 @@ fuzz: $(READY) ## Feed the parsers a million broken inputs, then let strangers l
 soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/load/run.py
 
-wheels: $(READY) ## Build the three distributions into out/wheels, and try them in environments of their own
-	rm -rf out/wheels protocol/build server/build client/build
-	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client
+wheels: $(READY) ## Build the four distributions into out/wheels, and try them in environments of their own
+	rm -rf out/wheels protocol/build server/build client/build studies/build
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
 	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
 
 # Another engine than Docker's: COMPOSE=podman-compose.

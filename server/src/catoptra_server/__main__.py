@@ -1,4 +1,4 @@
-"""The first word of the command line: `doctor`, `cost`, `explain` examine; without one, it serves.
+"""The first word of the command line: `doctor` and `explain` examine; without one, it serves.
 
 Nothing else is imported before the word is read, so that the doctor speaks where the server's own
 libraries cannot be loaded. To add a command, write its `main` and add its case.
@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+
+EXIT_USAGE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -21,10 +23,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from catoptra_server.doctor.doctor_cli import main as examine
 
             return examine(rest)
-        case ["cost", *rest]:
-            from catoptra_studies.accuracy_cost.cost_command import main as measure
-
-            return measure(rest)
+        case ["cost", *_]:
+            print("catoptra-server: the cost study is `catoptra-studies cost`", file=sys.stderr)
+            return EXIT_USAGE
         case ["explain", *rest]:
             from catoptra_server.explain import main as explain
 

@@ -22,7 +22,7 @@ from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
 from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
 from catoptra_studies.accuracy_cost.cost_results import read_cost_results, write_cost_results
 from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig, run_cost_study
-from catoptra_studies.accuracy_cost.marked_block import replace_block
+from catoptra_studies.reports.marked_block import replace_block
 
 EXIT_FAILURE = 2
 

@@ -20,7 +20,7 @@ from catoptra_studies.accuracy_cost.plots import (
     pareto_plot,
     polygon_plot,
 )
-from catoptra_studies.accuracy_cost.study_subject import StudySubject, resize_camera
+from catoptra_studies.study_subject import StudySubject, resize_camera
 from catoptra_studies.camera_figures.figure_subject import PAPER_SIZE_PX
 
 # Of the exact detail beside the meshes' 2 x 2: smooth to the eye.

@@ -22,7 +22,7 @@ from catoptra_studies.accuracy_cost.frame_rates import measure_frame_rates
 from catoptra_studies.accuracy_cost.level_costs import measure_levels
 from catoptra_studies.accuracy_cost.polygon_table import measure_polygon_rows
 from catoptra_studies.accuracy_cost.render_timing import NUM_WARM_UP_ROUNDS
-from catoptra_studies.accuracy_cost.study_subject import (
+from catoptra_studies.study_subject import (
     REFERENCE_SAMPLES,
     StudySubject,
     open_study_subject,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from catoptra_studies.accuracy_cost.cost_results import CostResults, FrameRate, LevelCost
 from catoptra_studies.accuracy_cost.frame_rates import NO_CAMERA, SCANNER, frame_time_spread
-from catoptra_studies.accuracy_cost.markdown import markdown_table, wrap_bullet
+from catoptra_studies.reports.markdown import markdown_table, wrap_bullet
 
 # "Does not depend": the paper shows bars of equal height, read to about this share.
 MAX_SPREAD = 0.10

@@ -31,7 +31,7 @@ from catoptra_studies.accuracy_cost.render_timing import (
     RenderTiming,
     time_round_robin,
 )
-from catoptra_studies.accuracy_cost.study_subject import StudySubject
+from catoptra_studies.study_subject import StudySubject
 
 NO_CAMERA, SCANNER, PER_PIXEL = "no camera", "LMS200", "per pixel"
 # The least that UT2004's window came in, at its own field of view.

@@ -24,7 +24,7 @@ from catoptra_studies.accuracy_cost.render_timing import (
     RenderTiming,
     time_round_robin,
 )
-from catoptra_studies.accuracy_cost.study_subject import StudySubject
+from catoptra_studies.study_subject import StudySubject
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,7 +90,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "Too bright",
         "the shutter is open for longer than white needs; wells run over into their columns",
         "exposure, share of white's",
-        ini_keys="Exposure=always|WhiteExposureTime=0.01|Bloom=always",
+        ini_keys="Exposure=always|WhiteExposureTime=0.01|Blooming=always",
         levels=(
             DegradationLevel("1.25", "ExposureTime=0.0125"),
             DegradationLevel("1.5", "ExposureTime=0.015"),
@@ -200,10 +200,10 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "share covered",
         ini_keys=f"MirrorDust=always|{_PIXEL_PITCH}",
         levels=(
-            DegradationLevel("0.002", "DustCover=0.002"),
-            DegradationLevel("0.01", "DustCover=0.01"),
-            DegradationLevel("0.05", "DustCover=0.05"),
-            DegradationLevel("0.2", "DustCover=0.2"),
+            DegradationLevel("0.002", "DustCoverage=0.002"),
+            DegradationLevel("0.01", "DustCoverage=0.01"),
+            DegradationLevel("0.05", "DustCoverage=0.05"),
+            DegradationLevel("0.2", "DustCoverage=0.2"),
         ),
     ),
     DegradationSweep(
@@ -211,7 +211,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         "the robot in its mirror, shadows, a lens with cos^4, mirrors, a colour mosaic; one each",
         "effect",
         levels=(
-            DegradationLevel("robot", "OwnBody=always"),
+            DegradationLevel("robot", "SelfView=always"),
             DegradationLevel("shadows", "Shadows=always"),
             DegradationLevel("cos^4", "Vignetting=always"),
             DegradationLevel(

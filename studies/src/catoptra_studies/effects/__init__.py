@@ -1,0 +1,1 @@
+"""Pages of the image effects: each with and without, in scenes that need the effect or not."""

@@ -15,7 +15,7 @@ from catoptra_studies.experiment.experiment_runner import (
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
-from catoptra_studies.experiment.html_report import ReportFigure, write_html_report
+from catoptra_studies.experiment.experiment_report import ReportFigure, write_html_report
 from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
 from catoptra_studies.experiment.paper_claims import evaluate_claims
 from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output

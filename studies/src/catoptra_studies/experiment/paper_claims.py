@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from catoptra_studies.experiment.html_report import Claim
+from catoptra_studies.experiment.experiment_report import Claim
 
 _PAPER_ODOMETRY_ERROR_M = 1.0
 _PAPER_EKF_ERROR_M = 0.6

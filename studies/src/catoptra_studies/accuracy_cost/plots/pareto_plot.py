@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.cost_results import LevelCost
-from catoptra_studies.accuracy_cost.markdown import format_number
+from catoptra_studies.reports.markdown import format_number
 from catoptra_studies.accuracy_cost.pareto import MIN_GAIN, pareto_front
 from catoptra_studies.accuracy_cost.plots.plot_legend import SERIES_STYLES, series_style
 

@@ -16,7 +16,7 @@ from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel
 from catoptra_studies.accuracy_cost.error_colour_map import map_error_colours
 from catoptra_studies.accuracy_cost.plots.plot_legend import draw_colour_bar
-from catoptra_studies.accuracy_cost.study_subject import StudySubject
+from catoptra_studies.study_subject import StudySubject
 from catoptra_studies.camera_figures.figure_subject import PAPER_SIZE_PX
 from catoptra_studies.camera_figures.polygon_displacement import displacement_px
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.experiment.html_report import ReportFigure
+from catoptra_studies.experiment.experiment_report import ReportFigure
 
 CameraFigures = tuple[list[ReportFigure], dict[str, Any]]
 

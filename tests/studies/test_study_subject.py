@@ -8,7 +8,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.render.render_plan import RendererKind
-from catoptra_studies.accuracy_cost.study_subject import open_study_subject
+from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
 
 

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from catoptra_studies.camera_figures.__main__ import EXIT_FAILURE, FIGURES, main, write_figures
+from catoptra_studies.camera_figures.figures_command import EXIT_FAILURE, FIGURES, main, write_figures
 from catoptra_studies.camera_figures.figure_subject import FigureSubject
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 

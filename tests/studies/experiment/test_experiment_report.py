@@ -11,7 +11,7 @@ import pytest
 from client.experiment.test_ensemble import trace
 
 from catoptra_studies.experiment.ensemble import summarise_runs
-from catoptra_studies.experiment.html_report import Claim, ReportFigure, write_html_report
+from catoptra_studies.experiment.experiment_report import Claim, ReportFigure, write_html_report
 
 NOTHING = {
     "measurements": 0,

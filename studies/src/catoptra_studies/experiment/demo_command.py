@@ -22,7 +22,7 @@ from rich.table import Table
 
 from catoptra_client.server_address import ServerAddress
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.camera_figures import FigureSource, collect_camera_figures
+from catoptra_studies.experiment.figure_source import FigureSource, collect_camera_figures
 from catoptra_studies.experiment.experiment_results import write_experiment_results
 from catoptra_studies.experiment.experiment_runner import (
     DetectorSnapshot,

@@ -6,7 +6,7 @@ from catoptra_server.render.render_plan import PerPixel, RendererKind, RenderSet
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel, measure_levels
-from catoptra_studies.accuracy_cost.study_subject import open_study_subject
+from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT
 
 STEPS = (

@@ -1,0 +1,77 @@
+"""Labelled frames for the classifier: a robot at many places, and what its frames must show.
+
+Every place is a connection of its own: spawning is how USARSim puts a robot somewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+
+import numpy as np
+
+from catoptra_client.frame_sources.image_client import ImageClient
+from catoptra_client.landmarks import Viewpoint, label_frame, world_from_mirror
+from catoptra_client.landmarks.histogram import UInt8Array
+from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_address import ServerAddress
+from catoptra_protocol.landmarks import Landmark
+from catoptra_protocol.optics.omni_camera import OmniCamera
+
+ROBOT_CLASS = "USARBot.OmniP2AT"
+# Places are drawn from this half of the field's size: inside the lines, off the route's own edges.
+_MAX_X_M = 2.0
+_MAX_Y_M = 1.3
+
+
+def capture_training_frames(
+    address: ServerAddress,
+    *,
+    landmarks: tuple[Landmark, ...],
+    num_frames: int,
+    seed: int,
+    on_frame: Callable[[], None],
+) -> Iterator[tuple[UInt8Array, UInt8Array]]:
+    """Yield (h, w, 3) frames from random places on the field and their (h, w) labels."""
+    generator = np.random.Generator(np.random.Philox(key=seed))
+    for number in range(num_frames):
+        x = float(generator.uniform(-_MAX_X_M, _MAX_X_M))
+        y = float(generator.uniform(-_MAX_Y_M, _MAX_Y_M))
+        yaw = float(generator.uniform(-math.pi, math.pi))
+        yield _capture_training_frame(address, landmarks, pose=(x, y, yaw), name=f"Trainer{number}")
+        on_frame()
+
+
+def _capture_training_frame(
+    address: ServerAddress,
+    landmarks: tuple[Landmark, ...],
+    *,
+    pose: tuple[float, float, float],
+    name: str,
+) -> tuple[UInt8Array, UInt8Array]:
+    x, y, yaw = pose
+    with (
+        RobotClient.connect(address.host, address.control_port) as robot,
+        ImageClient.connect(address.host, address.image_port) as images,
+    ):
+        robot.spawn(ROBOT_CLASS, name=name, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
+        camera, height_m = robot.get_camera_and_height()
+        # A server in real time may hold a frame of the robot before: the second one is of ours.
+        images.get_frame()
+        frame = images.get_frame().rgb
+        return frame, _label_image(camera, landmarks, height_m, pose)
+
+
+# A study trains at the same places again and again: labels take three times as long as frames.
+@lru_cache(maxsize=128)
+def _label_image(
+    camera: OmniCamera,
+    landmarks: tuple[Landmark, ...],
+    height_m: float,
+    pose: tuple[float, float, float],
+) -> UInt8Array:
+    mirror = world_from_mirror(Viewpoint(height_m), np.array(pose))
+    labels = label_frame(camera, landmarks, world_from_mirror=mirror)
+    labels.setflags(write=False)
+    return labels

@@ -1,0 +1,78 @@
+"""The command `catoptra-studies`: demo, cost, effects and figures.
+
+Each subcommand has a module with its own `main`, imported here once its name has been read. So
+`demo` starts where no server is installed, and `figures` where no client can connect. To add a
+study, write its command module and add one case to `_run` and one line to `_USAGE`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+EXIT_USAGE = 2
+
+_USAGE = """\
+usage: catoptra-studies {demo,cost,effects,figures} [options]
+
+  demo      repeat the paper's experiment in both set-ups and write its report
+  cost      measure what accuracy costs in time and gains in localization
+  effects   show each image effect, and the levels at which classification fails
+  figures   draw the figures of the camera: faces, cube, mirrors, comparisons
+
+`catoptra-studies COMMAND --help` lists the options of a command."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one study.
+
+    Args:
+        arguments: Words of the command line without the program's name; None reads sys.argv.
+
+    Returns:
+        The exit status of the subcommand: 0 after success, 2 for a wrong command line or for a
+        study that needs the server where none is installed.
+    """
+    # Idle BLAS threads spin and nearly double a traced frame on two cores. NumPy reads the
+    # variable when it is loaded, so no import of a study may come before this line.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    words = sys.argv[1:] if arguments is None else [*arguments]
+    try:
+        return _run(words)
+    except ModuleNotFoundError as error:
+        # Any other missing module is a broken installation and deserves its traceback.
+        if (error.name or "").partition(".")[0] != "catoptra_server":
+            raise
+        print(
+            f"catoptra-studies {words[0]}: renders with the server's own code, which is not "
+            "installed: pip install 'catoptra-studies[server]'",
+            file=sys.stderr,
+        )
+        return EXIT_USAGE
+
+
+def _run(words: Sequence[str]) -> int:
+    match words:
+        case ["demo", *rest]:
+            from catoptra_studies.experiment.demo_command import main as run_demo
+
+            return run_demo(rest)
+        case ["cost", *rest]:
+            from catoptra_studies.accuracy_cost.cost_command import main as run_cost
+
+            return run_cost(rest)
+        case ["effects", *rest]:
+            from catoptra_studies.effects.effects_command import main as run_effects
+
+            return run_effects(rest)
+        case ["figures", *rest]:
+            from catoptra_studies.camera_figures.figures_command import main as run_figures
+
+            return run_figures(rest)
+        case ["-h" | "--help", *_]:
+            print(_USAGE)
+            return 0
+        case _:
+            print(_USAGE, file=sys.stderr)
+            return EXIT_USAGE

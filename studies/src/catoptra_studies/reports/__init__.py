@@ -1,0 +1,1 @@
+"""Writers of reports: Markdown tables, blocks in hand-written files, and HTML pages."""
