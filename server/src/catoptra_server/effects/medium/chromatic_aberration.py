@@ -113,7 +113,7 @@ EFFECT_TYPE = EffectType(
     "ChromaticAberration",
     ChromaticAberration,
     (
-        EffectParameter("RedMagnification", "red", 1.0, 0.95, 1.05),
-        EffectParameter("BlueMagnification", "blue", 1.0, 0.95, 1.05),
+        EffectParameter("RedMagnification", "red_magnification", 1.0, 0.95, 1.05),
+        EffectParameter("BlueMagnification", "blue_magnification", 1.0, 0.95, 1.05),
     ),
 )

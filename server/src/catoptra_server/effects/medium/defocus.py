@@ -128,7 +128,7 @@ def _table_row_map(effect: Defocus, camera: OmniCamera) -> npt.NDArray[np.float3
 F_NUMBER = EffectParameter("FNumber", "f_number", 4.0, 0.7, 64.0)
 PIXEL_PITCH = EffectParameter("PixelPitch", "pixel_pitch_m", 7.4e-6, 1e-7, 1e-3)
 # 0: where the largest disc of what is far away is least.
-FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_m", 0.0, 0.0, 1000.0)
+FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_distance_m", 0.0, 0.0, 1000.0)
 APERTURE_PARAMETERS = (F_NUMBER, PIXEL_PITCH, FOCUS_DISTANCE)
 
 

@@ -142,7 +142,7 @@ EFFECT_TYPE = EffectType(
     MirrorReflectance,
     (
         # About those of aluminium in green light.
-        EffectParameter("MirrorIndex", "n", 0.96, 0.01, 10.0),
-        EffectParameter("MirrorExtinction", "k", 6.7, 0.0, 20.0),
+        EffectParameter("MirrorIndex", "refractive_index", 0.96, 0.01, 10.0),
+        EffectParameter("MirrorExtinction", "extinction_coefficient", 6.7, 0.0, 20.0),
     ),
 )

@@ -25,7 +25,7 @@ from catoptra_server.effects.scene_summary import SceneSummary
 class SelfView:
     """No numbers: the robot's measures are its file's."""
 
-    name: ClassVar[str] = "OwnBody"
+    name: ClassVar[str] = "SelfView"
     unit: ClassVar[str] = PIXELS
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
@@ -46,4 +46,4 @@ class SelfView:
         )
 
 
-EFFECT_TYPE = EffectType("OwnBody", SelfView)
+EFFECT_TYPE = EffectType("SelfView", SelfView)

@@ -98,8 +98,8 @@ EFFECT_TYPE = EffectType(
     "AutoExposure",
     AutoExposure,
     (
-        EffectParameter("AutoExposureTarget", "target", 0.18, 1e-4, 1.0),
-        EffectParameter("AutoExposureLeast", "least", 0.1, 1e-4, 1.0),
-        EffectParameter("AutoExposureMost", "most", 10.0, 1.0, 1e4),
+        EffectParameter("AutoExposureTarget", "target_luminance", 0.18, 1e-4, 1.0),
+        EffectParameter("AutoExposureMinGain", "min_gain", 0.1, 1e-4, 1.0),
+        EffectParameter("AutoExposureMaxGain", "max_gain", 10.0, 1.0, 1e4),
     ),
 )

@@ -1,4 +1,4 @@
-"""Bloom: charge above the full well runs over into the pixels above and below, as in a CCD.
+"""Blooming: charge above the full well runs over into the pixels above and below, as in a CCD.
 
 L' = L + share * sum over k = +-1 .. +-n of w_k max(L_k - 1, 0), L_k the pixel k rows away, w_k
 falling linearly from its neighbour to nothing, sum 1. The share is what the anti-blooming drain
@@ -39,7 +39,7 @@ class Blooming:
     overflow_fraction: float
     length_px: float
 
-    name: ClassVar[str] = "Bloom"
+    name: ClassVar[str] = "Blooming"
     unit: ClassVar[str] = GREY_LEVELS
     needs_range: ClassVar[bool] = False
 
@@ -88,10 +88,10 @@ class Blooming:
 
 
 EFFECT_TYPE = EffectType(
-    "Bloom",
+    "Blooming",
     Blooming,
     (
-        EffectParameter("BloomShare", "share", 0.1, 0.0, 1.0),
-        EffectParameter("BloomLength", "length_px", 8.0, 1.0, 256.0),
+        EffectParameter("BloomingFraction", "overflow_fraction", 0.1, 0.0, 1.0),
+        EffectParameter("BloomingLength", "length_px", 8.0, 1.0, 256.0),
     ),
 )

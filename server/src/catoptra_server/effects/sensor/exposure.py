@@ -75,7 +75,7 @@ EFFECT_TYPE = EffectType(
     "Exposure",
     Exposure,
     (
-        EffectParameter("ExposureTime", "time_s", 1.0 / 60.0, 1e-6, 60.0),
-        EffectParameter("WhiteExposureTime", "white_time_s", 1.0 / 60.0, 1e-6, 60.0),
+        EffectParameter("ExposureTime", "exposure_s", 1.0 / 60.0, 1e-6, 60.0),
+        EffectParameter("WhiteExposureTime", "white_exposure_s", 1.0 / 60.0, 1e-6, 60.0),
     ),
 )

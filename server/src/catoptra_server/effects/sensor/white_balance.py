@@ -75,7 +75,7 @@ EFFECT_TYPE = EffectType(
     "WhiteBalance",
     WhiteBalance,
     (
-        EffectParameter("RedGain", "red", 1.0, 0.05, 20.0),
-        EffectParameter("BlueGain", "blue", 1.0, 0.05, 20.0),
+        EffectParameter("RedGain", "red_gain", 1.0, 0.05, 20.0),
+        EffectParameter("BlueGain", "blue_gain", 1.0, 0.05, 20.0),
     ),
 )
