@@ -1,6 +1,6 @@
 """The command line of the client: `train` a colour classifier, watch `bearings`.
 
-Only this module and the experiment's own `__main__` print.
+Only this module prints.
 """
 
 from __future__ import annotations
@@ -9,11 +9,8 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
-
-from rich.console import Console
-from rich.progress import Progress
 
 from catoptra_client.bundled_landmarks import find_landmark_file
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -37,36 +34,41 @@ from catoptra_protocol.landmarks import read_landmarks
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return 0, or 1 after saying what went wrong."""
     parsed = _make_parser().parse_args(arguments)
-    console = Console()
     try:
-        parsed.run(parsed, console)
+        parsed.run(parsed)
     except (CatoptraError, OSError) as error:
-        Console(stderr=True).print(f"catoptra-client: {error}", style="red", markup=False)
+        print(f"catoptra-client: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 0
     return 0
 
 
-def _train(parsed: argparse.Namespace, console: Console) -> None:
+def _train(parsed: argparse.Namespace) -> None:
     """Train from labelled frames: the robot is put at random places of the field."""
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
-    with Progress(console=console) as progress:
-        task = progress.add_task("labelled frames", total=parsed.frames)
-        frames = capture_training_frames(
-            _server_address(parsed),
-            landmarks=landmarks,
-            num_frames=parsed.frames,
-            seed=parsed.seed,
-            on_frame=lambda: progress.advance(task),
-        )
-        classifier = train(frames, theta=parsed.theta)
+    numbers = count(1)
+    frames = capture_training_frames(
+        _server_address(parsed),
+        landmarks=landmarks,
+        num_frames=parsed.frames,
+        seed=parsed.seed,
+        on_frame=lambda: _print_progress(next(numbers), parsed.frames),
+    )
+    classifier = train(frames, theta=parsed.theta)
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     save_classifier(classifier, parsed.output)
-    console.print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
+    print(f"classifier written to {parsed.output}, threshold {parsed.theta:g}")
 
 
-def _print_bearings(parsed: argparse.Namespace, console: Console) -> None:
+def _print_progress(number: int, total: int) -> None:
+    """Overwrite one line of stderr, so that stdout holds results alone."""
+    print(f"\rlabelled frame {number} of {total}", end="", file=sys.stderr, flush=True)
+    if number == total:
+        print(file=sys.stderr)
+
+
+def _print_bearings(parsed: argparse.Namespace) -> None:
     """Print the landmarks of every frame."""
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
     classifier = load_classifier(parsed.classifier)
@@ -81,9 +83,9 @@ def _print_bearings(parsed: argparse.Namespace, console: Console) -> None:
             camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
         )
         for frame in islice(images.iter_frames(), parsed.frames or None):
-            console.print(f"frame {frame.sequence}", style="bold")
+            print(f"frame {frame.sequence}")
             for detection in detect(detector, frame.rgb):
-                console.print("  " + _format_detection(detection))
+                print("  " + _format_detection(detection))
 
 
 def _format_detection(detection: Detection) -> str:
