@@ -14,7 +14,7 @@ CLASS = "USARBot.OmniP2AT"
 SENSOR = "\n".join(("Samples=2", "ShotNoise=auto", "ReadNoise=auto", "Quantisation=auto"))
 
 
-SELF_VIEW = "\n".join(("Samples=1", "OwnBody=auto", "Fog=auto", "FogDensity=0.0"))
+SELF_VIEW = "\n".join(("Samples=1", "SelfView=auto", "Fog=auto", "FogDensity=0.0"))
 
 
 def noisy_robot(folder: Path) -> Path:
@@ -75,7 +75,7 @@ def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: 
             client.step(0.2)
             frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Self")
     own, fog = frame.effects
-    assert (own.name, own.enabled, own.unit, own.duration_ms) == ("OwnBody", True, "px", None)
+    assert (own.name, own.enabled, own.unit, own.duration_ms) == ("SelfView", True, "px", None)
     assert own.reason == "the robot is seen up to 46.7 degrees from the axis"
     assert (fog.name, fog.enabled, fog.reason) == ("Fog", False, "the air is clear")
     # Dark where the field is green.
@@ -103,4 +103,4 @@ def test_robot_is_blurred_while_it_turns_and_sharp_again_when_it_stands(tmp_path
     ]
     assert told[0].reason == told[2].reason == "nothing moves"
     assert "turns by up to" in told[1].reason
-    assert ["instants" in one for one in stages] == [False, True, False]
+    assert ["accumulate" in one for one in stages] == [False, True, False]

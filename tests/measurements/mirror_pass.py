@@ -46,7 +46,7 @@ vec3 light(ivec2 sample_at)
     float gain = 1.0 / (kappa_s * (1.0 + sqrt(1.0 + squared * inverse_s2)));
     float t = gain * sqrt(squared);
     vec3 direction = vec3(-2.0 * gain * ratio.yx, (1.0 - t) * (1.0 + t));
-    vec3 seen = textureLod(atlas, atlas_position(direction), 0.0).rgb;
+    vec3 seen = textureLod(atlas, atlas_coordinates(direction), 0.0).rgb;
     return t <= rim_t ? seen : vec3(0.0);
 }
 """

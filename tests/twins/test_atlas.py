@@ -26,11 +26,11 @@ def make_atlas(limit_rad: float = math.pi - 1e-3) -> Atlas:
 def shader_texels(context: moderngl.Context, atlas: Atlas, directions: Floats) -> Floats:
     out = evaluate_shader(
         context,
-        "atlas_position.frag",
+        "atlas_coordinates.frag",
         include="include/atlas.glsl",
         inputs=(directions,),
         uniforms={
-            "face_place": atlas.texel_transforms(),
+            "face_texel_transform": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
         define=atlas_definitions(atlas),

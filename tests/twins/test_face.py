@@ -39,7 +39,7 @@ def around(scale_m: float, count: int = 4000) -> np.ndarray:
     return values.astype(np.float32).astype(np.float64)
 
 
-@pytest.mark.parametrize("cell", ATLAS.cells, ids=lambda cell: cell.part.face.name)
+@pytest.mark.parametrize("cell", ATLAS.cells, ids=lambda cell: cell.region.face.name)
 @pytest.mark.parametrize("scale_m", [2e-3, 1.0, 1e4])
 def test_vertex_near_and_far_lands_on_its_texel(
     context: moderngl.Context, cell: AtlasCell, scale_m: float
@@ -55,7 +55,7 @@ def test_vertex_near_and_far_lands_on_its_texel(
     assert np.abs(texels - expected).max() < 12 * 258 * 2.0**-24
 
 
-@pytest.mark.parametrize("cell", ATLAS.cells[:2], ids=lambda cell: cell.part.face.name)
+@pytest.mark.parametrize("cell", ATLAS.cells[:2], ids=lambda cell: cell.region.face.name)
 def test_vertex_at_the_viewpoint_or_behind_it_is_clipped_not_infinite(
     context: moderngl.Context, cell: AtlasCell
 ) -> None:

@@ -71,8 +71,8 @@ def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) 
         "point_irradiance.frag",
         include="include/point_irradiance.glsl",
         inputs=(places, normals),
-        uniforms={"light_place": [(0.0, 0.0, 0.0)], "light_intensity": [(1.0, 1.0, 1.0)]},
-        define=(("POINT_LIGHTS", 1),),
+        uniforms={"light_positions": [(0.0, 0.0, 0.0)], "light_intensities": [(1.0, 1.0, 1.0)]},
+        define=(("NUM_POINT_LIGHTS", 1),),
     )
     expected = np.array([float(case.reference) for case in cases])
     np.testing.assert_allclose(shown[:, 0], expected, rtol=LAMP_TOLERANCE)
@@ -92,11 +92,11 @@ def face_shown(atlas: Atlas, texel: np.ndarray) -> int:
 def shown_texels(context: moderngl.Context, atlas: Atlas, directions: np.ndarray) -> np.ndarray:
     out = evaluate_shader(
         context,
-        "atlas_position.frag",
+        "atlas_coordinates.frag",
         include="include/atlas.glsl",
         inputs=(directions,),
         uniforms={
-            "face_place": atlas.texel_transforms(),
+            "face_texel_transform": atlas.texel_transforms(),
             "atlas_texel": (1.0 / atlas.width, 1.0 / atlas.height),
         },
         define=atlas_definitions(atlas),

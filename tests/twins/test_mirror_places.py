@@ -52,7 +52,7 @@ def looked_up(
     """
     out = evaluate_shader(
         context,
-        "looked_up.frag",
+        "lookup_map.frag",
         include=None,
         inputs=(atlas_coordinates(camera, atlas, pixels).astype(np.float64),),
     )

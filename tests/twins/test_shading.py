@@ -22,10 +22,10 @@ def shader_irradiance(context: moderngl.Context, places: Floats, normals: Floats
         include="include/point_irradiance.glsl",
         inputs=(places, normals),
         uniforms={
-            "light_place": [light.position_m for light in LIGHTS],
-            "light_intensity": [light.intensity for light in LIGHTS],
+            "light_positions": [light.position_m for light in LIGHTS],
+            "light_intensities": [light.intensity for light in LIGHTS],
         },
-        define=(("POINT_LIGHTS", len(LIGHTS)),),
+        define=(("NUM_POINT_LIGHTS", len(LIGHTS)),),
     )
     return out[:, :3]
 

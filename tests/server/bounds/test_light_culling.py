@@ -79,12 +79,12 @@ def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(AT)
-    assert not any("POINT_LIGHTS" in name for name in renderer.program_names)
+    assert not any("NUM_POINT_LIGHTS" in name for name in renderer.program_names)
     body = DynamicObject(
         build_object_mesh([(box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0.5, 0, 0.2))
     )
     view.render(CameraState(AT.world_from_mirror, (body,)))
-    assert any("POINT_LIGHTS=2" in name for name in renderer.program_names)
+    assert any("NUM_POINT_LIGHTS=2" in name for name in renderer.program_names)
     view.close()
     device.close()
 

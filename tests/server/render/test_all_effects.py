@@ -30,7 +30,7 @@ from helpers.worlds import make_omni_camera, make_plan, make_test_world
 CAMERA = make_omni_camera(width_px=240)
 PLAN = make_plan(CAMERA, samples=3)
 # These change what there is to be seen, and have no pass.
-SCENE_EFFECTS = ("OwnBody", "Shadows", "RollingShutter", "MotionBlur")
+SCENE_EFFECTS = ("SelfView", "Shadows", "RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
 STRONG: dict[str, dict[str, float]] = {
     "Fog": {"density_per_m": 0.1, "red": 0.7},

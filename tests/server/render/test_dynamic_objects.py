@@ -72,7 +72,7 @@ def green_wall(x: float) -> Item:
 )
 def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[Light, ...]) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
-    exposure = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+    exposure = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
     plan = make_plan(camera, face_size_px=640)
     with both(device, world) as renderers:
         raster, trace = (r.prepare(camera, plan).render(exposure).rgb for r in renderers)
@@ -88,7 +88,7 @@ def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[L
 
 def test_raster_shows_robots_in_a_flat_picture_as_trace_does(device: GlDevice) -> None:
     world, camera = make_test_world(), PerspectiveCamera(320, 240, math.radians(100.0))
-    exposure = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+    exposure = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
     with both(device, world) as renderers:
         raster, trace = (r.prepare_perspective(camera, 2).render(exposure).rgb for r in renderers)
     # Samples stand in the same places: only what lies within a 256th of one may differ.
@@ -166,6 +166,6 @@ def test_picture_after_bodies_left_is_the_one_before_they_came(make: RendererFac
     world = make_test_world()
     view = make(world).prepare(make_omni_camera(), make_plan(make_omni_camera()))
     before = view.render(CAMERA_STATE).rgb
-    assert (view.render(dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)).rgb != before).any()
+    assert (view.render(dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)).rgb != before).any()
     assert np.array_equal(view.render(CAMERA_STATE).rgb, before)
     view.close()

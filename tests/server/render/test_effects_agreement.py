@@ -77,7 +77,7 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
 def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per_m: float) -> None:
     # By range, not by face: over the faces' borders too, with robots, and none of it by samples.
     world, camera = make_test_world(), make_omni_camera(width_px=300)
-    exposure, plan = replace(CAMERA_STATE, bodies=TWO_ROBOTS), make_plan(camera, face_size_px=640)
+    exposure, plan = replace(CAMERA_STATE, objects=TWO_ROBOTS), make_plan(camera, face_size_px=640)
     fog = (make_effect("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
@@ -109,7 +109,7 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
     trace = TraceRenderer(build_scene(world), world, threads=2)
     view = trace.prepare(CAMERA, make_plan(CAMERA))
     fog = make_effect("Fog", {"density_per_m": 10.0**step})
-    exposure = replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+    exposure = replace(CAMERA_STATE, objects=TWO_ROBOTS)
     bound = fog.bound(trace.summarize_scene(exposure, CAMERA), CAMERA).value
     clear, foggy = (view.render_linear(exposure, effects) for effects in ((), (fog,)))
     trace.close()
@@ -133,7 +133,7 @@ Prepare = Callable[[World, GlDevice], OmniView]
 
 def codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
     """Return the codes of the middle of a flat field: one exposure."""
-    exposure = replace(CAMERA_STATE, key=NoiseSeed((1, 2), index))
+    exposure = replace(CAMERA_STATE, noise_seed=NoiseSeed((1, 2), index))
     return STEPS * view.render_linear(exposure, chain)[MIDDLE].astype(np.float64)
 
 

@@ -28,8 +28,8 @@ def plan_of(*effects: Effect, exposure: CameraState = DRIVING_STATE) -> EffectPl
 
 
 def test_own_body_when_asked_for_is_seen_after_all_others() -> None:
-    own = replace(DYNAMIC_OBJECT, world_from_body=Pose.from_rpy((0, 0, 0)))
-    exposure = replace(DRIVING_STATE, own_body=own)
+    own = replace(DYNAMIC_OBJECT, world_from_object=Pose.from_rpy((0, 0, 0)))
+    exposure = replace(DRIVING_STATE, ego_body=own)
     assert apply_scene_effects(exposure, plan_of()).objects == (DYNAMIC_OBJECT,)
     assert apply_scene_effects(exposure, plan_of(SelfView())).objects == (DYNAMIC_OBJECT, own)
     assert apply_scene_effects(DRIVING_STATE, plan_of(SelfView())).objects == (DYNAMIC_OBJECT,)

@@ -209,7 +209,7 @@ def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
     scene = build_scene(world)
     bodies = TWO_ROBOTS if has_bodies else ()
-    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, bodies=bodies)
+    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=bodies)
     plan = make_plan(camera, face_size_px=640)
     trace = TraceRenderer(scene, world, threads=2)
     views = [r.prepare(camera, plan) for r in (RasterRenderer(scene, world, device=device), trace)]

@@ -1,5 +1,5 @@
 // Provides the picture with what runs over from full wells above and below.
-// Twin: catoptra_server.effects.sensor.blooming.Bloom.apply.
+// Twin: catoptra_server.effects.sensor.blooming.Blooming.apply.
 uniform sampler2D picture;
 uniform float share;
 uniform float length_px;             // whole pixels

@@ -1,5 +1,5 @@
 // Provides the sum of one rectangle of pixels; GRID_SIDE x GRID_SIDE rectangles cover the image.
-// Twin: catoptra_server.effects.auto_exposure.mean_of.
+// Twin: catoptra_server.effects.sensor.auto_exposure.mean_luminance.
 uniform sampler2D image;
 out vec4 colour;
 

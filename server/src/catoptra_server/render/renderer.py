@@ -19,7 +19,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.render_plan import RenderPlan
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
@@ -89,12 +88,6 @@ class Renderer(Protocol):
 
     def describe(self) -> str:
         """Return what draws, for logs: library, device, threads."""
-
-    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
-        """Return what an exposure can show at most; what never changes is found only once."""
-
-    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
-        """Return the same as far as light goes: for who asks for no more."""
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:
         """Return a view of the scene by an omnidirectional camera."""

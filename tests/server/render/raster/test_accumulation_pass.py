@@ -41,10 +41,10 @@ def test_view_when_an_exposure_lasts_has_one_stage_for_it_and_none_otherwise(
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(DRIVING_STATE)
     assert view.pass_names == ("faces", "mirror")
-    assert not [name for name in renderer.program_names if "weigh" in name]
+    assert not [name for name in renderer.program_names if "weighted_accumulate" in name]
     effects = (make_effect("Vignetting"),)
     assert tuple(view.render(LASTING, effects).stage_ms) == (
-        "instants",
+        "accumulate",
         "Vignetting",
         "encode",
         "readback",

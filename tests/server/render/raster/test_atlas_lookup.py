@@ -13,4 +13,4 @@ from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 def test_upward_face_is_compared_only_where_it_is_drawn(limit_deg: float, compared: int) -> None:
     parts = regions_of_size(math.radians(limit_deg), 32)
     atlas = pack_atlas(parts, guard_texels=2, max_texels=1024)
-    assert atlas_definitions(atlas) == (("FACES", compared),)
+    assert atlas_definitions(atlas) == (("NUM_FACES", compared),)

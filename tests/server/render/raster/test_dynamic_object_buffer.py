@@ -26,7 +26,7 @@ from helpers.worlds import (
     write_smooth_texture,
 )
 
-WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
 ZERO = Pose.identity().translation
 
 
@@ -75,7 +75,7 @@ def test_buffer_grows_once_and_is_kept(device: GlDevice) -> None:
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     held = []
     for count in (2, 1, 0, 2):
-        view.render(dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS[:count]))
+        view.render(dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS[:count]))
         held.append(renderer.object_buffer_bytes)
     # Three corners a triangle, of six floats of four bytes.
     assert held == [2 * len(ROBOT_MESH) * 3 * 6 * 4] * 4

@@ -25,7 +25,7 @@ def test_lights_are_placed_relative_to_the_viewpoint() -> None:
 def test_programs_with_and_without_lights_take_them(
     device: GlDevice, lights: tuple[PointLight, ...]
 ) -> None:
-    define = (("POINT_LIGHTS", len(lights)),) if lights else ()
+    define = (("NUM_POINT_LIGHTS", len(lights)),) if lights else ()
     program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
     uniforms(lights).apply_to(program)
     assert program["depth_from_forward"].value == (1.0, -2.0)

@@ -53,7 +53,7 @@ def test_range_when_over_a_level_floor_is_that_of_the_law(device: GlDevice) -> N
 
 
 def test_renderers_when_a_body_is_in_view_see_as_far_at_the_same_pixels(device: GlDevice) -> None:
-    exposure = replace(CAMERA_STATE, bodies=(DYNAMIC_OBJECT,))
+    exposure = replace(CAMERA_STATE, objects=(DYNAMIC_OBJECT,))
     trace, raster = (
         trace_ranges(make_test_world(), exposure),
         rastered(make_test_world(), exposure, device),
@@ -79,11 +79,11 @@ def test_bodies_when_they_come_and_go_are_seen_before_the_floor(
 ) -> None:
     bodies = (
         DYNAMIC_OBJECT,
-        replace(DYNAMIC_OBJECT, world_from_body=Pose.from_rpy((-1.0, -0.5, -0.3))),
+        replace(DYNAMIC_OBJECT, world_from_object=Pose.from_rpy((-1.0, -0.5, -0.3))),
     )[:count]
     alone, seen = (
         rastered(FLOOR, CAMERA_ABOVE_FLOOR, device),
-        rastered(FLOOR, replace(CAMERA_ABOVE_FLOOR, bodies=bodies), device),
+        rastered(FLOOR, replace(CAMERA_ABOVE_FLOOR, objects=bodies), device),
     )
     assert (seen <= alone).all()
     nearer = (seen < alone).sum()

@@ -29,7 +29,7 @@ def test_look_when_light_varies_by_place_alone_has_the_programs_that_need_normal
     chunks = make_clusters(scene.corners, (scene.texture_index + 1).astype(np.intp))
     position = make_attribute(device.context, scene.corners[chunks.order])
     built = []
-    for varying in ((), (("POINT_LIGHTS", 1),)):
+    for varying in ((), (("NUM_POINT_LIGHTS", 1),)):
         programs = ShaderPrograms(device.context)
         light = FacetLighting(world.lights, varying)
         look = SceneBatches(
@@ -40,6 +40,6 @@ def test_look_when_light_varies_by_place_alone_has_the_programs_that_need_normal
         look.close()
     assert built == [
         ("face", "face TEXTURED=1"),
-        ("face POINT_LIGHTS=1", "face TEXTURED=1 POINT_LIGHTS=1"),
+        ("face NUM_POINT_LIGHTS=1", "face TEXTURED=1 NUM_POINT_LIGHTS=1"),
     ]
     position[0].release()

@@ -40,7 +40,7 @@ def test_point_light_changes_every_program(device: GlDevice, tmp_path: Path) -> 
         lights=(HEMISPHERE_LIGHT, POINT_LIGHT), texture=write_smooth_texture(tmp_path / "waves.png")
     )
     built = programs_for(device, world)
-    assert built == ("face POINT_LIGHTS=1", "face TEXTURED=1 POINT_LIGHTS=1")
+    assert built == ("face NUM_POINT_LIGHTS=1", "face TEXTURED=1 NUM_POINT_LIGHTS=1")
 
 
 def test_empty_world_builds_nothing(device: GlDevice) -> None:
@@ -55,7 +55,7 @@ def test_too_many_point_lights_are_refused(device: GlDevice) -> None:
 
 def test_largest_number_of_point_lights_compiles(device: GlDevice) -> None:
     assert programs_for(device, make_test_world(lights=(POINT_LIGHT,) * MAX_POINT_LIGHTS)) == (
-        "face POINT_LIGHTS=100",
+        "face NUM_POINT_LIGHTS=100",
     )
 
 

@@ -36,21 +36,21 @@ def test_source_puts_version_and_definitions_first() -> None:
 
 
 def test_source_resolves_includes_to_the_end() -> None:
-    text = load_source("mirror_mesh_lookup.frag", (("FACES", 5),))
+    text = load_source("mirror_mesh_lookup.frag", (("NUM_FACES", 5),))
     assert "#include" not in text
-    assert text.count("vec2 atlas_position(vec3 direction)\n{") == 1
+    assert text.count("vec2 atlas_coordinates(vec3 direction)\n{") == 1
 
 
 def test_program_is_built_once_and_counted(device: GlDevice) -> None:
     programs = ShaderPrograms(device.context)
     assert programs.names == ()
-    spec = ProgramSpec("cover", "average", (("SAMPLES", 2),))
+    spec = ProgramSpec("fullscreen_triangle", "average", (("SAMPLES", 2),))
     assert programs.get(spec) is programs.get(spec)
     assert programs.names == ("average SAMPLES=2",)
 
 
 def test_uniform_array_is_written_whole(device: GlDevice) -> None:
-    define = (("POINT_LIGHTS", 2),)
+    define = (("NUM_POINT_LIGHTS", 2),)
     program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
-    set_uniform(program, "light_place", np.arange(6.0).reshape(2, 3))
-    assert program["light_place"].value == [(0.0, 1.0, 2.0), (3.0, 4.0, 5.0)]
+    set_uniform(program, "light_positions", np.arange(6.0).reshape(2, 3))
+    assert program["light_positions"].value == [(0.0, 1.0, 2.0), (3.0, 4.0, 5.0)]

@@ -130,7 +130,7 @@ def test_picture_when_of_several_samples_is_that_of_all_rays(samples: int) -> No
         make_omni_camera(width_px=121, mirror=HyperbolicMirror(4.0, 0.1)),
         make_omni_camera(width_px=90, mirror=ParabolicMirror(0.05), rim_deg=150.0),
         make_omni_camera(width_px=90, rim_deg=60.0),
-        replace(make_omni_camera(width_px=100), up_azimuth_rad=0.7),
+        replace(make_omni_camera(width_px=100), image_up_azimuth_rad=0.7),
         replace(make_omni_camera(width_px=100), width_px=131, height_px=83),
         make_omni_camera(width_px=3),
     ],
@@ -183,8 +183,8 @@ def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:
     near = DynamicObject(build_cube_mesh(0.3), Pose.from_rpy((0.5, 0.4, -0.5)))
     speck = DynamicObject(build_cube_mesh(0.005), Pose.from_rpy((0.0, 0.6, -0.5)))
     exposures = [
-        replace(CAMERA_STATE, bodies=TWO_ROBOTS),
-        replace(CAMERA_STATE, bodies=(near, speck)),
+        replace(CAMERA_STATE, objects=TWO_ROBOTS),
+        replace(CAMERA_STATE, objects=(near, speck)),
         replace(
             CAMERA_STATE,
             bodies=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),),

@@ -24,7 +24,7 @@ from helpers.worlds import (
     make_test_world,
 )
 
-WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, bodies=TWO_ROBOTS)
+WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
 SCALE = SrgbScale.for_samples(1)
 ZERO = np.zeros(3)
 
@@ -126,7 +126,7 @@ def test_hits_are_the_nearest_of_all_bodies() -> None:
 
 
 def test_body_at_the_viewpoint_has_no_cone() -> None:
-    body = dataclasses.replace(TWO_ROBOTS[0], world_from_body=Pose.identity())
+    body = dataclasses.replace(TWO_ROBOTS[0], world_from_object=Pose.identity())
     (placed,) = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(
         (body,), ROBOT_MESH.centre, SCALE
     )

@@ -69,7 +69,7 @@ def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
 ) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     first, again = view.render(CAMERA_STATE, CHAIN).rgb, view.render(CAMERA_STATE, CHAIN).rgb
-    later = view.render(replace(CAMERA_STATE, key=NoiseSeed(tick=1)), CHAIN).rgb
+    later = view.render(replace(CAMERA_STATE, noise_seed=NoiseSeed(tick=1)), CHAIN).rgb
     assert not first.flags.writeable
     np.testing.assert_array_equal(first, again)
     assert (first != later).mean() > 0.3

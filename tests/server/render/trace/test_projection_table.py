@@ -21,7 +21,7 @@ CAMERAS = [
     make_omni_camera(width_px=1200),
     make_omni_camera(width_px=640, mirror=HyperbolicMirror(2.5, 0.1), rim_deg=90.0),
     make_omni_camera(width_px=640, mirror=ParabolicMirror(0.05), rim_deg=150.0),
-    replace(make_omni_camera(width_px=300), up_azimuth_rad=2.1),
+    replace(make_omni_camera(width_px=300), image_up_azimuth_rad=2.1),
 ]
 NAMES = ["the paper's", "strongly curved", "parabolic", "turned"]
 

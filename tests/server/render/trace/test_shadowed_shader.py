@@ -80,7 +80,7 @@ def test_light_when_facets_are_turned_away_or_shine_themselves_does_not_vary() -
 def test_cells_when_filled_show_the_shadows_of_all_rays(lights: tuple, stride_px: int) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera()
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, bodies=TWO_ROBOTS)
+    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=TWO_ROBOTS)
     plans = [
         dataclasses.replace(make_plan(camera, samples=2), stride_px=stride)
         for stride in (1, stride_px)

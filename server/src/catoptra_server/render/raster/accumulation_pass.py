@@ -19,7 +19,7 @@ class AccumulationPass:
     faces, which are their view's. target: where light is added up.
     """
 
-    name = "instants"
+    name = "accumulate"
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class AccumulationPass:
         self._image = image
         self._target = target
         self._rows = camera.height_px
-        self._program = programs.get(ProgramSpec("cover", "weigh"))
+        self._program = programs.get(ProgramSpec("fullscreen_triangle", "weighted_accumulate"))
         self._fullscreen_triangle = context.vertex_array(self._program, [])
         self._weights = context.texture((1, self._rows), 1, dtype="f4")
         self._weights.filter = (moderngl.NEAREST, moderngl.NEAREST)

@@ -10,10 +10,10 @@ from catoptra_server.render.raster.shader_programs import Definitions, set_unifo
 
 def atlas_definitions(atlas: Atlas) -> Definitions:
     """Return what is defined when such a program is compiled."""
-    return (("FACES", atlas.num_faces),)
+    return (("NUM_FACES", atlas.num_faces),)
 
 
 def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
     """Set the uniforms of a draw."""
-    set_uniform(program, "face_place", atlas.texel_transforms())
+    set_uniform(program, "face_texel_transform", atlas.texel_transforms())
     set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))

@@ -118,14 +118,14 @@ class EffectPass:
         self._camera = camera
         self._source = source
         self._target = target
-        self._program = programs.get(ProgramSpec("cover", f"effect_{_shader_name(effect.name)}"))
+        self._program = programs.get(ProgramSpec("fullscreen_triangle", f"effect_{_shader_name(effect.name)}"))
         self._fullscreen_triangle = context.vertex_array(self._program, [])
         self._meter = LuminanceMeter(context, programs, source)
         self._textures = EffectTextures(context, self._program)
         self._ranges = ranges
-        if "normal_table" in self._program:
+        if "normal_quantile_table" in self._program:
             self._textures.set_values(
-                "normal_table",
+                "normal_quantile_table",
                 normal_quantile_table().reshape(QUANTILE_TABLE_SIDE, QUANTILE_TABLE_SIDE, 1),
             )
 
@@ -231,7 +231,7 @@ class LuminanceMeter:
         if self._sums is None:
             self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
             program = self._programs.get(
-                ProgramSpec("cover", "meter", (("GRID", _METER_GRID_SIDE),))
+                ProgramSpec("fullscreen_triangle", "mean_luminance", (("GRID_SIDE", _METER_GRID_SIDE),))
             )
             self._cover = self._context.vertex_array(program, [])
         self._context.enable_only(moderngl.NOTHING)

@@ -48,5 +48,5 @@ class FrameUniforms:
         set_uniform(program, "viewpoint", self.viewpoint)
         set_uniform(program, "depth_from_forward", self.depth_from_forward)
         if len(self.light_positions):
-            set_uniform(program, "light_place", self.light_positions)
-            set_uniform(program, "light_intensity", self.light_intensities)
+            set_uniform(program, "light_positions", self.light_positions)
+            set_uniform(program, "light_intensities", self.light_intensities)

@@ -61,7 +61,7 @@ class MirrorPass:
         self._target = target
         define = (("SAMPLES", samples), *encoding)
         self._program = programs.get(ProgramSpec("mirror", "mirror", define))
-        self._program["places"] = 1
+        self._program["lookup_map"] = 1
         self._lookup_map = lookup_map
         self._corners = context.buffer(rim_polygon(camera).astype(np.float32).tobytes())
         self._vertices = context.vertex_array(self._program, [(self._corners, "2f", "position")])

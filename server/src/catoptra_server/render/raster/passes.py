@@ -54,7 +54,7 @@ class AveragePass:
         self._image = image
         self._target = target
         define = (("SAMPLES", samples), *encoding)
-        program = programs.get(ProgramSpec("cover", "average", define))
+        program = programs.get(ProgramSpec("fullscreen_triangle", "average", define))
         self._fullscreen_triangle = context.vertex_array(program, [])
 
     def draw(self, camera_state: CameraState) -> None:

@@ -57,7 +57,7 @@ class RangePass:
         self._surface_program = programs.get(ProgramSpec("range", "range"))
         self._vertices = scene.make_position_array(self._surface_program)
         self._objects = ObjectPositions(context, self._surface_program, scene.origin)
-        self._lookup_program = programs.get(ProgramSpec("cover", "pixel_range"))
+        self._lookup_program = programs.get(ProgramSpec("fullscreen_triangle", "pixel_range"))
         self._fullscreen_triangle = context.vertex_array(self._lookup_program, [])
 
     def draw(self, camera_state: CameraState) -> None:
@@ -65,7 +65,7 @@ class RangePass:
         self._draw_faces(camera_state)
         self._context.enable_only(moderngl.NOTHING)
         self._range_target.use()
-        set_sampler(self._lookup_program, "places", 1)
+        set_sampler(self._lookup_program, "lookup_map", 1)
         self._texels.use(0)
         self._lookup_map.use(1)
         self._fullscreen_triangle.render(vertices=3)

@@ -15,10 +15,8 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.projection.lens_projection import make_lens_projection
 from catoptra_server.render.raster.accumulation_pass import AccumulationPass
@@ -35,7 +33,7 @@ from catoptra_server.render.raster.shader_programs import Definitions, ShaderPro
 from catoptra_server.render.render_plan import PerPixel, RenderPlan
 from catoptra_server.render.renderer import FaceCamera, View
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.scene.world_description import Light, World
 
 
 class RasterRenderer:
@@ -44,14 +42,33 @@ class RasterRenderer:
     Raises OpenGLMissingError where there is no OpenGL 3.3.
     """
 
-    def __init__(self, scene: SceneMesh, world: World, *, device: GlDevice | None = None) -> None:
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        device: GlDevice | None = None,
+        scene_lights: tuple[Light, ...] | None = None,
+    ) -> None:
+        """Upload a scene.
+
+        Args:
+            device: An open device; None: open one.
+            scene_lights: Lights of the static scene where some were culled; None: all of the
+                world's. Dynamic objects always have all.
+        """
         self._device = device or open_device()
         self._thread = threading.get_ident()
         self._triangles = len(scene)
-        self._summaries = SceneSummarizer(scene, world)
         with self._device.context as context:
             self._programs = ShaderPrograms(context)
-            self._scene = SceneBuffers(context, self._programs, scene, world)
+            self._scene = SceneBuffers(
+                context,
+                self._programs,
+                scene,
+                world,
+                scene_lights=world.lights if scene_lights is None else scene_lights,
+            )
 
     @property
     def program_names(self) -> tuple[str, ...]:
@@ -66,14 +83,6 @@ class RasterRenderer:
     def describe(self) -> str:
         """Return what draws, for logs."""
         return f"raster: {self._device}, {self._triangles} triangles"
-
-    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
-        """Return what an exposure can show at most."""
-        return self._summaries.summarize(camera_state, camera)
-
-    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
-        """Return the brightest light that an exposure can show, and of the rest nothing."""
-        return self._summaries.summarize_radiance()
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
         """Return a view of the scene by an omnidirectional camera."""

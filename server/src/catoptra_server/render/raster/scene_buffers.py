@@ -14,7 +14,6 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_server.bounds.light_culling import cull_lights
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.projection.depth_range import DepthRangeFinder
 from catoptra_server.render.raster.dynamic_object_buffer import DynamicObjectBuffer
@@ -47,18 +46,23 @@ class SceneBuffers:
     """Vertex buffers, textures and programs of one world."""
 
     def __init__(
-        self, context: moderngl.Context, programs: ShaderPrograms, scene: SceneMesh, world: World
+        self,
+        context: moderngl.Context,
+        programs: ShaderPrograms,
+        scene: SceneMesh,
+        world: World,
+        *,
+        scene_lights: tuple[Light, ...],
     ) -> None:
         self._context = context
         self._programs = programs
         self._scene = scene
         self._world = world
-        reaching = cull_lights(scene, world.lights)
-        light, body_light = _make_facet_lighting(reaching), _make_facet_lighting(world.lights)
+        light, body_light = _make_facet_lighting(scene_lights), _make_facet_lighting(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
         self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
-        self._lights = shading.point_lights(reaching)
+        self._lights = shading.point_lights(scene_lights)
         self.dynamic_objects = DynamicObjectBuffer(context, programs, body_light, self.origin)
         corners = scene.corners - self.origin
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
@@ -124,4 +128,4 @@ def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:
     count = len(shading.point_lights(lights))
     if count > MAX_POINT_LIGHTS:
         raise DomainError(f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {count}")
-    return FacetLighting(lights, (("POINT_LIGHTS", count),) if count else ())
+    return FacetLighting(lights, (("NUM_POINT_LIGHTS", count),) if count else ())

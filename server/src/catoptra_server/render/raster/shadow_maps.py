@@ -84,7 +84,7 @@ class ShadowMaps:
     @property
     def definitions(self) -> Definitions:
         """Return what programs define that look into the maps."""
-        counts = (("SUNS", len(self._directional_lights)), ("LAMPS", len(self._point_lights)))
+        counts = (("NUM_SHADOWED_DIRECTIONAL_LIGHTS", len(self._directional_lights)), ("NUM_SHADOWED_POINT_LIGHTS", len(self._point_lights)))
         named = tuple((name, count) for name, count in counts if count)
         return (("SHADOWS", 1), ("MAP_COLUMNS", self._columns), *named)
 
@@ -166,28 +166,28 @@ class ShadowMaps:
     def apply_to(self, program: moderngl.Program, viewpoint: Floats) -> None:
         """Tell a program the lights and their maps, from a (3,) viewpoint in the scene's frame."""
         moving = self._object_projections or self._scene_projections
-        set_sampler(program, "scene_maps", _SCENE_UNIT)
-        set_sampler(program, "body_maps", _OBJECT_UNIT)
-        has_bodies = program["has_bodies"]
+        set_sampler(program, "scene_shadow_maps", _SCENE_UNIT)
+        set_sampler(program, "object_shadow_maps", _OBJECT_UNIT)
+        has_bodies = program["has_objects"]
         assert isinstance(has_bodies, moderngl.Uniform)
         has_bodies.value = bool(self._object_projections)
         count = len(self._directional_lights)
         if count:
             towards = [-np.asarray(sun.direction) for sun in self._directional_lights]
-            set_uniform(program, "sun_towards", towards)
+            set_uniform(program, "directional_light_to_source", towards)
             set_uniform(
-                program, "sun_irradiance", [sun.irradiance for sun in self._directional_lights]
+                program, "directional_light_irradiance", [sun.irradiance for sun in self._directional_lights]
             )
-            for name, fitted in (("scene", self._scene_projections), ("body", moving)):
+            for name, fitted in (("scene", self._scene_projections), ("objects", moving)):
                 maps = [frame.map_from_offset(viewpoint).T for frame in fitted[:count]]
-                set_uniform(program, f"sun_{name}_map", maps)
+                set_uniform(program, f"map_from_offset_{name}", maps)
         if self._point_lights:
-            set_uniform(program, "lamp_place", np.array(self._point_light_positions) - viewpoint)
-            set_uniform(program, "lamp_intensity", [lamp.intensity for lamp in self._point_lights])
+            set_uniform(program, "point_light_positions", np.array(self._point_light_positions) - viewpoint)
+            set_uniform(program, "point_light_intensities", [lamp.intensity for lamp in self._point_lights])
             pairs = zip(self._scene_projections[count::6], moving[count::6], strict=True)
             set_uniform(
                 program,
-                "lamp_depth",
+                "point_light_depth_from_forward",
                 [(*one.depth_from_forward, *two.depth_from_forward) for one, two in pairs],
             )
 

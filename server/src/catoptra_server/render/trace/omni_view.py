@@ -98,7 +98,7 @@ class TraceOmniView:
         light: LinearImage = np.zeros(shape, dtype=np.float32)
         for instant, weights in sample_shutter(camera_state, self._camera.height_px):
             light += cast(LinearImage, source.render_colours(instant)[0]) * weights[:, None, None]
-        return light, {"instants": 1e3 * (time.perf_counter() - begin)}
+        return light, {"accumulate": 1e3 * (time.perf_counter() - begin)}
 
     def _make_capture_context(
         self,

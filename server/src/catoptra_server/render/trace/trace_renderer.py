@@ -14,10 +14,6 @@ from functools import cached_property
 
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.bounds.scene_summarizer import SceneSummarizer
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.cell_view import CellView
@@ -39,20 +35,33 @@ from catoptra_server.render.trace.ray_shader import RayShader, UnshadowedShader
 from catoptra_server.render.trace.ray_view import RayView
 from catoptra_server.render.trace.shadowed_shader import ShadowedShader, ShadowReceivers
 from catoptra_server.render.trace.visible_surfaces import SurfacePlanes
+from catoptra_server.scene.radiance_bounds import max_radiance
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.scene.world_description import Light, World
 
 
 class TraceRenderer:
     """Embree on a thread pool. `threads` 0: one for each processor this process may use."""
 
-    def __init__(self, scene: SceneMesh, world: World, *, threads: int = 0) -> None:
+    def __init__(
+        self,
+        scene: SceneMesh,
+        world: World,
+        *,
+        threads: int = 0,
+        scene_lights: tuple[Light, ...] | None = None,
+    ) -> None:
+        """Commit a scene.
+
+        Args:
+            scene_lights: Lights of the static scene where some were culled; None: all of the
+                world's. Dynamic objects always have all.
+        """
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
-        reaching = cull_lights(scene, world.lights)
-        self._scene = EmbreeScene(scene, replace(world, lights=reaching))
+        lights = world.lights if scene_lights is None else scene_lights
+        self._scene = EmbreeScene(scene, replace(world, lights=lights))
         self._object_scenes = EmbreeObjectScenes(world.lights)
-        self._summaries = SceneSummarizer(scene, world)
         self._mesh = scene
         self._world = world
 
@@ -70,13 +79,10 @@ class TraceRenderer:
         """Return what draws, for logs."""
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
 
-    def summarize_scene(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
-        """Return what an exposure can show at most."""
-        return self._summaries.summarize(camera_state, camera)
-
-    def summarize_radiance(self, camera_state: CameraState) -> SceneSummary:
-        """Return the brightest light that an exposure can show, and of the rest nothing."""
-        return self._summaries.summarize_radiance()
+    @cached_property
+    def _max_radiance(self) -> float:
+        """Range of the fixed-point sums of linear images."""
+        return max_radiance(self._mesh, self._world)
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
@@ -98,7 +104,7 @@ class TraceRenderer:
             return source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
 
         def linear(has_shadows: bool) -> RayView | CellView:
-            largest = self._summaries.max_radiance
+            largest = self._max_radiance
             return source(
                 LinearScale.for_samples(samples.samples_per_pixel, max_radiance=largest),
                 has_shadows,
