@@ -1,12 +1,16 @@
-"""A real server process on free ports, killed by a watchdog where it hangs."""
+"""A real server process on free ports, as the tests' clients meet one.
+
+Nothing ends a healthy server before its block does: start and end have a deadline each, a client's
+waits have their own timeouts, and a server whose test process is gone ends itself (child_server).
+"""
 
 from __future__ import annotations
 
 import re
+import select
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,8 +21,9 @@ from catoptra_client.frame_sources.stream.stream_client import StreamClient
 from catoptra_client.robot_client import RobotClient
 from helpers.configs import FIELD, OMNI_ROBOT, Edit, write_edited_copy
 
-# Only a broken test waits so long.
+# Thirty times a start on two busy cores; a wait that takes so long has failed.
 DEADLINE_S = 60.0
+CHILD_SERVER = Path(__file__).with_name("child_server.py")
 LISTENING_PATTERN = re.compile(
     r"listening control=127\.0\.0\.1:(\d+) image=127\.0\.0\.1:(\d+) stream=127\.0\.0\.1:(\d+)\n"
 )
@@ -26,7 +31,7 @@ LISTENING_PATTERN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class RunningServer:
-    """A server that listens."""
+    """A server process that listens, its ports and its log file."""
 
     process: subprocess.Popen[str]
     control_port: int
@@ -35,25 +40,29 @@ class RunningServer:
     log: Path
 
     def connect_robot(self) -> RobotClient:
-        """Return a connection to the control port."""
+        """Connect to the control port."""
         return RobotClient.connect(port=self.control_port, timeout_s=DEADLINE_S)
 
     def connect_images(self) -> ImageClient:
-        """Return a connection to the image port."""
+        """Connect to the image port."""
         return ImageClient.connect(port=self.image_port, timeout_s=DEADLINE_S)
 
     def connect_stream(self) -> StreamClient:
-        """Return a connection to the stream."""
+        """Connect to the stream."""
         return StreamClient.connect(port=self.stream_port, timeout_s=DEADLINE_S)
 
     def terminate(self, signal_number: signal.Signals = signal.SIGTERM) -> int:
-        """Send a signal; return the exit status."""
+        """Send a signal, and wait for the end of the process.
+
+        Returns:
+            The exit status.
+        """
         self.process.send_signal(signal_number)
-        return self.process.wait(DEADLINE_S)
+        return _wait_for_exit(self.process, self.log)
 
 
 def write_small_robot(folder: Path) -> Path:
-    """Write the shipped robot with a picture of 64 x 64 px and exact ground truth."""
+    """Write the bundled robot with a camera of 64 x 64 px and exact ground truth."""
     return write_edited_copy(
         OMNI_ROBOT,
         folder,
@@ -69,31 +78,53 @@ def start_server(
     *arguments: str,
     robot: Path | None = None,
     world: Path = FIELD,
-    timeout_s: float = DEADLINE_S,
 ) -> Iterator[RunningServer]:
-    """Start a server with a small picture; end it with the block if it still runs.
+    """Serve with a small camera for the length of a block.
 
-    within_s: how long only a broken test takes.
+    Args:
+        folder: receives the robot file and server.log.
+        arguments: further options of the command line.
+        robot: the robot file; without one, that of `write_small_robot`.
+        world: the world file.
     """
     command = [
-        *(sys.executable, "-m", "catoptra_server", "--world", str(world)),
+        *(sys.executable, "-P", str(CHILD_SERVER), "--world", str(world)),
         *("--robot", str(robot or write_small_robot(folder))),
         *("--control-port", "0", "--image-port", "0"),
         *("--renderer", "trace", "--threads", "1", *arguments),
     ]
     log = folder / "server.log"
     with (
-        log.open("w") as messages,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages, text=True) as process,
+        log.open("w") as log_file,
+        # Closed when this process ends or Popen's block does: the signal to end for child_server.
+        subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log_file, text=True
+        ) as process,
     ):
-        watchdog = threading.Timer(timeout_s, process.kill)
-        watchdog.start()
         try:
-            assert process.stdout is not None, "stdout is a pipe"
-            found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
-            assert found, f"the server did not start:\n{log.read_text()}"
-            yield RunningServer(process, *map(int, found.groups()), log)
+            yield RunningServer(process, *_read_ports(process, log), log)
         finally:
             process.terminate()
-            process.wait(DEADLINE_S)
-            watchdog.cancel()
+            _wait_for_exit(process, log)
+
+
+def _read_ports(process: subprocess.Popen[str], log: Path) -> tuple[int, int, int]:
+    """Control, image and stream port, from the line that the server prints once it listens."""
+    assert process.stdout is not None, "stdout is a pipe"
+    # The line is written whole, so that one that has begun does not block.
+    ready, _, _ = select.select([process.stdout], [], [], DEADLINE_S)
+    assert ready, f"the server printed no ports within {DEADLINE_S:g} s:\n{log.read_text()}"
+    found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
+    assert found, f"the server did not start:\n{log.read_text()}"
+    control, image, stream = map(int, found.groups())
+    return control, image, stream
+
+
+def _wait_for_exit(process: subprocess.Popen[str], log: Path) -> int:
+    try:
+        return process.wait(DEADLINE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise AssertionError(
+            f"the server did not end within {DEADLINE_S:g} s of a signal:\n{log.read_text()}"
+        ) from None
