@@ -27,11 +27,13 @@ sys.path.append(str(Path(__file__).parent / "questions"))
 from scenes import CORRIDOR, FIELD, camera
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
-from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.budget_monitor import OVERRUN_FACTOR
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.planner import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
@@ -118,7 +120,12 @@ def main() -> int:
         scene = build_scene(world)
         choice = choose_renderer("auto", scene, world)
         places = tuple(circle_path(4))
-        views = ViewCache(RenderPlanner(choice), calibration_states=places, max_views=1)
+        views = ViewCache(
+            RenderPlanner(choice),
+            SceneSummarizer(scene, world),
+            calibration_states=places,
+            max_views=1,
+        )
         begin = time.perf_counter()
         views.view_state(OmniCameraSpec(camera(), RenderSettings(accuracy_target=TARGETS[0])))
         print(f"{title}, {len(scene)} triangles, {choice.reason}")

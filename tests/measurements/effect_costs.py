@@ -20,6 +20,7 @@ from driving import drive_path
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import (
@@ -29,8 +30,9 @@ from catoptra_server.effects.effect import (
     EffectSettings,
     EffectType,
 )
-from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.robot.render_settings import RenderSettings
@@ -46,10 +48,10 @@ NEGLIGIBLE_PARAMETERS = {
     "MotionBlur": {"exposure_s": 1e-4},
     "DefocusByDepth": {"f_number": 64.0},
     "Defocus": {"f_number": 64.0},
-    "MirrorDust": {"cover": 0.0, "scratches": 0.0},
+    "MirrorDust": {"fullscreen_triangle": 0.0, "scratches": 0.0},
     "MirrorReflectance": {"n": 0.01, "k": 20.0},
     "AutoExposure": {"least": 1.0, "most": 1.0},
-    "Bloom": {"share": 0.0},
+    "Blooming": {"overflow_fraction": 0.0},
     "FixedPattern": {"prnu": 0.0, "dsnu_e": 0.0},
     "Quantisation": {"adc_bits": 16.0},
 }
@@ -82,8 +84,9 @@ def make_renderer(
 ) -> Callable[[], object]:
     """Return what draws frames through views of their own."""
     world = make_worlds()["field"]
-    choice = choose_renderer(renderer, build_scene(world), world, samples=samples)
-    views = ViewCache(RenderPlanner(choice))
+    scene = build_scene(world)
+    choice = choose_renderer(renderer, scene, world, samples=samples)
+    views = ViewCache(RenderPlanner(choice), SceneSummarizer(scene, world))
     eye = OmniCameraSpec(make_camera(), RenderSettings(samples=samples), effects)
     return lambda: views.render(ViewRequest(eye, next(camera_states)))
 

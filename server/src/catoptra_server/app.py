@@ -18,12 +18,13 @@ from pathlib import Path
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.reports import Greeting
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
-from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.frames.render_thread import RenderThread
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
@@ -226,6 +227,7 @@ class _ServerProcess:
         log.info("%s", choice.renderer.describe())
         views = ViewCache(
             RenderPlanner(choice, CostCache(default_cache_folder(), setup.scene)),
+            SceneSummarizer(setup.scene, setup.world),
             calibration_states=_make_calibration_states(setup),
             error_bounds=self.error_bounds,
         )

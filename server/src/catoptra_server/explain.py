@@ -14,11 +14,13 @@ from dataclasses import asdict, dataclass
 from statistics import median
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
-from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.render.render_plan import requested_samples
@@ -135,7 +137,7 @@ def _explain_camera(
 ) -> CameraEffectReport:
     samples = requested_samples(omni.render_settings)
     choice = choose_renderer(renderer, startup_files.scene, startup_files.world, samples=samples)
-    views = ViewCache(RenderPlanner(choice))
+    views = ViewCache(RenderPlanner(choice), SceneSummarizer(setup.scene, setup.world))
     eye = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
     drawn = [views.render(ViewRequest(eye, camera_state)) for _ in range(_NUM_FRAMES)]
     plan = str(views.plan(eye))

@@ -8,10 +8,10 @@ import pytest
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds import round_outward
-from catoptra_server.bounds.radiance_bounds import max_radiance
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.config.world_file import read_world
+from catoptra_server.scene.radiance_bounds import max_radiance
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World
 from helpers.configs import WORLDS

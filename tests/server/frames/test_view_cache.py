@@ -19,8 +19,9 @@ from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
+from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_calibration import calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
@@ -55,7 +56,7 @@ class CountingView:
     def __init__(self, log: list[str], camera: PerspectiveCamera | OmniCamera) -> None:
         self._log, self._camera = log, camera
 
-    def draw(self, exposure: CameraState) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         shape = (self._camera.height_px, self._camera.width_px, 3)
         return RenderedImage(np.zeros(shape, dtype=np.uint8), {})
 
@@ -65,7 +66,9 @@ class CountingView:
 
 def make_cache(renderer: Any, *, capacity: int = 16) -> ViewCache:
     return ViewCache(
-        RenderPlanner(RendererChoice(renderer, RendererKind.TRACE, "test")), max_views=capacity
+        RenderPlanner(RendererChoice(renderer, RendererKind.TRACE, "test")),
+        renderer,  # the effect renderer summarizes its own scene
+        max_views=capacity,
     )
 
 
@@ -112,18 +115,17 @@ def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
 
 
 class EffectRenderer(CountingRenderer):
-    """Writes down with which effects its views are drawn, and how often it is asked what it sees.
+    """Logs the effects of its frames and the summaries of its scene, whose light a test sets."""
 
-    The background is as bright as the viewpoint is far from the world's middle.
-    """
+    max_radiance = 0.1
 
-    def light_summary(self, exposure: CameraState) -> SceneSummary:
-        self.log.append("light")
-        return SceneSummary(max(0.1, float(exposure.world_from_mirror.translation[0])))
+    def summarize_radiance(self) -> SceneSummary:
+        self.log.append("radiance")
+        return SceneSummary(self.max_radiance)
 
-    def summary(self, exposure: CameraState, camera: OmniCamera) -> SceneSummary:
+    def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
         self.log.append("summary")
-        return self.light_summary(exposure)
+        return SceneSummary(self.max_radiance)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> Any:
         super().prepare(camera, plan)
@@ -131,9 +133,11 @@ class EffectRenderer(CountingRenderer):
 
 
 class EffectView(CountingView):
-    def draw(self, exposure: CameraState, effects: tuple[ImageEffect, ...] = ()) -> RenderedImage:
+    def render(
+        self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
+    ) -> RenderedImage:
         self._log.append(" ".join(("draw", *(effect.name for effect in effects))))
-        return super().draw(exposure)
+        return super().render(camera_state)
 
 
 def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
@@ -152,20 +156,19 @@ def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> No
     picture = make_cache(renderer).render(
         ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE)
     )
-    assert renderer.log == ["prepare omni 8", "light", "draw"]
+    assert renderer.log == ["prepare omni 8", "radiance", "draw"]
     assert [(one.effect, one.enabled) for one in picture.effects] == [("Quantisation", False)]
 
 
 def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
     renderer = EffectRenderer()
     views, eye = make_cache(renderer), camera_spec_with(Blooming(0.1, 8.0), Quantisation(8))
-    glare = CameraState(Pose.from_rpy((3.0, 0.0, 0.0)))
-    pictures = [
-        views.render(ViewRequest(eye, exposure)) for exposure in (CAMERA_STATE, glare, CAMERA_STATE)
-    ]
-    told = [entry for entry in renderer.log if entry != "light"]
-    expected = ["draw Quantisation", "draw Bloom Quantisation", "draw Quantisation"]
-    assert told == ["prepare omni 8", *expected]
+    pictures = []
+    for renderer.max_radiance in (0.1, 3.0, 0.1):
+        pictures.append(views.render(ViewRequest(eye, CAMERA_STATE)))
+    rendered = [entry for entry in renderer.log if entry != "radiance"]
+    expected = ["draw Quantisation", "draw Blooming Quantisation", "draw Quantisation"]
+    assert rendered == ["prepare omni 8", *expected]
     assert [[one.enabled for one in picture.effects] for picture in pictures] == [
         [False, True],
         [True, True],
@@ -184,10 +187,11 @@ def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
 def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    views, eye = make_cache(EffectRenderer()), camera_spec_with(Vignetting(), Quantisation(8))
+    renderer, eye = EffectRenderer(), camera_spec_with(Vignetting(), Quantisation(8))
+    views, pictures = make_cache(renderer), []
     with caplog.at_level(logging.INFO):
-        places = [CameraState(Pose.from_rpy((x, 0.0, 0.0))) for x in (0.4, 0.6, 0.8)]
-        pictures = [views.render(ViewRequest(eye, place)) for place in places]
+        for renderer.max_radiance in (0.4, 0.6, 0.8):
+            pictures.append(views.render(ViewRequest(eye, CAMERA_STATE)))
     assert len({picture.effects for picture in pictures}) == 3
     assert sum("effects:" in record.message for record in caplog.records) == 1
 
@@ -215,7 +219,7 @@ class SlowView:
     def __init__(self, renderer: SlowRenderer, plan: RenderPlan) -> None:
         self._renderer, self._plan = renderer, plan
 
-    def draw(self, exposure: CameraState) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         ms = self._renderer.ms_a_sample * self._plan.samples**2
         self._renderer.now_s += 1e-3 * ms
         return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})
@@ -238,7 +242,7 @@ def make_budgeted_cache(
 
     choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
     planning = RenderPlanner(choice, measure=measure)
-    views = ViewCache(planning, clock=lambda: renderer.now_s, error_bounds=published)
+    views = ViewCache(planning, renderer, clock=lambda: renderer.now_s, error_bounds=published)
     return views, ViewRequest(OmniCameraSpec(CAMERA.camera, wish), CAMERA_STATE)
 
 

@@ -13,7 +13,7 @@ from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming

@@ -27,16 +27,16 @@ def choose(requested: str, *, samples: int = 1) -> RendererChoice:
 
 @pytest.fixture
 def _no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raster.context, "EGL_LIBRARY", "libabsent.so.1")
+    monkeypatch.setattr(raster.gl_device, "EGL_LIBRARY", "libabsent.so.1")
 
 
-def test_trace_is_given_when_asked_for() -> None:
+def test_trace_when_requested_is_chosen() -> None:
     choice = choose("trace")
     assert choice.kind is RendererKind.TRACE
-    assert choice.reason == "asked for"
+    assert choice.reason == "requested"
 
 
-def test_raster_is_given_when_asked_for() -> None:
+def test_raster_when_requested_is_chosen() -> None:
     device_or_skip().close()
     choice = choose("raster")
     assert choice.kind is RendererKind.RASTER
@@ -49,7 +49,7 @@ def test_raster_without_opengl_names_library_and_packages() -> None:
 
 
 @pytest.mark.usefixtures("_no_opengl")
-def test_auto_without_opengl_traces_and_says_why() -> None:
+def test_auto_without_opengl_traces_and_gives_the_reason() -> None:
     choice = choose("auto")
     assert choice.kind is RendererKind.TRACE
     assert choice.reason.startswith("no OpenGL: libabsent.so.1 cannot be loaded")
@@ -85,7 +85,7 @@ def test_auto_weighs_device_samples_and_triangles(
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_auto_can_make_the_other_renderer_later(
+def test_auto_offers_the_other_renderer_as_alternative(
     samples: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = replace(device_or_skip(), renderer=LLVMPIPE)
@@ -96,11 +96,11 @@ def test_auto_can_make_the_other_renderer_later(
     assert {choice.kind, other} == set(RendererKind)
 
 
-def test_renderer_that_is_asked_for_by_name_has_no_other() -> None:
+def test_renderer_when_requested_by_name_has_no_alternative() -> None:
     assert not choose("trace").alternatives
 
 
-def test_unknown_renderer_is_refused_with_the_names_that_exist() -> None:
+def test_unknown_renderer_is_rejected_with_the_existing_names() -> None:
     with pytest.raises(DomainError, match="auto, trace or raster, not 'vulkan'"):
         choose("vulkan")
 

@@ -15,6 +15,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.raster import RasterRenderer
@@ -110,7 +111,9 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
     view = trace.prepare(CAMERA, make_plan(CAMERA))
     fog = make_effect("Fog", {"density_per_m": 10.0**step})
     exposure = replace(CAMERA_STATE, objects=TWO_ROBOTS)
-    bound = fog.bound(trace.summarize_scene(exposure, CAMERA), CAMERA).value
+    bound = fog.bound(
+        SceneSummarizer(build_scene(world), world).summarize(exposure, CAMERA), CAMERA
+    ).value
     clear, foggy = (view.render_linear(exposure, effects) for effects in ((), (fog,)))
     trace.close()
     change = 255.0 * np.abs(srgb_from_linear(foggy) - srgb_from_linear(clear)).max()

@@ -15,6 +15,7 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import plan_effects
@@ -22,7 +23,7 @@ from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.renderer import OmniView, Renderer
+from catoptra_server.render.renderer import OmniView
 from catoptra_server.render.scene_effects import apply_scene_effects
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.startup import StartupConfig
@@ -75,18 +76,23 @@ def spin(start: Pose) -> CameraState:
 Moving = Callable[[Pose], CameraState]
 
 
-def lasting(renderer: Renderer, exposure: CameraState, *effects: Effect) -> CameraState:
-    """Return the exposure as the server stages it for effects."""
+@cache
+def summarizer(world: str) -> SceneSummarizer:
+    return SceneSummarizer(setup(world).scene, setup(world).world)
+
+
+def with_scene_effects(world: str, exposure: CameraState, *effects: Effect) -> CameraState:
+    """Apply scene effects as the server does."""
     wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects))
-    return apply_scene_effects(
-        exposure, plan_effects(wishes, renderer.summarize_scene(exposure, CAMERA), CAMERA)
-    )
+    summary = summarizer(world).summarize(exposure, CAMERA)
+    return apply_scene_effects(exposure, plan_effects(wishes, summary, CAMERA))
 
 
-def assert_like_frames(renderer: Renderer, view: OmniView, exposure: CameraState) -> None:
+def assert_like_frames(world: str, view: OmniView, exposure: CameraState) -> None:
     mean = average_frames(view, exposure, T_S, FRAMES)
     sharp = view.render_linear(exposure).astype(np.float64)
-    blurred = view.render_linear(lasting(renderer, exposure, MotionBlur(T_S))).astype(np.float64)
+    long = with_scene_effects(world, exposure, MotionBlur(T_S))
+    blurred = view.render_linear(long).astype(np.float64)
     assert rmse(blurred, mean) <= 1.0
     assert rmse(blurred, mean) < 0.5 * rmse(sharp, mean)
 
@@ -95,7 +101,7 @@ def assert_like_frames(renderer: Renderer, view: OmniView, exposure: CameraState
 @pytest.mark.parametrize("moving", [drive, turn, with_body, spin])
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
     renderer = traced(world)
-    assert_like_frames(renderer, renderer.prepare(CAMERA, PLAN), moving(START_POSES[world]))
+    assert_like_frames(world, renderer.prepare(CAMERA, PLAN), moving(START_POSES[world]))
     renderer.close()
 
 
@@ -103,7 +109,7 @@ def test_blur_when_just_called_for_changes_what_is_drawn() -> None:
     renderer, start = traced("corridor"), START_POSES["corridor"]
     view = renderer.prepare(CAMERA, PLAN)
     exposure = driving_camera_state(start, 0.0, 10.0)
-    staged_for = lasting(renderer, exposure, MotionBlur(T_S))
+    staged_for = with_scene_effects("corridor", exposure, MotionBlur(T_S))
     assert staged_for.shutter is not None
     assert staged_for.shutter.num_time_samples == 2
     assert rmse(view.render_linear(staged_for), view.render_linear(exposure)) > 0.02
@@ -116,7 +122,7 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
 ) -> None:
     renderer = rastered(world, device)
     view = renderer.prepare(CAMERA, PLAN)
-    assert_like_frames(renderer, view, moving(START_POSES[world]))
+    assert_like_frames(world, view, moving(START_POSES[world]))
     view.close()
 
 
@@ -140,7 +146,7 @@ def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Movin
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=6))
     expected = rows_of_frames(view, exposure)
     sharp = view.render_linear(exposure)[ROWS].astype(np.float64)
-    rolled = view.render_linear(lasting(renderer, exposure, RollingShutter(T_S)))[ROWS]
+    rolled = view.render_linear(with_scene_effects(world, exposure, RollingShutter(T_S)))[ROWS]
     assert rmse(rolled.astype(np.float64), expected) <= 1.0
     assert rmse(rolled.astype(np.float64), expected) < 0.6 * rmse(sharp, expected)
     renderer.close()

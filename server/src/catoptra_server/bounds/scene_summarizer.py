@@ -18,13 +18,13 @@ from catoptra_server.bounds.distance_bound_cache import (
 )
 from catoptra_server.bounds.dynamic_object_bounds import DynamicObjectBounds
 from catoptra_server.bounds.image_rings import image_rings
-from catoptra_server.bounds.radiance_bounds import max_radiance
 from catoptra_server.bounds.scene_bounds import SceneBounds
 from catoptra_server.bounds.self_view_bounds import bound_self_view
 from catoptra_server.bounds.shadow_bounds import ShadowBounds
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.radiance_bounds import max_radiance
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
 

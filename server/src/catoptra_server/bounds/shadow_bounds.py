@@ -15,12 +15,12 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.bounds import round_outward
-from catoptra_server.bounds.radiance_bounds import max_point_irradiance
 from catoptra_server.bounds.radiance_loss import grey_level_change, max_visible_loss
 from catoptra_server.bounds.shadow_candidates import shadow_candidates
 from catoptra_server.effects.scene_summary import NO_SHADOW_LOSS, ShadowLoss
 from catoptra_server.scene import shading
 from catoptra_server.scene.dynamic_object import DynamicObject
+from catoptra_server.scene.radiance_bounds import max_point_irradiance
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight, PointLight, World

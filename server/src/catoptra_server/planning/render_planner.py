@@ -14,7 +14,7 @@ from dataclasses import replace
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.candidate_plans import generate_candidate_plans
 from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs

@@ -1,96 +1,138 @@
-"""Which renderer draws, and why: the one place that knows both.
+"""Choice of a renderer, with its reason: the one module that creates renderers.
 
-`auto` takes raster where a graphics processor answers and trace where there is no OpenGL. Where
-OpenGL is emulated in software it depends: the cost of trace grows with the samples a pixel, that of
-raster with the triangles. A renderer's library is imported only when it is chosen or looked at.
+`auto` takes raster where a graphics processor answers and trace where there is no OpenGL. With
+OpenGL emulated in software the scene decides: the cost of trace grows with the samples a pixel, the
+cost of raster with the triangles. A renderer's library is imported only when that renderer is chosen
+or probed, so a machine without OpenGL runs trace.
+
+To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from catoptra_protocol.errors import DomainError
+from catoptra_server.bounds.light_culling import cull_lights
 from catoptra_server.render.render_plan import RendererKind
 from catoptra_server.render.renderer import Renderer
 from catoptra_server.scene.scene_mesh import SceneMesh
-from catoptra_server.scene.world_description import World
+from catoptra_server.scene.world_description import Light, World
 
-# Where no dial has both measured. Of 640 x 640 px, in the processors' ms of both cores together
-# (tests/measurements/renderer_comparison.py): field, corridor and 60 000 triangles of balls take trace
-# 11, 15 and 9 ms at one sample a pixel, raster 21, 30 and 26; at 2 x 2 27, 40 and 14 against 32, 41
-# and 37; at 3 x 3 53, 78 and 23 against 46, 56 and 51. So raster wins where samples are many and
-# triangles few.
+AUTO = "auto"
+RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))
+
+# Used without an accuracy target; with one, both renderers are measured. 640 x 640 px, ms of both
+# cores together (tests/measurements/renderer_comparison.py) for the field, the corridor and 60 000
+# triangles of balls: at one sample a pixel trace 11, 15, 9 and raster 21, 30, 26; at 2 x 2 trace
+# 27, 40, 14 and raster 32, 41, 37; at 3 x 3 trace 53, 78, 23 and raster 46, 56, 51. So raster is
+# faster with many samples and few triangles.
 MIN_SOFTWARE_RASTER_SAMPLES = 3
 MAX_SOFTWARE_RASTER_TRIANGLES = 20_000
+
+_Factory = Callable[[], Renderer]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RendererChoice:
-    """A renderer that holds the scene, its kind, and why it was taken, for the log.
-
-    others: what else could draw, made when it is called for in the same thread. Empty where one
-    was asked for by name.
-    """
+    """A renderer that holds the scene, and the reason for its choice."""
 
     renderer: Renderer
     kind: RendererKind
     reason: str
-    alternatives: Mapping[RendererKind, Callable[[], Renderer]] = field(default_factory=dict)
+    alternatives: Mapping[RendererKind, _Factory] = field(default_factory=dict)
+    """Factories of the other renderers, to be called in the thread of the first one; empty for a
+    renderer requested by name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """Arguments of every renderer."""
+
+    mesh: SceneMesh
+    world: World
+    lights: tuple[Light, ...]
+    """Lights of the static scene that are not culled: one decision for all renderers."""
+    threads: int
 
 
 def choose_renderer(
     requested: str, scene: SceneMesh, world: World, *, threads: int = 0, samples: int = 1
 ) -> RendererChoice:
-    """Return the renderer for `auto`, `trace` or `raster`.
+    """Create the renderer for `auto`, `trace` or `raster`.
 
-    threads: trace's, 0 = all. samples: how many the picture will have along a pixel's side; `auto`
-    weighs them. Raster belongs to the calling thread. Raises RendererUnavailableError where raster
-    is asked for and cannot run: it names what is missing and the packages to install.
+    Args:
+        threads: Threads of trace; 0: one for each processor.
+        samples: Samples along a pixel's side that frames will have; `auto` weighs them.
+
+    Returns:
+        The choice. Raster belongs to the calling thread.
+
+    Raises:
+        RendererUnavailableError: Raster was requested and cannot run; the text names the missing
+            library and the packages to install.
     """
-    match requested:
-        case "auto":
-            return _choose_automatically(scene, world, threads, samples)
-        case "trace":
-            return _create_trace(scene, world, threads, "asked for")
-        case "raster":
-            return _create_raster(scene, world)
-    raise DomainError(f"a renderer is auto, trace or raster, not {requested!r}")
+    if requested not in RENDERER_NAMES:
+        *others, last = RENDERER_NAMES
+        raise DomainError(f"a renderer is {', '.join(others)} or {last}, not {requested!r}")
+    inputs = _Scene(scene, world, cull_lights(scene, world.lights), threads)
+    if requested == AUTO:
+        return _choose_automatically(inputs, samples)
+    kind = RendererKind(requested)
+    return RendererChoice(_FACTORIES[kind](inputs), kind, "requested")
 
 
-def _create_trace(scene: SceneMesh, world: World, threads: int, reason: str) -> RendererChoice:
+def create_renderer(
+    kind: RendererKind, scene: SceneMesh, world: World, *, threads: int = 0
+) -> Renderer:
+    """Create a renderer of one kind, with the lights that the server would give it."""
+    return _FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
+
+
+def _create_trace(inputs: _Scene) -> Renderer:
     from catoptra_server.render.trace import TraceRenderer
 
-    return RendererChoice(TraceRenderer(scene, world, threads=threads), RendererKind.TRACE, reason)
+    return TraceRenderer(
+        inputs.mesh, inputs.world, threads=inputs.threads, scene_lights=inputs.lights
+    )
 
 
-def _create_raster(scene: SceneMesh, world: World) -> RendererChoice:
+def _create_raster(inputs: _Scene) -> Renderer:
     from catoptra_server.render.raster import RasterRenderer
 
-    return RendererChoice(RasterRenderer(scene, world), RendererKind.RASTER, "asked for")
+    return RasterRenderer(inputs.mesh, inputs.world, scene_lights=inputs.lights)
 
 
-def _choose_automatically(
-    scene: SceneMesh, world: World, threads: int, samples: int
-) -> RendererChoice:
+_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
+    RendererKind.TRACE: _create_trace,
+    RendererKind.RASTER: _create_raster,
+}
+
+
+def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
     from catoptra_server.render.raster import OpenGLMissingError, RasterRenderer, open_device
 
-    def trace(reason: str) -> RendererChoice:
-        return _create_trace(scene, world, threads, reason)
+    def trace(reason: str, alternatives: Mapping[RendererKind, _Factory]) -> RendererChoice:
+        return RendererChoice(_create_trace(inputs), RendererKind.TRACE, reason, alternatives)
 
     try:
         device = open_device()
     except OpenGLMissingError as error:
-        return trace(f"no OpenGL: {error.reason}")
-    raster_later = {RendererKind.RASTER: lambda: _create_raster(scene, world).renderer}
-    trace_later = {RendererKind.TRACE: lambda: trace("tried").renderer}
+        return trace(f"no OpenGL: {error.reason}", {})
     reason = f"OpenGL on a graphics processor ({device.renderer})"
     if device.is_software:
-        shape = f"{samples} x {samples} samples of {len(scene)} triangles"
+        triangles = len(inputs.mesh)
+        shape = f"{samples} x {samples} samples of {triangles} triangles"
         reason = f"only software OpenGL ({device.renderer}), for {shape} "
-        if samples < MIN_SOFTWARE_RASTER_SAMPLES or len(scene) > MAX_SOFTWARE_RASTER_TRIANGLES:
+        if samples < MIN_SOFTWARE_RASTER_SAMPLES or triangles > MAX_SOFTWARE_RASTER_TRIANGLES:
+            # An OpenGL context belongs to its thread: closed now, opened anew by the alternative.
             device.close()
-            return replace(trace(f"{reason}slower than trace"), alternatives=raster_later)
+            raster = {RendererKind.RASTER: lambda: _create_raster(inputs)}
+            return trace(f"{reason}slower than trace", raster)
         reason = f"{reason}faster than trace"
-    renderer = RasterRenderer(scene, world, device=device)
-    return RendererChoice(renderer, RendererKind.RASTER, reason, trace_later)
+    renderer = RasterRenderer(
+        inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights
+    )
+    others = {RendererKind.TRACE: lambda: _create_trace(inputs)}
+    return RendererChoice(renderer, RendererKind.RASTER, reason, others)

@@ -1,6 +1,7 @@
-"""What a renderer is: prepared once for a camera and a plan, then drawn for every exposure.
+"""The renderer protocol: a view is prepared once for a camera and a plan, then rendered per frame.
 
-To add one, implement these two protocols in a folder of its own and add a line to `choice.py`.
+To add a renderer, implement Renderer and OmniView in a folder of its own and add a line to
+`planning/renderer_choice.py`.
 """
 
 from __future__ import annotations
@@ -27,76 +28,80 @@ LinearImage = npt.NDArray[np.float32]  # (h, w, 3) linear light, 1 = white, row 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedImage:
-    """A finished picture: (h, w, 3) uint8 RGB, read-only, and the milliseconds of each stage.
-
-    effects: what was decided about each that the robot's file names, by who had it drawn.
-    """
+    """A finished image."""
 
     rgb: Image
+    """(h, w, 3) uint8 sRGB, read-only."""
     stage_ms: dict[str, float]
+    """Milliseconds by stage."""
     effects: tuple[EffectDecision, ...] = ()
+    """Decision about each effect that the robot's file names; added by the caller of the renderer.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class FaceCamera:
-    """One virtual camera on its own: a square picture of 90 degrees; `face` indexes `Face`."""
+    """One virtual camera of the cube: a square image of 90 degrees."""
 
     face: int
+    """Index into Face."""
     size_px: int
+    """Pixels along the image's side."""
 
     @property
     def perspective_camera(self) -> PerspectiveCamera:
-        """Return the camera that it is, were its frame not turned."""
+        """Camera of the same image in a frame of its own."""
         return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
 
     @property
     def mirror_from_camera(self) -> Floats:
-        """Return the (3, 3) rotation of its frame in the mirror frame."""
+        """(3, 3) rotation of the camera's frame in the mirror frame."""
         axes: Floats = MIRROR_FROM_FACE_ROTATIONS[self.face]
         return axes
 
 
 class View(Protocol):
-    """A camera that is ready to be drawn. Everything that does not change was computed before."""
+    """A camera that is ready to be rendered: all constants of the view are precomputed."""
 
     def render(self, camera_state: CameraState) -> RenderedImage:
-        """Return the picture of an exposure."""
+        """Render one exposure of the camera."""
 
     def close(self) -> None:
-        """Free what the view holds."""
+        """Free the view's resources."""
 
 
 class OmniView(View, Protocol):
-    """A view whose picture can be changed by effects, in linear light, before it is encoded.
+    """A view whose image effects can change, in linear light, before it is encoded.
 
-    What they need is built when they are first asked for; without any it is what it always is.
+    Resources of effects are built at their first use; without effects the image is encoded
+    directly.
     """
 
     def render(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> RenderedImage:
-        """Return the picture of an exposure as effects change it, one after the other."""
+        """Render one exposure of the camera, changed by effects in their order."""
 
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
-        """Return the picture of an exposure behind all effects, before it is encoded."""
+        """Render one exposure in linear light, after all effects and before the encoding."""
 
 
 class Renderer(Protocol):
-    """A scene on a device, able to prepare views of it."""
+    """A scene on a device that prepares views."""
 
     def describe(self) -> str:
-        """Return what draws, for logs: library, device, threads."""
+        """One-line description for logs: library, device, threads."""
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> OmniView:
-        """Return a view of the scene by an omnidirectional camera."""
+        """Prepare a view of an omnidirectional camera."""
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
-        """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
+        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> View:
-        """Return a view of the scene by one of the cube's virtual cameras."""
+        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
 
     def close(self) -> None:
         """Free the device."""

@@ -20,6 +20,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.render_plan import (
     MirrorSurface,
     PerPixel,
@@ -28,7 +29,6 @@ from catoptra_server.render.render_plan import (
     plan_from_settings,
 )
 from catoptra_server.render.renderer import FaceCamera, Image, Renderer, View
-from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.scene_mesh import build_scene
@@ -146,8 +146,8 @@ def _omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescription:
     return robot.omni_camera
 
 
-def _open_renderer(world: World) -> TraceRenderer:
-    return TraceRenderer(build_scene(world), world)
+def _open_renderer(world: World) -> Renderer:
+    return create_renderer(RendererKind.TRACE, build_scene(world), world)
 
 
 def _first_start_pose(world: World) -> PlanarPose:

@@ -23,17 +23,17 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.render_plan import RendererKind, plan_from_settings
-from catoptra_server.render.renderer import Image
+from catoptra_server.render.renderer import Image, OmniView
 from catoptra_server.render.scene_effects import apply_scene_effects
-from catoptra_server.render.trace import TraceRenderer
-from catoptra_server.render.trace.omni_view import TraceOmniView
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.colour import srgb_from_linear
@@ -72,8 +72,8 @@ def write_effect_pages(folder: Path) -> None:
 class EffectScene:
     """The field from near its middle, ready to be drawn, and the robot that stands there."""
 
-    renderer: TraceRenderer
-    view: TraceOmniView
+    summarizer: SceneSummarizer
+    view: OmniView
     robot: RobotDescription
 
     def camera_state(self, case: EffectCase) -> CameraState:
@@ -103,7 +103,7 @@ class EffectScene:
 
     def scene_summary(self, case: EffectCase) -> SceneSummary:
         """Return what criteria know of it."""
-        return self.renderer.summarize_scene(self.camera_state(case), _paper_camera(120.0))
+        return self.summarizer.summarize(self.camera_state(case), _paper_camera(120.0))
 
 
 def _near_objects(world_from_mirror: Pose, distance_m: float) -> tuple[DynamicObject, ...]:
@@ -127,12 +127,13 @@ def _open_scene() -> Iterator[EffectScene]:
         [find_configuration("robots", "p2at_omni_real")],
         find_configuration("worlds", "four_legged_2006"),
     )
-    renderer = TraceRenderer(setup.scene, setup.world)
+    renderer = create_renderer(RendererKind.TRACE, setup.scene, setup.world)
     camera = _paper_camera(120.0)
     plan = plan_from_settings(
         RenderSettings(samples=3), camera, kind=RendererKind.TRACE, reason="for a figure"
     )
-    yield EffectScene(renderer, renderer.prepare(camera, plan), setup.robots[0])
+    summarizer = SceneSummarizer(setup.scene, setup.world)
+    yield EffectScene(summarizer, renderer.prepare(camera, plan), setup.robots[0])
     renderer.close()
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
@@ -61,10 +62,11 @@ def lamp_world(intensity: float) -> World:
 
 def bound_and_measured_change(world: World, *bodies: DynamicObject) -> tuple[float, float]:
     """Return the bound of a world, and by how much shadows change the pixel that changes most."""
-    renderer = TraceRenderer(build_scene(world), world, threads=2)
+    scene = build_scene(world)
+    renderer = TraceRenderer(scene, world, threads=2)
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
     exposure = CameraState(VIEW, bodies)
-    bound = Shadows().bound(renderer.summarize_scene(exposure, CAMERA), CAMERA)
+    bound = Shadows().bound(SceneSummarizer(scene, world).summarize(exposure, CAMERA), CAMERA)
     forced = dataclasses.replace(exposure, has_shadows=True)
     without, with_them = (view.render_linear(e) for e in (exposure, forced))
     renderer.close()

@@ -1,7 +1,7 @@
 """The raster renderer: cube faces at the viewpoint, then the mirror, on an OpenGL device.
 
-All of a renderer and of its views belongs to the thread that made the renderer: OpenGL contexts
-are bound to threads. The server makes it in the simulation thread.
+A renderer and its views belong to the thread that created the renderer: OpenGL contexts are bound
+to threads. The server creates its renderer in the render thread.
 """
 
 from __future__ import annotations
@@ -37,10 +37,7 @@ from catoptra_server.scene.world_description import Light, World
 
 
 class RasterRenderer:
-    """A scene on an OpenGL device: its own one, or one that was opened before to be looked at.
-
-    Raises OpenGLMissingError where there is no OpenGL 3.3.
-    """
+    """A scene on an OpenGL device."""
 
     def __init__(
         self,
@@ -53,9 +50,12 @@ class RasterRenderer:
         """Upload a scene.
 
         Args:
-            device: An open device; None: open one.
-            scene_lights: Lights of the static scene where some were culled; None: all of the
-                world's. Dynamic objects always have all.
+            scene: Triangles of the static scene.
+            world: Lights and background.
+            device: Device that is already open; None opens a new one.
+
+        Raises:
+            OpenGLMissingError: There is no OpenGL 3.3.
         """
         self._device = device or open_device()
         self._thread = threading.get_ident()
@@ -63,29 +63,29 @@ class RasterRenderer:
         with self._device.context as context:
             self._programs = ShaderPrograms(context)
             self._scene = SceneBuffers(
-                context,
-                self._programs,
-                scene,
-                world,
-                scene_lights=world.lights if scene_lights is None else scene_lights,
+                context, self._programs, scene, world, scene_lights=scene_lights
             )
 
     @property
     def program_names(self) -> tuple[str, ...]:
-        """Return the names of the shader programs that were built so far."""
+        """Names of the shader programs compiled so far."""
         return self._programs.names
 
     @property
     def object_buffer_bytes(self) -> int:
-        """Return the size of the buffer for what moves: 0 as long as no body was seen."""
+        """Size of the vertex buffer of dynamic objects: 0 until the first object."""
         return self._scene.dynamic_objects.buffer_bytes
 
     def describe(self) -> str:
-        """Return what draws, for logs."""
+        """One-line description for logs: device and scene size."""
         return f"raster: {self._device}, {self._triangles} triangles"
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> RasterOmniView:
-        """Return a view of the scene by an omnidirectional camera."""
+        """Prepare a view of an omnidirectional camera.
+
+        Face pass and lookup map are built here; the passes behind them when a frame first needs
+        them, since effects and shutter may differ from frame to frame.
+        """
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
             faces = self._make_face_pass(plan, undo)
@@ -93,7 +93,9 @@ class RasterRenderer:
             undo.callback(output.close)
             places = self._make_lookup_map(camera, plan, faces.atlas, plan.samples)
             undo.callback(places.release)
+            # Compiles the programs of the scene now: the first frame must not wait for the driver.
             faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))  # compiles what scenes need
+            # All built: from here on the view frees these resources.
             undo.pop_all()
 
         def plain() -> PassSequence:
@@ -146,7 +148,7 @@ class RasterRenderer:
         faces: FacePass[Atlas],
         effects: tuple[ImageEffect, ...],
     ) -> RangePass | None:
-        """Return the pass that finds how far pixels see, if some effect uses it."""
+        """Pass that measures the range of each pixel, if some effect uses ranges."""
         if not any(effect.needs_range for effect in effects):
             return None
         places = self._make_lookup_map(camera, plan, faces.atlas, 1)
@@ -155,6 +157,7 @@ class RasterRenderer:
         )
 
     def _make_face_pass(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
+        """Face pass of a plan, registered for closing."""
         atlas = pack_atlas(
             plan.face_regions, guard_texels=GUARD_TEXELS, max_texels=self._max_texels
         )
@@ -163,16 +166,17 @@ class RasterRenderer:
         return faces
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
-        """Return a view of the scene by an ordinary camera, samples^2 a pixel."""
+        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
         return self._make_lens_view(camera, samples)
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
-        """Return a view of the scene by one virtual camera of the cube, samples^2 a pixel."""
+        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
         return self._make_lens_view(camera.perspective_camera, samples, camera.mirror_from_camera)
 
     def _make_lens_view(
         self, camera: PerspectiveCamera, samples: int, mirror_from_camera: Floats | None = None
     ) -> RasterView:
+        """View of a perspective camera whose frame is rotated in the mirror frame."""
         self._check_thread()
         cell = make_lens_projection(
             camera, samples, mirror_from_camera, max_texels=self._max_texels
@@ -189,28 +193,30 @@ class RasterRenderer:
 
     @property
     def _max_texels(self) -> int:
+        """Largest side of a texture on this device."""
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
 
     def _make_lookup_map(
         self, camera: OmniCamera, plan: RenderPlan, atlas: Atlas, samples: int
     ) -> moderngl.Texture:
-        """Return where samples^2 of each pixel look in the atlas."""
+        """Lookup map of the camera model or of the plan's mirror mesh."""
         context = self._device.context
         if isinstance(plan.surface, PerPixel):
             return make_lookup_texture(context, camera, atlas, samples)
         return render_lookup_texture(context, self._programs, camera, plan.surface, samples, atlas)
 
     def _warm_up(self, view: View) -> None:
-        """Draw once for nothing: drivers compile a program's machine code at its first draw."""
+        """Render one discarded frame: drivers compile machine code at a program's first draw call."""
         view.render(CameraState(Pose.from_rpy(self._scene.origin)))
 
     def _check_thread(self) -> None:
+        """Reject calls from any thread but the renderer's own."""
         assert threading.get_ident() == self._thread, (
             "a renderer belongs to the thread it was made in"
         )
 
     def close(self) -> None:
-        """Free the device. Views are closed before."""
+        """Free the device; views must be closed before."""
         self._check_thread()
         with self._device.context:
             self._scene.close()

@@ -1,8 +1,8 @@
-"""A scene on the device: uploaded once, drawn for any face.
+"""A static scene on the device: uploaded once, drawn for any face.
 
-Triangles are grouped by texture and cut into chunks. Places are relative to the middle of the
-scene, so that float32 keeps its precision in a world far from zero. Shadows are another look of the
-same corners, with maps of their own; neither exists before an exposure has them.
+Triangles are grouped by texture and cut into clusters. Positions are relative to the scene's
+centre, so that float32 keeps its precision in a world far from the origin. Shadows use a second set
+of attributes and shadow maps; neither exists before the first camera state with shadows.
 """
 
 from __future__ import annotations
@@ -31,15 +31,20 @@ MAX_POINT_LIGHTS = 100
 
 
 class LitScene(Protocol):
-    """A scene and what moves in it, in the light of an exposure."""
+    """A scene and its dynamic objects under the lighting of a camera state."""
 
     dynamic_objects: DynamicObjectBuffer
 
     def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
-        """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
+        """Write the uniforms of a frame.
+
+        Args:
+            viewpoint: (3,) position in the scene's frame, metres.
+            depth_from_forward: (a, b) of clip z = a w + b.
+        """
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
 
 
 class SceneBuffers:
@@ -52,37 +57,47 @@ class SceneBuffers:
         scene: SceneMesh,
         world: World,
         *,
-        scene_lights: tuple[Light, ...],
+        scene_lights: tuple[Light, ...] | None = None,
     ) -> None:
+        """Upload a scene; no light of the world may be moved afterwards.
+
+        Raises:
+            DomainError: The world has more point lights than uniforms hold.
+        """
         self._context = context
         self._programs = programs
         self._scene = scene
         self._world = world
-        light, body_light = _make_facet_lighting(scene_lights), _make_facet_lighting(world.lights)
+        lights = world.lights if scene_lights is None else scene_lights
+        lighting, object_lighting = _make_facet_lighting(lights), _make_facet_lighting(world.lights)
         self.background = world.background
         low, high = (scene.corners.min((0, 1)), scene.corners.max((0, 1))) if len(scene) else (0, 0)
         self.origin: Floats = np.zeros(3) + 0.5 * (low + high)
-        self._lights = shading.point_lights(scene_lights)
-        self.dynamic_objects = DynamicObjectBuffer(context, programs, body_light, self.origin)
+        self._lights = shading.point_lights(lights)
+        self.dynamic_objects = DynamicObjectBuffer(context, programs, object_lighting, self.origin)
         corners = scene.corners - self.origin
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
         self.cluster_sizes = np.diff(self.clusters.offsets)
         self.depth_range_finder = DepthRangeFinder(self.clusters, corners)
         self._position = make_attribute(context, corners[self.clusters.order])
         self._batches = SceneBatches(
-            context, programs, scene, self.clusters, position=self._position, lighting=light
+            context, programs, scene, self.clusters, position=self._position, lighting=lighting
         )
         self._shadowed: ShadowedScene | None = None
 
     def make_position_array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """Return all corners, chunk by chunk, for a program that needs no more; not freed here."""
+        """Vertex array of all corners, cluster by cluster, without other attributes.
+
+        The caller frees the array, not the buffer behind it.
+        """
         buffer, layout = self._position
         return self._context.vertex_array(program, [(buffer, layout, "position")])
 
     def with_lighting(self, camera_state: CameraState) -> LitScene:
-        """Return the scene in an exposure's light: with shadows, where some light casts them."""
+        """Scene under the lighting of a camera state: with shadows where some light casts them."""
         if not camera_state.has_shadows or not shading.shadow_casting_lights(self._world.lights):
             return self
+        # Built at the first frame with shadows: maps of up to 128 MB that most worlds never need.
         if self._shadowed is None:
             self._shadowed = ShadowedScene(
                 self._context,
@@ -97,7 +112,12 @@ class SceneBuffers:
         return self._shadowed
 
     def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
-        """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
+        """Write the uniforms of a frame.
+
+        Args:
+            viewpoint: (3,) position in the scene's frame, metres.
+            depth_from_forward: (a, b) of clip z = a w + b.
+        """
         frame = FrameUniforms.from_viewpoint(
             viewpoint, depth_from_forward, lights=self._lights, origin=self.origin
         )
@@ -111,7 +131,7 @@ class SceneBuffers:
         )
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
         return self._batches.draw(clip_from_scene, visible)
 
     def close(self) -> None:
@@ -124,7 +144,7 @@ class SceneBuffers:
 
 
 def _make_facet_lighting(lights: tuple[Light, ...]) -> FacetLighting:
-    """Return how facets are lit without shadows."""
+    """Lighting of facets without shadows."""
     count = len(shading.point_lights(lights))
     if count > MAX_POINT_LIGHTS:
         raise DomainError(f"raster draws at most {MAX_POINT_LIGHTS} point lights, not {count}")

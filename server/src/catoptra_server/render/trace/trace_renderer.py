@@ -1,8 +1,9 @@
-"""The trace renderer: a scene in Embree, and views of it on a few threads. Embree releases the GIL.
+"""The trace renderer: a scene in Embree, and views of it on a thread pool.
 
-A sample's light is looked up by the triangle that it meets; samples are summed in linear light and
-encoded last, by one more look-up: a frame costs little more than its rays. `ray_view` traces them
-all; `cell_view` those of a mirror camera that are not known beforehand.
+A sample's radiance comes from a table, by the triangle that the ray hits; samples are summed in
+linear light and encoded last, by one more table: a frame costs little more than its rays.
+`ray_view` traces all rays; `cell_view` only those of an omnidirectional camera that the scene's
+silhouettes leave open.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from catoptra_server.scene.world_description import Light, World
 
 
 class TraceRenderer:
-    """Embree on a thread pool. `threads` 0: one for each processor this process may use."""
+    """A scene in Embree and a thread pool."""
 
     def __init__(
         self,
@@ -54,29 +55,32 @@ class TraceRenderer:
         """Commit a scene.
 
         Args:
-            scene_lights: Lights of the static scene where some were culled; None: all of the
-                world's. Dynamic objects always have all.
+            scene: Triangles of the static scene.
+            world: Lights and background.
+            threads: Threads of the pool; 0 for one per processor that this process may use.
         """
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
         lights = world.lights if scene_lights is None else scene_lights
         self._scene = EmbreeScene(scene, replace(world, lights=lights))
+        # All lights for dynamic objects: they move and turn towards lights that the static scene
+        # culls.
         self._object_scenes = EmbreeObjectScenes(world.lights)
         self._mesh = scene
         self._world = world
 
     @property
     def num_object_meshes(self) -> int:
-        """Return how many meshes of bodies were committed so far."""
+        """Number of object meshes committed so far."""
         return len(self._object_scenes)
 
     @property
     def has_varying_light(self) -> bool:
-        """Return whether light varies over any triangle: by textures, or lamps that reach it."""
+        """Whether radiance varies over any triangle, by textures or by point lights."""
         return self._scene.has_varying_light
 
     def describe(self) -> str:
-        """Return what draws, for logs."""
+        """One-line description for logs: library, threads and scene size."""
         return f"trace: Embree, {self._threads} threads, {len(self._mesh)} triangles"
 
     @cached_property
@@ -86,11 +90,11 @@ class TraceRenderer:
 
     @cached_property
     def _planes(self) -> SurfacePlanes:
-        """Return the scene's surfaces: 1.5 s of work for a million triangles, if asked for."""
+        """The scene's surfaces: 1.5 s of work for a million triangles, done at the first use."""
         return SurfacePlanes(self._mesh)
 
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
-        """Return a view of the scene by an omnidirectional camera."""
+        """Prepare a view of an omnidirectional camera."""
         samples = omni_rays(camera, plan)
         grid, law = self._make_cell_grid(camera, plan, samples)
 
@@ -120,33 +124,35 @@ class TraceRenderer:
         )
 
     def _make_shader(self, scale: RadianceScale, has_shadows: bool) -> RayShader:
+        """Shading on a scale, with or without shadows."""
         if has_shadows:
             return ShadowedShader(self._scene, self._object_scenes, scale, self._shadow_receivers)
         return UnshadowedShader(self._scene, self._object_scenes, scale)
 
     @cached_property
     def _shadow_receivers(self) -> ShadowReceivers:
-        """Return what lights can reach, for shadows, if asked for."""
+        """Triangles that shadows can change, found at the first use."""
         return ShadowReceivers(self._scene, self._mesh, self._world)
 
     def _make_cell_grid(
         self, camera: OmniCamera, plan: RenderPlan, samples: RaySamples
     ) -> tuple[CellGrid | None, ProjectionTable | None]:
-        """Return the cells whose corners are asked before their rays; None: all rays are traced."""
+        """Cells whose corners are traced before their rays; None where all rays are traced."""
         if plan.stride_px == 1:
             return None, None
         grid = CellGrid.from_camera(camera, samples, side_px=plan.stride_px)
         return grid, ProjectionTable.from_camera(camera) if len(grid.pixels) else None
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
-        """Return a view of the scene by an ordinary camera."""
+        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
         return self._make_lens_view(lens_rays(camera, samples))
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> TraceLensView:
-        """Return a view of the scene by one virtual camera of the cube."""
+        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
         return self._make_lens_view(face_rays(camera, samples))
 
     def _make_lens_view(self, samples: RaySamples) -> TraceLensView:
+        """View of prepared rays, with and without shadows."""
         scale = SrgbScale.for_samples(samples.samples_per_pixel)
 
         def source(has_shadows: bool) -> RayView:

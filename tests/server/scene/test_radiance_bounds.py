@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.bounds.radiance_bounds import max_radiance
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene.radiance_bounds import max_radiance
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import (
     DirectionalLight,
