@@ -1,8 +1,8 @@
-"""What the two kinds of conversations have in common: their files, and how they go wrong.
+"""Files of conversations, common to the players of both transports.
 
-A file says what it shows (`why`), the `port` (control, image or stream), whether a server must pass
-(`required`, true if absent), and lists its `steps`. `dialect` (ut2004, udk) and `images` (legacy)
-name the server that it is for, where it is not for all.
+A file has a `description`, the `port` (control, image or stream), whether a server must pass
+(`required`, default true), and its `steps`. `dialect` (ut2004, udk) and `image_mode` (legacy)
+restrict the servers that the conversation applies to.
 """
 
 from __future__ import annotations
@@ -13,20 +13,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-TIMEOUT_S = 10.0  # of a server that works, however busy its machine is
-_DOCUMENT_KEYS = {"why", "port", "required", "dialect", "images", "steps"}
+# Generous: a working server replies in milliseconds, on a busy machine in seconds.
+TIMEOUT_S = 10.0
+_DOCUMENT_KEYS = {"description", "port", "required", "dialect", "image_mode", "steps"}
 
 StepSpec = dict[str, Any]  # as JSON holds it
 Address = tuple[str, int]
 
 
 class StepFailedError(Exception):
-    """The server did not do what a step expects."""
+    """The server did not fulfil a step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conversation:
-    """One file. dialect: None = any; images: None = any control or stream, `plain` or `legacy`."""
+    """One file."""
 
     name: str
     description: str
@@ -34,15 +35,25 @@ class Conversation:
     is_required: bool
     steps: tuple[StepSpec, ...]
     dialect: str | None = None
+    """Dialect of the servers it applies to; None = any."""
     image_mode: str | None = None
+    """`plain` or `legacy`; None = any, as for the control port and the stream."""
 
     def applies_to(self, dialect: str, image_mode: str) -> bool:
-        """Return whether it is for a server that speaks this dialect and sends images so."""
+        """Whether the conversation is for a server with this dialect and image mode."""
         return self.dialect in (None, dialect) and self.image_mode in (None, image_mode)
 
 
 def read_conversation(path: Path, step_keys: dict[str, Iterable[str]]) -> Conversation:
-    """Return the conversation of a file. known: the keys that steps may have, by port."""
+    """Read the conversation of a file.
+
+    Args:
+        path: JSON file.
+        step_keys: Keys that steps may have, by port.
+
+    Raises:
+        ValueError: A key is unknown.
+    """
     document = json.loads(path.read_text(encoding="utf-8"))
     port, steps = document["port"], tuple(document["steps"])
     unknown = {key for step in steps for key in step} - set(step_keys[port])
@@ -50,10 +61,10 @@ def read_conversation(path: Path, step_keys: dict[str, Iterable[str]]) -> Conver
         raise ValueError(f"{path}: unknown keys {sorted(unknown) or sorted(document)}")
     return Conversation(
         path.stem,
-        document["why"],
+        document["description"],
         port,
         document.get("required", True),
         steps,
         document.get("dialect"),
-        document.get("images", "plain" if port == "image" else None),
+        document.get("image_mode", "plain" if port == "image" else None),
     )

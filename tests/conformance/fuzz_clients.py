@@ -1,7 +1,6 @@
-"""Who is at the live server: a guest that behaves, and strangers that send what they like.
+"""Clients of the server under fuzzing: one reference client, and clients that send malformed input.
 
-All on one asyncio loop. The guest and the strangers never speak to each other but through the
-server.
+All run on one asyncio loop and interact only through the server.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ from helpers.server_process import RunningServer
 
 HOST = "127.0.0.1"
 _CLIENTS_PER_PORT = 4
-_CASES_PER_BURST = 20  # cases a write
-# Between bursts: the guest's own machine has to run, too.
+_CASES_PER_BURST = 20
+# Between bursts: the reference client runs on the same machine.
 _PAUSE_S = 0.05
-# Until a stranger comes again. Some are cut off by the server, some leave by themselves.
+# Some connections are ended by the server, the others by the client after this many bursts.
 _MAX_BURSTS_PER_CONNECTION = 30
 _HUGE_INPUTS = (b"x" * 200_000, b"{" * 70_000, b"U" * 70_000, b"OK" * 20_000, bytes(70_000))
 
@@ -44,34 +43,36 @@ ClientTask = Coroutine[Any, Any, None]
 
 @dataclass
 class ReferenceClientLog:
-    """What the guest saw: when its status came, how many frames, what was wrong."""
+    """Observations of the reference client."""
 
     status_s: list[float] = field(default_factory=list)
+    """Arrival time of each status report."""
     tcp_frames: int = 0
     stream_frames: int = 0
     faults: list[str] = field(default_factory=list)
+    """Violations of the protocol."""
 
 
 @dataclass
 class ReferenceClient:
-    """One robot that stands still, and its pictures over both transports."""
+    """A robot at rest, with its frames over both transports."""
 
     server: RunningServer
     log: ReferenceClientLog = field(default_factory=ReferenceClientLog)
     _context: zmq.asyncio.Context = field(default_factory=zmq.asyncio.Context)
 
     def client_tasks(self) -> list[ClientTask]:
-        """Return what it does at the same time, for ever."""
+        """Concurrent connections, each endless."""
         return [self._run_control(), self._run_image_port(), self._run_stream()]
 
     def close(self) -> None:
-        """End what does not end by itself."""
+        """Close the sockets."""
         self._context.destroy(linger=0)
 
     async def _run_control(self) -> None:
         reader, writer = await asyncio.open_connection(HOST, self.server.control_port)
         protocol = ControlClient()
-        writer.write(protocol.send(Init("USARBot.OmniP2AT", "Guest", (0.0, 0.0, 0.0))))
+        writer.write(protocol.send(Init("USARBot.OmniP2AT", "Reference", (0.0, 0.0, 0.0))))
         with contextlib.closing(writer):
             while data := await reader.read(65536):
                 for report in protocol.receive(data):
@@ -79,8 +80,10 @@ class ReferenceClient:
                         self.log.status_s.append(time.monotonic())
                     elif isinstance(report, OdometryReading):
                         moved = (report.x_m, report.y_m, report.yaw_rad)
-                        self._check(not any(moved), f"somebody else's DRIVE moved it: {moved}")
-        self.log.faults.append("cut off from its robot")
+                        self._check(
+                            not any(moved), f"moved by the DRIVE of another client: {moved}"
+                        )
+        self.log.faults.append("control connection closed")
 
     async def _run_image_port(self) -> None:
         reader, writer = await asyncio.open_connection(HOST, self.server.image_port)
@@ -95,7 +98,7 @@ class ReferenceClient:
                     self.log.tcp_frames += 1
                     await asyncio.sleep(_PAUSE_S)
                     writer.write(encode_full_frame_request())
-        self.log.faults.append("cut off from its pictures")
+        self.log.faults.append("image connection closed")
 
     async def _run_stream(self) -> None:
         socket = self._context.socket(zmq.DEALER)
@@ -127,7 +130,7 @@ class ReferenceClient:
 
 @dataclass
 class MalformedClients:
-    """Those who send garbage, on bare TCP to all ports and as messages to the stream."""
+    """Clients that send garbage: bare TCP to all ports, and messages to the stream."""
 
     server: RunningServer
     seed: int
@@ -136,7 +139,7 @@ class MalformedClients:
     _context: zmq.asyncio.Context = field(default_factory=zmq.asyncio.Context)
 
     def client_tasks(self) -> list[ClientTask]:
-        """Return what they do at the same time, for ever."""
+        """Concurrent clients, each endless."""
         control = (
             *load_seed_corpus("commands"),
             *load_seed_corpus("sessions"),
@@ -152,8 +155,8 @@ class MalformedClients:
         )
         return [
             *(
-                self._send_bytes(random.Random(f"{self.seed} {port} {number}"), port, given)
-                for port, given in ports
+                self._send_bytes(random.Random(f"{self.seed} {port} {number}"), port, corpus)
+                for port, corpus in ports
                 for number in range(_CLIENTS_PER_PORT)
             ),
             *(
@@ -163,11 +166,11 @@ class MalformedClients:
         ]
 
     def close(self) -> None:
-        """End what does not end by itself."""
+        """Close the sockets."""
         self._context.destroy(linger=0)
 
     async def _send_bytes(self, rng: random.Random, port: int, corpus: tuple[bytes, ...]) -> None:
-        """Connect, send, sometimes read, leave in one way or the other; and again."""
+        """Connect, send, sometimes read, disconnect in one way or another; and again."""
         while True:
             with contextlib.suppress(ConnectionError):
                 reader, writer = await asyncio.open_connection(HOST, port)
@@ -188,7 +191,8 @@ class MalformedClients:
                 data = rng.choice(_HUGE_INPUTS) if rng.random() < 0.02 else data
                 writer.write(data)
                 self.sent_bytes += len(data)
-                # Who does not read its answers must be a trouble to nobody but itself.
+
+                # A client that does not read its replies must not affect any other.
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(writer.drain(), 1.0)
                 if rng.random() < 0.5:
@@ -199,7 +203,7 @@ class MalformedClients:
             writer.transport.abort()
 
     async def _send_messages(self, rng: random.Random, corpus: tuple[bytes, ...]) -> None:
-        """Send whole messages of one to three parts to the stream, and come anew now and then."""
+        """Send messages of one to three parts to the stream, with a new connection now and then."""
         while True:
             socket = self._context.socket(zmq.DEALER)
             socket.set(zmq.LINGER, 0)

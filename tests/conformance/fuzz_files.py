@@ -1,7 +1,7 @@
-"""The parsers of files: Unreal's ini grammar, robots, worlds and landmarks.
+"""Fuzz targets of files: Unreal's ini grammar, robots, worlds and landmarks.
 
-A file is not sent by a stranger, but what is wrong with it must be said with its line, not with a
-traceback: nothing but ConfigError may come out.
+Files are no input of an attacker, but every fault must be reported with its line: a parser may
+raise ConfigError only.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from catoptra_server.config.world_file import read_world
 from conformance.fuzz_target import FeedInput, FuzzTarget, check
 from helpers.configs import REPOSITORY, ROBOTS, WORLDS
 
-# A whole robot file takes milliseconds, so it has one case in so many.
+# A robot file takes milliseconds, other inputs microseconds.
 _FILE_PERIOD = 10
 _STRUCTS = (
     b"(ItemClass=class'USARSensor.SICK',ItemName=\"lms200\",Position=(X=0.2,Y=0.0,Z=-0.2))",
@@ -34,13 +34,13 @@ _LINES = b'[A.B]\r\nkey = value ; comment\n+list=1\n-list="a;b"\n!x=\n[c]\n.y=(A
 
 
 def file_targets() -> list[FuzzTarget]:
-    """Return the parsers."""
+    """The parsers."""
     robots = tuple(path.read_bytes() for path in sorted(ROBOTS.glob("*.ini")))
     worlds = tuple(path.read_bytes() for path in sorted(WORLDS.glob("*.ini")))
     landmarks = REPOSITORY / "configs/landmarks/four_legged_2006.csv"
     return [
         FuzzTarget("parse_sections", _feed_sections, (_LINES, robots[0][:600])),
-        FuzzTarget("struct_members", _feed_struct, _STRUCTS),
+        FuzzTarget("parse_struct", _feed_struct, _STRUCTS),
         FuzzTarget("landmarks", _feed_landmarks, (landmarks.read_bytes(),)),
         FuzzTarget(
             "robot file", _make_file_feeder(ROBOTS, read_robots), robots, period=_FILE_PERIOD
@@ -63,10 +63,10 @@ def _feed_sections(data: bytes) -> bool:
 
 def _feed_struct(data: bytes) -> bool:
     text = data.decode("latin-1")
-    check(text.startswith(strip_comment(text)), "a comment that changes what is before it")
+    check(text.startswith(strip_comment(text)), "a comment that changes the text before it")
     members = parse_struct(text)
     for name, value in members or ():
-        check(bool(name) and value in text, "a member that is not there")
+        check(bool(name) and value in text, "a member that is not in the text")
         parse_struct(value)
         unquote(value)
     return members is not None
@@ -83,16 +83,16 @@ def _feed_landmarks(data: bytes) -> bool:
 
 
 def _make_file_feeder(folder: Path, read: Callable[[Path], object]) -> FeedInput:
-    """Return a case that writes a file, as a neighbour of what the folder's own files name."""
-    kept = tempfile.TemporaryDirectory(prefix="fuzz")
-    atexit.register(kept.cleanup)
-    scratch = Path(kept.name)
+    """Feeder that writes each input beside the files of a folder, for its references to them."""
+    directory = tempfile.TemporaryDirectory(prefix="fuzz")
+    atexit.register(directory.cleanup)
+    scratch = Path(directory.name)
     for path in (*folder.parent.iterdir(), *folder.iterdir()):
-        place = scratch / path.relative_to(folder.parent)
+        copy = scratch / path.relative_to(folder.parent)
         if path == folder:
-            place.mkdir()
+            copy.mkdir()
         else:
-            place.symlink_to(path)
+            copy.symlink_to(path)
     file = scratch / folder.name / "fuzzed"
 
     def feed(data: bytes) -> bool:

@@ -1,7 +1,8 @@
-"""The parsers of the modern stream, both directions, and what a client makes of a frame."""
+"""Fuzz targets of the ZeroMQ stream: both directions, and the frames that a client decodes."""
 
 from __future__ import annotations
 
+import json
 import math
 import random
 from collections.abc import Sequence
@@ -33,54 +34,65 @@ _HYPERBOLIC_CONF = (
 _PARABOLIC_CONF = _HYPERBOLIC_CONF.replace(b"hyperbolic", b"parabolic").replace(
     b"{MirrorK 11.546} {MirrorC 2.321}", b"{MirrorHorizonRadius 0.03}"
 )
-# What a field may hold that no message of ours does.
+# Values that no valid message has in any field.
 _ODD_VALUES: tuple[Any, ...] = (
     *(None, True, 0, -1, 2**63, 2**64 - 1, 1.5, math.nan, -math.inf, 1e308, "", "raw", "x" * 300),
     *(b"", b"\xff", [], [1], [1.0, 2.0, 3.0], [None] * 3, [0.0] * 9, {}, {"position_m": []}),
-    *({"": ""}, {"a": {"a": {}}}, "\0\ud7ff", "ask_fly", msgpack.ExtType(1, b"")),
+    *({"": ""}, {"a": {"a": {}}}, "\0\ud7ff", "unknown", msgpack.ExtType(1, b"")),
 )
 
 
 def stream_targets() -> list[FuzzTarget]:
-    """Return the parsers."""
-    vectors = {path.stem: path.read_bytes() for path in sorted((DATA / "stream").glob("*.bytes"))}
-    requests = tuple(data for name, data in vectors.items() if name.startswith("ask_"))
-    answers = tuple(data for name, data in vectors.items() if not name.startswith("ask_"))
+    """The parsers."""
+    requests, replies = _load_messages("client"), _load_messages("server")
+    frames = tuple(_frame_seeds((DATA / "stream/frame.bytes").read_bytes()))
+    images = tuple(_encoded_images().values())
     return [
-        FuzzTarget("envelope", _feed_msgpack, tuple(vectors.values()), mutate_message),
+        FuzzTarget("unpack", _feed_msgpack, (*requests, *replies), mutate_message),
         FuzzTarget("request_from_bytes", _feed_request, requests, mutate_message),
-        FuzzTarget("answer_from_bytes", _feed_reply, answers, mutate_message),
-        FuzzTarget("frame_from_parts", _make_frame_feeder(), tuple(_frame_seeds(vectors["frame"]))),
-        FuzzTarget("rgb_from_file", _feed_image, tuple(_encoded_images().values()), period=5),
-        FuzzTarget("camera_from_pairs", _feed_camera, (_HYPERBOLIC_CONF, _PARABOLIC_CONF)),
+        FuzzTarget("reply_from_bytes", _feed_reply, replies, mutate_message),
+        FuzzTarget("frame_from_parts", _make_frame_feeder(), frames),
+        FuzzTarget("rgb_from_image_bytes", _feed_image, images, period=5),
+        FuzzTarget("omni_camera_from_pairs", _feed_camera, (_HYPERBOLIC_CONF, _PARABOLIC_CONF)),
     ]
 
 
+def _load_messages(sender: str) -> tuple[bytes, ...]:
+    """Vectors that a `client` or a `server` sends."""
+    documents = sorted((DATA / "stream").glob("*.json"))
+    return tuple(
+        path.with_suffix(".bytes").read_bytes()
+        for path in documents
+        if json.loads(path.read_text(encoding="utf-8"))["sender"] == sender
+    )
+
+
 def mutate_message(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
-    """Return a message with one field changed, lost or added, or with bytes changed."""
+    """Message with one field changed, missing or added, or with changed bytes."""
+    # Half of the inputs stay valid msgpack, so that the checks of fields are reached.
     if rng.random() < 0.5:
         return mutate(rng, seeds)
     fields = _fields_from_vector(rng.choice(seeds))
     inner = [value for value in fields.values() if isinstance(value, dict) and value]
-    place = rng.choice([fields, *inner])
+    target = rng.choice([fields, *inner])
     match rng.randrange(4):
         case 0:
-            place.pop(rng.choice(list(place)))
+            target.pop(rng.choice(list(target)))
         case 1:
-            place[rng.choice(list(place)) + "_"] = rng.choice(_ODD_VALUES)
+            target[rng.choice(list(target)) + "_"] = rng.choice(_ODD_VALUES)
         case _:
-            place[rng.choice(list(place))] = rng.choice(_ODD_VALUES)
+            target[rng.choice(list(target))] = rng.choice(_ODD_VALUES)
     data: bytes = msgpack.packb(fields)
     return data
 
 
 def _fields_from_vector(data: bytes) -> dict[str, Any]:
-    """Return the fields of a vector; of one that is no map, those of a status."""
+    """Fields of a vector; those of a status request for a vector that is no map."""
     try:
         fields = msgpack.unpackb(data)
     except ValueError:
         fields = None
-    return fields if isinstance(fields, dict) else {"kind": "ask_status", "id": 1}
+    return fields if isinstance(fields, dict) else {"kind": "get_status", "id": 1}
 
 
 def _feed_msgpack(data: bytes) -> bool:
@@ -91,7 +103,7 @@ def _feed_msgpack(data: bytes) -> bool:
 
 
 def _feed_request(data: bytes) -> bool:
-    """Read a request; written and read again it is the same."""
+    """Decode a request; encoded and decoded again, the request must be the same."""
     try:
         request = request_from_bytes(data)
     except RemoteProtocolError:
@@ -101,20 +113,20 @@ def _feed_request(data: bytes) -> bool:
 
 
 def _feed_reply(data: bytes) -> bool:
-    """Read an answer; written and read again it is the same."""
+    """Decode a reply; encoded and decoded again, the reply must be the same."""
     try:
-        answer = reply_from_bytes(data)
+        reply = reply_from_bytes(data)
     except RemoteProtocolError:
         return False
-    if answer is not None:
-        str(answer)
-        check(reply_from_bytes(bytes_from_message(answer)) == answer, "an answer that changes")
-    return answer is not None
+    if reply is not None:
+        str(reply)
+        check(reply_from_bytes(bytes_from_message(reply)) == reply, "a reply that changes")
+    return reply is not None
 
 
 def _make_frame_feeder() -> FeedInput:
-    """Feed a header and a picture with the lengths before them, as a client that keeps laws."""
-    laws = CameraModelCache()
+    """Feeder of a header and an image, with one camera cache for all frames as in a client."""
+    camera_cache = CameraModelCache()
 
     def feed(data: bytes) -> bool:
         length = int.from_bytes(data[:2])
@@ -122,8 +134,8 @@ def _make_frame_feeder() -> FeedInput:
             header = reply_from_bytes(data[2 : 2 + length])
             if not isinstance(header, FrameHeader):
                 return False
-            picture = data[2 + length :]
-            frame = frame_from_parts(header, [picture], camera_cache=laws, received_s=0.0)
+            image = data[2 + length :]
+            frame = frame_from_parts(header, [image], camera_cache=camera_cache, received_s=0.0)
         except RemoteProtocolError:
             return False
         check(frame.rgb.shape == (header.height_px, header.width_px, 3), "another size")
@@ -133,15 +145,16 @@ def _make_frame_feeder() -> FeedInput:
 
 
 def _frame_seeds(header: bytes) -> list[bytes]:
-    """Return a frame of each encoding: the header's length, the header, the picture."""
-    found = []
-    law = dict(parse_message(_PARABOLIC_CONF.decode()).pairs[2:])
-    for encoding, picture in _encoded_images().items():
+    """A frame of each encoding: length of the header, the header, the image."""
+    seeds = []
+    camera_model = dict(parse_message(_PARABOLIC_CONF.decode()).pairs[2:])
+    for encoding, image in _encoded_images().items():
         fields = msgpack.unpackb(header)
-        fields |= {"encoding": encoding, "width_px": 8, "height_px": 6, "camera_law": law}
+        fields |= {"encoding": encoding, "width_px": 8, "height_px": 6}
+        fields["camera_model"] = camera_model
         data = msgpack.packb(fields)
-        found.append(len(data).to_bytes(2) + data + picture)
-    return found
+        seeds.append(len(data).to_bytes(2) + data + image)
+    return seeds
 
 
 def _encoded_images() -> dict[str, bytes]:
@@ -159,7 +172,7 @@ def _feed_image(data: bytes) -> bool:
 
 
 def _feed_camera(data: bytes) -> bool:
-    """Read a law from the pairs of a CONF line; written and read again it is one, too."""
+    """Parse the pairs of a CONF line; formatted again, the pairs must be valid."""
     pairs = parse_message(data.decode("latin-1")).pairs
     try:
         camera, height_m = omni_camera_from_pairs(pairs)

@@ -1,4 +1,4 @@
-"""What is fuzzed: a parser, how it is fed, what its cases are made of, and what became of them."""
+"""A parser under fuzzing: its inputs, their mutation, and the tally."""
 
 from __future__ import annotations
 
@@ -20,54 +20,55 @@ Mutator = Callable[[random.Random, Sequence[bytes]], bytes]
 
 
 class FuzzFailureError(Exception):
-    """A parser kept more than its limit, or does not read what it wrote."""
+    """A parser exceeded its memory limit, or does not read its own output."""
 
 
 def mutate(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
-    """Return a case: one in eight of random bytes, the others a seed with a few changes."""
+    """Test input: one in eight of random bytes, the others a seed with a few changes."""
     if rng.random() < 0.125:
         return rng.randbytes(rng.randrange(_MAX_RANDOM_BYTES))
     data = bytearray(rng.choice(seeds))
     for _ in range(rng.randrange(1, 5)):
-        place = rng.randrange(len(data) + 1)
+        position = rng.randrange(len(data) + 1)
         match rng.randrange(5):
             case 0:
-                data[place:place] = rng.choice(_INSERTIONS)
+                data[position:position] = rng.choice(_INSERTIONS)
             case 1:
-                del data[place : place + rng.randrange(1, 12)]
+                del data[position : position + rng.randrange(1, 12)]
             case 2:
-                data[place : place + 1] = rng.randbytes(1)
+                data[position : position + 1] = rng.randbytes(1)
             case 3:
-                data += data[place : place + 40]
+                data += data[position : position + 40]
             case _:
-                del data[place:]
+                del data[position:]
     return bytes(data)
 
 
 @dataclass(slots=True)
 class FuzzTarget:
-    """One parser: how to feed it a case, what to mutate, and the tally.
-
-    feed returns whether the case was accepted, and raises if the parser is broken. mutate: makes a
-    case from the seeds. every: of how many of its turns it takes one, for those that read files.
-    """
+    """One parser."""
 
     name: str
     feed: FeedInput
+    """Parse an input; whether the parser accepted. Raises if the parser is broken."""
     seeds: tuple[bytes, ...]
+    """Valid inputs to mutate."""
     mutate: Mutator = mutate
+    """Makes an input from the seeds."""
     period: int = 1
+    """Turns per input; above 1 for slow parsers, such as those of files."""
     num_accepted: int = 0
     num_rejected: int = 0
     total_s: float = 0.0
 
 
 def load_seed_corpus(channel: str) -> tuple[bytes, ...]:
-    """Return the vectors of a channel, long ones cut so that a case takes microseconds."""
+    """Vectors of a channel."""
+    # Truncated, so that a case takes microseconds.
     return tuple(path.read_bytes()[:600] for path in sorted((DATA / channel).glob("*.bytes")))
 
 
 def check(condition: bool, message: str) -> None:
-    """Raise FuzzFailureError if something is not so."""
+    """Raise FuzzFailureError if a condition does not hold."""
     if not condition:
         raise FuzzFailureError(message)

@@ -1,10 +1,10 @@
-"""Does a live server, ours or another's, hold the conversations that USARSim's clients hold?
+"""Conformance test of a live server, ours or another's: the conversations of USARSim's clients.
 
 Run: make conformance ADDRESS=host:port [IMAGE=host:port] [STREAM=host:port] [DIALECT=udk]
 [LEGACY=yes], or, in tests/, `python -m conformance.play host:port`. The conversations are the files
-of data/conversations; those for ports without an address, or for servers of another kind, are left
-out. The server's clock must run by itself. Prints a table; exits with 0 if all that is required
-passed.
+of data/conversations; those for ports without an address, or for servers of another kind, are
+skipped. The server's clock must be realtime. Prints a table; exits with 0 if every required one
+passes.
 """
 
 from __future__ import annotations
@@ -42,19 +42,20 @@ STEP_KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class ConversationResult:
-    """What became of one conversation: an empty reason means that it passed."""
+    """Outcome of one conversation."""
 
     conversation: Conversation
     reason: str
+    """Failed step and reason; empty if passed."""
 
     @property
     def is_failure(self) -> bool:
-        """Return whether the server lacks what it must have."""
+        """Whether the server fails a required conversation."""
         return bool(self.reason) and self.conversation.is_required
 
 
 def read_conversations(folder: Path = CONVERSATIONS) -> list[Conversation]:
-    """Return all conversations of a folder."""
+    """All conversations of a folder, by name."""
     return [read_conversation(path, STEP_KEYS) for path in sorted(folder.glob("*.json"))]
 
 
@@ -64,16 +65,23 @@ def play_all(
     robot_class: str,
     placement_blocks: str,
 ) -> list[ConversationResult]:
-    """Hold the conversations for whose port there is an address, one after the other."""
-    words = {"class": robot_class, "place": placement_blocks}
+    """Play conversations one after the other.
+
+    Args:
+        conversations: Conversations of ports in `addresses`.
+        addresses: Address of each port.
+        robot_class: Class to spawn.
+        placement_blocks: Blocks of INIT with the pose to spawn at.
+    """
+    variables = {"class": robot_class, "placement": placement_blocks}
     return [
-        ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], words))
+        ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], variables))
         for one in conversations
     ]
 
 
 def find_start_pose(address: Address) -> str:
-    """Return the blocks that place a robot: the first start pose told, or else the origin."""
+    """Blocks of INIT with the first start pose of the server, or else the origin."""
     client = ControlClient()
     with socket.create_connection(address, timeout=TIMEOUT_S) as connection:
         connection.sendall(b"GETSTARTPOSES\r\n")
@@ -87,40 +95,48 @@ def find_start_pose(address: Address) -> str:
 
 
 def results_table(results: Sequence[ConversationResult]) -> Table:
-    """Return the table: what was played, what it shows, how it went; by port."""
-    shown = Table("port", "conversation", "what it shows", "verdict")
+    """Table of results by port."""
+    table = Table("port", "conversation", "description", "result")
     for port in PLAYERS:
-        for verdict in (one for one in results if one.conversation.port == port):
-            one = verdict.conversation
-            name = one.name if one.is_required else f"{one.name} (not required)"
-            how = f"[red]{_escape_markup(verdict.reason)}" if verdict.reason else "[green]passed"
-            shown.add_row(port, name, _escape_markup(one.description), how)
-        shown.add_section()
-    return shown
+        for result in (one for one in results if one.conversation.port == port):
+            played = result.conversation
+            name = played.name if played.is_required else f"{played.name} (not required)"
+            outcome = f"[red]{_escape_markup(result.reason)}" if result.reason else "[green]passed"
+            table.add_row(port, name, _escape_markup(played.description), outcome)
+        table.add_section()
+    return table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Play everything; return the exit status."""
+    """Play all applicable conversations; exit status."""
     parser = argparse.ArgumentParser(description="Play the conversations to a live server.")
     parser.add_argument("control", type=_parse_address, help="host:port of the control server")
     parser.add_argument("--image", type=_parse_address, help="host:port of the image server")
     parser.add_argument("--stream", type=_parse_address, help="host:port of the ZeroMQ stream")
     parser.add_argument("--dialect", choices=("ut2004", "udk"), default="ut2004")
-    parser.add_argument("--legacy-images", action="store_true", help="one frame comes unasked")
+    parser.add_argument(
+        "--legacy-images", action="store_true", help="server sends an unsolicited frame"
+    )
     parser.add_argument("--robot-class", default="USARBot.OmniP2AT")
-    parser.add_argument("--place", help="blocks of INIT, {Location 1,2,0}; else a start pose")
-    given = parser.parse_args(arguments)
-    ports = {"control": given.control, "image": given.image, "stream": given.stream}
+    parser.add_argument(
+        "--placement", help="blocks of INIT, {Location 1,2,0}; default: a start pose"
+    )
+    options = parser.parse_args(arguments)
+    ports = {"control": options.control, "image": options.image, "stream": options.stream}
     addresses = {port: address for port, address in ports.items() if address}
-    images = "legacy" if given.legacy_images else "plain"
-    fitting = (one for one in read_conversations() if one.applies_to(given.dialect, images))
-    played = [one for one in fitting if one.port in addresses]
-    place = given.place or find_start_pose(given.control)
-    verdicts = play_all(played, addresses, given.robot_class, place)
-    Console().print(results_table(verdicts))
-    failed = sum(verdict.is_failure for verdict in verdicts)
-    print(f"{len(verdicts) - failed} of {len(verdicts)} passed or not required")
-    return 1 if failed or not verdicts else 0
+    image_mode = "legacy" if options.legacy_images else "plain"
+    applicable = [
+        one
+        for one in read_conversations()
+        if one.applies_to(options.dialect, image_mode) and one.port in addresses
+    ]
+    placement = options.placement or find_start_pose(options.control)
+    results = play_all(applicable, addresses, options.robot_class, placement)
+    Console().print(results_table(results))
+    failed = sum(result.is_failure for result in results)
+    print(f"{len(results) - failed} of {len(results)} passed or not required")
+    # No conversation at all is a failure, too: a wrong option would pass otherwise.
+    return 1 if failed or not results else 0
 
 
 def _parse_address(text: str) -> Address:
@@ -132,7 +148,7 @@ def _parse_address(text: str) -> Address:
 
 
 def _escape_markup(text: str) -> str:
-    """Return a text in which rich finds no markup."""
+    """Text without markup for rich."""
     return text.replace("[", r"\[")
 
 

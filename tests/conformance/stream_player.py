@@ -1,8 +1,11 @@
-"""Hold a conversation on the modern stream as a data file tells.
+"""Player of the conversations on the ZeroMQ stream.
 
-What each step holds is told at its function below. Messages are packed here from what the file
-says, so that it may say what our own code never would. Every answer is read as a whole, and of
-every frame it is checked that its picture is what its header says, and newer than the last one.
+The key of a step selects its handler in STEP_HANDLERS; the handler's docstring documents the step.
+Requests are packed from the file's fields with msgpack directly, so that a file may contain
+messages that our own code never sends. Every reply is decoded in full; of every frame the player
+checks that the image matches the header and is newer than the last one.
+
+To add a step: its handler and its entry in STEP_HANDLERS, its options in STEP_OPTIONS.
 """
 
 from __future__ import annotations
@@ -36,12 +39,12 @@ from conformance.conversation_file import (
 
 VECTORS = Path(__file__).parent / "data/stream"
 
-FieldMap = dict[str, Any]  # as msgpack holds them
+FieldMap = dict[str, Any]  # Any: every value of msgpack
 
 
 @dataclass(slots=True)
 class DealerConnection:
-    """One connection: it counts its requests and looks at the frames that come."""
+    """One connection with its own request ids, which checks all arriving messages."""
 
     socket: zmq.Socket[bytes]
     ids: Iterator[int] = field(default_factory=lambda: itertools.count(1))
@@ -49,40 +52,41 @@ class DealerConnection:
     camera_models: CameraModelCache = field(default_factory=CameraModelCache)
 
     def iter_messages(self, timeout_s: float) -> Iterator[FieldMap]:
-        """Yield the fields of messages until the time is up."""
+        """Iterate over the fields of messages until the timeout."""
         deadline_s = time.monotonic() + timeout_s
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             if self.socket.poll(max(1, round(1000.0 * left_s))):
                 yield self._check_message(self.socket.recv_multipart())
 
     def iter_replies(self, timeout_s: float = TIMEOUT_S) -> Iterator[FieldMap]:
-        """Yield the fields of messages that are no pulses until the time is up."""
-        return (fields for fields in self.iter_messages(timeout_s) if fields["kind"] != "pulse")
+        """Iterate over the fields of messages other than heartbeats until the timeout."""
+        return (fields for fields in self.iter_messages(timeout_s) if fields["kind"] != "heartbeat")
 
     def _check_message(self, parts: list[bytes]) -> FieldMap:
-        answer = reply_from_bytes(parts[0])
-        if isinstance(answer, FrameHeader):
-            frame_from_parts(answer, parts[1:], camera_cache=self.camera_models, received_s=0.0)
-            if answer.sequence <= self.last_sequence:
-                raise StepFailedError(f"frame {answer.sequence} after {self.last_sequence}")
-            self.last_sequence = answer.sequence
+        reply = reply_from_bytes(parts[0])
+        if isinstance(reply, FrameHeader):
+            frame_from_parts(reply, parts[1:], camera_cache=self.camera_models, received_s=0.0)
+            if reply.sequence <= self.last_sequence:
+                raise StepFailedError(f"frame {reply.sequence} after {self.last_sequence}")
+            self.last_sequence = reply.sequence
         elif len(parts) != 1:
-            raise StepFailedError(f"{len(parts) - 1} parts behind an answer")
+            raise StepFailedError(f"{len(parts) - 1} parts after a reply")
         fields: FieldMap = msgpack.unpackb(parts[0])
         return fields
 
 
 @dataclass(slots=True)
 class StreamSession:
-    """Where a conversation stands: its connection, and the words that `$name` stands for."""
+    """State of a conversation in progress."""
 
     address: Address
     variables: dict[str, str]
+    """Text of each `$name`."""
     context: zmq.Context[zmq.Socket[bytes]]
     connection: DealerConnection | None = None
 
     def connect(self) -> DealerConnection:
-        """Return the connection, made when first needed."""
+        """Current connection, opened on first use."""
         if self.connection is None:
             socket = self.context.socket(zmq.DEALER)
             socket.set(zmq.LINGER, 0)
@@ -94,73 +98,73 @@ class StreamSession:
 def play_conversation(
     conversation: Conversation, address: Address, variables: dict[str, str]
 ) -> str:
-    """Hold the conversation; return an empty text, or what went wrong and at which step."""
-    with ExitStack() as ends:
-        stage = StreamSession(address, dict(variables), zmq.Context())
-        ends.callback(stage.context.destroy, linger=0)
+    """Play a conversation; empty if passed, else the failed step and the reason."""
+    with ExitStack() as exit_stack:
+        session = StreamSession(address, dict(variables), zmq.Context())
+        exit_stack.callback(session.context.destroy, linger=0)
         for number, step in enumerate(conversation.steps, 1):
             try:
                 for key in step.keys() - STEP_OPTIONS:
-                    STEP_HANDLERS[key](stage, step)
+                    STEP_HANDLERS[key](session, step)
             except (StepFailedError, CatoptraError) as error:
                 return f"step {number} ({next(iter(step))}): {error}"
     return ""
 
 
 def _send_request(session: StreamSession, step: StepSpec) -> None:
-    """`ask`: fields of a request, or a list of requests that are sent at once.
+    """`request`: fields of a request, or a list of requests that are sent at once.
 
-    `answer`: what the answer has, or a list in order; as `id`, the request's is taken. A text is a
-    pattern; a list holds what must come in this order, other things between. A spawn's class and
-    place are filled in. With `again`, asked again until the answer is so.
+    `reply`: expected fields of the reply, or a list in order; its default `id` is that of the
+    request. A text is a pattern; a list holds elements in this order, others between. Class and
+    pose of a spawn are filled in. With `retry` the request is repeated until the reply matches.
     """
-    peer, deadline_s = session.connect(), time.monotonic() + TIMEOUT_S
+    connection, deadline_s = session.connect(), time.monotonic() + TIMEOUT_S
     while True:
-        requests = [_complete_request(session, fields) for fields in _as_list(step["ask"])]
+        requests = [_complete_request(session, fields) for fields in _as_list(step["request"])]
         for request in requests:
-            peer.socket.send(msgpack.packb(request))
+            connection.socket.send(msgpack.packb(request))
         reasons = [
-            _find_difference({**answer, "id": answer.get("id", request["id"])}, _next_reply(peer))
-            for request, answer in zip(requests, _as_list(step["answer"]), strict=True)
+            _find_difference({"id": request["id"], **reply}, _next_reply(connection))
+            for request, reply in zip(requests, _as_list(step["reply"]), strict=True)
         ]
         if not any(reasons):
             return
-        if not step.get("again") or time.monotonic() > deadline_s:
+        if not step.get("retry") or time.monotonic() > deadline_s:
             raise StepFailedError("; ".join(filter(None, reasons)))
 
 
 def _send_vectors(session: StreamSession, step: StepSpec) -> None:
-    """`send_vectors`: names of vectors; each is sent and must be answered by `answer`."""
+    """`send_vectors`: names of vectors; each is sent, and its reply must match `reply`."""
     for name in step["send_vectors"]:
         session.connect().socket.send((VECTORS / f"{name}.bytes").read_bytes())
-        if reason := _find_difference(step["answer"], _next_reply(session.connect())):
+        if reason := _find_difference(step["reply"], _next_reply(session.connect())):
             raise StepFailedError(f"{name}: {reason}")
 
 
 def _send_parts(session: StreamSession, step: StepSpec) -> None:
-    """`send_parts`: the parts of one message, in hexadecimal; it must be answered by `answer`."""
+    """`send_parts`: the parts of one message, in hexadecimal; its reply must match `reply`."""
     parts = [bytes.fromhex(part) for part in step["send_parts"]]
     session.connect().socket.send_multipart(parts)
-    if reason := _find_difference(step["answer"], _next_reply(session.connect())):
+    if reason := _find_difference(step["reply"], _next_reply(session.connect())):
         raise StepFailedError(reason)
 
 
 def _expect_heartbeats(session: StreamSession, step: StepSpec) -> None:
-    """`pulses`: so many come unasked `within_s` seconds."""
-    seen = (fields for fields in session.connect().iter_messages(step["within_s"]))
-    count = sum(fields["kind"] == "pulse" for fields in seen)
-    if count < step["pulses"]:
-        raise StepFailedError(f"{count} pulses came in {step['within_s']} s")
+    """`heartbeats`: minimum number of unsolicited heartbeats in `timeout_s` seconds."""
+    messages = session.connect().iter_messages(step["timeout_s"])
+    count = sum(fields["kind"] == "heartbeat" for fields in messages)
+    if count < step["heartbeats"]:
+        raise StepFailedError(f"{count} heartbeats in {step['timeout_s']} s")
 
 
 def _expect_silence(session: StreamSession, step: StepSpec) -> None:
-    """`silence_for_s`: nothing but pulses comes for so long."""
+    """`silence_for_s`: no message except heartbeats for this time."""
     for fields in session.connect().iter_replies(step["silence_for_s"]):
-        raise StepFailedError(f"{_abbreviate(fields)} was not to come")
+        raise StepFailedError(f"{_abbreviate(fields)} was not expected")
 
 
 def _close_connection(session: StreamSession, step: StepSpec) -> None:
-    """`close`: end the connection; the next step makes another."""
+    """`close`: end the connection; the next step opens another."""
     session.connect().socket.close()
     session.connection = None
 
@@ -168,19 +172,19 @@ def _close_connection(session: StreamSession, step: StepSpec) -> None:
 def _next_reply(connection: DealerConnection) -> FieldMap:
     for fields in connection.iter_replies():
         return fields
-    raise StepFailedError(f"no answer came within {TIMEOUT_S:g} s")
+    raise StepFailedError(f"no reply within {TIMEOUT_S:g} s")
 
 
 def _complete_request(session: StreamSession, fields: FieldMap) -> FieldMap:
     request = {"id": next(session.connect().ids), **fields}
-    if request["kind"] == "ask_spawn":
+    if request["kind"] == "spawn":
         request = {**_spawn_fields(session.variables), "name": None, **request}
     return request
 
 
 def _spawn_fields(variables: dict[str, str]) -> FieldMap:
-    """Return what the words say of a robot: its class, and its place as blocks of INIT."""
-    blocks = parse_message(Template("INIT $place").substitute(variables))
+    """Fields of a spawn request in the variables: the class, and the pose as blocks of INIT."""
+    blocks = parse_message(Template("INIT $placement").substitute(variables))
     location, rotation = blocks.get("Location"), blocks.get("Rotation")
     return {
         "class_name": variables["class"],
@@ -191,24 +195,26 @@ def _spawn_fields(variables: dict[str, str]) -> FieldMap:
 
 
 def _find_difference(expected: object, actual: object, path: str = "") -> str:
-    """Return how a value departs from what is expected; empty if it does not."""
+    """First difference between a value and its expectation; empty if there is none."""
     if isinstance(expected, dict) and isinstance(actual, dict):
         found = (_find_field_difference(expected[key], actual, key, path) for key in expected)
         return next(filter(None, found), "")
     if isinstance(expected, list) and isinstance(actual, list):
+        # One iterator for all elements: each is searched after the match of its predecessor.
         rest = iter(actual)
-        lost = [one for one in expected if all(_find_difference(one, other) for other in rest)]
-        return f"{path[1:]}: nothing like {lost[0]!r}" if lost else ""
+        missing = [one for one in expected if all(_find_difference(one, other) for other in rest)]
+        return f"{path[1:]}: no element {missing[0]!r}" if missing else ""
     if isinstance(expected, str) and isinstance(actual, str):
-        is_so = bool(re.fullmatch(expected, actual, re.DOTALL))
+        matches = bool(re.fullmatch(expected, actual, re.DOTALL))
     else:
-        is_so = expected == actual
-    return "" if is_so else f"{path[1:]} {_abbreviate(actual)}, not {expected!r}"
+        matches = expected == actual
+    return "" if matches else f"{path[1:]} {_abbreviate(actual)}, not {expected!r}"
 
 
 def _find_field_difference(expected: object, actual: FieldMap, key: str, path: str) -> str:
     if key not in actual:
         return f"{path[1:]} without the field {key!r}"
+    # The reason of an error reply explains the difference better than the kinds do.
     reason = _find_difference(expected, actual[key], f"{path}.{key}")
     return f"{reason}: {actual['reason']}" if reason and "reason" in actual else reason
 
@@ -222,11 +228,11 @@ def _abbreviate(value: object) -> str:
 
 
 STEP_HANDLERS: dict[str, Callable[[StreamSession, StepSpec], None]] = {
-    "ask": _send_request,
+    "request": _send_request,
     "send_vectors": _send_vectors,
     "send_parts": _send_parts,
-    "pulses": _expect_heartbeats,
+    "heartbeats": _expect_heartbeats,
     "silence_for_s": _expect_silence,
     "close": _close_connection,
 }
-STEP_OPTIONS = {"answer", "again", "within_s"}
+STEP_OPTIONS = {"reply", "retry", "timeout_s"}

@@ -1,7 +1,10 @@
-"""Hold a conversation on the control or image port as a data file tells.
+"""Player of the conversations on the control and image ports.
 
-What each step holds is told at its function below. Lines of the server that a step does not wait
-for are skipped, since reports come at any time. Blocking sockets, one at a time.
+The key of a step selects its handler in STEP_HANDLERS; the handler's docstring documents the step.
+Lines of the server that a step does not wait for are skipped, since reports arrive at any time.
+Blocking sockets, one at a time.
+
+To add a step: its handler and its entry in STEP_HANDLERS, its options in STEP_OPTIONS.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ _READ_BYTES = 64 * 1024
 
 @dataclass(slots=True)
 class TcpConnection:
-    """One connection, and what of it has not been looked at yet."""
+    """One connection, and the lines and frames that no step has consumed yet."""
 
     socket: socket.socket
     lines: deque[str] = field(default_factory=deque)
@@ -48,7 +51,7 @@ class TcpConnection:
     is_image: bool = False
 
     def read(self, deadline_s: float) -> bool:
-        """Take in what the server sent; return whether anything came before the deadline."""
+        """Receive bytes of the server; False if none arrived before the deadline."""
         self.socket.settimeout(max(deadline_s - time.monotonic(), 1e-3))
         try:
             data = self.socket.recv(_READ_BYTES)
@@ -63,7 +66,7 @@ class TcpConnection:
         return True
 
     def iter_lines(self, timeout_s: float) -> Iterator[str]:
-        """Yield lines until the time is up."""
+        """Iterate over lines until the timeout."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             while self.lines:
@@ -74,16 +77,17 @@ class TcpConnection:
 
 @dataclass(slots=True)
 class TcpSession:
-    """Where a conversation stands: its connection, and the words that `$name` stands for."""
+    """State of a conversation in progress."""
 
     address: Address
     variables: dict[str, str]
+    """Text of each `$name`."""
     is_image: bool
     exit_stack: ExitStack
     connection: TcpConnection | None = None
 
     def connect(self) -> TcpConnection:
-        """Return the connection, made when first needed."""
+        """Current connection, opened on first use."""
         if self.connection is None:
             connection = socket.create_connection(self.address, timeout=TIMEOUT_S)
             self.exit_stack.callback(connection.close)
@@ -94,76 +98,83 @@ class TcpSession:
 def play_conversation(
     conversation: Conversation, address: Address, variables: dict[str, str]
 ) -> str:
-    """Hold the conversation; return an empty text, or what went wrong and at which step."""
-    with ExitStack() as ends:
-        stage = TcpSession(address, dict(variables), conversation.port == "image", ends)
+    """Play a conversation; empty if passed, else the failed step and the reason."""
+    with ExitStack() as exit_stack:
+        session = TcpSession(address, dict(variables), conversation.port == "image", exit_stack)
         for number, step in enumerate(conversation.steps, 1):
             try:
                 for key in step.keys() - STEP_OPTIONS:
-                    STEP_HANDLERS[key](stage, step)
+                    STEP_HANDLERS[key](session, step)
             except (StepFailedError, CatoptraError, OSError) as error:
                 return f"step {number} ({next(iter(step))}): {error}"
     return ""
 
 
 def _send(session: TcpSession, step: StepSpec) -> None:
-    """`send`: text; or `send_hex`: bytes. `repeat` times, with `pieces` so many bytes at a time."""
+    """`send`: text, or `send_hex`: bytes. Sent `repeat` times, in pieces of `pieces` bytes."""
     text = Template(step.get("send", "")).safe_substitute(session.variables)
     data = bytes.fromhex(step["send_hex"]) if "send_hex" in step else text.encode("latin-1")
     data *= step.get("repeat", 1)
     size = step.get("pieces", len(data))
-    line = session.connect()
-    line.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection = session.connect()
+    # Without Nagle's algorithm each piece is a segment of its own.
+    connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     for start in range(0, len(data), size):
-        line.socket.sendall(data[start : start + size])
+        connection.socket.sendall(data[start : start + size])
 
 
 def _expect(session: TcpSession, step: StepSpec) -> None:
-    """`expect`: patterns of whole lines, in this order, other lines between them."""
+    """`expect`: patterns of full lines, in this order, other lines between them."""
     for pattern in step["expect"]:
         filled = Template(pattern).safe_substitute(session.variables)
-        _wait_for_line(session.connect(), filled, step.get("within_s", TIMEOUT_S))
+        _wait_for_line(session.connect(), filled, step.get("timeout_s", TIMEOUT_S))
 
 
 def _expect_silence(session: TcpSession, step: StepSpec) -> None:
-    """`silence`: a pattern that no line matches for `for_s` seconds."""
-    for text in session.connect().iter_lines(step["for_s"]):
+    """`silence`: a pattern that no line matches for `duration_s` seconds."""
+    for text in session.connect().iter_lines(step["duration_s"]):
         if re.fullmatch(step["silence"], text):
-            raise StepFailedError(f"{text[:100]!r} was not to come")
+            raise StepFailedError(f"{text[:100]!r} was not expected")
 
 
 def _expect_increase(session: TcpSession, step: StepSpec) -> None:
-    """`changes`: a pattern with one group, a number that grows by more than `by`."""
-    line, first = session.connect(), None
-    for text in line.iter_lines(step.get("within_s", TIMEOUT_S)):
-        if found := re.fullmatch(step["changes"], text):
+    """`increases`: a pattern with one group, a number that grows by more than `min_increase`."""
+    first = None
+    for text in session.connect().iter_lines(step.get("timeout_s", TIMEOUT_S)):
+        if found := re.fullmatch(step["increases"], text):
             first = float(found[1]) if first is None else first
-            if float(found[1]) - first > step["by"]:
+            if float(found[1]) - first > step["min_increase"]:
                 return
-    raise StepFailedError(f"{step['changes']} did not grow by {step['by']} from {first}")
+    raise StepFailedError(
+        f"{step['increases']} did not increase by {step['min_increase']} from {first}"
+    )
 
 
 def _query_every_sensor(session: TcpSession, step: StepSpec) -> None:
-    """`ask_every_sensor`: each that is heard of for `for_s` seconds has its CONF and GEO."""
-    line = session.connect()
-    heard = {pair for text in line.iter_lines(step["for_s"]) for pair in _sensor_names(text)}
-    if not heard:
-        raise StepFailedError("no sensor was heard of")
-    for type_, name in sorted(heard):
+    """`query_every_sensor`: each sensor that reports for `duration_s` seconds has CONF and GEO."""
+    connection = session.connect()
+    lines = connection.iter_lines(step["duration_s"])
+    sensors = {pair for text in lines for pair in _sensor_names(text)}
+    if not sensors:
+        raise StepFailedError("no sensor reported")
+    for type_, name in sorted(sensors):
         for word in ("CONF", "GEO"):
-            line.socket.sendall(f"GET{word} {{Type {type_}}} {{Name {name}}}\r\n".encode())
+            connection.socket.sendall(f"GET{word} {{Type {type_}}} {{Name {name}}}\r\n".encode())
+            # In any case: the reference repeats the type of the request, other servers their own
+            # spelling.
             pattern = rf"{word} {{Type {type_}}} {{Name {name}\b.+"
-            _wait_for_line(line, f"(?i:{pattern})", TIMEOUT_S)
+            _wait_for_line(connection, f"(?i:{pattern})", TIMEOUT_S)
 
 
 def _expect_frames(session: TcpSession, step: StepSpec) -> None:
-    """`frames`: so many come, each a picture; with `size`, of that width and height."""
-    line, deadline_s = session.connect(), time.monotonic() + step.get("within_s", TIMEOUT_S)
+    """`frames`: number of decodable frames; with `size`, of that width and height."""
+    connection = session.connect()
+    deadline_s = time.monotonic() + step.get("timeout_s", TIMEOUT_S)
     for number in range(step["frames"]):
-        while not line.frames:
-            if time.monotonic() >= deadline_s or not line.read(deadline_s):
-                raise StepFailedError(f"{number} frames came of {step['frames']}")
-        frame = line.frames.popleft()
+        while not connection.frames:
+            if time.monotonic() >= deadline_s or not connection.read(deadline_s):
+                raise StepFailedError(f"{number} of {step['frames']} frames arrived")
+        frame = connection.frames.popleft()
         is_raw = frame.image_type is ImageType.RAW
         size = list(parse_raw_size(frame.payload)[:2] if is_raw else parse_jpeg_size(frame.payload))
         if size != step.get("size", size):
@@ -171,22 +182,22 @@ def _expect_frames(session: TcpSession, step: StepSpec) -> None:
 
 
 def _expect_no_frame(session: TcpSession, step: StepSpec) -> None:
-    """`no_frame_for_s`: nothing comes for so long."""
-    line = session.connect()
-    if line.frames or line.read(time.monotonic() + step["no_frame_for_s"]):
-        raise StepFailedError("a frame came that nobody asked for")
+    """`no_frame_for_s`: no frame arrives for this time."""
+    connection = session.connect()
+    if connection.frames or connection.read(time.monotonic() + step["no_frame_for_s"]):
+        raise StepFailedError("a frame arrived without a request")
 
 
 def _close_connection(session: TcpSession, step: StepSpec) -> None:
-    """`close`: end the connection; the next step makes another."""
+    """`close`: end the connection; the next step opens another."""
     session.connect().socket.close()
     session.connection = None
 
 
 def _reset_connection(session: TcpSession, step: StepSpec) -> None:
-    """`reset`: break the connection off with RST, as a client that dies with unread bytes."""
-    at_once = struct.pack("ii", 1, 0)
-    session.connect().socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, at_once)
+    """`reset`: end the connection with RST, as a client that dies with unread bytes."""
+    no_linger = struct.pack("ii", 1, 0)
+    session.connect().socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, no_linger)
     _close_connection(session, step)
 
 
@@ -194,11 +205,11 @@ def _wait_for_line(connection: TcpConnection, pattern: str, timeout_s: float) ->
     for text in connection.iter_lines(timeout_s):
         if re.fullmatch(pattern, text):
             return
-    raise StepFailedError(f"nothing like {pattern} came within {timeout_s:g} s")
+    raise StepFailedError(f"no line {pattern} within {timeout_s:g} s")
 
 
 def _sensor_names(text: str) -> Iterator[tuple[str, str]]:
-    """Yield type and name of each part that a report speaks of."""
+    """Type and name of each part in a report."""
     message = parse_message(text)
     type_ = message.get("Type") if message.word == "SEN" else "MisPkg"
     if message.word in ("SEN", "MISSTA", "ASTA") and type_:
@@ -211,11 +222,11 @@ STEP_HANDLERS: dict[str, Callable[[TcpSession, StepSpec], None]] = {
     "send_hex": _send,
     "expect": _expect,
     "silence": _expect_silence,
-    "changes": _expect_increase,
-    "ask_every_sensor": _query_every_sensor,
+    "increases": _expect_increase,
+    "query_every_sensor": _query_every_sensor,
     "frames": _expect_frames,
     "no_frame_for_s": _expect_no_frame,
     "close": _close_connection,
     "reset": _reset_connection,
 }
-STEP_OPTIONS = {"pieces", "within_s", "for_s", "by", "size", "repeat"}
+STEP_OPTIONS = {"pieces", "timeout_s", "duration_s", "min_increase", "size", "repeat"}

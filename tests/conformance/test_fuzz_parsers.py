@@ -1,4 +1,4 @@
-"""The fuzzer itself: it runs, it is repeatable, and it tells what broke."""
+"""The fuzzer itself: it runs, is repeatable, and reports the failing input."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def test_fuzz_when_run_with_few_cases_passes(capsys: pytest.CaptureFixture[str])
 def test_fuzz_when_repeated_feeds_the_same() -> None:
     tallies = []
     for _ in range(2):
-        them = all_targets()
-        fuzz(them, 6000, 7, lambda done: None)
-        tallies.append([(one.name, one.num_accepted, one.num_rejected) for one in them])
+        targets = all_targets()
+        fuzz(targets, 6000, 7, lambda done: None)
+        tallies.append([(one.name, one.num_accepted, one.num_rejected) for one in targets])
     assert tallies[0] == tallies[1]
     assert all(accepted for _, accepted, _ in tallies[0])
 

@@ -1,4 +1,4 @@
-"""The stream's vectors: one message each; what is refused names the field that is at fault."""
+"""The vectors of the stream: one message each; the error of a malformed one names its field."""
 
 from __future__ import annotations
 
@@ -21,25 +21,24 @@ VECTORS = sorted((Path(__file__).parent / "data/stream").glob("*.bytes"))
 
 
 def decode(data: bytes, sender: str) -> Request | Reply | None:
-    """Return the message of a `client` or of a `server`."""
+    """Decode a message of a `client` or of a `server`."""
     return request_from_bytes(data) if sender == "client" else reply_from_bytes(data)
 
 
 @pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.stem)
-def test_message_when_read_is_what_it_means(path: Path) -> None:
+def test_message_when_decoded_has_its_meaning(path: Path) -> None:
     vector = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    assert set(vector) <= {"why", "meaning", "refused", "from"}
-    sender = vector.get("from", "client" if path.stem.startswith("ask_") else "server")
-    if "refused" in vector:
-        with pytest.raises(RemoteProtocolError, match=vector["refused"]):
-            decode(path.read_bytes(), sender)
+    assert set(vector) <= {"description", "meaning", "error", "sender"}
+    if "error" in vector:
+        with pytest.raises(RemoteProtocolError, match=vector["error"]):
+            decode(path.read_bytes(), vector["sender"])
     else:
-        message = decode(path.read_bytes(), sender)
+        message = decode(path.read_bytes(), vector["sender"])
         assert message_to_json(message) == vector["meaning"]
 
 
 def message_to_json(message: Request | Reply | None) -> object:
-    """Return a message with JSON's types."""
+    """Message with the types of JSON."""
     if message is None:
         return None
     fields = {"kind": message.KIND, **dataclasses.asdict(message)}
@@ -51,7 +50,7 @@ def test_vectors_when_listed_have_one_of_every_kind() -> None:
     assert {meaning["kind"] for meaning in meanings if meaning} == {*REQUESTS, *REPLIES}
 
 
-def test_frame_when_written_has_the_vector_s_bytes() -> None:
+def test_frame_when_encoded_has_the_bytes_of_the_vector() -> None:
     data = next(path for path in VECTORS if path.stem == "frame").read_bytes()
     message = reply_from_bytes(data)
     assert message is not None

@@ -1,4 +1,4 @@
-"""Play the vectors of `data/` to our own code: whole, byte by byte, cut anywhere, with a tail."""
+"""The vectors of `data` against our code: in one piece, byte by byte, cut anywhere, with a tail."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from catoptra_protocol.usarsim.image_port import (
 from catoptra_protocol.usarsim.reports import Greeting, Report, line_from_report
 
 DATA = Path(__file__).parent / "data"
-
-EventReader = Callable[[bytes], list[Any]]  # any event: what comes out is compared as JSON
+_DOCUMENT_KEYS = {"description", "meaning", "canonical", "complete", "dialect", "reports"}
+EventReader = Callable[[bytes], list[Any]]  # Any: events of five channels, compared as JSON
 
 
 @dataclass(frozen=True)
@@ -39,29 +39,30 @@ class ConformanceVector:
     is_complete: bool
     dialect: Dialect
     source_reports: list[Any] | None
+    """Reports that the server writes, where a client reads less; else None."""
 
     def __str__(self) -> str:
         return f"{self.channel}/{self.name}"
 
 
 def read_vector(path: Path) -> ConformanceVector:
-    """Return the vector whose JSON file this is."""
+    """Vector of a JSON file and its neighbour of bytes."""
     document = json.loads(path.read_text(encoding="utf-8"))
-    assert set(document) <= {"why", "meaning", "written", "complete", "dialect", "says"}
+    assert set(document) <= _DOCUMENT_KEYS
     return ConformanceVector(
         channel=path.parent.name,
         name=path.stem,
         data=path.with_suffix(".bytes").read_bytes(),
         meaning=document["meaning"],
-        is_canonical=document.get("written", False),
+        is_canonical=document.get("canonical", False),
         is_complete=document.get("complete", True),
         dialect=Dialect(document.get("dialect", "ut2004")),
-        source_reports=document.get("says"),
+        source_reports=document.get("reports"),
     )
 
 
 def make_command_reader() -> EventReader:
-    """Return a reader of commands that knows no states."""
+    """Reader of commands without connection states."""
     reader = LineReader()
 
     def receive(data: bytes) -> list[Command]:
@@ -72,19 +73,19 @@ def make_command_reader() -> EventReader:
 
 
 def make_session_reader() -> EventReader:
-    """Return a server's end that has greeted."""
+    """Server end of a connection after the greeting."""
     server = ControlServer()
     server.send(Greeting("BotDeathMatch", "field"))
     return server.receive
 
 
-# How to receive on each channel, and bytes that begin something without ending it.
+# Receiver of each channel, and bytes that begin a message without completing it.
 CHANNELS: dict[str, tuple[Callable[[], EventReader], bytes]] = {
     "commands": (make_command_reader, b"DRIVE {Left 9} {Ri"),
     "sessions": (make_session_reader, b"DRIVE {Left 9} {Ri"),
     "reports": (lambda: ControlClient().receive, b"SEN {Type Odometry} {Na"),
     "image_requests": (lambda: ImageRequestReader().receive, b"UOKOKOKOK"),
-    "image_frames": (lambda: ImageFrameReader().receive, encode_frame_header(2, 9)),  # type: ignore[arg-type] # the number of the tag
+    "image_frames": (lambda: ImageFrameReader().receive, encode_frame_header(2, 9)),  # type: ignore[arg-type] # an int, as a foreign server would have it
 }
 
 
@@ -92,7 +93,7 @@ VECTORS = [read_vector(x) for name in CHANNELS for x in sorted((DATA / name).glo
 
 
 def decode_chunks(vector: ConformanceVector, *chunks: bytes) -> list[Any]:
-    """Return as JSON what the chunks mean on the vector's channel."""
+    """Events of the chunks on the vector's channel, as JSON."""
     receive = CHANNELS[vector.channel][0]()
     events = [{type(e).__name__: asdict(e)} for chunk in chunks for e in receive(chunk)]
     return list(json.loads(json.dumps(events, default=bytes.hex)))
@@ -114,41 +115,44 @@ def test_data_when_listed_holds_pairs_for_every_channel() -> None:
 
 
 @each_vector
-def test_vector_when_played_whole_means_what_its_json_says(vector: ConformanceVector) -> None:
+def test_vector_when_played_in_one_piece_has_its_meaning(vector: ConformanceVector) -> None:
     assert decode_chunks(vector, vector.data) == vector.meaning
 
 
 @each_vector
-def test_vector_when_played_byte_by_byte_means_the_same(vector: ConformanceVector) -> None:
+def test_vector_when_played_byte_by_byte_has_the_same_meaning(vector: ConformanceVector) -> None:
     single = [vector.data[i : i + 1] for i in range(len(vector.data))]
     assert decode_chunks(vector, *single) == vector.meaning
 
 
 @each_vector
-def test_vector_when_cut_anywhere_means_the_same(vector: ConformanceVector) -> None:
+def test_vector_when_cut_anywhere_has_the_same_meaning(vector: ConformanceVector) -> None:
+    # At most 400 cuts: each decodes the vector anew, and the longest one has kilobytes.
     cuts = range(0, len(vector.data), max(1, len(vector.data) // 400))
     for cut in cuts:
         assert decode_chunks(vector, vector.data[:cut], vector.data[cut:]) == vector.meaning
 
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS if v.is_complete], ids=str)
-def test_vector_when_a_tail_follows_means_the_same(vector: ConformanceVector) -> None:
+def test_vector_when_a_tail_follows_has_the_same_meaning(vector: ConformanceVector) -> None:
     tail = CHANNELS[vector.channel][1]
     assert decode_chunks(vector, vector.data + tail) == vector.meaning
 
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS if v.is_canonical], ids=str)
-def test_vector_when_written_by_us_is_the_same_bytes(vector: ConformanceVector) -> None:
-    said = (
+def test_vector_when_canonical_is_written_by_us_with_the_same_bytes(
+    vector: ConformanceVector,
+) -> None:
+    written = (
         ControlClient().receive(vector.data)
         if vector.source_reports is None
         else build_reports(vector)
     )
-    assert b"".join(line_from_report(x, vector.dialect) for x in said) == vector.data
+    assert b"".join(line_from_report(x, vector.dialect) for x in written) == vector.data
 
 
 def build_reports(vector: ConformanceVector) -> list[Report]:
-    """Return the reports that a server means, where a client reads them as others."""
+    """Reports of the server, where a client reads others."""
     return [
         getattr(reports, kind)(
             **{name: _field_value(name, value) for name, value in fields.items()}
@@ -158,9 +162,9 @@ def build_reports(vector: ConformanceVector) -> list[Report]:
     ]
 
 
-def _field_value(name: str, value: Any) -> Any:  # whatever JSON holds
-    """Return what a field holds: lists become tuples, nested documents their own dataclasses."""
-    if name == "tile":
+def _field_value(name: str, value: Any) -> Any:
+    """Value of a field: lists become tuples, nested documents their own dataclasses."""
+    if name == "texture_region":
         return reports.TextureRegion(**value)
     if name == "links":
         return tuple(

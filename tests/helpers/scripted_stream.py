@@ -1,4 +1,4 @@
-"""A stream server in a thread that answers as a test says."""
+"""A stream server in a thread, with the replies of a test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from catoptra_protocol.stream.replies import Heartbeat
 from catoptra_protocol.stream.requests import Request
 
 HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
-# Returns the messages to send, each a list of parts.
+# Messages to send in reply to a request, each a list of parts.
 Script = Callable[[Request], list[list[bytes]]]
 _POLL_INTERVAL_MS = 20
 
@@ -22,27 +22,36 @@ _POLL_INTERVAL_MS = 20
 def serve_stream_script(
     script: Script, *, port: int = 0, sends_heartbeats: bool = False
 ) -> Iterator[int]:
-    """Serve a script; yield the port. pulses: tell clients all the time that the server lives."""
+    """Serve a script on the loopback.
+
+    Args:
+        script: Replies to a request, each a list of parts.
+        port: TCP port; 0 = a free one.
+        sends_heartbeats: Whether all clients receive heartbeats continuously.
+
+    Yields:
+        The port.
+    """
     context = zmq.Context()
     router = context.socket(zmq.ROUTER)
     router.bind(f"tcp://127.0.0.1:{port or '*'}")
     bound = int(router.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
-    ended = threading.Event()
-    thread = threading.Thread(target=_serve, args=(router, script, sends_heartbeats, ended))
+    stopped = threading.Event()
+    thread = threading.Thread(target=_serve, args=(router, script, sends_heartbeats, stopped))
     thread.start()
     try:
         yield bound
     finally:
-        ended.set()
+        stopped.set()
         thread.join()
         context.destroy(linger=0)
 
 
 def _serve(
-    router: zmq.Socket[bytes], script: Script, sends_heartbeats: bool, ended: threading.Event
+    router: zmq.Socket[bytes], script: Script, sends_heartbeats: bool, stopped: threading.Event
 ) -> None:
     known: set[bytes] = set()
-    while not ended.is_set():
+    while not stopped.is_set():
         if router.poll(_POLL_INTERVAL_MS):
             peer, data = router.recv_multipart()
             known.add(peer)

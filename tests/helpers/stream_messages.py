@@ -1,4 +1,4 @@
-"""One message of each kind of the modern stream."""
+"""One message of each kind of the ZeroMQ stream."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ SAMPLE_REPLIES: list[Reply] = [
     StatusReply(1, 7, "Catoptra 0.1.0", "field", ("USARBot.OmniP2AT",), "lockstep", 1, False, 0),
     Heartbeat(SCHEMA_VERSION),
     PlanReply(
-        *(8, "Omni", 0.5, 0.0, "trace, 2^2 samples: the cheapest within 0.5 px", True),
+        *(8, "Omni", 0.5, 0.0, "trace, 2^2 samples: the fastest within 0.5 px", True),
         *(0.375, {"outline_px": 0.375}, 12.5, None, PlanAlternative("trace", 0.25, 30.0), None),
     ),
 ]

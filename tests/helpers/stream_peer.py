@@ -1,4 +1,4 @@
-"""A bare DEALER socket on an asyncio loop: a stream client that knows only bytes."""
+"""A bare DEALER socket on an asyncio loop: a stream client without any protocol logic."""
 
 from __future__ import annotations
 
@@ -15,67 +15,73 @@ from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding, Re
 
 
 class RawPeer:
-    """One connection; `ids` gives the numbers of requests."""
+    """One connection; `ids` numbers its requests."""
 
     def __init__(self, socket: zmq.asyncio.Socket) -> None:
         self.socket = socket
         self.ids = itertools.count(1)
 
     async def send(self, *parts: bytes) -> None:
-        """Send a message as it is."""
+        """Send a message of raw parts."""
         await self.socket.send_multipart(list(parts))
 
     async def receive(self) -> tuple[Reply, list[bytes]]:
-        """Return the next message that is no pulse, and the parts behind it."""
+        """Next message other than a heartbeat, and the parts after its head."""
         while True:
             head, *rest = await self.socket.recv_multipart()
-            answer = reply_from_bytes(head)
-            if answer is not None and not isinstance(answer, Heartbeat):
-                return answer, rest
+            reply = reply_from_bytes(head)
+            if reply is not None and not isinstance(reply, Heartbeat):
+                return reply, rest
 
     async def receive_head(self) -> Reply:
-        """Return the head of the next message, pulses included."""
-        answer = reply_from_bytes((await self.socket.recv_multipart())[0])
-        assert answer is not None
-        return answer
+        """Head of the next message, heartbeats included."""
+        reply = reply_from_bytes((await self.socket.recv_multipart())[0])
+        assert reply is not None
+        return reply
 
     async def send_request(self, request: Request) -> Reply:
-        """Send a request; return its answer."""
+        """Send a request; return its reply."""
         await self.send(bytes_from_message(request))
-        answer, _ = await self.receive()
-        assert getattr(answer, "id", None) == request.id
-        return answer
+        reply, _ = await self.receive()
+        assert getattr(reply, "id", None) == request.id
+        return reply
 
     async def receive_error(self, *parts: bytes) -> str:
-        """Send parts that cannot be read; return what is said about them."""
+        """Send malformed parts; return the reason of the error."""
         await self.send(*parts)
-        answer, _ = await self.receive()
-        assert isinstance(answer, Error)
-        assert answer.id == 0
-        return answer.reason
+        reply, _ = await self.receive()
+        assert isinstance(reply, Error)
+        assert reply.id == 0
+        return reply.reason
 
     async def request_frame(self, encoding: ImageEncoding = ImageEncoding.RAW) -> None:
-        """Ask for a frame."""
+        """Send a frame request."""
         await self.send(bytes_from_message(GetFrameRequest(next(self.ids), "", "", encoding)))
 
     async def get_frame(
         self, encoding: ImageEncoding = ImageEncoding.RAW
     ) -> tuple[FrameHeader, bytes]:
-        """Ask for a frame and return it."""
+        """Send a frame request; return header and image."""
         await self.request_frame(encoding)
-        header, (picture,) = await self.receive()
+        header, (image,) = await self.receive()
         assert isinstance(header, FrameHeader)
-        return header, picture
+        return header, image
 
 
 @contextmanager
 def connect_raw_peer(port: int, *, high_water_mark: int = 1000) -> Iterator[RawPeer]:
-    """Connect to a stream on the loopback; keeps: how many messages wait unread on this side."""
+    """Connect to a stream on the loopback.
+
+    Args:
+        port: TCP port.
+        high_water_mark: Messages that may wait unread on this side.
+    """
     context = zmq.asyncio.Context()
     socket = context.socket(zmq.DEALER)
     try:
         socket.set(zmq.LINGER, 0)
         socket.set(zmq.RCVHWM, high_water_mark)
+        # A small mark only limits ZeroMQ's queue; the kernel's buffer would hold many more.
         if high_water_mark < 10:
             socket.set(zmq.RCVBUF, 4096)
         socket.connect(f"tcp://127.0.0.1:{port}")

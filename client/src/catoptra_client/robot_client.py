@@ -37,7 +37,7 @@ from catoptra_protocol.usarsim.reports import (
     VehicleGeometry,
     VehicleStatus,
 )
-from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_protocol.vectors import Vector3
 
 _ReportT = TypeVar("_ReportT", bound=Report)
 

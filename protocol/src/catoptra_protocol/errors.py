@@ -1,14 +1,14 @@
-"""The errors of Catoptra, one tree for all three distributions.
+"""The exceptions of Catoptra, one tree for all distributions.
 
 CatoptraError
 ├── ConfigError              a configuration file is wrong: file, line, key, value, expectation
-├── DomainError              a formula was asked outside its domain; carries the mask
+├── DomainError              an argument outside the domain of a formula; carries the mask
 ├── ProtocolError
-│   ├── LocalProtocolError   our side tried to send what the protocol forbids
-│   └── RemoteProtocolError  the other side sent what the protocol forbids
-├── ConnectionLostError      the other side went away
-├── DeadlineExceededError          the other side is there, but what was asked for did not come in time
-└── RendererUnavailableError a renderer cannot run on this machine; says what to install
+│   ├── LocalProtocolError   this side tried to send a message that the protocol forbids
+│   └── RemoteProtocolError  the peer sent a message that the protocol forbids
+├── ConnectionLostError      the peer disconnected or sends nothing
+├── DeadlineExceededError    the peer is connected, but its reply did not arrive in time
+└── RendererUnavailableError a renderer cannot run on this machine; names the missing part
 """
 
 from __future__ import annotations
@@ -18,22 +18,24 @@ from typing import Any
 
 
 class CatoptraError(Exception):
-    """Base of every error that Catoptra raises on purpose."""
+    """Base class of every exception that Catoptra raises on purpose."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceLocation:
-    """The place in a file that an error speaks of. Lines count from 1; 0 = the whole file."""
+    """Location of a fault in a file, printed as file:line."""
 
     file: str
+    """Path as the user gave it."""
     line: int = 0
+    """Number of the line, from 1; 0 = the whole file."""
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}" if self.line else self.file
 
 
 class ConfigError(CatoptraError):
-    """Say which file, line, key and value is wrong, and what was expected instead."""
+    """A wrong value in a configuration file: its location, key, value and the expectation."""
 
     def __init__(self, location: SourceLocation, *, key: str, value: str, expected: str) -> None:
         super().__init__(f"{location}: {key}={value!r}: expected {expected}")
@@ -44,32 +46,36 @@ class ConfigError(CatoptraError):
 
 
 class DomainError(CatoptraError):
-    """Say that a formula was asked outside its domain; `valid` tells which elements were inside."""
+    """An argument outside the domain of a formula.
 
-    def __init__(self, message: str, valid_mask: Any = None) -> None:  # a bool array; no numpy here
+    `valid_mask` is a boolean array of the elements inside the domain; None for scalars.
+    """
+
+    # Any instead of an array type: this module must import without NumPy.
+    def __init__(self, message: str, valid_mask: Any = None) -> None:
         super().__init__(message)
         self.valid_mask = valid_mask
 
 
 class ProtocolError(CatoptraError):
-    """Base of the two protocol errors."""
+    """Base class of the two protocol errors."""
 
 
 class LocalProtocolError(ProtocolError):
-    """Our side tried to send what the protocol forbids: a bug in the caller."""
+    """This side tried to send a message that the protocol forbids: a bug in the caller."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """The other side sent what the protocol forbids."""
+    """The peer sent a message that the protocol forbids."""
 
 
 class ConnectionLostError(CatoptraError):
-    """The other side closed the connection or did not answer in time."""
+    """The peer closed the connection, or sends nothing at all."""
 
 
 class DeadlineExceededError(CatoptraError):
-    """The server lives and says so, but did not send in time what was asked for."""
+    """The server sends heartbeats, but its reply did not arrive within the timeout."""
 
 
 class RendererUnavailableError(CatoptraError):
-    """A renderer cannot run on this machine; the message names what is missing and the remedy."""
+    """A renderer cannot run on this machine; the message names the missing part and the remedy."""

@@ -1,9 +1,9 @@
-"""The file of landmarks: what the server draws and the client localises with.
+"""The file of landmarks that the server renders and the client localizes with.
 
-A CSV with one landmark a row. Positions are in the world frame (SAE: x, y level, z down), heights
-are above the floor. A landmark shows a lower and an upper colour, each filling half of the band
-between `band_bottom_m` and `band_top_m`; below the band a beacon is white. Both colours equal: one
-band.
+A CSV with one landmark per row. Positions are in the world frame (SAE: x, y level, z down), heights
+are above the floor. A landmark has a lower and an upper colour, each filling half of the band
+between `band_bottom_m` and `band_top_m`; below the band a beacon is white. Two equal colours make
+one band.
 """
 
 from __future__ import annotations
@@ -18,37 +18,45 @@ from catoptra_protocol.errors import ConfigError, SourceLocation
 
 BAND_COLOURS = ("cyan", "magenta", "yellow")
 LANDMARK_KINDS = ("beacon", "goal")
-# Farther than any field; a float32 there still has steps of 8 mm.
+# Farther than any field; a float32, as renderers have it, still has steps of 8 mm there.
 _MAX_COORDINATE_M = 1e5
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """One landmark. A beacon is an upright cylinder, a goal a box open towards the field's middle.
+    """One landmark.
 
-    x_m, y_m: a beacon's axis; the middle of a goal's mouth, on the goal line. width_m: diameter of
-    the beacon; width of the goal's mouth. depth_m: how far the goal reaches back.
+    A beacon is an upright cylinder, a goal a box with its mouth towards the field.
     """
 
     name: str
     kind: str
+    """One of LANDMARK_KINDS."""
     x_m: float
+    """Axis of a beacon; centre of a goal's mouth, on the goal line."""
     y_m: float
     width_m: float
+    """Diameter of a beacon; width of a goal's mouth."""
     depth_m: float
+    """Distance from the mouth to the rear wall of a goal; unused for a beacon."""
     band_bottom_m: float
     band_top_m: float
     lower_colour: str
+    """One of BAND_COLOURS, as `upper_colour`."""
     upper_colour: str
 
     @property
     def band_centre_m(self) -> float:
-        """Return the height where the two colours meet."""
+        """Height of the border between the two colours."""
         return 0.5 * (self.band_bottom_m + self.band_top_m)
 
 
 def read_landmarks(path: Path) -> tuple[Landmark, ...]:
-    """Return the landmarks of a CSV file. Raises ConfigError naming line, column and value."""
+    """Read the landmarks of a CSV file.
+
+    Raises:
+        ConfigError: The file is unreadable or wrong; names line, column and value.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -62,7 +70,16 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
 
 
 def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, ...]:
-    """Return the landmarks of CSV lines; `file` is named in errors; # starts a comment line."""
+    """Parse the landmarks of CSV lines.
+
+    Args:
+        lines: Header and rows; # starts a comment line.
+        file: Name of the file in error texts.
+
+    Raises:
+        ConfigError: A line is wrong; names line, column and value.
+    """
+    # Numbered before comments and blank lines are dropped, so that errors name lines of the file.
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     names = [field.name for field in fields(Landmark)]
     if (
@@ -111,6 +128,7 @@ def _parse_landmark(location: SourceLocation, line: str, names: list[str]) -> La
             raise ConfigError(
                 location, key=key, value=row[key], expected="one of " + ", ".join(allowed)
             )
+    # The suffix of a field's name is its type: all lengths are floats, all other columns text.
     numbers = {key: _parse_metres(location, key, row[key]) for key in names if key.endswith("_m")}
     texts = {key: row[key] for key in names if not key.endswith("_m")}
     landmark = Landmark(**texts, **numbers)  # type: ignore[arg-type] # keys are split by type above

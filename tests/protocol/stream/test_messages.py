@@ -1,8 +1,9 @@
-"""All messages of the modern stream: round trips, and the refusal of every missing field."""
+"""All messages of the ZeroMQ stream: round trips, and the rejection of every missing field."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import get_args
 
 import msgpack
 import pytest
@@ -25,11 +26,16 @@ OPTIONAL_FIELDS = [(m, field.name) for m, field in FIELDS if field.default is No
 MISSING = [(m, field.name) for m, field in FIELDS if field.default is dataclasses.MISSING]
 
 
-def read(data: bytes) -> Request | Reply | None:
-    """Return the message of bytes, whoever sends its kind."""
+def decode(data: bytes) -> Request | Reply | None:
+    """Decode a message of either side."""
     if msgpack.unpackb(data)["kind"] in REQUESTS:
         return request_from_bytes(data)
     return reply_from_bytes(data)
+
+
+def test_tables_hold_every_member_of_their_union() -> None:
+    assert set(REQUESTS.values()) == set(get_args(Request))
+    assert set(REPLIES.values()) == set(get_args(Reply))
 
 
 def test_samples_are_all_messages() -> None:
@@ -38,42 +44,40 @@ def test_samples_are_all_messages() -> None:
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.KIND)
-def test_message_when_packed_and_read_is_itself(message: Request | Reply) -> None:
-    assert read(bytes_from_message(message)) == message
+def test_message_when_encoded_and_decoded_is_equal(message: Request | Reply) -> None:
+    assert decode(bytes_from_message(message)) == message
 
 
 @pytest.mark.parametrize(("message", "name"), OPTIONAL_FIELDS, ids=lambda x: getattr(x, "KIND", x))
-def test_field_when_it_came_later_and_is_missing_is_none(
-    message: Request | Reply, name: str
-) -> None:
+def test_field_when_optional_and_missing_is_none(message: Request | Reply, name: str) -> None:
     fields = msgpack.unpackb(bytes_from_message(message))
     del fields[name]
-    assert getattr(read(msgpack.packb(fields)), name) is None
+    assert getattr(decode(msgpack.packb(fields)), name) is None
 
 
 @pytest.mark.parametrize(("message", "name"), MISSING, ids=lambda x: getattr(x, "KIND", x))
-def test_field_when_missing_is_refused_with_its_name(message: Request | Reply, name: str) -> None:
+def test_field_when_missing_is_rejected_with_its_name(message: Request | Reply, name: str) -> None:
     fields = msgpack.unpackb(bytes_from_message(message))
     del fields[name]
     with pytest.raises(RemoteProtocolError, match=f"'{name}'"):
-        read(msgpack.packb(fields))
+        decode(msgpack.packb(fields))
 
 
-def test_request_when_its_kind_is_unknown_names_those_that_are_known() -> None:
-    with pytest.raises(RemoteProtocolError, match=r"'fly'.*ask_frame"):
+def test_request_when_its_kind_is_unknown_lists_the_known_kinds() -> None:
+    with pytest.raises(RemoteProtocolError, match=r"'fly'.*get_frame"):
         request_from_bytes(msgpack.packb({"kind": "fly"}))
 
 
-def test_answer_when_its_kind_is_unknown_is_nothing() -> None:
-    assert reply_from_bytes(msgpack.packb({"kind": "news"})) is None
+def test_reply_when_its_kind_is_unknown_is_none() -> None:
+    assert reply_from_bytes(msgpack.packb({"kind": "forecast"})) is None
 
 
-def test_answer_when_of_another_version_says_what_to_do() -> None:
+def test_reply_when_of_another_version_names_the_remedy() -> None:
     with pytest.raises(RemoteProtocolError, match=f"version 2 .* this client {SCHEMA_VERSION}"):
         reply_from_bytes(msgpack.packb({"kind": "frame", "version": 2}))
 
 
-def test_message_when_too_long_is_refused() -> None:
+def test_message_when_too_long_is_rejected() -> None:
     with pytest.raises(RemoteProtocolError, match="at most"):
         request_from_bytes(bytes(MAX_REQUEST_BYTES + 1))
     with pytest.raises(RemoteProtocolError, match="at most"):

@@ -1,4 +1,4 @@
-"""The door to msgpack: what is refused, by name, and before memory is taken."""
+"""The msgpack codec: wrong fields are rejected by name, oversized messages before allocation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LIMIT = 1000
 
 
 class Colour(Enum):
-    """Two of them."""
+    """An enum with two members."""
 
     RED = "red"
     BLUE = "blue"
@@ -32,37 +32,37 @@ class Colour(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NestedFields:
-    """A part."""
+    """A nested dataclass."""
 
     size: int
 
 
 @dataclass(frozen=True, slots=True)
 class AllFieldTypes:
-    """One field of each sort that is read."""
+    """One field of each supported type."""
 
-    whole: int
-    number: float
-    text: str
-    flag: bool
-    maybe: float | None
-    three: tuple[float, float, float]
-    some: tuple[NestedFields, ...]
+    an_int: int
+    a_float: float
+    a_str: str
+    a_bool: bool
+    optional: float | None
+    triple: tuple[float, float, float]
+    items: tuple[NestedFields, ...]
     table: dict[str, float]
     colour: Colour
-    inner: NestedFields
+    nested: NestedFields
 
 
 ALL_FIELD_TYPES = AllFieldTypes(
     *(1, 2.5, "a", True, None, (1.0, 2.0, 3.0), (NestedFields(4), NestedFields(5)), {"x": 6.0}),
     *(Colour.BLUE, NestedFields(7)),
 )
-FIELDS = unpack(pack("form", ALL_FIELD_TYPES), LIMIT)
+FIELDS = unpack(pack("sample", ALL_FIELD_TYPES), LIMIT)
 
 
-def test_dataclass_when_packed_and_read_is_itself() -> None:
+def test_dataclass_when_packed_and_unpacked_is_equal() -> None:
     assert dataclass_from_fields(AllFieldTypes, FIELDS) == ALL_FIELD_TYPES
-    assert read_str_field(FIELDS, "kind") == "form"
+    assert read_str_field(FIELDS, "kind") == "sample"
 
 
 def test_fields_when_unknown_are_ignored() -> None:
@@ -70,50 +70,50 @@ def test_fields_when_unknown_are_ignored() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in FIELDS if name != "kind"])
-def test_field_when_missing_is_refused_with_its_name(name: str) -> None:
+def test_field_when_missing_is_rejected_with_its_name(name: str) -> None:
     fields = {key: value for key, value in FIELDS.items() if key != name}
-    with pytest.raises(RemoteProtocolError, match=f"Form without the field '{name}'"):
+    with pytest.raises(RemoteProtocolError, match=f"AllFieldTypes without the field '{name}'"):
         dataclass_from_fields(AllFieldTypes, fields)
 
 
 WRONG = [
-    ("whole", 1.0, "whole: 1.0: expected a whole number"),
-    ("whole", True, "whole: True"),
-    ("whole", 2**64 - 1, "63 bits"),
-    ("number", "2", "number: '2': expected a finite number"),
-    ("number", math.nan, "finite"),
-    ("text", 3, "text: 3: expected a text"),
-    ("flag", 0, "flag: 0: expected true or false"),
-    ("three", [1, 2], "three: .*expected a list of 3"),
-    ("three", [1, 2, "3"], r"three\[2\]: '3'"),
-    ("some", [{"size": 1}, {}], r"some\[1\] without the field 'size'"),
-    ("some", 7, "some: 7: expected a list"),
+    ("an_int", 1.0, "an_int: 1.0: expected an int"),
+    ("an_int", True, "an_int: True"),
+    ("an_int", 2**64 - 1, "63 bits"),
+    ("a_float", "2", "a_float: '2': expected a finite number"),
+    ("a_float", math.nan, "finite"),
+    ("a_str", 3, "a_str: 3: expected a str"),
+    ("a_bool", 0, "a_bool: 0: expected a bool"),
+    ("triple", [1, 2], "triple: .*expected a list of 3"),
+    ("triple", [1, 2, "3"], r"triple\[2\]: '3'"),
+    ("items", [{"size": 1}, {}], r"items\[1\] without the field 'size'"),
+    ("items", 7, "items: 7: expected a list"),
     ("table", {"x": "y"}, r"table\.x: 'y'"),
     ("colour", "green", "colour: 'green': expected one of red, blue"),
     ("colour", [1], "colour"),
-    ("inner", None, "inner: None: expected a map"),
-    ("inner", {}, "inner without the field 'size'"),
+    ("nested", None, "nested: None: expected a map"),
+    ("nested", {}, "nested without the field 'size'"),
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "said"), WRONG)
-def test_field_when_wrong_is_refused_with_name_value_and_expectation(
-    name: str, value: object, said: str
+@pytest.mark.parametrize(("name", "value", "expected_message"), WRONG)
+def test_field_when_wrong_is_rejected_with_name_value_and_expectation(
+    name: str, value: object, expected_message: str
 ) -> None:
-    with pytest.raises(RemoteProtocolError, match=said):
+    with pytest.raises(RemoteProtocolError, match=expected_message):
         dataclass_from_fields(AllFieldTypes, {**FIELDS, name: value})
 
 
-BAD = {
+MALFORMED = {
     "nothing": b"",
     "cut": b"\x81\xa1",
     "a list": b"\x90",
     "two objects": b"\x80\x80",
     "never used byte": b"\xc1",
     "no utf-8": b"\x81\xa1\xff\x01",
-    "a huge map announced": b"\xdf\xff\xff\xff\xff",
-    "a huge list announced": b"\x81\xa1a\xdd\xff\xff\xff\xff",
-    "a huge text announced": b"\x81\xa1a\xdb\xff\xff\xff\xff",
+    "length of a huge map": b"\xdf\xff\xff\xff\xff",
+    "length of a huge list": b"\x81\xa1a\xdd\xff\xff\xff\xff",
+    "length of a huge str": b"\x81\xa1a\xdb\xff\xff\xff\xff",
     "binary": b"\x81\xa1a\xc4\x01a",
     "an extension": b"\x81\xa1a\xd4\x01a",
     "a timestamp": b"\x81\xa1a\xd6\xff\0\0\0\0",
@@ -122,13 +122,13 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("data", BAD.values(), ids=BAD.keys())
-def test_bytes_when_not_a_map_within_limits_are_refused(data: bytes) -> None:
+@pytest.mark.parametrize("data", MALFORMED.values(), ids=MALFORMED.keys())
+def test_bytes_when_not_a_map_within_limits_are_rejected(data: bytes) -> None:
     with pytest.raises(RemoteProtocolError):
         unpack(data, LIMIT)
 
 
-def test_bytes_when_too_many_are_refused_unread() -> None:
+def test_bytes_when_too_many_are_rejected_undecoded() -> None:
     with pytest.raises(RemoteProtocolError, match="1001 bytes: at most 1000"):
         unpack(bytes(LIMIT + 1), LIMIT)
 
@@ -152,7 +152,7 @@ def test_text_when_missing_is_named() -> None:
 
 
 @given(st.binary(max_size=60))
-def test_any_bytes_are_read_or_refused(data: bytes) -> None:
+def test_any_bytes_are_decoded_or_rejected(data: bytes) -> None:
     check_read_or_rejection(data)
 
 
@@ -164,11 +164,11 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from(sorted(FIELDS)), VALUES))
-def test_any_map_is_read_or_refused(changes: dict[str, object]) -> None:
+def test_any_map_is_decoded_or_rejected(changes: dict[str, object]) -> None:
     check_read_or_rejection(msgpack.packb({**FIELDS, **changes}))
 
 
 def check_read_or_rejection(data: bytes) -> None:
-    """Read a form; fail for any error but the one that is meant."""
+    """Decode a message; fail for any error other than RemoteProtocolError."""
     with contextlib.suppress(RemoteProtocolError):
         assert isinstance(dataclass_from_fields(AllFieldTypes, unpack(data, LIMIT)), AllFieldTypes)

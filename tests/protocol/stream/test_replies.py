@@ -1,4 +1,4 @@
-"""The table of what a server says, and the header as people read it."""
+"""The table of replies, their chapter of the specification, and the log text of a header."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import dataclasses
 
 from catoptra_protocol.stream.replies import (
     REPLIES,
+    EffectRecord,
     LandmarkRecord,
+    PlanAlternative,
     StartPoseRecord,
     Transform,
 )
@@ -14,20 +16,22 @@ from catoptra_protocol.stream.requests import REQUESTS
 from helpers.configs import REPOSITORY
 from helpers.stream_messages import HEADER
 
+# Dataclasses inside messages; they have no kind of their own.
+RECORDS = (Transform, LandmarkRecord, StartPoseRecord, EffectRecord, PlanAlternative)
 SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
 
 
-def test_answers_are_kept_under_their_kinds() -> None:
-    assert all(kind == form.KIND for kind, form in REPLIES.items())
+def test_replies_are_listed_under_their_kinds() -> None:
+    assert all(kind == reply.KIND for kind, reply in REPLIES.items())
 
 
-def test_header_when_logged_says_what_matters() -> None:
+def test_header_when_logged_names_camera_size_and_age() -> None:
     assert str(HEADER) == "frame 42 of 'Omni', 6 x 4 px raw, 30.0 ms old"
 
 
 def test_specification_names_every_kind_and_field() -> None:
-    chapter = SPECIFICATION.read_text(encoding="utf-8").partition("## 9. The modern stream")[2]
-    for form in (*REQUESTS.values(), *REPLIES.values(), Transform, LandmarkRecord, StartPoseRecord):
-        names = [field.name for field in dataclasses.fields(form)]
-        for name in [*names, getattr(form, "KIND", "id")]:
-            assert f"`{name}`" in chapter, f"{form.__name__}: {name}"
+    chapter = SPECIFICATION.read_text(encoding="utf-8").partition("## 9. The ZeroMQ stream")[2]
+    for message_type in (*REQUESTS.values(), *REPLIES.values(), *RECORDS):
+        names = [field.name for field in dataclasses.fields(message_type)]
+        for name in [*names, getattr(message_type, "KIND", "id")]:
+            assert f"`{name}`" in chapter, f"{message_type.__name__}: {name}"

@@ -1,4 +1,4 @@
-"""The table of what a client may ask."""
+"""The table of requests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import dataclasses
 from catoptra_protocol.stream.requests import REQUESTS
 
 
-def test_requests_are_kept_under_their_kinds_and_carry_an_id() -> None:
-    for kind, form in REQUESTS.items():
-        assert kind == form.KIND == kind.lower()
-        assert dataclasses.fields(form)[0].name == "id"
+def test_requests_are_listed_under_their_kinds_and_have_an_id() -> None:
+    for kind, request in REQUESTS.items():
+        assert kind == request.KIND == kind.lower()
+        assert dataclasses.fields(request)[0].name == "id"

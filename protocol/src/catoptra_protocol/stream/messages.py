@@ -1,4 +1,4 @@
-"""The modern stream's messages as bytes: one msgpack map each, `kind` first. SPEC.md, last part."""
+"""Messages of the ZeroMQ stream as bytes: one msgpack map each, `kind` first (SPEC.md 9.1)."""
 
 from __future__ import annotations
 
@@ -14,17 +14,26 @@ from catoptra_protocol.stream.msgpack_codec import (
 from catoptra_protocol.stream.replies import REPLIES, Reply
 from catoptra_protocol.stream.requests import REQUESTS, Request
 
-# Raised when a field changes its meaning or a new one becomes necessary; new fields alone do not.
+# Raised when a field changes its meaning or a new required field appears; optional fields do not
+# raise it, since readers ignore unknown fields and fill in defaults.
 SCHEMA_VERSION = 1
 
 
 def bytes_from_message(message: Request | Reply) -> bytes:
-    """Return a message's part. Raises LocalProtocolError for a number that is not finite."""
+    """Encode a message as one ZeroMQ part.
+
+    Raises:
+        LocalProtocolError: A number of the message is not finite.
+    """
     return pack(message.KIND, message)
 
 
 def request_from_bytes(data: bytes) -> Request:
-    """Return what a client asks. Raises RemoteProtocolError naming what is missing or wrong."""
+    """Decode a request of a client.
+
+    Raises:
+        RemoteProtocolError: The bytes are no request; names the missing or wrong field.
+    """
     fields = unpack(data, MAX_REQUEST_BYTES)
     kind = read_str_field(fields, "kind")
     if kind not in REQUESTS:
@@ -34,15 +43,18 @@ def request_from_bytes(data: bytes) -> Request:
 
 
 def reply_from_bytes(data: bytes) -> Reply | None:
-    """Return what a server says; None for a kind that a newer server may have.
+    """Decode a message of a server; None for an unknown kind, which a newer server may send.
 
-    Raises RemoteProtocolError naming what is missing or wrong, or another version.
+    Raises:
+        RemoteProtocolError: The bytes are no reply, or one of another protocol version; names the
+            missing or wrong field.
     """
     fields = unpack(data, MAX_REPLY_BYTES)
+    # Before the kind: a field of another version may have another meaning under the same name.
     version = fields.get("version", SCHEMA_VERSION)
     if version != SCHEMA_VERSION:
         raise RemoteProtocolError(
-            f"the server speaks version {version!r} of the stream, this client {SCHEMA_VERSION}: "
+            f"the server has version {version!r} of the stream, this client {SCHEMA_VERSION}: "
             "install the same release on both sides"
         )
     kind = read_str_field(fields, "kind")

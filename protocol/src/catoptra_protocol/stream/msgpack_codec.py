@@ -1,9 +1,9 @@
-"""Frozen dataclasses to msgpack maps and back: the one door to msgpack. No socket, no clock.
+"""Frozen dataclasses to msgpack maps and back: the only module that imports msgpack.
 
-A message is a map of field names to values. What is read is checked against the types of the
-dataclass: unknown fields are ignored, a missing or wrong one is refused with its name; one with a
-default may be missing, since it came later than others. Sizes are limited before memory is taken;
-no extension types, no object hooks. Source: msgpack's spec.md.
+A message is a map of field names to values, checked against the types of its dataclass: unknown
+fields are ignored, a missing or wrong one is an error with its name; a field with a default may be
+missing, since peers of an earlier release do not send it. Sizes are limited before memory is
+allocated; no extension types, no object hooks. Source: spec.md of msgpack.
 """
 
 from __future__ import annotations
@@ -22,30 +22,40 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 
 # A request holds a few numbers and names of at most 256 characters.
 MAX_REQUEST_BYTES = 8 * 1024
-# The largest answer lists landmarks: a thousand of 300 bytes each fit.
+# The largest reply lists landmarks: a thousand of 300 bytes each fit.
 MAX_REPLY_BYTES = 512 * 1024
 # Entries of a list, fields of a map: as many as the landmarks above, and the widest header twice.
 _MAX_ITEMS = 2048
 _MAX_FIELDS = 128
+# Integers of 63 bits: languages without unsigned integers can hold any id.
 _MAX_INT = 2**63 - 1
-_MAX_QUOTED_CHARS = 80  # characters of a wrong value that an error quotes
+_MAX_QUOTED_CHARS = 80  # of a wrong value in an error text
 
-FieldMap = Mapping[str, Any]  # Any: what msgpack can hold, before it is checked
+FieldMap = Mapping[str, Any]  # Any: every value of msgpack, before its check
 FieldReader = Callable[[Any, str], Any]
 _T = TypeVar("_T")
 
 
 def pack(kind: str, message: Any) -> bytes:
-    """Return the bytes of a dataclass, its kind first. Raises LocalProtocolError if not finite."""
+    """Encode a dataclass as a msgpack map, its kind first.
+
+    Raises:
+        LocalProtocolError: A number of the message is not finite.
+    """
     fields = {"kind": kind, **_fields_from_dataclass(message)}
     data: bytes = msgpack.packb(fields, default=_msgpack_default)
     return data
 
 
 def unpack(data: bytes, max_bytes: int) -> FieldMap:
-    """Return the map that bytes hold. Raises RemoteProtocolError if they hold anything else."""
+    """Decode the msgpack map of a message, its values unchecked.
+
+    Raises:
+        RemoteProtocolError: The bytes are too many, or not exactly one map.
+    """
     if len(data) > max_bytes:
         raise RemoteProtocolError(f"a message of {len(data)} bytes: at most {max_bytes} are read")
+    # Limits for each container: msgpack allocates an array from its announced length alone.
     try:
         fields = msgpack.unpackb(
             data,
@@ -56,9 +66,10 @@ def unpack(data: bytes, max_bytes: int) -> FieldMap:
             max_map_len=_MAX_FIELDS,
         )
     except (ValueError, msgpack.UnpackException) as error:
-        said = str(error) or type(error).__name__
+        # Some of msgpack's exceptions have no text, the nesting limit among them.
+        reason = str(error) or type(error).__name__
         raise RemoteProtocolError(
-            f"no msgpack that is read here: {said[:_MAX_QUOTED_CHARS]}"
+            f"no msgpack that is accepted here: {reason[:_MAX_QUOTED_CHARS]}"
         ) from error
     if not isinstance(fields, dict):
         raise _field_error("the message", fields, "a map of field names")
@@ -66,30 +77,43 @@ def unpack(data: bytes, max_bytes: int) -> FieldMap:
 
 
 def dataclass_from_fields(dataclass_type: type[_T], fields: FieldMap, path: str = "") -> _T:
-    """Return a dataclass from the fields of a map; each of them is checked."""
+    """Build a dataclass from a map, with a check of every field.
+
+    Args:
+        dataclass_type: Class with fields of the types in `_reader_for_type`.
+        fields: Map as msgpack decoded it.
+        path: Position of the map inside the message, for error texts.
+
+    Raises:
+        RemoteProtocolError: A field is missing or has another type; names the field.
+    """
     values = {}
-    key: Any = dataclass_type  # a class can be hashed, which type[T] does not promise
+    key: Any = dataclass_type  # hashable, which type[T] does not promise to the caches below
     for name, reader in _field_readers(key).items():
         if name in fields:
             values[name] = reader(fields[name], f"{path}.{name}" if path else name)
         elif name not in _optional_fields(key):
-            raise RemoteProtocolError(
-                f"{path or dataclass_type.__name__} without the field {name!r}"
-            )
+            owner = path or dataclass_type.__name__
+            raise RemoteProtocolError(f"{owner} without the field {name!r}")
     return dataclass_type(**values)
 
 
 def read_str_field(fields: FieldMap, name: str) -> str:
-    """Return a field that is a text; for what must be known before the form is."""
+    """Text field of a map whose dataclass is not known yet.
+
+    Raises:
+        RemoteProtocolError: The field is missing or not a str.
+    """
     if name not in fields:
         raise RemoteProtocolError(f"a message without the field {name!r}")
-    text: str = _read_str(fields[name], name)
-    return text
+    return _read_str(fields[name], name)
 
 
+# Resolved once per class: get_type_hints evaluates every annotation, which would cost more than
+# decoding the message.
 @cache
 def _field_readers(dataclass_type: Any) -> dict[str, FieldReader]:
-    """Return how each field of a dataclass is read."""
+    """Reader of each field of a dataclass, by name."""
     hints = get_type_hints(dataclass_type)
     return {
         field.name: _reader_for_type(hints[field.name])
@@ -99,29 +123,28 @@ def _field_readers(dataclass_type: Any) -> dict[str, FieldReader]:
 
 @cache
 def _optional_fields(dataclass_type: Any) -> frozenset[str]:
-    """Return the fields that have a default: older peers do not know them."""
+    """Names of the fields with a default, which peers of an earlier release do not send."""
     fields = dataclasses.fields(dataclass_type)
     return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
 
 
 def _reader_for_type(hint: Any) -> FieldReader:
-    """Return how a value of a type is read."""
+    """Reader of a value of a type: scalars, X | None, tuples, dicts, enums, dataclasses."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in _SCALAR_READERS:
         return _SCALAR_READERS[hint]
     if origin is types.UnionType:
         return _optional_reader(_reader_for_type(parts[0]))
     if origin is tuple:
-        return _list_reader(
-            _reader_for_type(parts[0]), None if parts[1] is Ellipsis else len(parts)
-        )
+        length = None if parts[1] is Ellipsis else len(parts)
+        return _list_reader(_reader_for_type(parts[0]), length)
     if origin is dict:
         return _map_reader(_reader_for_type(parts[1]))
     if issubclass(hint, Enum):
         return _enum_reader(hint)
-    form: type[Any] = hint
-    assert dataclasses.is_dataclass(form), f"no way to read {form}"
-    return lambda value, path: dataclass_from_fields(form, _read_map(value, path), path)
+    nested: type[Any] = hint
+    assert dataclasses.is_dataclass(nested), f"no reader for fields of type {nested}"
+    return lambda value, path: dataclass_from_fields(nested, _read_map(value, path), path)
 
 
 def _optional_reader(reader: FieldReader) -> FieldReader:
@@ -147,9 +170,10 @@ def _map_reader(reader: FieldReader) -> FieldReader:
 
 def _enum_reader(enum: type[Enum]) -> FieldReader:
     def member(value: Any, path: str) -> Enum:
-        for one in enum:
-            if one.value == value:
-                return one
+        # Not enum(value): a value of msgpack may be unhashable.
+        for candidate in enum:
+            if candidate.value == value:
+                return candidate
         raise _field_error(path, value, "one of " + ", ".join(str(one.value) for one in enum))
 
     return member
@@ -162,6 +186,8 @@ def _read_map(value: Any, path: str) -> FieldMap:
 
 
 def _read_float(value: Any, path: str) -> float:
+    # bool is a subclass of int in Python and must not pass for a number. An integer does: msgpack
+    # libraries of dynamic languages send 1.0 as 1.
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise _field_error(path, value, "a finite number")
     return float(value)
@@ -169,19 +195,19 @@ def _read_float(value: Any, path: str) -> float:
 
 def _read_int(value: Any, path: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _MAX_INT:
-        raise _field_error(path, value, "a whole number of 63 bits")
+        raise _field_error(path, value, "an int of 63 bits")
     return value
 
 
 def _read_str(value: Any, path: str) -> str:
     if not isinstance(value, str):
-        raise _field_error(path, value, "a text")
+        raise _field_error(path, value, "a str")
     return value
 
 
 def _read_bool(value: Any, path: str) -> bool:
     if not isinstance(value, bool):
-        raise _field_error(path, value, "true or false")
+        raise _field_error(path, value, "a bool")
     return value
 
 
@@ -194,7 +220,7 @@ _SCALAR_READERS: dict[Any, FieldReader] = {
 
 
 def _msgpack_default(value: Any) -> Any:
-    """Return what msgpack can write of a value that it does not know."""
+    """Convert an enum member or a nested dataclass, which msgpack cannot encode itself."""
     if isinstance(value, Enum):
         return value.value
     return _fields_from_dataclass(value)
@@ -202,6 +228,7 @@ def _msgpack_default(value: Any) -> Any:
 
 def _fields_from_dataclass(message: Any) -> dict[str, Any]:
     fields = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    # Readers reject NaN and infinity, so sending one would only move the failure to the peer.
     for name, value in fields.items():
         if isinstance(value, float) and not math.isfinite(value):
             raise LocalProtocolError(f"{type(message).__name__}.{name} is not finite: {value}")

@@ -1,8 +1,11 @@
-"""What a server of the modern stream says: one frozen dataclass an answer.
+"""The replies of a stream server: one frozen dataclass each, and their table REPLIES.
 
-Every field is always there, nil where there is nothing. A frame's header is followed by a second
-part, the picture. To add one: its dataclass, its line in the union and in ANSWERS, its row in
-SPEC.md.
+Every field is always present on the wire, nil where there is no value. The header of a frame is
+followed by a second part, the image.
+
+To add a reply: its dataclass, its entries in `Reply` and REPLIES, its row in SPEC.md 9.3, a vector
+in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py. A new field gets a
+default where peers of an earlier release do not send it.
 """
 
 from __future__ import annotations
@@ -11,70 +14,82 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from catoptra_protocol.stream.requests import ImageEncoding
-from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_protocol.vectors import Vector3
 
+# Nine numbers rather than three rows: msgpack would spend a header on each row.
 RotationRows = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """A rigid transform parent_from_child: the child's origin, and rotation (3, 3) row by row."""
+    """A rigid transform parent_from_child."""
 
     position_m: Vector3
+    """Origin of the child frame in the parent frame."""
     rotation: RotationRows
+    """Rotation matrix (3, 3), row by row."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffectRecord:
-    """What was decided about one effect: the most that it can change any pixel, and why.
-
-    ms: what it took in this picture; None of one that is off, and of one that changes the scene:
-    its time is in the stages that draw it.
-    """
+    """Decision about one image effect in a frame."""
 
     name: str
     enabled: bool
     bound: float
+    """Largest change of any pixel that the effect can cause."""
     threshold: float
+    """Change below which `auto` disables the effect."""
     unit: str
+    """Unit of bound and threshold."""
     reason: str
     duration_ms: float | None = None
+    """Duration in this frame; None for a disabled effect and for one that changes the scene, whose
+    duration is part of the stages that render the scene."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameHeader:
-    """Everything that is known of the picture in the next part.
-
-    error_bound_px: how far off any outline may be; bound: that and its parts by name.
-    time_s, world_from_robot: of the exposure. camera_model: the pairs of CONF, None where no camera
-    is shown. age_s: from the exposure to the sending. missed: frames drawn for others and not sent
-    to this subscriber, in all. dropped: frames of its own that it did not take. error_bound_px and
-    plan: None where unknown. effects: of those that the robot's file names, in optical order.
-    """
+    """Metadata of the image in the next part."""
 
     KIND: ClassVar[str] = "frame"
 
     version: int
     id: int
     robot: str
+    """Robot with the camera; empty where several robots, or none, share the image."""
     class_name: str
     camera: str
+    """Camera; empty where several cameras share the image."""
     sequence: int
+    """Number of the frame on its channel, from 1."""
     time_s: float
+    """Simulation time of the exposure."""
     world_from_robot: Transform
+    """Pose of the robot at the exposure."""
     robot_from_mirror: Transform | None
+    """Pose of the effective viewpoint (pinhole of an ordinary camera); None without one camera."""
     camera_model: dict[str, str] | None
+    """Pairs of CONF; None without one camera."""
     plan: str | None
+    """Description of the rendering plan; None if unknown."""
     error_bound_px: float | None
+    """Bound on the displacement of any outline; None if unknown."""
     stage_ms: dict[str, float]
+    """Duration of each rendering stage by name."""
     encoding: ImageEncoding
     width_px: int
     height_px: int
     age_s: float
+    """Time from the exposure to the sending."""
     missed_frames: int
+    """Frames of the channel rendered and not sent to this client, in total."""
     dropped_frames: int
+    """Frames requested by this client that it did not read, in total."""
     error_bounds: dict[str, float] | None = None
+    """`error_bound_px` and its parts by name (SPEC.md 9.5)."""
     effects: tuple[EffectRecord, ...] = ()
+    """Decisions about the effects that the robot file names, in optical order."""
 
     def __str__(self) -> str:
         return (
@@ -85,28 +100,29 @@ class FrameHeader:
 
 @dataclass(frozen=True, slots=True)
 class Ok:
-    """It was done."""
+    """Acknowledgement of a request without a result."""
 
-    KIND: ClassVar[str] = "done"
+    KIND: ClassVar[str] = "ok"
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
 class Error:
-    """It was not done, and why. id 0: what came could not be read so far."""
+    """Rejection of a request, with a reason for people."""
 
-    KIND: ClassVar[str] = "refused"
+    KIND: ClassVar[str] = "error"
 
     id: int
+    """Id of the request; 0 for a message that is not readable up to its id."""
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class SensorReports:
-    """Lines of the control protocol: what the robot's sensors read."""
+    """Sensor readings as lines of the control protocol, without line ends."""
 
-    KIND: ClassVar[str] = "reported"
+    KIND: ClassVar[str] = "sensor_reports"
 
     id: int
     reports: tuple[str, ...]
@@ -114,25 +130,25 @@ class SensorReports:
 
 @dataclass(frozen=True, slots=True)
 class CameraReply:
-    """A camera's law, as the pairs of CONF, where its viewpoint sits, and how it is drawn."""
+    """Model, mounting and rendering plan of a camera."""
 
     KIND: ClassVar[str] = "camera"
 
     id: int
     class_name: str
+    """Class of the robots with this camera."""
     camera: str
     camera_model: dict[str, str]
+    """Pairs of CONF."""
     robot_from_mirror: Transform
+    """Pose of the effective viewpoint."""
     plan: str | None
+    """Description of the rendering plan; None before the first one."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkRecord:
-    """One landmark, with the fields and units of the landmarks' file.
-
-    Of the camera that was asked about, else None: pixel, where the middle of the band lies in its
-    picture, None outside it. visible: whether it lies there and nothing stands before it.
-    """
+    """One landmark with the fields and units of `catoptra_protocol.landmarks.Landmark`."""
 
     name: str
     kind: str
@@ -145,34 +161,38 @@ class LandmarkRecord:
     lower_colour: str
     upper_colour: str
     pixel: tuple[float, float] | None = None
+    """Projection of the band centre into the requested camera; None outside the image."""
     visible: bool | None = None
+    """Whether the pixel lies in the image without an occluder; None without a camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarksReply:
-    """All landmarks of the world, in the world frame. time_s: when a camera saw them so."""
+    """All landmarks of the world, in the world frame."""
 
     KIND: ClassVar[str] = "landmarks"
 
     id: int
     landmarks: tuple[LandmarkRecord, ...]
     time_s: float | None = None
+    """Simulation time of the projections; None without a camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartPoseRecord:
-    """One named start pose."""
+    """One named start pose in the world frame."""
 
     name: str
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartPosesReply:
     """All named start poses."""
 
-    KIND: ClassVar[str] = "starts"
+    KIND: ClassVar[str] = "start_poses"
 
     id: int
     start_poses: tuple[StartPoseRecord, ...]
@@ -180,24 +200,30 @@ class StartPosesReply:
 
 @dataclass(frozen=True, slots=True)
 class StatusReply:
-    """What the server is: its world, the classes it can spawn, its clock; whom it serves."""
+    """Identity and state of the server."""
 
     KIND: ClassVar[str] = "status"
 
     version: int
+    """Version of the stream protocol."""
     id: int
     server: str
+    """Product and release."""
     world: str
     class_names: tuple[str, ...]
+    """Robot classes that can be spawned."""
     clock: str
+    """`realtime` or `lockstep`."""
     num_clients: int
     has_robot: bool
+    """Whether this client has a robot."""
     sent_frames: int
+    """Frames sent to this client."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanAlternative:
-    """Another plan: how far off its outlines may be, and what a frame is expected to take."""
+    """A neighbour of the current plan on the Pareto front of error bound and cost."""
 
     plan: str
     error_bound_px: float
@@ -206,47 +232,65 @@ class PlanAlternative:
 
 @dataclass(frozen=True, slots=True)
 class PlanReply:
-    """How a camera is drawn from now on, and what a little more or less would cost.
-
-    max_error_px, budget_ms: what is asked, 0 = not. keeps_word: whether that is kept. error_px and
-    bound: None where there is no bound. cost_ms: expected, None where nothing is asked. median_ms:
-    of the last frames, None before there are 30.
-    """
+    """The rendering plan of a camera, and its neighbours in either direction."""
 
     KIND: ClassVar[str] = "plan"
 
     id: int
     camera: str
     max_error_px: float
+    """Tolerance; 0 = none."""
     budget_ms: float
+    """Budget; 0 = none."""
     plan: str
     target_met: bool
+    """Whether the plan meets the target; the reason is part of `plan`."""
     error_bound_px: float | None
+    """Bound on the displacement of any outline; None without a bound."""
     error_bounds: dict[str, float] | None
+    """`error_bound_px` and its parts by name (SPEC.md 9.5)."""
     cost_ms: float | None
+    """Predicted duration of a frame; None without a target."""
     median_frame_ms: float | None
+    """Median duration of the last 30 frames; None before."""
     more_accurate: PlanAlternative | None
     faster: PlanAlternative | None
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The server lives; sent to every client it knows, whatever the drawing does."""
+    """Unsolicited sign of life, independent of simulation and rendering."""
 
-    KIND: ClassVar[str] = "pulse"
+    KIND: ClassVar[str] = "heartbeat"
 
     version: int
 
 
 Reply = (
-    FrameHeader | Ok | Error | SensorReports | CameraReply | LandmarksReply
-    | StartPosesReply | StatusReply | PlanReply | Heartbeat
-)  # fmt: skip
+    FrameHeader
+    | Ok
+    | Error
+    | SensorReports
+    | CameraReply
+    | LandmarksReply
+    | StartPosesReply
+    | StatusReply
+    | PlanReply
+    | Heartbeat
+)
 
 REPLIES: dict[str, type[Reply]] = {
-    form.KIND: form
-    for form in (
-        *(FrameHeader, Ok, Error, SensorReports, CameraReply),
-        *(LandmarksReply, StartPosesReply, StatusReply, PlanReply, Heartbeat),
+    reply.KIND: reply
+    for reply in (
+        FrameHeader,
+        Ok,
+        Error,
+        SensorReports,
+        CameraReply,
+        LandmarksReply,
+        StartPosesReply,
+        StatusReply,
+        PlanReply,
+        Heartbeat,
     )
 }

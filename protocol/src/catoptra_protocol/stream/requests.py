@@ -1,8 +1,11 @@
-"""What a client of the modern stream may ask: one frozen dataclass a request.
+"""The requests of a stream client: one frozen dataclass each, and their table REQUESTS.
 
-Every field is always there, nil where there is nothing. `id` is the client's own choice, above 0;
-the answer carries it back. To add one: its dataclass, its line in the union and in REQUESTS, its
-row in SPEC.md.
+Every field is always present on the wire, nil where there is no value. The client chooses each
+`id`, above 0; the reply has the same id.
+
+To add a request: its dataclass, its entries in `Request` and REQUESTS, its row in SPEC.md 9.2, a
+vector in tests/conformance/data/stream, a sample in tests/helpers/stream_messages.py; then its case
+in transports/stream/stream_server.py (all clients) or stream_peer.py (one robot) of the server.
 """
 
 from __future__ import annotations
@@ -11,11 +14,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
-from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_protocol.vectors import Vector3
 
 
 class ImageEncoding(Enum):
-    """What the picture's part is: rows of R, G, B bytes without padding, or a file of this kind."""
+    """Encoding of the image part: rows of R, G, B bytes without padding, or a JPEG or PNG file."""
 
     RAW = "raw"
     JPEG = "jpeg"
@@ -24,47 +27,59 @@ class ImageEncoding(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GetFrameRequest:
-    """Ask for the newest frame not sent yet; an empty name takes the camera that is shown."""
+    """Request the newest frame that this client has not received.
 
-    KIND: ClassVar[str] = "ask_frame"
+    Two empty names select the image-port picture, otherwise an empty name selects the robot shown
+    there or the first camera of the robot.
+    """
+
+    KIND: ClassVar[str] = "get_frame"
 
     id: int
     robot: str
+    """Exact name of the robot, or empty."""
     camera: str
+    """Name of the camera in any case, or empty."""
     encoding: ImageEncoding
 
 
 @dataclass(frozen=True, slots=True)
 class SpawnRequest:
-    """Ask for a robot, at a location or at a named start; location goes before start."""
+    """Spawn a robot at a location or at a named start pose; the location takes precedence."""
 
-    KIND: ClassVar[str] = "ask_spawn"
+    KIND: ClassVar[str] = "spawn"
 
     id: int
     class_name: str
     name: str | None
+    """Requested name; the server appends a number to a name in use."""
     location_m: Vector3 | None
+    """Position in the world frame."""
     rotation_rad: Vector3
+    """Roll, pitch, yaw in the world frame; with a location only."""
     start: str | None
+    """Name of a start pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveRequest:
-    """Set wheel speeds in rad/s, or in percent if normalized; None leaves a side as it is."""
+    """Set the wheel speeds of both sides; None leaves a side unchanged."""
 
-    KIND: ClassVar[str] = "ask_drive"
+    KIND: ClassVar[str] = "drive"
 
     id: int
     left: float | None
+    """Speed in rad/s, or in percent of the maximum if normalized."""
     right: float | None
+    """As `left`."""
     normalized: bool
 
 
 @dataclass(frozen=True, slots=True)
 class StepRequest:
-    """Advance a lockstep clock."""
+    """Advance a lockstep clock by 0 to 60 s."""
 
-    KIND: ClassVar[str] = "ask_step"
+    KIND: ClassVar[str] = "step"
 
     id: int
     time_s: float
@@ -72,27 +87,27 @@ class StepRequest:
 
 @dataclass(frozen=True, slots=True)
 class ResetRequest:
-    """Take this client's robot out of the world, so that it can be spawned anew."""
+    """Remove the client's robot from the world and release its name."""
 
-    KIND: ClassVar[str] = "ask_reset"
+    KIND: ClassVar[str] = "reset"
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
 class GetReadingsRequest:
-    """Ask for the newest reading of each of the robot's sensors."""
+    """Request the newest reading of each sensor of the robot."""
 
-    KIND: ClassVar[str] = "ask_readings"
+    KIND: ClassVar[str] = "get_readings"
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
 class GetCameraRequest:
-    """Ask for the law of a camera; an empty name takes the first."""
+    """Request the model of a camera; an empty name selects the first one."""
 
-    KIND: ClassVar[str] = "ask_camera"
+    KIND: ClassVar[str] = "get_camera"
 
     id: int
     camera: str
@@ -100,67 +115,84 @@ class GetCameraRequest:
 
 @dataclass(frozen=True, slots=True)
 class GetLandmarksRequest:
-    """Ask where the world's landmarks truly are; with a robot or camera, what that camera sees.
+    """Request the true landmarks of the world, or their projections into one camera.
 
-    robot, camera: as in GetFrameRequest; both None: what is seen is not asked.
+    `robot` and `camera` select the camera as in GetFrameRequest; both None: no projections.
     """
 
-    KIND: ClassVar[str] = "ask_landmarks"
+    KIND: ClassVar[str] = "get_landmarks"
 
     id: int
+    # Defaults, since clients of the first release do not send these two.
     robot: str | None = None
     camera: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GetStartPosesRequest:
-    """Ask for the named start poses."""
+    """Request the named start poses."""
 
-    KIND: ClassVar[str] = "ask_starts"
+    KIND: ClassVar[str] = "get_start_poses"
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
 class GetStatusRequest:
-    """Ask what this server is and what it is doing."""
+    """Request identity and state of the server."""
 
-    KIND: ClassVar[str] = "ask_status"
+    KIND: ClassVar[str] = "get_status"
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
 class SetAccuracyRequest:
-    """Ask how this client's robot's omnidirectional camera is drawn; or have it drawn otherwise.
+    """Set the accuracy target of an omnidirectional camera, and request the resulting plan.
 
-    An empty camera takes the robot's. max_error_px: how far off any outline may be. budget_ms: how
-    long a frame may take. 0 = not asked any more, None = as it is.
+    With both targets None the request only reads the plan.
     """
 
-    KIND: ClassVar[str] = "ask_plan"
+    KIND: ClassVar[str] = "set_accuracy"
 
     id: int
     camera: str
+    """Name, or empty for the omnidirectional camera of this client's robot."""
     max_error_px: float | None
+    """Tolerance on the displacement of outlines; 0 = no tolerance, None = unchanged."""
     budget_ms: float | None
+    """Duration of a frame; 0 = no budget, None = unchanged."""
 
 
 Request = (
-    GetFrameRequest | SpawnRequest | DriveRequest | StepRequest | ResetRequest
-    | GetReadingsRequest | GetCameraRequest | GetLandmarksRequest | GetStartPosesRequest | GetStatusRequest | SetAccuracyRequest
-)  # fmt: skip
+    GetFrameRequest
+    | SpawnRequest
+    | DriveRequest
+    | StepRequest
+    | ResetRequest
+    | GetReadingsRequest
+    | GetCameraRequest
+    | GetLandmarksRequest
+    | GetStartPosesRequest
+    | GetStatusRequest
+    | SetAccuracyRequest
+)
+
+# Listed beside the union: mypy needs the union spelled out, and a table built from it with get_args
+# would have no element type. tests/protocol/stream/test_messages.py holds the two together.
 REQUESTS: dict[str, type[Request]] = {
-    form.KIND: form
-    for form in (
-        *(GetFrameRequest, SpawnRequest, DriveRequest, StepRequest, ResetRequest),
-        *(
-            GetReadingsRequest,
-            GetCameraRequest,
-            GetLandmarksRequest,
-            GetStartPosesRequest,
-            GetStatusRequest,
-            SetAccuracyRequest,
-        ),
+    request.KIND: request
+    for request in (
+        GetFrameRequest,
+        SpawnRequest,
+        DriveRequest,
+        StepRequest,
+        ResetRequest,
+        GetReadingsRequest,
+        GetCameraRequest,
+        GetLandmarksRequest,
+        GetStartPosesRequest,
+        GetStatusRequest,
+        SetAccuracyRequest,
     )
 }

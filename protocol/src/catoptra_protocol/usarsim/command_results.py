@@ -1,4 +1,4 @@
-"""RES: what became of a command. UT2004 answers SET with it; UDK answers SET with nothing.
+"""RES, the outcome of a command: the reply of UT2004 to SET; UDK has none.
 
 Time has 2 decimals, as UnrealScript prints a float; that of our STEP has 4.
 """
@@ -24,18 +24,21 @@ NUM_VIEWPORTS = 4
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """What became of a SET, or of our STEP, which is answered in UDK's dialect too."""
+    """Outcome of a SET, or of our STEP, whose reply exists in the UDK dialect too."""
 
     WORD: ClassVar[str] = "RES"
 
     time_s: float
     type: str
+    """Type of the part, or `Step`."""
     name: str
+    """Name of the part; empty for a SET without a name."""
     status: str = STATUS_OK
+    """STATUS_OK or STATUS_FAILED."""
 
     @classmethod
     def from_message(cls, message: Message) -> CommandResult:
-        """Return the result of a parsed line."""
+        """Parse a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             type=strict_fields.read_text(message, "Type"),
@@ -44,8 +47,9 @@ class CommandResult:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line; none in UDK, but of STEP. Without a name there is no block for it."""
+        """Line; none in UDK, except of STEP. Without a name there is no block for a name."""
         named = (("Name", self.name),) if self.name else ()
+        # A client of lockstep has to know when a step has ended, in either dialect.
         is_step = self.type == _STEP_TYPE
         head = (("Time", format_fixed_point(self.time_s, 4 if is_step else 2)), ("Type", self.type))
         pairs = (*head, *named, ("Status", self.status))
@@ -55,16 +59,18 @@ class CommandResult:
 
 @dataclass(frozen=True, slots=True)
 class CameraFov:
-    """The field of view that a camera has now, and whether that is what was asked for."""
+    """Outcome of a SET for one camera."""
 
     name: str
     fov_rad: float
+    """Field of view after the command."""
     status: str = STATUS_OK
+    """STATUS_FAILED if the camera has another field of view than requested."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraResult:
-    """What became of SET Camera, for each camera that it named."""
+    """Outcome of a SET Camera, for each camera of the command."""
 
     WORD: ClassVar[str] = "RES"
 
@@ -73,12 +79,12 @@ class CameraResult:
 
     @classmethod
     def from_message(cls, message: Message) -> CameraResult:
-        """Return the result of a parsed line."""
+        """Parse a line."""
         cameras = (_parse_camera_fov(group) for group in split_groups(message, "Name"))
         return cls(strict_fields.read_number(message, "Time"), tuple(cameras))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line; none in UDK."""
+        """Line; none in UDK."""
         cameras = (pair for camera in self.cameras for pair in _camera_pairs(camera))
         pairs = (*_time_and_type_pairs(self.time_s, "Camera"), *cameras)
         return () if dialect is Dialect.UDK else (Message(self.WORD, pairs),)
@@ -86,26 +92,29 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class Viewport:
-    """What a quarter of the picture shows: a camera's name, `Disabled` or `None`."""
+    """Content of a quarter of the image-port picture."""
 
     camera: str = CAMERA_DISABLED
+    """Name of a camera, CAMERA_DISABLED or CAMERA_MISSING."""
     status: str = STATUS_OK
 
 
 @dataclass(frozen=True, slots=True)
 class ViewportsResult:
-    """What became of SET Viewports: of the arrangement, and of each of the four."""
+    """Outcome of a SET Viewports: of the arrangement, and of each of the four."""
 
     WORD: ClassVar[str] = "RES"
 
     time_s: float
     config: str
+    """`SingleView` or `QuadView`."""
     viewports: tuple[Viewport, ...] = (Viewport(),) * NUM_VIEWPORTS
     status: str = STATUS_OK
+    """Outcome of the arrangement."""
 
     @classmethod
     def from_message(cls, message: Message) -> ViewportsResult:
-        """Return the result of a parsed line; a status follows what it speaks of."""
+        """Parse a line; each status follows the block of its subject."""
         keys = [f"Viewport{i + 1}" for i in range(NUM_VIEWPORTS)]
         shown = (group for key in keys for group in split_groups(message, key)[:1])
         viewports = (Viewport(x.pairs[0][1], x.get("Status") or STATUS_OK) for x in shown)
@@ -117,7 +126,7 @@ class ViewportsResult:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line; none in UDK."""
+        """Line; none in UDK."""
         pairs = [*_time_and_type_pairs(self.time_s, "Viewports"), ("Config", self.config)]
         pairs.append(("Status", self.status))
         for i, viewport in enumerate(self.viewports):
@@ -126,7 +135,7 @@ class ViewportsResult:
 
 
 def result_from_message(message: Message) -> CommandResult | CameraResult | ViewportsResult:
-    """Return what a RES line says, in the form of its type; a plain one if it failed as a whole."""
+    """Parse a RES line in the form of its type; a plain result if the command failed as a whole."""
     if message.get("Config") is not None:
         return ViewportsResult.from_message(message)
     if message.get("FOV") is not None:

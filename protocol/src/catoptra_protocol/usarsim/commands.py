@@ -1,9 +1,12 @@
-"""What a client may ask of the control server: one frozen dataclass a command, and their table.
+"""The commands of a control client: one frozen dataclass each, and their table COMMAND_PARSERS.
 
-Here are those that spawn, ask and step; `commands_drive` moves, `commands_set` sets up. To add one:
-write its class beside those most like it (word, fields, `from_message`, `blocks`), then its line in
-the `Command` union and in `COMMAND_PARSERS`, and its row in `states.py`. Reading is total: what a client
-left out or wrote badly becomes None, 0 or an empty text, never an error.
+This module holds spawning, queries and STEP; `commands_drive` the motion commands, `commands_set`
+the settings. Parsing is total: a missing or malformed field becomes None, 0 or an empty text, never
+an error.
+
+To add a command: its class beside similar ones (WORD, fields, `from_message`, `to_pairs`), its
+entries in the `Command` union and in COMMAND_PARSERS, its row in `control_states`, a vector in
+tests/conformance/data/commands, its row in SPEC.md; then its case in the simulation.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from catoptra_protocol.usarsim import lenient_fields as fields
+from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.commands_drive import (
     ControlOrder,
     Drive,
@@ -25,41 +28,45 @@ from catoptra_protocol.usarsim.commands_drive import (
 )
 from catoptra_protocol.usarsim.commands_set import Set, SetViewports, Trace, set_from_message
 from catoptra_protocol.usarsim.grammar import Message, Pairs, format_line
-from catoptra_protocol.usarsim.value_format import Vector3, format_exact
+from catoptra_protocol.usarsim.value_format import format_exact
+from catoptra_protocol.vectors import Vector3
 
 
 @dataclass(frozen=True, slots=True)
 class Init:
-    """Spawn a robot of a class, at a location or at a start pose; location goes before start.
-
-    Location and rotation (roll, pitch, yaw) are in the world frame.
-    """
+    """Spawn a robot of a class at a location or at a start pose; the location takes precedence."""
 
     WORD: ClassVar[str] = "INIT"
 
     class_name: str
+    """Class of the robot; package optional, any case."""
     name: str | None = None
+    """Requested name; None lets the server choose."""
     location_m: Vector3 | None = None
+    """Position in the world frame."""
     rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw in the world frame."""
     start: str | None = None
+    """Name of a start pose."""
 
     @classmethod
     def from_message(cls, message: Message) -> Init:
-        """Return the command of a parsed line."""
+        """Parse a line."""
         return cls(
-            class_name=fields.read_name(message, "ClassName") or "",
-            name=fields.read_name(message, "Name"),
+            class_name=lenient_fields.read_name(message, "ClassName") or "",
+            name=lenient_fields.read_name(message, "Name"),
             location_m=_read_location(message),
-            rotation_rad=fields.read_vector(message, "Rotation") or (0.0, 0.0, 0.0),
-            start=fields.read_name(message, "Start"),
+            rotation_rad=lenient_fields.read_vector(message, "Rotation") or (0.0, 0.0, 0.0),
+            start=lenient_fields.read_name(message, "Start"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(
+        """Blocks to send."""
+        return lenient_fields.format_pairs(
             ("ClassName", self.class_name),
             ("Name", self.name),
             ("Location", self.location_m),
+            # 0,0,0 is the default of every server (SPEC.md 4.3) and needs no block.
             ("Rotation", self.rotation_rad if any(self.rotation_rad) else None),
             ("Start", self.start),
         )
@@ -67,7 +74,7 @@ class Init:
 
 @dataclass(frozen=True, slots=True)
 class GetConf:
-    """Ask for the configuration of the robot, or of the sensors of a type, or of one of them."""
+    """Query the configuration of the robot, or of all sensors of a type, or of one of them."""
 
     WORD: ClassVar[str] = "GETCONF"
 
@@ -76,17 +83,20 @@ class GetConf:
 
     @classmethod
     def from_message(cls, message: Message) -> GetConf:
-        """Return the command of a parsed line."""
-        return cls(fields.read_name(message, "Type") or "", fields.read_name(message, "Name"))
+        """Parse a line."""
+        return cls(
+            lenient_fields.read_name(message, "Type") or "",
+            lenient_fields.read_name(message, "Name"),
+        )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(("Type", self.type), ("Name", self.name))
+        """Blocks to send."""
+        return lenient_fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
 @dataclass(frozen=True, slots=True)
 class GetGeo:
-    """Ask where the sensors of a type, or one of them, sit; or for the robot's dimensions."""
+    """Query the poses of sensors of a type, or of one of them; or the dimensions of the robot."""
 
     WORD: ClassVar[str] = "GETGEO"
 
@@ -95,33 +105,36 @@ class GetGeo:
 
     @classmethod
     def from_message(cls, message: Message) -> GetGeo:
-        """Return the command of a parsed line."""
-        return cls(fields.read_name(message, "Type") or "", fields.read_name(message, "Name"))
+        """Parse a line."""
+        return cls(
+            lenient_fields.read_name(message, "Type") or "",
+            lenient_fields.read_name(message, "Name"),
+        )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(("Type", self.type), ("Name", self.name))
+        """Blocks to send."""
+        return lenient_fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
 @dataclass(frozen=True, slots=True)
 class GetStartPoses:
-    """Ask for the named start poses of the world."""
+    """Query the named start poses of the world."""
 
     WORD: ClassVar[str] = "GETSTARTPOSES"
 
     @classmethod
     def from_message(cls, message: Message) -> GetStartPoses:
-        """Return the command; its parameters, if any, say nothing."""
+        """Parse a line; its parameters, if any, are ignored."""
         return cls()
 
     def to_pairs(self) -> Pairs:
-        """Return no blocks."""
+        """No blocks."""
         return ()
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Advance a lockstep simulation by this time. Ours: USARSim ignores the unknown word."""
+    """Advance a lockstep clock. Ours: a USARSim server ignores the unknown word."""
 
     WORD: ClassVar[str] = "STEP"
 
@@ -129,11 +142,11 @@ class Step:
 
     @classmethod
     def from_message(cls, message: Message) -> Step:
-        """Return the command of a parsed line; without a time it asks for 0 s."""
-        return cls(fields.read_number(message, "Time") or 0.0)
+        """Parse a line; without a time the step is 0 s."""
+        return cls(lenient_fields.read_number(message, "Time") or 0.0)
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
+        """Blocks to send."""
         return (("Time", format_exact(self.time_s)),)
 
 
@@ -157,6 +170,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "DRIVE": drive_from_message,
     "MULTIDRIVE": MultiDrive.from_message,
     "MISPKG": MisPkg.from_message,
+    # The word of UDK's later releases.
     "ACT": MisPkg.from_message,  # UDK's newer word for it
     "SET": set_from_message,
     "TRACE": Trace.from_message,
@@ -168,28 +182,33 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
 
 
 def command_from_message(message: Message) -> Command | None:
-    """Return the command of a message; None for an unknown word, which is to be ignored."""
+    """Command of a message; None for an unknown word, which the server ignores."""
     reader = COMMAND_PARSERS.get(message.word)
     return reader(message) if reader else None
 
 
 def line_from_command(command: Command) -> bytes:
-    """Return the line of a command, numbers exact. Raises LocalProtocolError if it has none."""
+    """Line of a command with its line end, numbers exact.
+
+    Raises:
+        LocalProtocolError: A text would break the line, or a number is not finite.
+    """
     return format_line(command.WORD, command.to_pairs())
 
 
 def _read_location(message: Message) -> Vector3 | None:
-    """Return the Location, or the {X} {Y} {Z} that GameBots takes in its place."""
-    location = fields.read_vector(message, "Location")
+    """Location of an INIT, or the {X} {Y} {Z} that GameBots accepts instead."""
+    location = lenient_fields.read_vector(message, "Location")
     if location is not None:
         return location
-    x, y, z = (fields.read_number(message, key) for key in ("X", "Y", "Z"))
+    x, y, z = (lenient_fields.read_number(message, key) for key in ("X", "Y", "Z"))
     return None if x is None and y is None and z is None else (x or 0.0, y or 0.0, z or 0.0)
 
 
 __all__ = [
     "COMMAND_PARSERS",
     "Command",
+    "ControlOrder",
     "Drive",
     "DriveJoints",
     "GetConf",
@@ -200,7 +219,6 @@ __all__ = [
     "LinkCommand",
     "MisPkg",
     "MultiDrive",
-    "ControlOrder",
     "Set",
     "SetViewports",
     "Step",

@@ -1,4 +1,4 @@
-"""Commands that move something: DRIVE, MULTIDRIVE, MISPKG. For the table see `commands`."""
+"""Motion commands: DRIVE, MULTIDRIVE, MISPKG. For the table see `commands`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from enum import IntEnum
 from typing import ClassVar
 
 from catoptra_protocol.limits import MAX_NAME_CHARS
-from catoptra_protocol.usarsim import lenient_fields as fields
+from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
 from catoptra_protocol.usarsim.value_format import format_exact, number_from_text
 
 
 class ControlOrder(IntEnum):
-    """What the value of a joint's command means; the relative forms add to what is."""
+    """Quantity of a joint's value; the relative orders add to the present value."""
 
     ANGLE = 0
     SPEED = 1
@@ -26,33 +26,33 @@ class ControlOrder(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Set the wheel speeds of a skid-steered robot, in rad/s, or in percent if normalized.
-
-    None leaves a side, the light or the flipping as it is.
-    """
+    """Set the wheel speeds of a skid-steered robot; None leaves a value unchanged."""
 
     WORD: ClassVar[str] = "DRIVE"
 
     left: float | None = None
+    """Speed in rad/s, or in percent of the maximum if normalized."""
     right: float | None = None
+    """As `left`."""
     normalized: bool = False
     light: bool | None = None
     flip: bool | None = None
+    """Accepted for compatibility; no robot here can be turned over."""
 
     @classmethod
     def from_message(cls, message: Message) -> Drive:
-        """Return the command of a parsed line."""
+        """Parse a line."""
         return cls(
-            left=fields.read_number(message, "Left"),
-            right=fields.read_number(message, "Right"),
-            normalized=fields.read_boolean(message, "Normalized") or False,
-            light=fields.read_boolean(message, "Light"),
-            flip=fields.read_boolean(message, "Flip"),
+            left=lenient_fields.read_number(message, "Left"),
+            right=lenient_fields.read_number(message, "Right"),
+            normalized=lenient_fields.read_boolean(message, "Normalized") or False,
+            light=lenient_fields.read_boolean(message, "Light"),
+            flip=lenient_fields.read_boolean(message, "Flip"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(
+        """Blocks to send."""
+        return lenient_fields.format_pairs(
             ("Left", self.left),
             ("Right", self.right),
             ("Normalized", self.normalized or None),
@@ -63,15 +63,15 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """Move one joint of the robot: to a value of the order's kind (see `Order`), and steer it.
-
-    The order is as sent: none of `Order` means nothing. Without a value the joint stays.
-    """
+    """Motion of one joint of the robot."""
 
     name: str
     value: float | None = None
+    """In the unit of the order; None leaves the joint unchanged."""
     order: int = ControlOrder.ANGLE
+    """As sent; a number outside ControlOrder has no effect."""
     steer: float | None = None
+    """Angle of a steered wheel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,47 +84,49 @@ class DriveJoints:
 
     @classmethod
     def from_message(cls, message: Message) -> DriveJoints:
-        """Return the command of a parsed line; the blocks of a lone joint may precede its name."""
+        """Parse a line; the blocks of a single joint may precede its name."""
         named = split_groups(message, "Name")
         runs = [message] if len(named) == 1 else named
         return cls(tuple(map(_read_joint, runs)))
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
+        """Blocks to send."""
         return tuple(pair for joint in self.joints for pair in _joint_pairs(joint))
 
 
 @dataclass(frozen=True, slots=True)
 class MultiDrive:
-    """Move several joints to angles, as (name, value)."""
+    """Move several joints to angles."""
 
     WORD: ClassVar[str] = "MULTIDRIVE"
 
     joints: tuple[tuple[str, float], ...]
+    """Pairs of name and value."""
 
     @classmethod
     def from_message(cls, message: Message) -> MultiDrive:
-        """Return the command of a parsed line; a block without a name is no joint."""
+        """Parse a line; a block without a name is no joint."""
         named = (pair for pair in message.pairs if pair[0])
         return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in named))
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
+        """Blocks to send."""
         return tuple((name, format_exact(value)) for name, value in self.joints)
 
 
 @dataclass(frozen=True, slots=True)
 class LinkCommand:
-    """Move one link of a mission package; without a value it stays."""
+    """Motion of one link of a mission package."""
 
     link: int
     value: float | None = None
+    """In the unit of the order; None leaves the link unchanged."""
     order: int = ControlOrder.ANGLE
 
 
 @dataclass(frozen=True, slots=True)
 class MisPkg:
-    """Move the links of a mission package, its gripper, or have it run a sequence."""
+    """Move the links or the gripper of a mission package, or start a sequence."""
 
     WORD: ClassVar[str] = "MISPKG"
 
@@ -135,58 +137,65 @@ class MisPkg:
 
     @classmethod
     def from_message(cls, message: Message) -> MisPkg:
-        """Return the command of a parsed line; UDK spells the sequence out."""
-        sequence = fields.read_number(message, "Seq")
+        """Parse a line; UDK writes `Sequence` in full."""
+        sequence = lenient_fields.read_number(message, "Seq")
         return cls(
-            name=fields.read_name(message, "Name") or "",
+            name=lenient_fields.read_name(message, "Name") or "",
+            # split_groups ignores the blocks before the first Link, the package's own name among
+            # them.
             links=tuple(_read_link(group) for group in split_groups(message, "Link")),
-            gripper=fields.read_number(message, "Gripper"),
-            sequence=fields.read_number(message, "Sequence") if sequence is None else sequence,
+            gripper=lenient_fields.read_number(message, "Gripper"),
+            sequence=lenient_fields.read_number(message, "Sequence")
+            if sequence is None
+            else sequence,
         )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
+        """Blocks to send."""
         links = (pair for link in self.links for pair in _link_pairs(link))
-        head = fields.format_pairs(("Name", self.name))
+        head = lenient_fields.format_pairs(("Name", self.name))
         return (
             *head,
             *links,
-            *fields.format_pairs(("Gripper", self.gripper), ("Seq", self.sequence)),
+            *lenient_fields.format_pairs(("Gripper", self.gripper), ("Seq", self.sequence)),
         )
 
 
 def drive_from_message(message: Message) -> Drive | DriveJoints:
-    """Return what a DRIVE says: of joints if it names one and speaks of no side."""
+    """Parse a DRIVE: of joints if the line has a Name and neither side, else of wheels."""
     sides = (message.get("Left"), message.get("Right"))
-    if fields.read_name(message, "Name") and sides == (None, None):
+    # A side takes precedence over a name: no source has both (SPEC-NOTES.md, 5).
+    if lenient_fields.read_name(message, "Name") and sides == (None, None):
         return DriveJoints.from_message(message)
     return Drive.from_message(message)
 
 
 def _read_joint(group: Message) -> JointCommand:
     return JointCommand(
-        name=fields.read_name(group, "Name") or "",
-        value=fields.read_number(group, "Value"),
-        order=fields.read_integer(group, "Order") or 0,
-        steer=fields.read_number(group, "Steer"),
+        name=lenient_fields.read_name(group, "Name") or "",
+        value=lenient_fields.read_number(group, "Value"),
+        order=lenient_fields.read_integer(group, "Order") or 0,
+        steer=lenient_fields.read_number(group, "Steer"),
     )
 
 
 def _joint_pairs(joint: JointCommand) -> Pairs:
+    # The default order needs no block.
     order = int(joint.order) or None  # the default needs no block
-    return fields.format_pairs(
+    return lenient_fields.format_pairs(
         ("Name", joint.name), ("Steer", joint.steer), ("Order", order), ("Value", joint.value)
     )
 
 
 def _read_link(group: Message) -> LinkCommand:
     return LinkCommand(
-        link=fields.read_integer(group, "Link") or 0,
-        value=fields.read_number(group, "Value"),
-        order=fields.read_integer(group, "Order") or 0,
+        link=lenient_fields.read_integer(group, "Link") or 0,
+        value=lenient_fields.read_number(group, "Value"),
+        order=lenient_fields.read_integer(group, "Order") or 0,
     )
 
 
 def _link_pairs(link: LinkCommand) -> Pairs:
+    # The default order of the reference needs no block.
     order = int(link.order) or None  # the reference's default needs no block
-    return fields.format_pairs(("Link", link.link), ("Value", link.value), ("Order", order))
+    return lenient_fields.format_pairs(("Link", link.link), ("Value", link.value), ("Order", order))

@@ -1,11 +1,11 @@
-"""Commands that set something up: SET, TRACE. For the table see `commands`."""
+"""Setting commands: SET, TRACE. For the table see `commands`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from catoptra_protocol.usarsim import lenient_fields as fields
+from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.value_format import number_from_text, numbers_from_text
 
@@ -15,33 +15,33 @@ _FOV_OPCODES = ("FOV", "ZOOM")
 
 @dataclass(frozen=True, slots=True)
 class Set:
-    """Tell a part of the robot to do something: an opcode with parameters, as text.
-
-    `fov_rad` is a camera's `{FOV rad}`, the form without an opcode.
-    """
+    """Setting of a part of the robot: an opcode with parameters."""
 
     WORD: ClassVar[str] = "SET"
 
     type: str
+    """Type of the part; empty if missing."""
     name: str | None = None
     opcode: str | None = None
     params: str | None = None
+    """Parameters as text; their meaning depends on type and opcode."""
     fov_rad: float | None = None
+    """The {FOV rad} of a camera, the form without an opcode."""
 
     @classmethod
     def from_message(cls, message: Message) -> Set:
-        """Return the command of a parsed line."""
+        """Parse a line."""
         return cls(
-            type=fields.read_name(message, "Type") or "",
-            name=fields.read_name(message, "Name"),
-            opcode=fields.read_name(message, "Opcode"),
+            type=lenient_fields.read_name(message, "Type") or "",
+            name=lenient_fields.read_name(message, "Name"),
+            opcode=lenient_fields.read_name(message, "Opcode"),
             params=message.get("Params"),
-            fov_rad=fields.read_number(message, "FOV"),
+            fov_rad=lenient_fields.read_number(message, "FOV"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(
+        """Blocks to send."""
+        return lenient_fields.format_pairs(
             ("Type", self.type),
             ("Name", self.name),
             ("Opcode", self.opcode),
@@ -54,7 +54,7 @@ class Set:
         return numbers_from_text(self.params or "")
 
     def parse_fov_rad(self) -> float | None:
-        """Return the field of view asked for in either form; 0 means the default, None none."""
+        """Field of view in either form: 0 means the default, None no field of view."""
         if self.fov_rad is None and (self.opcode or "").upper() in _FOV_OPCODES:
             return number_from_text(self.params or "")
         return self.fov_rad
@@ -62,55 +62,61 @@ class Set:
 
 @dataclass(frozen=True, slots=True)
 class SetViewports:
-    """Choose which camera fills which quarter of the picture; None leaves one as it is.
-
-    The arrangement is `SingleView` or `QuadView`; a camera called `Disable` shows nothing.
-    """
+    """Assignment of cameras to the quarters of the image-port picture."""
 
     WORD: ClassVar[str] = "SET"
 
     config: str | None = None
+    """`SingleView` or `QuadView`; None leaves the arrangement unchanged."""
     cameras: tuple[str | None, ...] = (None,) * _NUM_VIEWPORTS
+    """Camera of each quarter; `Disable` shows none, None leaves a quarter unchanged."""
 
     @classmethod
     def from_message(cls, message: Message) -> SetViewports:
-        """Return the command of a parsed line."""
-        cameras = (fields.read_name(message, f"Viewport{i + 1}") for i in range(_NUM_VIEWPORTS))
-        return cls(fields.read_name(message, "Config"), tuple(cameras))
+        """Parse a line."""
+        cameras = (
+            lenient_fields.read_name(message, f"Viewport{i + 1}") for i in range(_NUM_VIEWPORTS)
+        )
+        return cls(lenient_fields.read_name(message, "Config"), tuple(cameras))
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
+        """Blocks to send."""
         viewports = ((f"Viewport{i + 1}", camera) for i, camera in enumerate(self.cameras))
-        return fields.format_pairs(("Type", "Viewports"), ("Config", self.config), *viewports)
+        return lenient_fields.format_pairs(
+            ("Type", "Viewports"), ("Config", self.config), *viewports
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """Draw a trail behind the robot, a mark each so many seconds; the colour is one of seven."""
+    """Draw a trail of marks behind the robot."""
 
     WORD: ClassVar[str] = "TRACE"
 
     enabled: bool = False
     interval_s: float | None = None
+    """Time between two marks; None = the default."""
     colour: str | None = None
+    """One of seven colours (SPEC.md 5.8); None = the default."""
 
     @classmethod
     def from_message(cls, message: Message) -> Trace:
-        """Return the command of a parsed line."""
+        """Parse a line."""
         return cls(
-            enabled=fields.read_boolean(message, "On") or False,
-            interval_s=fields.read_number(message, "Interval"),
-            colour=fields.read_name(message, "Color"),
+            enabled=lenient_fields.read_boolean(message, "On") or False,
+            interval_s=lenient_fields.read_number(message, "Interval"),
+            colour=lenient_fields.read_name(message, "Color"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Return the blocks to send."""
-        return fields.format_pairs(
+        """Blocks to send."""
+        return lenient_fields.format_pairs(
             ("On", self.enabled), ("Interval", self.interval_s), ("Color", self.colour)
         )
 
 
 def set_from_message(message: Message) -> Set | SetViewports:
-    """Return what a SET says: of the viewports, or of any other part."""
+    """Parse a SET: of the viewports, or of any other part."""
+    # Viewports have no name and opcode, so their SET has a class of its own.
     is_viewports = (message.get("Type") or "").lower() == "viewports"
     return SetViewports.from_message(message) if is_viewports else Set.from_message(message)

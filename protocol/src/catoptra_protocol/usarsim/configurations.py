@@ -1,8 +1,10 @@
-"""CONF, the reply to GETCONF: one frozen dataclass a part that is written, one that reads all.
+"""CONF, the reply to GETCONF: one frozen dataclass per written part, and one that reads all.
 
-Servers write the typed ones, whose order and spelling are the dialect's; clients read a
-`Configuration`, free pairs by name, since servers differ in what they tell. Mission packages: see
-`mission_package`.
+Servers write the typed ones, with the order and spelling of the dialect; clients read a
+`Configuration`, free pairs by name, since servers differ in the fields they send. Mission packages:
+see `mission_package`.
+
+To add a part: its class here, its entry in the `AnyConfiguration` union of `reports`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,10 @@ from catoptra_protocol.usarsim.value_format import (
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Free pairs after the type. None, or a name alone, is the empty reply: silence in UDK."""
+    """Free pairs after the type.
+
+    Without pairs, or with a Name alone, it is the empty reply, which UDK does not send.
+    """
 
     WORD: ClassVar[str] = "CONF"
 
@@ -31,39 +36,42 @@ class Configuration:
 
     @classmethod
     def from_message(cls, message: Message) -> Configuration:
-        """Return the configuration of a parsed line."""
+        """Parse a line."""
         others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
         return cls(strict_fields.read_text(message, "Type"), others)
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line; none in UDK if it says nothing."""
+        """Line; none in UDK if empty."""
         says_something = any(name.lower() != "name" for name, _ in self.pairs)
         if dialect is Dialect.UDK and not says_something:
             return ()
         return (Message(self.WORD, (("Type", self.type), *self.pairs)),)
 
     def get(self, name: str) -> str | None:
-        """Return the value of the first pair with this name, in any case; None if there is none."""
+        """Value of the first pair with this name, in any case; None if missing."""
         return Message(self.WORD, self.pairs).get(name)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleConfiguration:
-    """The robot itself; the name is that of its model. UDK tells the name before the type."""
+    """The robot itself; in UDK the name precedes the type."""
 
     WORD: ClassVar[str] = "CONF"
 
     name: str
+    """Name of the model."""
     mass_kg: float
     max_speed_rad_s: float
+    """Of a wheel."""
     max_torque: float
+    """Of a wheel, in Nm."""
     max_front_steer_rad: float = 0.0
     max_rear_steer_rad: float = 0.0
     steering_type: str = "SkidSteered"
     vehicle_type: str = "GroundVehicle"
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         type_, name = ("Type", self.vehicle_type), ("Name", self.name)
         is_udk = dialect is Dialect.UDK
         decimals = 0 if is_udk else 4
@@ -73,6 +81,7 @@ class VehicleConfiguration:
             ("Mass", format_fixed_point(self.mass_kg)),
             ("MaxSpeed", format_fixed_point(self.max_speed_rad_s)),
             ("MaxTorque", format_fixed_point(self.max_torque)),
+            # UDK prints the steering angles as integers (vector udk_configuration).
             ("MaxFrontSteer", format_fixed_point(self.max_front_steer_rad, decimals)),
             ("MaxRearSteer", format_fixed_point(self.max_rear_steer_rad, decimals)),
         )
@@ -81,7 +90,7 @@ class VehicleConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class RangeScannerConfiguration:
-    """A range scanner. The keys are UT2004's own: `Paning`, and `Fov` where SEN has `FOV`."""
+    """A range scanner. The keys are those of UT2004: `Paning`, and `Fov` where SEN has `FOV`."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -91,10 +100,12 @@ class RangeScannerConfiguration:
     resolution_rad: float
     fov_rad: float
     panning: bool = True
+    """Whether the beam turns in yaw."""
     tilting: bool = False
+    """Whether the beam turns in pitch."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
         if is_udk:
@@ -116,7 +127,7 @@ class RangeScannerConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class SonarConfiguration:
-    """A sonar; UDK tells how it is traced too."""
+    """A sonar; UDK also writes the parameters of its ray casting."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -126,11 +137,12 @@ class SonarConfiguration:
     beam_angle_rad: float
     scan_interval_s: float = 0.2
     max_angle_of_incidence_rad: float = 0.1745329252  # with the next two: UDK's DefaultUSAR.ini
+    """Default of this and the next two: DefaultUSAR.ini of UDK."""
     traces_per_cone: int = 16
     num_cones: int = 10
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         ranges = (
             ("MaxRange", format_fixed_point(self.max_range_m)),
             ("MinRange", format_fixed_point(self.min_range_m)),
@@ -153,15 +165,16 @@ class SonarConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class EncoderConfiguration:
-    """An encoder: the angle of a tick."""
+    """An encoder."""
 
     WORD: ClassVar[str] = "CONF"
 
     name: str
     resolution_rad: float
+    """Angle of a tick."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         return _conf_messages(
             "Encoder", self.name, ("Resolution", format_fixed_point(self.resolution_rad))
         )
@@ -169,16 +182,17 @@ class EncoderConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfiguration:
-    """Odometry: its period, and the angle of a tick of the encoders behind it."""
+    """An odometry sensor."""
 
     WORD: ClassVar[str] = "CONF"
 
     name: str
     scan_interval_s: float
     encoder_resolution_rad: float
+    """Angle of a tick of the encoders behind it."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         interval = ("ScanInterval", format_fixed_point(self.scan_interval_s))
         resolution = ("EncoderResolution", format_fixed_point(self.encoder_resolution_rad))
         return _conf_messages("Odometry", self.name, interval, resolution)
@@ -186,7 +200,7 @@ class OdometryConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class ScanIntervalConfiguration:
-    """A sensor of which only the period is told: GroundTruth, INS and whatever has no more."""
+    """A sensor with a period and no further parameters: GroundTruth, INS and others."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -195,7 +209,8 @@ class ScanIntervalConfiguration:
     scan_interval_s: float
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
+        # Two decimals, though an odometry sensor has four (vector configuration_sensors).
         return _conf_messages(
             self.type, self.name, ("ScanInterval", format_fixed_point(self.scan_interval_s, 2))
         )
@@ -203,7 +218,7 @@ class ScanIntervalConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class TouchConfiguration:
-    """A touch sensor: its size."""
+    """A touch sensor."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -211,13 +226,13 @@ class TouchConfiguration:
     diameter_m: float
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         return _conf_messages("Touch", self.name, ("Diameter", format_fixed_point(self.diameter_m)))
 
 
 @dataclass(frozen=True, slots=True)
 class TextureRegion:
-    """Where a camera's picture lies in the picture that is served, in pixels."""
+    """Rectangle of a camera in the image-port picture, in pixels."""
 
     x: int
     y: int
@@ -227,7 +242,7 @@ class TextureRegion:
 
 @dataclass(frozen=True, slots=True)
 class CameraConfiguration:
-    """A camera: fields of view in degrees, its tile (UDK) and further pairs (our camera law)."""
+    """A camera."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -237,14 +252,18 @@ class CameraConfiguration:
     max_fov_deg: float
     fov_deg: float
     texture_region: TextureRegion | None = None
+    """Tile of the camera, written in UDK only; None without tiles."""
     extra_pairs: Pairs = ()
+    """Further pairs: our camera model."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         is_tiled = dialect is Dialect.UDK and self.texture_region is not None
         tile = (
             _texture_region_pairs(self.texture_region) if is_tiled and self.texture_region else ()
         )
+        # The region goes between name and fields of view: clients of UDK find blocks by their
+        # position.
         return _conf_messages("Camera", self.name, *tile, *self._fov_pairs(), *self.extra_pairs)
 
     def _fov_pairs(self) -> Pairs:

@@ -1,6 +1,7 @@
 """Both ends of a control connection, without a socket: bytes in, events out; message in, bytes out.
 
-Neither keeps more than one unfinished line and what the last bytes said, whatever the peer sends.
+Neither end buffers more than one unfinished line and the messages of the last bytes, whatever the
+peer sends.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from catoptra_protocol.usarsim.reports import (
 
 
 class ControlServer:
-    """The server's end of one connection, which is one robot."""
+    """Server end of one connection, which is one robot."""
 
     def __init__(self, dialect: Dialect = Dialect.UT2004) -> None:
         self._reader = LineReader()
@@ -30,61 +31,82 @@ class ControlServer:
 
     @property
     def state(self) -> ControlState:
-        """Return where the connection stands."""
+        """State of the connection."""
         return self._state
 
     def send(self, report: Report) -> bytes:
-        """Return the bytes of a report: none of one on which the dialect is silent.
+        """Encode a report; empty for a report that the dialect does not have.
 
-        The first one, and only that, must be the greeting.
+        Raises:
+                LocalProtocolError: The first report is not the greeting, or a later one is; or the
+                report has no valid line.
         """
         if isinstance(report, Greeting) is not (self._state is ControlState.ACCEPTED):
             raise LocalProtocolError(
                 f"{type(report).__name__} in state {self._state.name}: the greeting comes first, "
                 "and once"
             )
+        # Encoded before the state changes: a greeting that has no valid line leaves the state
+        # ACCEPTED.
         line = line_from_report(report, self._dialect)
         if self._state is ControlState.ACCEPTED:
             self._state = ControlState.GREETED
         return line
 
     def receive(self, data: bytes) -> list[Command]:
-        """Return the commands to serve, in order; all others are dropped in silence."""
+        """Commands to execute, in order; all others are dropped silently.
+
+        Raises:
+            LocalProtocolError: The greeting was not sent yet.
+        """
         if self._state is ControlState.ACCEPTED:
             raise LocalProtocolError("greet the client before reading from it")
+        # A generator: each command is checked against the state that its predecessor left, so that
+        # commands in the segment of an INIT find the robot.
         commands = (command_from_message(parse_message(x)) for x in self._reader.receive(data))
         return [
             command for command in commands if command is not None and self._advance_state(command)
         ]
 
     def reject_init(self) -> None:
-        """Tell that no robot was spawned (unknown class or start): the client may INIT again."""
+        """Record that no robot was spawned, so that the client may INIT again.
+
+        Raises:
+            LocalProtocolError: No INIT is pending.
+        """
         if self._state is not ControlState.SPAWNED:
             raise LocalProtocolError(f"there is no INIT to refuse in state {self._state.name}")
         self._state = ControlState.GREETED
 
     def _advance_state(self, command: Command) -> bool:
+        """Enter the state that follows a command; False if the command is not accepted now."""
         after = TRANSITIONS[self._state].get(type(command))
         self._state = after or self._state
         return after is not None
 
 
 class ControlClient:
-    """The client's end of one connection."""
+    """Client end of one connection."""
 
     def __init__(self) -> None:
         self._reader = LineReader()
         self._lines: deque[str] = deque()
 
     def send(self, command: Command) -> bytes:
-        """Return the bytes of a command. Raises LocalProtocolError for text that would break it."""
+        """Encode a command.
+
+        Raises:
+            LocalProtocolError: A text would break the line.
+        """
         return line_from_command(command)
 
     def receive(self, data: bytes) -> list[Report]:
-        """Return the reports that we know, in order; others are skipped.
+        """Known reports of these bytes, in order; unknown ones are skipped.
 
-        Raises RemoteProtocolError for a malformed one, but first returns those before it: the next
-        call, even with no bytes, raises, and the one after it goes on behind the malformed line.
+        Raises:
+                RemoteProtocolError: A report is malformed. The reports before it are returned
+                first: then the next call, even without bytes, raises, and the one after it
+                continues behind the malformed line.
         """
         self._lines.extend(self._reader.receive(data))
         reports: list[Report] = []
@@ -92,6 +114,7 @@ class ControlClient:
             try:
                 report = report_from_message(parse_message(self._lines[0]))
             except RemoteProtocolError:
+                # Reports before the malformed line must not be lost with the exception.
                 if reports:
                     break
                 self._lines.popleft()

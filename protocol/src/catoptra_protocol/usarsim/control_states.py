@@ -1,6 +1,9 @@
-"""The states of a control connection, in tables: what is served, what is dropped, what follows.
+"""The states of a control connection, and the table of commands accepted in each.
 
-ACCEPTED --send Greeting--> GREETED --receive Init--> SPAWNED --refuse_init--> GREETED
+ACCEPTED --send Greeting--> GREETED --receive Init--> SPAWNED --reject_init--> GREETED
+
+To add a command: its entry in every state that accepts the command; without an entry the command is
+dropped silently.
 """
 
 from __future__ import annotations
@@ -25,15 +28,18 @@ from catoptra_protocol.usarsim.commands import (
 
 
 class ControlState(Enum):
-    """Where a connection stands, seen from the server."""
+    """State of a connection, from the side of the server."""
 
-    ACCEPTED = auto()  # the server speaks first
-    GREETED = auto()  # no robot yet
-    SPAWNED = auto()  # an Init was handed to the server; the connection has its robot
+    ACCEPTED = auto()
+    """Connected; the server sends first."""
+    GREETED = auto()
+    """Without a robot."""
+    SPAWNED = auto()
+    """An INIT was handed to the simulation: the connection has its robot, or will be rejected."""
 
 
-# The commands served in a state, and the state that follows. What is missing here is dropped in
-# silence: a command that needs a robot, or a second INIT (undefined in the reference).
+# Commands accepted in a state, and the next state. All others are dropped silently: a command that
+# needs a robot, or a second INIT (undefined in the reference).
 TRANSITIONS: dict[ControlState, dict[type[Command], ControlState]] = {
     ControlState.ACCEPTED: {},
     ControlState.GREETED: {

@@ -1,7 +1,7 @@
-"""The two dialects of USARSim: UT2004 (2004-2009, the paper's) and UDK (2010 on).
+"""The two dialects of USARSim: UT2004 (2004-2009, that of the paper) and UDK (2010 on).
 
-Where they differ, each report writes the form that it is asked for; readers take both. Nothing but
-the differences that belong to no single report stands here.
+Each report writes its own form in either dialect, and readers accept both; this module holds only
+the differences that several reports share.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from catoptra_protocol.usarsim.value_format import format_fixed_point
 
 
 class Dialect(Enum):
-    """How a server writes its lines."""
+    """Dialect of the lines that a server writes."""
 
     UT2004 = "ut2004"
     UDK = "udk"
@@ -37,7 +37,7 @@ UDK_BLOCKS_WITHOUT_SPACE = frozenset(
 
 
 def udk_time_pairs(time_s: float | None, dialect: Dialect) -> Pairs:
-    """Return the Time of readings that UT2004 sends without one: UDK's, if it is known."""
+    """Time of a reading that has none in UT2004: that of UDK, if known."""
     if dialect is not Dialect.UDK or time_s is None:
         return ()
     return (("Time", format_fixed_point(time_s)),)

@@ -1,7 +1,7 @@
-"""GEO, the reply to GETGEO: where sensors sit on the robot, and the robot's own dimensions.
+"""GEO, the reply to GETGEO: poses of sensors on the robot, and the dimensions of the robot.
 
-UT2004 writes one block an item that holds all four pairs, UDK a block a pair; both one line.
-Positions are in the frame of what the item is mounted on.
+UT2004 writes one block per item with all four pairs, UDK a block per pair; both in one line.
+Positions are in the frame of the mount.
 """
 
 from __future__ import annotations
@@ -14,21 +14,24 @@ from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.mission_package import MissionPackageGeometry
 from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
-from catoptra_protocol.usarsim.value_format import Vector3, format_fixed_point, format_vector
+from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.vectors import Vector3
 
 
 @dataclass(frozen=True, slots=True)
 class GeometryItem:
-    """One sensor: its place (roll, pitch, yaw) in the frame of its mount; HARD is the chassis."""
+    """Pose of one sensor in the frame of its mount."""
 
     name: str
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
     mount: str = "HARD"
+    """Name of the part that carries the sensor; HARD is the chassis."""
 
     @classmethod
     def from_message(cls, message: Message) -> GeometryItem:
-        """Return the item of a message that holds its four fields."""
+        """Parse a message with the four fields of one item."""
         return cls(
             name=strict_fields.read_text(message, "Name"),
             location_m=strict_fields.read_vector(message, "Location"),
@@ -37,7 +40,7 @@ class GeometryItem:
         )
 
     def to_pairs(self, decimals: int) -> Pairs:
-        """Return the item's four pairs."""
+        """The four pairs of the item."""
         return (
             ("Name", self.name),
             ("Location", format_vector(self.location_m, decimals)),
@@ -48,16 +51,17 @@ class GeometryItem:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """All items of a type. Without items it is the empty reply, which may carry the name asked."""
+    """All items of a type; without items the empty reply."""
 
     WORD: ClassVar[str] = "GEO"
 
     type: str
     items: tuple[GeometryItem, ...] = ()
     name: str | None = None
+    """Name in the request of an empty reply."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line: in UDK to the centimetre, and none without items."""
+        """Line: in UDK to the centimetre, and none without items."""
         type_ = ("Type", self.type)
         if dialect is Dialect.UDK:
             pairs = tuple(pair for item in self.items for pair in item.to_pairs(2))
@@ -71,21 +75,25 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True)
 class VehicleGeometry:
-    """The robot itself: length, width, height; centre of gravity; wheels."""
+    """Dimensions of the robot itself."""
 
     WORD: ClassVar[str] = "GEO"
 
     name: str
+    """Name of the model."""
     dimensions_m: Vector3
+    """Length, width, height."""
     centre_of_gravity_m: Vector3
     wheel_radius_m: float
     wheel_separation_m: float
+    """Distance between left and right wheels."""
     wheel_base_m: float
+    """Distance between front and rear wheels."""
     vehicle_type: str = "GroundVehicle"
 
     @classmethod
     def from_message(cls, message: Message) -> VehicleGeometry:
-        """Return the robot's geometry of a parsed line."""
+        """Parse a line."""
         return cls(
             name=strict_fields.read_text(message, "Name"),
             dimensions_m=strict_fields.read_vector(message, "Dimensions"),
@@ -97,7 +105,7 @@ class VehicleGeometry:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         pairs = (
             ("Type", self.vehicle_type),
             ("Name", self.name),
@@ -113,7 +121,8 @@ class VehicleGeometry:
 def geometry_from_message(
     message: Message,
 ) -> Geometry | VehicleGeometry | MissionPackageGeometry:
-    """Return what a GEO line says."""
+    """Parse a GEO line: of the robot, of a mission package, or of sensors."""
+    # By the fields and not by the type: the type of a robot is free text, GroundVehicle or another.
     if message.get("Dimensions") is not None:
         return VehicleGeometry.from_message(message)
     if message.get("Link") is not None:

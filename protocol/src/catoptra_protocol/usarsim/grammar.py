@@ -1,9 +1,9 @@
 """The text of the control protocol: bytes to lines, lines to messages, and back.
 
-`WORD {Name Value} {Name Value}` up to a CR or a LF. The reader takes the union of what the two
-USARSim parsers take (SPEC.md 3); the writer keeps to what every known client reads. Nothing that a
-peer sends raises here. Text is Latin-1, so that one byte is one character and any byte survives.
-Source: MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
+`WORD {Name Value} {Name Value}` up to a CR or a LF. The reader accepts the union of both USARSim
+parsers (SPEC.md 3); the writer keeps to the subset that every known client reads. No input raises
+here. Text is Latin-1, so that one byte is one character and any byte survives. Source:
+MessageParser.uc, ParsedMessage.uc of USARSim (UDK); the GameBots2004 parser.
 """
 
 from __future__ import annotations
@@ -27,28 +27,30 @@ _UNSAFE_IN_NAME = re.compile(r"[{}\r\n ]")
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A line taken apart: the upper-cased word and its (name, value) pairs in order, as sent."""
+    """A parsed line."""
 
     word: str
+    """First word, upper-cased."""
     pairs: Pairs = ()
+    """Name and value of each block, in order, as sent."""
 
     def get(self, name: str) -> str | None:
-        """Return the value of the first pair with this name, in any case; None if there is none."""
+        """Value of the first pair with this name, in any case; None if missing."""
         wanted = name.lower()
         return next((value for key, value in self.pairs if key.lower() == wanted), None)
 
     def __str__(self) -> str:
-        """Return the line for a log: whatever cannot be printed is escaped."""
+        """Line for a log, with unprintable characters escaped."""
         text = " ".join((self.word, *map(_format_block, self.pairs)))
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def parse_message(line: str) -> Message:
-    """Return the message of a line. Total: any text means something, if only an unknown word.
+    """Parse a line. Total: every text is a message, if only one with an unknown word.
 
     The word ends at the first space (GameBots) or brace (UDK). A block is `{...}` without braces
-    inside: one that is never closed says nothing, so that half a number is never obeyed. `{Text}`
-    has an empty name and the value `Text`, as in UnrealScript; `{}` is nothing.
+    inside; an unclosed block is ignored, so that half a number is never executed. `{Text}` has an
+    empty name and the value `Text`, as in UnrealScript; `{}` is ignored.
     """
     word = line.partition("{")[0].strip(" ").partition(" ")[0].upper()
     blocks = (block.strip(" ") for block in _BLOCK.findall(line))
@@ -58,12 +60,19 @@ def parse_message(line: str) -> Message:
 def format_line(
     word: str, pairs: Iterable[tuple[str, str]] = (), without_space: frozenset[str] = frozenset()
 ) -> bytes:
-    """Return the line with CR LF. Raises LocalProtocolError for text that would break it.
+    """Encode a line with CR LF.
 
-    A space goes before each block, except before those with a name in `without_space`.
+    Args:
+        word: First word.
+        pairs: Name and value of each block.
+        without_space: Names of the blocks without a space before their brace.
+
+    Raises:
+        LocalProtocolError: A text would break the line, or is not Latin-1.
     """
     pairs = tuple(pairs)
     for name, value in (("", word), *pairs):
+        # A brace or a line end in a name of a client would forge blocks or lines of other robots.
         if _UNSAFE_IN_NAME.search(name) or _UNSAFE_IN_VALUE.search(value):
             raise LocalProtocolError(
                 f"{word}: {{{name} {value}}} cannot be sent: names must be free of spaces, "
@@ -78,12 +87,12 @@ def format_line(
 
 
 def split_words(value: str) -> list[str]:
-    """Return the words of a value that holds several, separated by spaces."""
+    """Words of a value, separated by spaces."""
     return [word for word in value.split(" ") if word]
 
 
 def split_groups(message: Message, key: str) -> list[Message]:
-    """Return the runs of blocks that each begin with this name; what precedes the first is none."""
+    """Runs of blocks that each begin with this name; blocks before the first run are ignored."""
     found: list[list[tuple[str, str]]] = []
     for pair in message.pairs:
         if pair[0].lower() == key.lower():
@@ -94,7 +103,7 @@ def split_groups(message: Message, key: str) -> list[Message]:
 
 
 class LineReader:
-    """Cut a byte stream into lines, however it is chunked, keeping at most one line.
+    """Parser of the lines in a byte stream, in any segmentation; buffers at most one line.
 
     A line longer than `MAX_LINE_BYTES` is dropped up to its end; the next one is read as usual.
     """
@@ -104,7 +113,8 @@ class LineReader:
         self._is_overlong = False
 
     def receive(self, data: bytes) -> list[str]:
-        """Return the lines that these bytes end, without their ends; blank ones are nothing."""
+        """Lines completed by these bytes, without their ends; blank lines are ignored."""
+        # CR LF ends a line and a blank one behind it, so one pattern serves all line ends.
         *ended, rest = _LINE_END.split(data)
         lines = [self._finish_line(piece) for piece in ended]
         self._append(rest)
@@ -119,6 +129,7 @@ class LineReader:
 
     def _append(self, piece: bytes) -> None:
         self._is_overlong = self._is_overlong or len(self._line) + len(piece) > MAX_LINE_BYTES
+        # The line stays overlong until its end: a tail must not pass for a line of its own.
         if self._is_overlong:
             self._line.clear()
         else:

@@ -1,4 +1,4 @@
-"""NFO: the first line on a connection, and the answer to GETSTARTPOSES."""
+"""NFO: the first line on a connection, and the reply to GETSTARTPOSES."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.usarsim import strict_fields
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, split_words
-from catoptra_protocol.usarsim.value_format import Vector3, format_vector
+from catoptra_protocol.usarsim.value_format import format_vector
+from catoptra_protocol.vectors import Vector3
 
 
 @dataclass(frozen=True, slots=True)
 class Greeting:
-    """The first line on every connection. The time limit is in minutes; 0 = none."""
+    """The first line on every connection."""
 
     WORD: ClassVar[str] = "NFO"
 
     game_type: str
     level: str
+    """Name of the world."""
     time_limit: int = 0
+    """Minutes; 0 = none."""
 
     @classmethod
     def from_message(cls, message: Message) -> Greeting:
-        """Return the greeting of a parsed line."""
+        """Parse a line."""
         return cls(
             game_type=strict_fields.read_text(message, "Gametype"),
             level=strict_fields.read_text(message, "Level"),
@@ -32,7 +35,7 @@ class Greeting:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         limit = str(self.time_limit)
         pairs = (("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit))
         return (Message(self.WORD, pairs),)
@@ -40,16 +43,18 @@ class Greeting:
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """A named pose of the world file, in the world frame; roll, pitch, yaw."""
+    """A named pose of the world file, in the world frame."""
 
     name: str
+    """One word."""
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartPoses:
-    """The answer to GETSTARTPOSES: one block of `name x,y,z r,p,y`, absent if there is none."""
+    """The reply to GETSTARTPOSES: one block of `name x,y,z r,p,y`, absent without poses."""
 
     WORD: ClassVar[str] = "NFO"
 
@@ -57,26 +62,35 @@ class StartPoses:
 
     @classmethod
     def from_message(cls, message: Message) -> StartPoses:
-        """Return the poses of a parsed line, whose second block starts with the first name."""
+        """Parse a line, whose second block begins with the first name.
+
+        Raises:
+            RemoteProtocolError: The number of words does not fit the number of poses.
+        """
         blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
         found = split_words(" ".join(" ".join(pair) for pair in blocks[:1]))
         if len(found) != 3 * strict_fields.read_integer(message, "StartPoses"):
             raise RemoteProtocolError(
-                f"NFO {{StartPoses {strict_fields.read_text(message, 'StartPoses')}}}: expected three words "
-                f"(name x,y,z r,p,y) a pose, not {len(found)} in all"
+                f"NFO {{StartPoses {strict_fields.read_text(message, 'StartPoses')}}}: "
+                f"expected three words (name x,y,z r,p,y) per pose, not {len(found)} in total"
             )
         triples = zip(found[::3], found[1::3], found[2::3], strict=True)
         return cls(tuple(_parse_start_pose(message, *triple) for triple in triples))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects.
+
+        Raises:
+            LocalProtocolError: A name is not one word.
+        """
         said = [word for pose in self.poses for word in _format_start_pose(pose)]
+        # The block has no name of its own: the name of the first pose stands in its position.
         block = ((said[0], " ".join(said[1:])),) if said else ()
         return (Message(self.WORD, (("StartPoses", str(len(self.poses))), *block)),)
 
 
 def greeting_from_message(message: Message) -> Greeting | StartPoses:
-    """Return what an NFO line says."""
+    """Parse an NFO line of either kind."""
     is_poses = message.get("StartPoses") is not None
     return StartPoses.from_message(message) if is_poses else Greeting.from_message(message)
 

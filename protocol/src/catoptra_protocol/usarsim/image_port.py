@@ -1,6 +1,6 @@
-"""The image server's protocol: requests in, frames out, and the client's side of both.
+"""The protocol of the image port: requests in, frames out, and the client's side of both.
 
-A frame is a type byte, a big-endian length, and a JPEG stream or a RAW picture. Source:
+A frame is a type byte, a big-endian length, and a JPEG stream or a RAW image. Source:
 ImageServer.cpp, UPISImageServer.uc of USARSim; SPEC.md 7.
 """
 
@@ -18,11 +18,12 @@ _FRAME_HEADER = struct.Struct(">BI")
 _RAW_HEADER = struct.Struct(">HH")
 _REGION = struct.Struct(">4I")
 _REQUEST_START = re.compile(rb"[OU]")
+# Length of a request by its first byte.
 _REQUEST_LENGTHS = {ord("O"): 2, ord("U"): 1 + _REGION.size}
 
 
 class ImageType(IntEnum):
-    """The type byte of a frame: RAW, or a JPEG of one of five qualities."""
+    """Type byte of a frame: RAW, or a JPEG of one of five qualities."""
 
     RAW = 0
     SUPER = 1
@@ -33,7 +34,11 @@ class ImageType(IntEnum):
 
     @classmethod
     def from_text(cls, text: str) -> ImageType:
-        """Return the type of a tag in any case or of a number; empty means NORMAL, as in UDK."""
+        """Image type of a tag in any case or of a number; empty means NORMAL, as in UDK.
+
+        Raises:
+            LocalProtocolError: The text is no type; lists the types.
+        """
         tag = text.strip().upper() or "NORMAL"
         for image_type in cls:
             if tag in (image_type.name, str(image_type.value)):
@@ -42,7 +47,7 @@ class ImageType(IntEnum):
         raise LocalProtocolError(f"image type {text!r}: expected one of {tags}")
 
 
-# FreeImage's qualities behind the tags: SUPERB, GOOD, NORMAL, AVERAGE, BAD.
+# Qualities of FreeImage behind the tags: SUPERB, GOOD, NORMAL, AVERAGE, BAD.
 JPEG_QUALITY: dict[ImageType, int] = {
     ImageType.SUPER: 100,
     ImageType.GOOD: 75,
@@ -54,14 +59,14 @@ JPEG_QUALITY: dict[ImageType, int] = {
 
 @dataclass(frozen=True, slots=True)
 class FullFrameRequest:
-    """A request for the whole picture: `OK`."""
+    """Request for the full picture: `OK`."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegionRequest:
-    """A request for a rectangle of the picture, in pixels: `U` and 16 bytes.
+    """Request for a rectangular region of the picture, in pixels: `U` and 16 bytes.
 
-    Nothing says that it lies inside the picture: SPEC.md 7.3.
+    The region may lie outside the picture: SPEC.md 7.3.
     """
 
     x: int
@@ -76,24 +81,26 @@ _FULL_FRAME_REQUEST = FullFrameRequest()
 
 
 class ImageRequestReader:
-    """Find the requests in a client's bytes, however they are cut.
+    """Parser of the requests in a client's bytes, in any segmentation.
 
-    `OK` asks for the whole picture; `U` and 16 bytes for a rectangle; `O` and any other byte are
-    both swallowed; every other byte is nothing. At most 16 bytes are kept. Each request is owed one
-    frame; whoever serves them reads no further until they are answered, so that TCP holds back the
-    rest: no request is lost and no queue grows.
+    `OK` requests the full picture; `U` and 16 bytes a region; `O` and any other byte are both
+    discarded; every other byte is ignored. At most 16 bytes stay buffered. The caller owes one
+    frame per request and must not read further until then, so that TCP holds back the rest: no
+    request is lost and no queue grows.
     """
 
     def __init__(self) -> None:
         self._pending = b""
 
     def receive(self, data: bytes) -> list[ImageRequest]:
-        """Return the requests that these bytes complete."""
+        """Requests completed by these bytes."""
         data = self._pending + data
         requests: list[ImageRequest] = []
         position = 0
         while start := _REQUEST_START.search(data, position):
             begin, position = start.start(), start.start() + _REQUEST_LENGTHS[start[0][0]]
+            # An incomplete request at the end: buffered from its first byte, so it is searched
+            # again whole.
             if position > len(data):
                 self._pending = data[begin:]
                 return requests
@@ -104,27 +111,29 @@ class ImageRequestReader:
 
 @dataclass(frozen=True, slots=True)
 class EncodedFrame:
-    """A frame as it came: its payload is a JPEG stream, or a RAW header and rows of B, G, R."""
+    """A frame as received."""
 
     image_type: ImageType
     payload: bytes
+    """A JPEG stream, or a RAW header and rows of B, G, R bytes."""
 
     def __str__(self) -> str:
         return f"{self.image_type.name} frame of {len(self.payload)} bytes"
 
 
 class ImageFrameReader:
-    """Collect frames from a server's bytes, however they are cut. Each byte is copied twice."""
+    """Parser of the frames in a server's bytes, in any segmentation; copies each byte twice."""
 
     def __init__(self, max_payload_bytes: int = MAX_IMAGE_PAYLOAD_BYTES) -> None:
         self._buffer = bytearray()
         self._max_payload_bytes = max_payload_bytes
 
     def receive(self, data: bytes) -> list[EncodedFrame]:
-        """Return the frames that these bytes complete.
+        """Frames completed by these bytes.
 
-        Raises RemoteProtocolError for an unknown type or a payload beyond the limit, as soon as its
-        header is there; the connection is not to be used after it.
+        Raises:
+                RemoteProtocolError: A header has an unknown type or a payload beyond the limit.
+                Raised before the payload arrives; the connection is unusable afterwards.
         """
         self._buffer += data
         frames = []
@@ -139,6 +148,8 @@ class ImageFrameReader:
         end = _FRAME_HEADER.size + length
         if len(self._buffer) < end:
             return None
+        # The view is released before the buffer shrinks: a bytearray with an exported view cannot
+        # resize.
         with memoryview(self._buffer) as view:
             payload = bytes(view[_FRAME_HEADER.size : end])
         del self._buffer[:end]  # moves the start of a bytearray, not its bytes
@@ -150,6 +161,7 @@ class ImageFrameReader:
             raise RemoteProtocolError(
                 f"frame of type {image_type}: expected 0 (RAW) to 5; is this the image port?"
             )
+        # Checked as soon as the header arrives, before any byte of the payload is buffered.
         if length > self._max_payload_bytes:
             raise RemoteProtocolError(
                 f"frame of {length} bytes: more than the {self._max_payload_bytes} that we accept"
@@ -158,21 +170,28 @@ class ImageFrameReader:
 
 
 def encode_full_frame_request() -> bytes:
-    """Return the request for one whole frame."""
+    """Bytes of the request for one full frame."""
     return b"OK"
 
 
 def encode_frame_header(image_type: ImageType, payload_length: int) -> bytes:
-    """Return the 5 bytes before a payload."""
+    """The 5 bytes before a payload.
+
+    Raises:
+        LocalProtocolError: The length exceeds 32 bits.
+    """
     if not 0 <= payload_length <= 0xFFFFFFFF:
         raise LocalProtocolError(f"a payload of {payload_length} bytes does not fit its header")
     return _FRAME_HEADER.pack(image_type, payload_length)
 
 
 def encode_raw_header(width: int, height: int) -> bytes:
-    """Return the 4 bytes before the rows of a RAW picture.
+    """The 4 bytes before the rows of a RAW image.
 
     Rows follow top first, pixels as B, G, R, each row padded to `raw_row_pitch(width)` bytes.
+
+    Raises:
+        LocalProtocolError: A side exceeds 16 bits.
     """
     if not (0 <= width <= MAX_IMAGE_SIDE_PX and 0 <= height <= MAX_IMAGE_SIDE_PX):
         raise LocalProtocolError(f"a RAW picture of {width} x {height} px does not fit its header")
@@ -180,21 +199,23 @@ def encode_raw_header(width: int, height: int) -> bytes:
 
 
 def raw_row_pitch(width: int) -> int:
-    """Return the bytes of a RAW row: 3 a pixel, rounded up to a multiple of 4 as FreeImage does.
+    """Bytes of a RAW row: 3 per pixel, rounded up to a multiple of 4 as in FreeImage.
 
-    Some clients take it to be 3 * width: serve widths divisible by 4.
+    Some clients assume 3 * width: serve widths divisible by 4.
     """
     return (3 * width + 3) // 4 * 4
 
 
 def parse_raw_size(payload: bytes) -> tuple[int, int, int]:
-    """Return (width, height, pitch) of a RAW payload; rows may be padded or not.
+    """Width, height and row pitch of a RAW payload; rows may be padded or not.
 
-    Raises RemoteProtocolError if header and length disagree.
+    Raises:
+        RemoteProtocolError: Header and length disagree.
     """
     if len(payload) < _RAW_HEADER.size:
         raise RemoteProtocolError(f"RAW frame of {len(payload)} bytes: its header alone has 4")
     width, height = _RAW_HEADER.unpack_from(payload)
+    # Padded first: both pitches agree for widths divisible by 4, and the reference pads.
     for pitch in (raw_row_pitch(width), 3 * width):
         if len(payload) == _RAW_HEADER.size + height * pitch:
             return width, height, pitch
@@ -205,7 +226,7 @@ def parse_raw_size(payload: bytes) -> tuple[int, int, int]:
 
 
 def _parse_request(data: bytes) -> list[ImageRequest]:
-    """Return what a complete sequence that began with O or U asks for: one request or none."""
+    """Request of a complete sequence that begins with O or U; none for `O` and another byte."""
     if data[:1] == b"U":
         return [RegionRequest(*_REGION.unpack_from(data, 1))]
     return [_FULL_FRAME_REQUEST] if data == b"OK" else []

@@ -1,6 +1,7 @@
-"""How large a picture a JPEG stream announces, so that a client can refuse it before decoding.
+"""Size that a JPEG stream announces, so that a client can reject an image before decoding.
 
-It walks the segments up to the start of frame (ITU-T T.81, B.1.1.3 and B.2.2) and decodes nothing.
+The parser walks the segments up to the start of frame (ITU-T T.81, B.1.1.3 and B.2.2) and decodes
+nothing.
 """
 
 from __future__ import annotations
@@ -12,15 +13,17 @@ from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 
 _START_OF_IMAGE = b"\xff\xd8"
 _SEGMENT_LENGTH = struct.Struct(">H")
+# Length, bits per sample, height, width.
 _FRAME_HEADER = struct.Struct(">HBHH")  # length, bits a sample, height, width
-# SOF0 to SOF15 without the three markers between them that are no frames: DHT, JPG, DAC.
+# SOF0 to SOF15 without the three other markers in this range: DHT, JPG, DAC.
 _START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
-    """Return (width, height) in pixels.
+    """Width and height in pixels.
 
-    Raises RemoteProtocolError if the stream announces none, or more pixels than we accept.
+    Raises:
+        RemoteProtocolError: The stream announces no size, or more pixels than MAX_IMAGE_PIXELS.
     """
     try:
         width, height = _find_frame_size(payload)
@@ -28,6 +31,7 @@ def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
         raise RemoteProtocolError(
             f"JPEG frame of {len(payload)} bytes that ends before it tells its size"
         ) from error
+    # The decoder would allocate the announced size before reading a pixel.
     if not 0 < width * height <= MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(
             f"JPEG frame of {width} x {height} px: we accept 1 to {MAX_IMAGE_PIXELS} pixels"
@@ -36,7 +40,7 @@ def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
 
 
 def _find_frame_size(payload: bytes) -> tuple[int, int]:
-    """Return (width, height) of the first start of frame; struct.error where the bytes end."""
+    """Width and height of the first start of frame; struct.error where the bytes end."""
     if not payload.startswith(_START_OF_IMAGE):
         raise RemoteProtocolError(f"JPEG frame that starts with {payload[:2]!r}: that is no JPEG")
     position = len(_START_OF_IMAGE)
@@ -49,7 +53,7 @@ def _find_frame_size(payload: bytes) -> tuple[int, int]:
 
 
 def _read_marker(payload: bytes, position: int) -> tuple[int, int]:
-    """Return the marker at a position, and the position behind it; fill bytes may precede it."""
+    """Marker at a position, and the position after it; fill bytes may precede the marker."""
     start = position
     while payload[position : position + 1] == b"\xff":
         position += 1

@@ -1,6 +1,7 @@
-"""Read the fields of a client's command leniently, and write them: for the commands only.
+"""Lenient readers and the writer of command fields.
 
-The counterpart of `fields`: what a client left out or wrote badly becomes None, 0 or an empty text.
+The counterpart of `strict_fields`, for the server's side: a missing field is None, a malformed one
+0 or an empty text, since the protocol has no message for a malformed command.
 """
 
 from __future__ import annotations
@@ -8,51 +9,52 @@ from __future__ import annotations
 from catoptra_protocol.limits import MAX_NAME_CHARS
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.value_format import (
-    Vector3,
     boolean_from_text,
     format_exact,
     number_from_text,
     vector_from_text,
 )
+from catoptra_protocol.vectors import Vector3
 
 
 def read_name(message: Message, key: str) -> str | None:
-    """Return a name short enough to be echoed; None if it is missing or empty."""
+    """Name truncated to a length that fits into a reply; None if missing or empty."""
     return (message.get(key) or "")[:MAX_NAME_CHARS] or None
 
 
 def read_number(message: Message, key: str) -> float | None:
-    """Return a finite number; None if it is missing."""
+    """Finite number; None if missing."""
     text = message.get(key)
     return None if text is None else number_from_text(text)
 
 
 def read_integer(message: Message, key: str) -> int | None:
-    """Return the whole part of a number; None if it is missing."""
+    """Number truncated to an integer; None if missing."""
     value = read_number(message, key)
     return None if value is None else int(value)
 
 
 def read_boolean(message: Message, key: str) -> bool | None:
-    """Return a boolean; None if it is missing."""
+    """Boolean; None if missing."""
     text = message.get(key)
     return None if text is None else boolean_from_text(text)
 
 
 def read_vector(message: Message, key: str) -> Vector3 | None:
-    """Return three numbers; None if they are missing."""
+    """Three numbers; None if missing."""
     text = message.get(key)
     return None if text is None else vector_from_text(text)
 
 
 def format_pairs(*pairs: tuple[str, str | float | bool | Vector3 | None]) -> Pairs:
-    """Return the blocks of what is not None: numbers exact, booleans as UDK compares them."""
+    """Pairs of the values that are not None: numbers exact, booleans in lower case for UDK."""
     return tuple((key, _format_value(value)) for key, value in pairs if value is not None)
 
 
 def _format_value(value: str | float | bool | Vector3) -> str:
     if isinstance(value, str):
         return value
+    # Before the numbers: bool is a subclass of int.
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):

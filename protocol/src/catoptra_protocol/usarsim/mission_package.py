@@ -1,7 +1,7 @@
 """Mission packages, chains of links on a robot such as a pan-tilt: MISSTA, and their CONF and GEO.
 
-Each link's blocks follow each other, begun by its number. UDK calls packages actuators and their
-status ASTA.
+The blocks of each link follow each other, beginning with its number. UDK calls packages actuators
+and their status ASTA.
 """
 
 from __future__ import annotations
@@ -12,22 +12,25 @@ from typing import ClassVar
 from catoptra_protocol.usarsim import strict_fields
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
-from catoptra_protocol.usarsim.value_format import Vector3, format_fixed_point, format_vector
+from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.vectors import Vector3
 
 _TYPE_NAME = "MisPkg"
+# Parent of a link that is mounted on the robot itself.
 CHASSIS_LINK = -1  # the parent of a link that sits on the robot itself
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
-    """Where a joint is (an angle, or a way of a prismatic one) and what it holds with."""
+    """Position and torque of one joint."""
 
     link: int
     value: float
+    """Angle in rad, or displacement of a prismatic joint in m."""
     torque: float = 0.0
 
     def to_pairs(self) -> Pairs:
-        """Return its blocks; UDK knows no torque and leaves the last one out."""
+        """Blocks of UT2004; UDK has no torque and leaves the last one out."""
         torque = format_fixed_point(self.torque, 2)
         return (
             ("Link", str(self.link)),
@@ -38,7 +41,7 @@ class LinkStatus:
 
 @dataclass(frozen=True, slots=True)
 class MissionPackageStatus:
-    """Where the joints of a package are: MISSTA, or ASTA in UDK."""
+    """Positions of the joints of a package: MISSTA, or ASTA in UDK."""
 
     WORD: ClassVar[str] = "MISSTA"
 
@@ -48,7 +51,7 @@ class MissionPackageStatus:
 
     @classmethod
     def from_message(cls, message: Message) -> MissionPackageStatus:
-        """Return the status of a parsed line."""
+        """Parse a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
@@ -56,25 +59,27 @@ class MissionPackageStatus:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         is_udk = dialect is Dialect.UDK
         head = (("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
+        # The torque is the last of the three pairs, so UDK's form is their beginning.
         links = (pair for link in self.links for pair in link.to_pairs()[: 2 if is_udk else 3])
         return (Message("ASTA" if is_udk else self.WORD, (*head, *links)),)
 
 
 @dataclass(frozen=True, slots=True)
 class LinkConfiguration:
-    """What a joint can do. Without a range it turns freely, which prints as the range 1 to 0."""
+    """Capabilities of one joint."""
 
     link: int
     max_speed: float
     max_torque: float
     limits: tuple[float, float] | None = None
+    """Minimum and maximum; None = a free joint, printed as the range 1 to 0."""
     joint_type: str = "Revolute"
 
     def to_pairs(self) -> Pairs:
-        """Return its blocks."""
+        """Blocks."""
         least, most = (
             ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
         )
@@ -90,7 +95,7 @@ class LinkConfiguration:
 
 @dataclass(frozen=True, slots=True)
 class MissionPackageConfiguration:
-    """CONF of a package. A client reads it as a `Configuration`."""
+    """CONF of a package; a client reads the line as a `Configuration`."""
 
     WORD: ClassVar[str] = "CONF"
 
@@ -98,23 +103,25 @@ class MissionPackageConfiguration:
     links: tuple[LinkConfiguration, ...]
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         links = (pair for link in self.links for pair in link.to_pairs())
         return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 
 
 @dataclass(frozen=True, slots=True)
 class LinkGeometry:
-    """Where a joint sits (roll, pitch, yaw) in the frame of its parent; -1 is the chassis."""
+    """Pose of one joint in the frame of its parent."""
 
     link: int
     parent_link: int
+    """Number of the parent; CHASSIS_LINK for the chassis."""
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
 
     @classmethod
     def from_message(cls, message: Message) -> LinkGeometry:
-        """Return the link of a message that holds its four fields."""
+        """Parse a message with the four fields of one link."""
         return cls(
             link=strict_fields.read_integer(message, "Link"),
             parent_link=strict_fields.read_integer(message, "ParentLink"),
@@ -123,7 +130,7 @@ class LinkGeometry:
         )
 
     def to_pairs(self) -> Pairs:
-        """Return its blocks."""
+        """Blocks."""
         return (
             ("Link", str(self.link)),
             ("ParentLink", str(self.parent_link)),
@@ -143,18 +150,18 @@ class MissionPackageGeometry:
 
     @classmethod
     def from_message(cls, message: Message) -> MissionPackageGeometry:
-        """Return the geometry of a parsed line."""
+        """Parse a line."""
         links = map(LinkGeometry.from_message, split_groups(message, "Link"))
         return cls(strict_fields.read_text(message, "Name"), tuple(links))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         links = (pair for link in self.links for pair in link.to_pairs())
         return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 
 
 def _parse_link_status(group: Message) -> LinkStatus:
-    """Return the status of a link's blocks; some servers print no torque."""
+    """Status in the blocks of one link; servers of UDK print no torque."""
     torque = strict_fields.read_optional_number(group, "Torque") or 0.0
     return LinkStatus(
         strict_fields.read_integer(group, "Link"), strict_fields.read_number(group, "Value"), torque

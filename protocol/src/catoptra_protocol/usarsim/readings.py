@@ -1,8 +1,11 @@
-"""SEN: what the robot's sensors read; here those that tell a pose, and the table of all.
+"""SEN, the sensor readings: those with a pose here, and the table of all.
 
-To add one: write its class beside those most like it (`readings_range`, `readings_items`,
-`readings_gps`), then its line in the `Reading` union and in `_SENSORS`. Time comes first where a
-sensor has it, then Type. The form is the dialect's: fields, decimals, one line or one an item.
+Time comes first where a sensor has one, then Type. Fields, decimals and the number of lines depend
+on the dialect.
+
+To add a reading: its class beside similar ones (`readings_range`, `readings_encoders_and_tags`,
+`readings_gps`), its entries in the `Reading` union and in _READING_PARSERS, a vector in
+tests/conformance/data/reports, its row in SPEC.md 5.3.
 """
 
 from __future__ import annotations
@@ -25,17 +28,15 @@ from catoptra_protocol.usarsim.readings_encoders_and_tags import (
 )
 from catoptra_protocol.usarsim.readings_gps import GpsReading
 from catoptra_protocol.usarsim.readings_range import RangeScanReading, SonarReadings
-from catoptra_protocol.usarsim.value_format import Vector3, format_fixed_point, format_vector
+from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.vectors import Vector3
 
 _TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryReading:
-    """The pose that the wheels tell, relative to the spawn pose.
-
-    UDK prints its time, if there is one; UT2004 never does.
-    """
+    """Pose from the wheels, relative to the spawn pose."""
 
     WORD: ClassVar[str] = "SEN"
 
@@ -44,10 +45,11 @@ class OdometryReading:
     y_m: float
     yaw_rad: float
     time_s: float | None = None
+    """Printed by UDK only; None if unknown."""
 
     @classmethod
     def from_message(cls, message: Message) -> OdometryReading:
-        """Return the reading of a parsed line."""
+        """Parse a line."""
         name, pose = (
             strict_fields.read_text(message, "Name"),
             strict_fields.read_vector(message, "Pose"),
@@ -55,7 +57,7 @@ class OdometryReading:
         return cls(name, *pose, time_s=strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         pose = format_vector((self.x_m, self.y_m, self.yaw_rad))
         own: Pairs = (("Type", "Odometry"), ("Name", self.name), ("Pose", pose))
         return (Message(self.WORD, (*udk_time_pairs(self.time_s, dialect), *own)),)
@@ -63,21 +65,20 @@ class OdometryReading:
 
 @dataclass(frozen=True, slots=True)
 class InsReading:
-    """The pose that inertial navigation believes in, in the world frame.
-
-    UDK prints its time, if there is one: by default there is none.
-    """
+    """Pose estimated by inertial navigation, in the world frame."""
 
     WORD: ClassVar[str] = "SEN"
 
     name: str
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
     time_s: float | None = None
+    """Printed by UDK only, and there by option; None if unknown."""
 
     @classmethod
     def from_message(cls, message: Message) -> InsReading:
-        """Return the reading of a parsed line."""
+        """Parse a line."""
         return cls(
             name=strict_fields.read_text(message, "Name"),
             location_m=strict_fields.read_vector(message, "Location"),
@@ -86,7 +87,7 @@ class InsReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects but for time and the range of the angles."""
+        """Line, the same in both dialects except for time and the range of the angles."""
         pairs = (
             *udk_time_pairs(self.time_s, dialect),
             ("Type", "INS"),
@@ -99,10 +100,10 @@ class InsReading:
 
 @dataclass(frozen=True, slots=True)
 class GroundTruthReading:
-    """The true pose of the robot in the world frame.
+    """True pose of the robot in the world frame.
 
-    UT2004 prints 2 decimals, a centimetre, and angles in [0, 2 pi); UDK prints 3 decimals and the
-    angles as they are. Experiments need more decimals, so more are printed if given.
+    UT2004 prints 2 decimals, a centimetre, and angles in [0, 2 pi); UDK prints 3 decimals and
+    unwrapped angles. Experiments need more decimals: more are printed if configured.
     """
 
     WORD: ClassVar[str] = "SEN"
@@ -111,22 +112,25 @@ class GroundTruthReading:
     name: str
     location_m: Vector3
     rotation_rad: Vector3
+    """Roll, pitch, yaw."""
     decimals: int = 2
+    """Decimals of location and rotation; UDK prints at least 3."""
 
     @classmethod
     def from_message(cls, message: Message) -> GroundTruthReading:
-        """Return the reading of a parsed line, with the number of decimals that it shows."""
+        """Parse a line, together with its number of decimals."""
         first = strict_fields.read_text(message, "Location").partition(",")[0]
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
             location_m=strict_fields.read_vector(message, "Location"),
             rotation_rad=strict_fields.read_vector(message, "Orientation"),
+            # A report that was read and is written again must be the same bytes.
             decimals=len(first.partition(".")[2]),
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         decimals = max(self.decimals, 3) if dialect is Dialect.UDK else self.decimals
         pairs = (
             ("Time", format_fixed_point(self.time_s)),
@@ -154,7 +158,7 @@ Reading = (
 
 
 def reading_from_message(message: Message) -> Reading | None:
-    """Return the reading of a SEN line; None for a sensor that we do not know."""
+    """Reading of a SEN line; None for an unknown sensor."""
     reader = _READING_PARSERS.get(strict_fields.read_text(message, "Type").lower())
     return reader(message) if reader else None
 
@@ -175,15 +179,16 @@ _READING_PARSERS: dict[str, Callable[[Message], Reading]] = {
 
 
 def _format_angles(angles_rad: Vector3, decimals: int, dialect: Dialect) -> str:
-    """Return the angles as a dialect prints them: UT2004 in [0, 2 pi), UDK as they are."""
+    """Angles of a dialect: UT2004 in [0, 2 pi), UDK unwrapped."""
     if dialect is Dialect.UDK:
         return format_vector(angles_rad, decimals)
     return format_vector(map(_wrap_to_positive, angles_rad), decimals)
 
 
 def _wrap_to_positive(angle_rad: float) -> float:
-    """Return the angle in [0, 2 pi): the remainder of a tiny negative one rounds up to 2 pi."""
+    """Angle in [0, 2 pi)."""
     wrapped = angle_rad % _TWO_PI
+    # The remainder of a tiny negative angle rounds up to 2 pi itself.
     return 0.0 if wrapped >= _TWO_PI else wrapped
 
 

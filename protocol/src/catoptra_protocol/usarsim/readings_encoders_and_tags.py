@@ -1,4 +1,4 @@
-"""SEN of what counts, touches and recognises: encoders, tachometers, switches, RFID, victims."""
+"""SEN of encoders, tachometers, touch sensors, RFID readers and victim sensors."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from catoptra_protocol.usarsim.dialect import Dialect, udk_time_pairs
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
 from catoptra_protocol.usarsim.value_format import (
-    Vector3,
     format_boolean,
     format_fixed_point,
     format_vector,
 )
+from catoptra_protocol.vectors import Vector3
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderReadings:
-    """What encoders counted as (name, ticks). UDK prints the time, if there is one."""
+    """Counts of all encoders of a robot."""
 
     WORD: ClassVar[str] = "SEN"
 
     items: tuple[tuple[str, int], ...]
+    """Pairs of name and ticks."""
     time_s: float | None = None
+    """Printed by UDK only; None if unknown."""
 
     @classmethod
     def from_message(cls, message: Message) -> EncoderReadings:
-        """Return the readings of a parsed line, in either dialect."""
+        """Parse a line of either dialect."""
         items = items_from_message(message)
         named = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_integer(item, "Tick"))
@@ -37,7 +39,7 @@ class EncoderReadings:
         return cls(tuple(named), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, or in UDK a line each."""
+        """One line; in UDK one line each."""
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Encoder"))
         items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
@@ -45,7 +47,7 @@ class EncoderReadings:
 
 @dataclass(frozen=True, slots=True)
 class TachometerReading:
-    """How fast each driven wheel spins, and what it has turned: rad/s and rad, in one order."""
+    """Speed and angle of each driven wheel, both in the same order."""
 
     WORD: ClassVar[str] = "SEN"
 
@@ -53,10 +55,11 @@ class TachometerReading:
     name: str
     velocities_rad_s: tuple[float, ...] = ()
     positions_rad: tuple[float, ...] = ()
+    """Angle since spawning, unwrapped."""
 
     @classmethod
     def from_message(cls, message: Message) -> TachometerReading:
-        """Return the reading of a parsed line; UDK's first one may hold no wheels."""
+        """Parse a line; the first one of UDK may hold no wheels."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
@@ -65,7 +68,7 @@ class TachometerReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         pairs = (
             ("Time", format_fixed_point(self.time_s)),
             ("Type", "Tachometer"),
@@ -73,21 +76,24 @@ class TachometerReading:
             ("Vel", format_vector(self.velocities_rad_s)),
             ("Pos", format_vector(self.positions_rad)),
         )
+        # Without wheels both blocks are absent, as in UDK before its clock has moved.
         return (Message(self.WORD, tuple(pair for pair in pairs if pair[1])),)
 
 
 @dataclass(frozen=True, slots=True)
 class TouchReadings:
-    """What touch sensors feel as (name, touched). UDK prints the time, if there is one."""
+    """Contacts of all touch sensors of a robot."""
 
     WORD: ClassVar[str] = "SEN"
 
     items: tuple[tuple[str, bool], ...]
+    """Pairs of name and contact."""
     time_s: float | None = None
+    """Printed by UDK only; None if unknown."""
 
     @classmethod
     def from_message(cls, message: Message) -> TouchReadings:
-        """Return the readings of a parsed line, in either dialect."""
+        """Parse a line of either dialect."""
         items = items_from_message(message)
         named = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_boolean(item, "Touch"))
@@ -96,7 +102,7 @@ class TouchReadings:
         return cls(tuple(named), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, or in UDK a line each."""
+        """One line; in UDK one line each."""
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Touch"))
         items = ((("Name", name), ("Touch", format_boolean(is_on))) for name, is_on in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
@@ -104,17 +110,18 @@ class TouchReadings:
 
 @dataclass(frozen=True, slots=True)
 class RfidReading:
-    """The numbers of the tags in reach."""
+    """Tags in the range of a reader."""
 
     WORD: ClassVar[str] = "SEN"
 
     time_s: float
     name: str
     ids: tuple[int, ...] = ()
+    """Number of each tag."""
 
     @classmethod
     def from_message(cls, message: Message) -> RfidReading:
-        """Return the reading of a parsed line."""
+        """Parse a line."""
         ids = (value for name, value in message.pairs if name.lower() == "id")
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
@@ -125,7 +132,7 @@ class RfidReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         ids = (("ID", str(number)) for number in self.ids)
         head = (("Time", format_fixed_point(self.time_s)), ("Type", "RFID"), ("Name", self.name))
         return (Message(self.WORD, (*head, *ids)),)
@@ -133,26 +140,29 @@ class RfidReading:
 
 @dataclass(frozen=True, slots=True)
 class VictimPart:
-    """A part of a victim in sight, and where it is relative to the sensor."""
+    """A visible part of a victim."""
 
     name: str
     location_m: Vector3
+    """Position in the frame of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class VictimReading:
-    """Whether victims are in sight, and which parts of them; some servers tell no time."""
+    """Victims in view of a sensor."""
 
     WORD: ClassVar[str] = "SEN"
 
     time_s: float | None
+    """None of a server that prints no time."""
     name: str
     status: str = "NoVictims"
+    """`NoVictims`, or empty where parts are listed."""
     parts: tuple[VictimPart, ...] = ()
 
     @classmethod
     def from_message(cls, message: Message) -> VictimReading:
-        """Return the reading of a parsed line: without a status if there are parts, or a name."""
+        """Parse a line; status, name and time may be missing."""
         return cls(
             time_s=strict_fields.read_optional_number(message, "Time"),
             name=message.get("Name") or "",
@@ -161,7 +171,7 @@ class VictimReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects."""
+        """Line, the same in both dialects."""
         time = () if self.time_s is None else (("Time", format_fixed_point(self.time_s)),)
         head = (*time, ("Type", "VictSensor"), ("Name", self.name))
         status = (("Status", self.status),) if self.status else ()
@@ -178,7 +188,7 @@ def _part_pairs(part: VictimPart) -> Pairs:
 
 
 def _parse_victim_parts(message: Message) -> list[VictimPart]:
-    """Return each PartName with the Location behind it."""
+    """Each PartName with the Location after it."""
     names = [value for name, value in message.pairs if name.lower() == "partname"]
     places = [value for name, value in message.pairs if name.lower() == "location"]
     located = zip(names, places, strict=False)

@@ -10,28 +10,33 @@ from catoptra_protocol.usarsim import strict_fields
 from catoptra_protocol.usarsim.dialect import Dialect, udk_time_pairs
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 
+# A tick is 1e-4 minutes, the last printed decimal.
 _TICKS_PER_DEGREE = 600_000  # of 1e-4 minutes, the last place that is printed
 
 
 @dataclass(frozen=True, slots=True)
 class GpsReading:
-    """Where on Earth the receiver is; north and east are positive. Without a fix: nowhere.
-
-    UDK prints its time, if there is one: by default there is none.
-    """
+    """Position of the receiver on Earth."""
 
     WORD: ClassVar[str] = "SEN"
 
     name: str
     latitude_deg: float = 0.0
+    """North is positive; 0 without a fix."""
     longitude_deg: float = 0.0
+    """East is positive; 0 without a fix."""
     has_fix: bool = False
     num_satellites: int = 0
     time_s: float | None = None
+    """Printed by UDK only, and there by option; None if unknown."""
 
     @classmethod
     def from_message(cls, message: Message) -> GpsReading:
-        """Return the reading of a parsed line."""
+        """Parse a line.
+
+        Raises:
+            RemoteProtocolError: A field is missing or wrong; names the field.
+        """
         name, satellites = (
             strict_fields.read_text(message, "Name"),
             strict_fields.read_integer(message, "Satellites"),
@@ -49,7 +54,7 @@ class GpsReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, the same in both dialects but for the time."""
+        """Line, the same in both dialects except for the time."""
         place = () if not self.has_fix else self._position_pairs()
         fix = (("Fix", str(int(self.has_fix))), ("Satellites", str(self.num_satellites)))
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "GPS"), ("Name", self.name))
@@ -61,20 +66,19 @@ class GpsReading:
 
 
 def _format_angle(angle_deg: float, hemispheres: str) -> str:
-    """Return `39,8.0341,N`, truncated.
-
-    Rounded at 1e-5 of the last place first, a thousand times the noise of a double there: an angle
-    that was read prints as it was.
-    """
+    """Degrees, minutes and hemisphere, `39,8.0341,N`, truncated."""
     if not abs(angle_deg) <= 180.0:
         raise LocalProtocolError(f"GPS: {angle_deg!r} degrees cannot be sent: at most 180")
-    units = int(round(abs(angle_deg) * _TICKS_PER_DEGREE, 5))
-    degrees, rest = divmod(units, _TICKS_PER_DEGREE)
+    # Rounded at 1e-5 of a tick before the truncation, a thousand times the noise of a double there:
+    # an angle that was read prints unchanged.
+    ticks = int(round(abs(angle_deg) * _TICKS_PER_DEGREE, 5))
+    degrees, rest = divmod(ticks, _TICKS_PER_DEGREE)
     return f"{degrees},{rest // 10_000}.{rest % 10_000:04d},{hemispheres[angle_deg < 0.0]}"
 
 
 def _parse_angle(message: Message, name: str, hemispheres: str) -> float:
     degrees, minutes, side = _split_angle(message, name)
+    # Two messages with names of their own, so that an error names degrees or minutes.
     parts = Message(message.word, ((name, degrees), (f"{name}Minutes", minutes)))
     angle = (
         strict_fields.read_number(parts, name)
@@ -82,8 +86,8 @@ def _parse_angle(message: Message, name: str, hemispheres: str) -> float:
     )
     if side not in tuple(hemispheres) or not 0.0 <= angle <= 180.0:
         raise RemoteProtocolError(
-            f"SEN: {{{name} {strict_fields.read_text(message, name)[:80]}}}: expected at most 180 degrees and "
-            f"one of {', '.join(hemispheres)}"
+            f"SEN: {{{name} {strict_fields.read_text(message, name)[:80]}}}: "
+            f"expected at most 180 degrees and one of {', '.join(hemispheres)}"
         )
     return -angle if side == hemispheres[1] else angle
 

@@ -1,4 +1,4 @@
-"""SEN of what measures distances: range scanners and sonars."""
+"""SEN of distance sensors: range scanners and sonars."""
 
 from __future__ import annotations
 
@@ -18,19 +18,22 @@ from catoptra_protocol.usarsim.value_format import (
 
 @dataclass(frozen=True, slots=True)
 class RangeScanReading:
-    """A scan: ranges from the robot's right to its left, `resolution_rad` apart, ends included."""
+    """A scan from the right of the robot to its left."""
 
     WORD: ClassVar[str] = "SEN"
 
     time_s: float
     name: str
     resolution_rad: float
+    """Angle between two ranges."""
     fov_rad: float
+    """Angle from the first range to the last one."""
     ranges_m: tuple[float, ...]
+    """Ranges, both ends of the field of view included."""
 
     @classmethod
     def from_message(cls, message: Message) -> RangeScanReading:
-        """Return the reading of a parsed line."""
+        """Parse a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
@@ -40,7 +43,7 @@ class RangeScanReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line: UT2004 has 2 decimals in Time and 4 in Range, UDK the reverse."""
+        """Line: UT2004 has 2 decimals in Time and 4 in Range, UDK the reverse."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
         if is_udk:
@@ -61,16 +64,17 @@ class RangeScanReading:
 
 @dataclass(frozen=True, slots=True)
 class SonarReadings:
-    """The ranges of sonars as (name, range in metres): all in one line, or in UDK a line each."""
+    """Ranges of all sonars of a robot."""
 
     WORD: ClassVar[str] = "SEN"
 
     time_s: float
     items: tuple[tuple[str, float], ...]
+    """Pairs of name and range in metres."""
 
     @classmethod
     def from_message(cls, message: Message) -> SonarReadings:
-        """Return the readings of a parsed line, in either dialect."""
+        """Parse a line of either dialect."""
         items = items_from_message(message)
         named = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_number(item, "Range"))
@@ -79,7 +83,7 @@ class SonarReadings:
         return cls(strict_fields.read_number(message, "Time"), tuple(named))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line, or lines."""
+        """One line; in UDK one line each."""
         head = (("Time", format_fixed_point(self.time_s)), ("Type", "Sonar"))
         items = (
             (("Name", name), ("Range", format_fixed_point(range_m))) for name, range_m in self.items

@@ -1,7 +1,8 @@
-"""Several parts of one type in a report: how UT2004 and UDK list them.
+"""Several parts of one type in a report: the lists of UT2004 and UDK.
 
-UT2004 writes one line with a block a part, which holds all its pairs: `{Name F1 Range 4.5604}`. UDK
-writes a block a pair: `{Name F1} {Range 4.5604}`, of readings with a line a part; both are read.
+UT2004 writes one line with a block per part, which holds all its pairs: `{Name F1 Range 4.5604}`.
+UDK writes a block per pair: `{Name F1} {Range 4.5604}`, in readings with a line per part; both are
+read.
 """
 
 from __future__ import annotations
@@ -16,16 +17,27 @@ from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups, spli
 def messages_from_items(
     word: str, head: Pairs, items: Iterable[Pairs], dialect: Dialect
 ) -> tuple[Message, ...]:
-    """Return the lines that list items, each of them pairs of which the first is its Name."""
+    """Lines that list items.
+
+    Args:
+        word: First word of each line.
+        head: Pairs before the items.
+        items: Pairs of each item, its Name first.
+        dialect: Dialect of the lines.
+
+    Raises:
+        LocalProtocolError: A value is not one word, so it does not fit into a block of UT2004.
+    """
     if dialect is Dialect.UDK:
         return tuple(Message(word, (*head, *item)) for item in items)
     return (Message(word, (*head, *map(_merge_into_block, items))),)
 
 
 def items_from_message(message: Message) -> list[Message]:
-    """Return the items of a line in either form, each as a message of its own."""
+    """Items of a line in either form, each as a message of its own."""
     runs = split_groups(message, "Name")
     if len(runs) == 1 and len(split_words(runs[0].pairs[0][1])) == 1:
+        # The fields of a single item may precede its name.
         return [message]  # its fields may precede its name
     if not runs:
         says_something = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
@@ -42,9 +54,10 @@ def _merge_into_block(item: Pairs) -> tuple[str, str]:
 
 
 def _expand_block(run: Message) -> Message:
-    """Return the fields of a run of blocks: of its first alone, if that holds several."""
+    """Fields of a run of blocks; those of its first block alone if that holds several."""
     (key, value), *_ = run.pairs
     name, *rest = split_words(value)
     if not rest:
         return run
+    # Not strict: a trailing word without a value is ignored, as in the reference clients.
     return Message(run.word, ((key, name), *zip(rest[::2], rest[1::2], strict=False)))

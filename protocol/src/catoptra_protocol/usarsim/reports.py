@@ -1,9 +1,11 @@
-"""What the control server tells a client: the table of all reports, and their lines.
+"""The reports of a control server: the table of all, and their lines.
 
-To add one: write its class beside those most like it (word, fields, `from_message`, `messages`:
-the lines in a dialect), then its line in the `Report` union and, if clients read it, in `_READERS`;
-for a sensor see `readings`. Field order and the number of decimals are those of real captures:
-clients index blocks by position.
+Field order and the number of decimals are those of real captures: clients index blocks by position.
+
+To add a report: its class beside similar ones (WORD, fields, `from_message`, `to_messages`: the
+lines in a dialect), its entries in the `Report` union and, if clients read the report, in
+_REPORT_PARSERS, a vector in tests/conformance/data/reports, its row in SPEC.md; for a sensor see
+`readings`.
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ from catoptra_protocol.usarsim.readings import (
 )
 from catoptra_protocol.usarsim.vehicle_status import VehicleStatus
 
-# Any answer to GETCONF; all but the first are written only, and read as the first.
+# Every reply to GETCONF; a client reads all of them as the first.
 AnyConfiguration = (
     Configuration
     | VehicleConfiguration
@@ -107,17 +109,19 @@ _BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOC
 
 
 def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes:
-    """Return the line of a report. In UDK it may be several, or none.
+    """Encode a report; in UDK the result may hold several lines, or none.
 
-    Raises LocalProtocolError if it has none, or one longer than clients can read.
+    Raises:
+        LocalProtocolError: The report has no valid line, or one longer than clients can read.
     """
     return b"".join(_encode_line(message, dialect) for message in report.to_messages(dialect))
 
 
 def report_from_message(message: Message) -> Report | None:
-    """Return the report of a message, of either dialect; None for a word or type we do not know.
+    """Report of a message of either dialect; None for an unknown word or type.
 
-    Raises RemoteProtocolError naming the field that a known one lacks or spells wrongly.
+    Raises:
+        RemoteProtocolError: A field of a known report is missing or malformed; names the field.
     """
     reader = _REPORT_PARSERS.get(message.word)
     return reader(message) if reader else None
@@ -149,6 +153,7 @@ __all__ = [
     "CameraConfiguration",
     "CameraFov",
     "CameraResult",
+    "CommandResult",
     "Configuration",
     "EncoderConfiguration",
     "EncoderReadings",
@@ -158,7 +163,6 @@ __all__ = [
     "Greeting",
     "GroundTruthReading",
     "InsReading",
-    "ScanIntervalConfiguration",
     "LinkConfiguration",
     "LinkGeometry",
     "LinkStatus",
@@ -171,8 +175,8 @@ __all__ = [
     "RangeScannerConfiguration",
     "Reading",
     "Report",
-    "CommandResult",
     "RfidReading",
+    "ScanIntervalConfiguration",
     "SonarConfiguration",
     "SonarReadings",
     "StartPose",

@@ -1,7 +1,7 @@
-"""Read the fields of a server's message strictly: what is missing or wrong is named.
+"""Strict readers of report fields: a missing or malformed field is an error that names the field.
 
-The counterpart of the lenient readers in `numbers`, for the client's side: a client that computes
-with a reading must not compute with a zero that stands for garbage.
+The counterpart of `lenient_fields`, for the client's side: a client that computes with a reading
+must not compute with a zero that stands for garbage. All readers raise RemoteProtocolError.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ import math
 
 from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.usarsim.grammar import Message
-from catoptra_protocol.usarsim.value_format import Vector3, boolean_from_text
+from catoptra_protocol.usarsim.value_format import boolean_from_text
+from catoptra_protocol.vectors import Vector3
 
+# Characters of a malformed line in an error text.
 _MAX_QUOTED_CHARS = 200  # characters of a bad line that an error quotes
 
 
 def read_text(message: Message, name: str) -> str:
-    """Return a field that must be there."""
+    """Text of a required field."""
     value = message.get(name)
     if value is None:
         raise RemoteProtocolError(f"{message.word} without {{{name}}}: {_quote(message)}")
@@ -24,35 +26,35 @@ def read_text(message: Message, name: str) -> str:
 
 
 def read_number(message: Message, name: str) -> float:
-    """Return a finite number."""
+    """Finite number of a required field."""
     return _parse_number(message, name, read_text(message, name))
 
 
 def read_optional_number(message: Message, name: str) -> float | None:
-    """Return a finite number; None where the field is missing."""
+    """Finite number; None if the field is missing."""
     return None if message.get(name) is None else read_number(message, name)
 
 
 def read_integer(message: Message, name: str, default: int | None = None) -> int:
-    """Return a whole number; the default, if there is one, where the field is missing."""
+    """Integer; the default, if given, for a missing field."""
     if default is not None and message.get(name) is None:
         return default
     return int(read_number(message, name))
 
 
 def read_numbers(message: Message, name: str) -> tuple[float, ...]:
-    """Return finite numbers separated by commas, as many as there are."""
+    """Finite numbers separated by commas, any count."""
     parts = read_text(message, name).split(",")
     return tuple(_parse_number(message, name, part) for part in parts)
 
 
 def read_boolean(message: Message, name: str) -> bool:
-    """Return a boolean; False where the field is missing."""
+    """Boolean; False if the field is missing."""
     return boolean_from_text(message.get(name) or "")
 
 
 def read_vector(message: Message, name: str) -> Vector3:
-    """Return three finite numbers, separated by commas."""
+    """Three finite numbers separated by commas."""
     value = read_text(message, name)
     parts = value.split(",")
     if len(parts) != 3:
@@ -62,7 +64,7 @@ def read_vector(message: Message, name: str) -> Vector3:
 
 
 def parse_vectors(message: Message, **values: str) -> tuple[Vector3, ...]:
-    """Return vectors that came without names of their own; the names given here are for errors."""
+    """Vectors from texts outside named blocks; the keywords are the names in error texts."""
     named = Message(message.word, tuple(values.items()))
     return tuple(read_vector(named, name) for name in values)
 
@@ -79,7 +81,8 @@ def _parse_number(message: Message, name: str, value: str) -> float:
 
 def _field_error(message: Message, name: str, value: str, expected: str) -> RemoteProtocolError:
     return RemoteProtocolError(
-        f"{message.word}: {{{name} {value[:_MAX_QUOTED_CHARS]}}}: expected {expected}: {_quote(message)}"
+        f"{message.word}: {{{name} {value[:_MAX_QUOTED_CHARS]}}}: "
+        f"expected {expected}: {_quote(message)}"
     )
 
 

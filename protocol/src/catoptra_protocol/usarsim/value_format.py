@@ -1,7 +1,7 @@
-"""Numbers, vectors and booleans as USARSim prints and reads them.
+"""Printing and parsing of numbers, vectors and booleans as in USARSim.
 
-Output: fixed point, truncated, never an exponent (UnrealScript's FloatString). Input: total, as
-UnrealScript is: what is no number is 0. Source: usarsim captures, SPEC.md 4.
+Output: fixed point, truncated, never an exponent (FloatString of UnrealScript). Input: total, as in
+UnrealScript: a text that is no number is 0. Source: captures of USARSim; SPEC.md 3.
 """
 
 from __future__ import annotations
@@ -12,38 +12,46 @@ from collections.abc import Iterable
 from decimal import Decimal
 
 from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.vectors import Vector3
 
-Vector3 = tuple[float, float, float]
-
-# What C's atof, behind UnrealScript's float(text), takes from the start of a text; no inf, no nan.
+# The prefix that C's atof, behind float(text) of UnrealScript, accepts; without inf and nan.
 _NUMBER = re.compile(r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)")
 _SEPARATOR = re.compile(r" *, *| +")
+# The rounded constant of UnitsConverter.uc: 65536 / (2 pi) would truncate other angles.
 _UU_PER_RADIAN = 10430.3783505  # the constant of UnitsConverter.uc
 
 
 def format_exact(value: float) -> str:
-    """Return the shortest decimal that reads back as this double, without an exponent."""
+    """Shortest decimal that reads back as this double, without an exponent.
+
+    Raises:
+        LocalProtocolError: The number is not finite.
+    """
     if not math.isfinite(value):
         raise LocalProtocolError(f"{value!r} cannot be sent: only finite numbers can")
     text = repr(float(value))
+    # repr has an exponent below 1e-4 and from 1e16 on, which atof of some clients does not read.
     return format(Decimal(text), "f") if "e" in text else text
 
 
 def format_fixed_point(value: float, decimals: int = 4) -> str:
-    """Return the number with so many decimals, truncated towards zero: pi is 3.1415.
+    """Number with this many decimals, truncated towards zero: pi is 3.1415.
 
-    What is truncated is the shortest decimal that denotes the double, not its binary expansion: a
-    configured 5.385 prints 5.3850 as in the reference's replies, though the double nearest to it
-    is 5.38499999999999978. Negative zero prints as -0.0000, as on the real wire.
+    The truncated text is the shortest decimal that denotes the double, not its binary expansion: a
+    configured 5.385 prints 5.3850 as in the replies of the reference, though the double nearest to
+    it is 5.38499999999999978. Negative zero prints as -0.0000, as on the real wire.
     """
     whole, _, fraction = format_exact(value).partition(".")
     return f"{whole}.{fraction[:decimals].ljust(decimals, '0')}" if decimals else whole
 
 
 def truncate_to_unreal_units(angle_rad: float) -> float:
-    """Return the angle as UDK keeps it: truncated to whole Unreal units, 65536 to a turn.
+    """Angle as UDK stores it: truncated to whole Unreal units, 65536 to a turn.
 
     A configured 3.14159 rad is 32767 units and prints 3.1414. Source: UnitsConverter.uc.
+
+    Raises:
+        LocalProtocolError: The angle is not finite in Unreal units.
     """
     units = angle_rad * _UU_PER_RADIAN
     if not math.isfinite(units):
@@ -52,30 +60,30 @@ def truncate_to_unreal_units(angle_rad: float) -> float:
 
 
 def format_vector(values: Iterable[float], decimals: int = 4) -> str:
-    """Return the numbers joined by commas, without spaces."""
+    """Numbers joined by commas, without spaces."""
     return ",".join(format_fixed_point(value, decimals) for value in values)
 
 
 def format_boolean(value: bool) -> str:
-    """Return True or False, as the server prints them."""
+    """True or False, as servers print booleans."""
     return "True" if value else "False"
 
 
 def number_from_text(text: str) -> float:
-    """Return the number that the text starts with, or 0: always finite."""
+    """Number at the start of the text, or 0: always finite."""
     found = _NUMBER.match(text)
     value = float(found.group(1)) if found else 0.0
     return value if math.isfinite(value) else 0.0
 
 
 def is_number(text: str) -> bool:
-    """Return whether the whole text is a finite number."""
+    """Whether the whole text is a finite number."""
     found = _NUMBER.fullmatch(text)
     return found is not None and math.isfinite(float(found.group(1)))
 
 
 def vector_from_text(text: str) -> Vector3:
-    """Return three numbers separated by a comma, a comma and spaces, or spaces.
+    """Three numbers separated by a comma, a comma and spaces, or spaces.
 
     Missing ones are 0, further ones are ignored.
     """
@@ -85,11 +93,11 @@ def vector_from_text(text: str) -> Vector3:
 
 
 def numbers_from_text(text: str) -> tuple[float, ...]:
-    """Return all numbers of a text, separated as those of a vector; none of an empty one."""
+    """All numbers of a text, separated as those of a vector; none of an empty text."""
     parts = _SEPARATOR.split(text.strip(" "))
     return () if parts == [""] else tuple(number_from_text(part) for part in parts)
 
 
 def boolean_from_text(text: str) -> bool:
-    """Return whether the text is `true`, in any case, or a number other than 0."""
+    """Whether the text is `true`, in any case, or a number other than 0."""
     return text.strip(" ").lower() == "true" or number_from_text(text) != 0.0

@@ -1,4 +1,4 @@
-"""STA: what the robot itself tells, every fifth of a second."""
+"""STA, the periodic status of the robot itself, every 0.2 s."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.value_format import format_boolean, format_fixed_point, is_number
 
+# All other numeric blocks are joints: their names are those of the robot file.
 _STANDARD_BLOCKS = frozenset(
     ("time", "type", "battery", "view", "frontsteer", "rearsteer", "lighttoggle", "lightintensity")
 )
@@ -18,23 +19,23 @@ _STANDARD_BLOCKS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """STA of a skid-steered robot: battery in whole seconds left; view is its tile or -1.
-
-    joints: those of the robot itself, such as flippers, as (name, radians).
-    """
+    """Status of a skid-steered robot."""
 
     WORD: ClassVar[str] = "STA"
 
     time_s: float
     battery_s: int
+    """Whole seconds left."""
     vehicle_type: str = "GroundVehicle"
     light: bool = False
     view: int = -1
+    """Tile of the robot's first camera; -1 = none."""
     joints: tuple[tuple[str, float], ...] = ()
+    """Name and angle in radians of joints of the robot itself, such as flippers."""
 
     @classmethod
     def from_message(cls, message: Message) -> VehicleStatus:
-        """Return the status of a parsed line; UDK's has no View. Further numbers are joints."""
+        """Parse a line; UDK has no View. Further numeric blocks are joints."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             battery_s=strict_fields.read_integer(message, "Battery"),
@@ -45,12 +46,12 @@ class VehicleStatus:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Return the line."""
+        """Line."""
         pairs = self._udk_pairs() if dialect is Dialect.UDK else self._ut2004_pairs()
         return (Message(self.WORD, pairs),)
 
     def _ut2004_pairs(self) -> Pairs:
-        """Return blocks of which every one is needed by some client."""
+        """Blocks of UT2004, each of which some client requires."""
         return (
             ("Type", self.vehicle_type),
             ("Time", format_fixed_point(self.time_s, 2)),
@@ -64,12 +65,13 @@ class VehicleStatus:
         )
 
     def _udk_pairs(self) -> Pairs:
-        """Return the blocks of UDK, where the intensity is that of a light that is on or not."""
+        """Blocks of UDK."""
         return (
             ("Time", format_fixed_point(self.time_s)),
             ("Battery", str(int(self.battery_s))),
             ("Type", self.vehicle_type),
             ("LightToggle", format_boolean(self.light)),
+            # Captures show 100 with the light off, too.
             ("LightIntensity", "100"),
             ("FrontSteer", "0"),
             ("RearSteer", "0"),

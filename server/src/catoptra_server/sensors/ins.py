@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import InsReading, ScanIntervalConfiguration
-from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_protocol.vectors import Vector3
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase, InsDescription

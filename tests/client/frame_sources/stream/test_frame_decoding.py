@@ -29,7 +29,7 @@ CAMERA = OmniCamera(
     image_up_azimuth_rad=0.0,
 )
 HEADER_WITH_CAMERA = dataclasses.replace(
-    HEADER, camera_law=dict(pairs_from_omni_camera(CAMERA, 0.7))
+    HEADER, camera_model=dict(pairs_from_omni_camera(CAMERA, 0.7))
 )
 PICTURE = np.arange(72, dtype=np.uint8).reshape(4, 6, 3)
 
@@ -75,7 +75,7 @@ BAD_MESSAGES: list[tuple[FrameHeader, tuple[bytes, ...], str]] = [
     (dataclasses.replace(HEADER_WITH_CAMERA, width_px=-6, height_px=-4), (bytes(72),), "72 bytes"),
     (dataclasses.replace(HEADER_WITH_CAMERA, encoding=ImageEncoding.JPEG), (b"no file",), "JPEG"),
     (
-        dataclasses.replace(HEADER_WITH_CAMERA, camera_law={"Mirror": "parabolic"}),
+        dataclasses.replace(HEADER_WITH_CAMERA, camera_model={"Mirror": "parabolic"}),
         (bytes(72),),
         "without",
     ),

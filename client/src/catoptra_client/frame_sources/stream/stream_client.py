@@ -62,7 +62,7 @@ from catoptra_protocol.stream.requests import (
 )
 from catoptra_protocol.usarsim.grammar import parse_message
 from catoptra_protocol.usarsim.reports import Report, report_from_message
-from catoptra_protocol.usarsim.value_format import Vector3
+from catoptra_protocol.vectors import Vector3
 
 _LOG = logging.getLogger(__name__)
 # A request for a frame is repeated, with its id, in case a server that restarted lost it.
