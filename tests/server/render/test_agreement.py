@@ -20,9 +20,10 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, Image
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import (
     Interpolation,
     Tessellation,

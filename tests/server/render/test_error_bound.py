@@ -24,20 +24,16 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import (
-    MirrorSurface,
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Image, Renderer
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.ray_samples import RaySamples, omni_rays
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_studies.camera_figures.polygon_displacement import displacement_px

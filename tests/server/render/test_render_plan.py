@@ -9,17 +9,16 @@ import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MAX_FIVE_FACE_RIM_RAD, Face
-from catoptra_server.planning.face_regions import max_face_size_px
-from catoptra_server.render.render_plan import (
+from catoptra_server.planning.explicit_plan import (
     DEFAULT_FACE_SAMPLES,
     DEFAULT_SAMPLES,
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
     max_incidence_rad,
     plan_from_settings,
 )
+from catoptra_server.planning.face_regions import max_face_size_px
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 

@@ -8,13 +8,12 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
-from catoptra_server.effects.effect_plan import EffectPlan, plan_effects
+from catoptra_server.effects.effect_plan import EffectPlan, apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
-from catoptra_server.render.scene_effects import apply_scene_effects
 from catoptra_server.scene.twist import AT_REST, Twist
 from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT
 from helpers.motion_reference import camera_state_after, relative_twist

@@ -1,4 +1,4 @@
-"""Wall times of a frame's stages."""
+"""Wall times of the stages of a frame."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 
 class StageClock:
-    """Milliseconds by stage of one frame, from one mark to the next.
+    """Milliseconds by stage of one frame, each from the end of the stage before.
 
-    `finish` waits until the device has done what it was told: without it OpenGL only queues, and
-    the whole frame would be charged to the stage that reads it back. Waiting costs what the stages
-    could have overlapped: nothing that can be measured on llvmpipe, which works off one target
-    after the other (tests/measurements/raster_faces.py).
+    `wait_for_device` blocks until the device has finished all queued work: without this call OpenGL
+    only queues, and the whole frame would be charged to the readback. Waiting costs as much as the
+    stages could have overlapped: nothing measurable on llvmpipe, which finishes one target after
+    the other (tests/measurements/raster_faces.py).
     """
 
     def __init__(self, wait_for_device: Callable[[], None]) -> None:
@@ -21,7 +21,7 @@ class StageClock:
         self.stage_ms: dict[str, float] = {}
 
     def end_stage(self, stage: str) -> None:
-        """End a stage."""
+        """Charge the time since the last stage's end to a stage."""
         self._finish()
         now = time.perf_counter()
         self.stage_ms[stage] = 1e3 * (now - self._last)

@@ -38,5 +38,5 @@ def test_samples_make_the_texture_larger() -> None:
 
 
 def test_texture_that_is_too_large_is_refused_with_the_limit() -> None:
-    with pytest.raises(DomainError, match="ends at 959 px"):
+    with pytest.raises(DomainError, match="allows 959 px"):
         make_lens_projection(CAMERA, 3, max_texels=959)

@@ -37,7 +37,7 @@ def test_without_bodies_there_is_no_buffer_no_program_and_no_draw(
     original = DynamicObjectBuffer.upload
     monkeypatch.setattr(
         DynamicObjectBuffer,
-        "place",
+        "upload",
         lambda self, bodies: (made.append(self), original(self, bodies)),
     )
     empty = World("empty", ())

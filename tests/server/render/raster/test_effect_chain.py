@@ -10,15 +10,14 @@ import pytest
 
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
-from catoptra_server.effects.effect_plan import plan_effects
+from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.effect_chain import EffectChain
 from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel
-from catoptra_server.render.scene_effects import apply_scene_effects
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene

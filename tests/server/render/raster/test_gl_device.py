@@ -24,7 +24,7 @@ def test_context_that_cannot_be_made_is_told_with_the_reason(
     device: GlDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "REQUIRED_VERSION", 990)
-    with pytest.raises(OpenGLMissingError, match="EGL gives no OpenGL"):
+    with pytest.raises(OpenGLMissingError, match="EGL offers no OpenGL"):
         open_device()
 
 

@@ -14,8 +14,8 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.raster.gl_device import GlDevice
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel
 from catoptra_server.render.renderer import FaceCamera, Image
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, World

@@ -47,7 +47,7 @@ def test_bodies_when_shadowed_are_drawn_by_a_program_that_knows_shadows(device: 
     scene.dynamic_objects.upload(TWO_ROBOTS)
     scene.set_frame(np.zeros(3), (1.0, -0.1))
     (program,) = scene.dynamic_objects.programs
-    assert "scene_maps" in program
+    assert "scene_shadow_maps" in program
     scene.dynamic_objects.upload(())
     assert scene.dynamic_objects.programs == set()
     buffers.close()

@@ -114,7 +114,7 @@ def test_thin_things_when_outlines_were_not_followed_would_be_lost(
     def nothing(*_: object) -> np.ndarray[tuple[int]]:
         return np.zeros(0, dtype=np.int32)
 
-    monkeypatch.setattr(SilhouetteEdges, "passed", nothing)
+    monkeypatch.setattr(SilhouetteEdges, "find_cells", nothing)
     assert worst(clutter(1), [CameraState(pose) for pose in poses(2)]) > 50
 
 
@@ -187,7 +187,7 @@ def test_bodies_when_they_move_are_drawn_as_by_all_rays() -> None:
         replace(CAMERA_STATE, objects=(near, speck)),
         replace(
             CAMERA_STATE,
-            bodies=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),),
+            objects=(DynamicObject(build_cube_mesh(3.0), CAMERA_STATE.world_from_mirror),),
         ),  # the camera is inside
     ]
     assert worst(make_test_world(), exposures) == 0
@@ -216,6 +216,6 @@ def test_room_when_drawn_needs_less_than_half_of_its_rays(
         rays += len(directions)
         return run(scene, origins, directions)
 
-    monkeypatch.setattr(EmbreeScene, "met", counted)
+    monkeypatch.setattr(EmbreeScene, "intersect", counted)
     pictures(make_test_world(), [CAMERA_STATE], stride_px=4, samples=samples)
     assert 0 < rays < 0.5 * np.pi * 120.0**2 * samples**2

@@ -33,7 +33,7 @@ def test_no_body_commits_no_scene_and_asks_no_second_ray(monkeypatch: pytest.Mon
     def fail(*args: object) -> None:
         raise AssertionError("nothing moves: nothing is asked")
 
-    monkeypatch.setattr(EmbreeScene, "hidden", fail)
+    monkeypatch.setattr(EmbreeScene, "occludes", fail)
     world = make_test_world()
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     renderer.prepare(make_omni_camera(), make_plan(make_omni_camera())).render(CAMERA_STATE)

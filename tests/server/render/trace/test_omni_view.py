@@ -8,8 +8,8 @@ import pytest
 
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene

@@ -70,7 +70,7 @@ def test_scene_when_a_body_is_before_it_is_not_asked_there(
         asked.append(len(origins))
         return whole(scene, origins, *args, **how)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(EmbreeScene, "hit_light", counted)
+    monkeypatch.setattr(EmbreeScene, "trace_radiance", counted)
     exposure = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)), (place_cube(0.5, 0.0, -0.6),))
     rays = np.float32([[1, 0, 0], [1, 0.01, 0], [-1, 0, 0], [0, 1, 0]])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

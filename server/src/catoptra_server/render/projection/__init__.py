@@ -1,4 +1,4 @@
-"""Projection geometry in float64, without OpenGL: atlas, perspective image, lookup map, depth range.
+"""Projection geometry in float64, without OpenGL: atlas, lookup map, depth range, shadow maps.
 
-`raster` uploads these results; the decisions of a plan and the tests read them without a device.
+`raster` uploads these results; planning and tests use them without a device.
 """

@@ -1,9 +1,8 @@
-"""Where the parts of the cube's faces lie in one texture, and how each is projected there.
+"""The atlas: one texture for all drawn regions of the cube's faces, and the projection of each.
 
-Knows no GL. One 2-D texture instead of a cube map: every part is drawn a few texels wider than it
-is seen, so that bilinear look-ups never cross a border and no seam exists; and only what the mirror
-looks into has texels at all, as many as the plan gives it. Row 0 of the texture is the top of every
-part.
+One 2-D texture instead of a cube map. Every region has a guard band of a few texels, so that
+bilinear look-ups never cross a border and no seam exists; only directions that the mirror reflects
+have texels, as many as the plan allots. Row 0 of the texture is the top of every region.
 """
 
 from __future__ import annotations
@@ -18,45 +17,53 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.planning.face_regions import FaceRegion
+from catoptra_server.render.face_region import FaceRegion
 
-# A bilinear look-up reaches half a texel beyond its place; one more texel covers the rounding of
-# places in float32, and the second makes cells an even number of texels apart.
+# A bilinear look-up reaches half a texel beyond its position; one more texel covers the rounding of
+# positions in float32, and the second makes cells an even number of texels apart.
 GUARD_TEXELS = 2
-# In a texture up to this side a place in float32 is good to 2^-12 texels.
+# In a texture up to this side a float32 coordinate is accurate to 2^-12 texels.
 MAX_PRECISE_TEXELS = 2**13
 
 
 @dataclass(frozen=True, slots=True)
 class AtlasCell:
-    """A part's place in the atlas: a rectangle of texels with its guard band.
-
-    x, y, width, height: the rectangle. column, row: of its first texel, in a grid of texels that
-    counts from the middle of the face.
-    """
+    """A face region in the atlas: a rectangle of texels with its guard band."""
 
     region: FaceRegion
+    """Window of the face and texels per unit of its coordinates (s, t)."""
     x: int
+    """Column of the atlas that holds the rectangle's first column."""
     y: int
+    """Row of the atlas that holds the rectangle's first row."""
     width: int
+    """Columns, guard band included."""
     height: int
+    """Rows, guard band included."""
     column: int
+    """First column in the face's own texel grid, whose origin is the face's centre."""
     row: int
+    """First row in the face's own texel grid, whose origin is the face's centre."""
 
     @property
     def viewport(self) -> tuple[int, int, int, int]:
-        """Return the rectangle as OpenGL takes it."""
+        """Rectangle (x, y, width, height) as OpenGL expects it."""
         return self.x, self.y, self.width, self.height
 
     @property
     def texel_transform(self) -> tuple[float, float, float, float]:
-        """Return (x, y) of the face's middle in the atlas, and texels a unit of s and of t."""
-        part = self.region
-        return self.x - self.column, self.y - self.row, part.columns_per_unit, part.rows_per_unit
+        """Map from (s, t) to atlas texels: (x, y) of the face's centre, texels per unit of s, t."""
+        region = self.region
+        return (
+            self.x - self.column,
+            self.y - self.row,
+            region.columns_per_unit,
+            region.rows_per_unit,
+        )
 
     @property
     def clip_from_mirror(self) -> Floats:
-        """Return the (3, 3) map from directions in the mirror frame to clip x, y and w.
+        """(3, 3) map from directions in the mirror frame to clip x, y and w.
 
         w is the distance along the face's axis. y grows with t: row 0 of the texture is the top.
         """
@@ -68,10 +75,10 @@ class AtlasCell:
 
     @property
     def max_depth_ratio(self) -> float:
-        """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
-        across = max(-self.column, self.column + self.width) / self.region.columns_per_unit
-        along = max(-self.row, self.row + self.height) / self.region.rows_per_unit
-        return math.sqrt(1.0 + across**2 + along**2)
+        """Largest ratio of a point's distance to the point's depth along the face's axis."""
+        max_s = max(-self.column, self.column + self.width) / self.region.columns_per_unit
+        max_t = max(-self.row, self.row + self.height) / self.region.rows_per_unit
+        return math.sqrt(1.0 + max_s**2 + max_t**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,61 +86,84 @@ class Atlas:
     """All cells, and the size of the texture that holds them."""
 
     cells: tuple[AtlasCell, ...]
+    """One cell for each drawn region."""
     width: int
+    """Columns of the texture."""
     height: int
+    """Rows of the texture."""
 
     @property
     def num_faces(self) -> int:
-        """Return how many faces a direction is compared with: U only where it is drawn."""
+        """Number of faces that a direction is compared with: U only where it has a cell."""
         return (
             len(Face) if any(cell.region.face is Face.U for cell in self.cells) else len(Face) - 1
         )
 
     def texel_transforms(self) -> Floats:
-        """Return (faces, 4): Cell.place of each face, zero where it is not drawn."""
-        places = np.zeros((self.num_faces, 4))
+        """(num_faces, 4) texel transform of each face, zero for a face without a cell."""
+        transforms = np.zeros((self.num_faces, 4))
         for cell in self.cells:
-            places[cell.region.face] = cell.texel_transform
-        return places
+            transforms[cell.region.face] = cell.texel_transform
+        return transforms
 
     def texels_from_direction(self, direction: Floats) -> Floats:
-        """Return (..., 2) atlas texel positions of (..., 3) directions in the mirror frame.
+        """Atlas texel positions of directions in the mirror frame.
 
-        Twin of glsl/include/atlas.glsl: the largest forward wins, the first of equals; without the
-        upward face a direction beyond a side face's upper edge is held at that edge.
+        Twin of glsl/include/atlas.glsl: the largest forward component wins, the first of equals.
+        Without the upward face a direction beyond a side face's upper edge is clamped to that edge.
+
+        Args:
+            direction: (..., 3) directions of any length.
+
+        Returns:
+            (..., 2) positions in texels, (0, 0) at the corner of the first texel.
         """
         flat = direction.reshape(-1, 3)
         face = np.argmax(flat @ MIRROR_FROM_FACE_ROTATIONS[: self.num_faces, :, 0].T, axis=-1)
         texels = np.empty((len(flat), 2))
-        for axes, index, place in zip(
+        for axes, index, transform in zip(
             MIRROR_FROM_FACE_ROTATIONS, Face, self.texel_transforms(), strict=False
         ):
-            own = face == index
-            local = flat[own] @ axes
+            is_on_face = face == index
+            local = flat[is_on_face] @ axes
             st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
-            texels[own] = place[:2] + st * place[2:]
+            texels[is_on_face] = transform[:2] + st * transform[2:]
         return texels.reshape(*direction.shape[:-1], 2)
 
 
 def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels: int) -> Atlas:
-    """Return an atlas of the parts in a texture of at most `max_texels` a side.
+    """Pack face regions into the texture of least area.
 
-    Cells stand in rows, the highest first; of all lengths of the first row that is taken which
-    wastes least, because every texel of the atlas is cleared in every frame. An atlas so large that
-    float32 places lose their precision is kept as square as it can be.
+    Cells stand in shelves, the highest first. Of all widths of the first shelf the one with the
+    fewest texels wins, because every frame clears every texel of the atlas. An atlas so large that
+    float32 coordinates lose precision is packed as square as possible instead.
+
+    Args:
+        regions: Face regions of the render plan.
+        guard_texels: Texels around each region on every side.
+        max_texels: Largest side of a texture on this device.
+
+    Raises:
+        DomainError: No packing fits into a texture of `max_texels` a side.
     """
-    loose = sorted(
-        (_make_cell(part, guard_texels) for part in regions), key=lambda cell: -cell.height
+    unpositioned = sorted(
+        (_make_cell(region, guard_texels) for region in regions), key=lambda cell: -cell.height
     )
-    lengths = accumulate(cell.width for cell in loose)
-    packings = [tuple(_pack_shelves(loose, length)) for length in lengths if length <= max_texels]
+    # A shelf as wide as the first n cells of the sorted list, for every n: every packing that
+    # shelves can produce with a full first shelf.
+    widths = accumulate(cell.width for cell in unpositioned)
+    packings = [
+        tuple(_pack_shelves(unpositioned, width)) for width in widths if width <= max_texels
+    ]
     sized = [(_packed_size(cells), cells) for cells in packings]
     fitting = [((w, h), cells) for (w, h), cells in sized if max(w, h) <= max_texels]
     if not fitting:
-        widest = max(max(cell.width, cell.height) for cell in loose)
+        longest = max(max(cell.width, cell.height) for cell in unpositioned)
         raise DomainError(
-            f"faces of up to {widest} px are too large: this OpenGL ends at {max_texels} px a side"
+            f"faces of up to {longest} px are too large: this OpenGL allows {max_texels} px a side"
         )
+    # Area decides, but only among atlases within MAX_PRECISE_TEXELS; beyond that the longer side
+    # decides first, since precision falls with the side.
     (width, height), cells = min(
         fitting, key=lambda packed: (max(MAX_PRECISE_TEXELS, *packed[0]), math.prod(packed[0]))
     )
@@ -141,7 +171,7 @@ def pack_atlas(regions: tuple[FaceRegion, ...], *, guard_texels: int, max_texels
 
 
 def _make_cell(region: FaceRegion, guard_texels: int) -> AtlasCell:
-    """Return the cell of a part, not placed yet: whole texels that cover it, and the guard."""
+    """Cell of a region, not positioned yet: whole texels over the region, and the guard band."""
     window = region.window
     columns = _texel_interval(window.left, window.right, region.columns_per_unit)
     rows = _texel_interval(window.top, window.bottom, region.rows_per_unit)
@@ -150,11 +180,12 @@ def _make_cell(region: FaceRegion, guard_texels: int) -> AtlasCell:
 
 
 def _texel_interval(low: float, high: float, per_unit: float) -> tuple[int, int]:
+    """First texel and one past the last that cover an interval of face coordinates."""
     return math.floor(low * per_unit), math.ceil(high * per_unit)
 
 
 def _pack_shelves(cells: Iterable[AtlasCell], max_width: int) -> Iterator[AtlasCell]:
-    """Yield the cells side by side, in a new row wherever one would reach beyond `longest`."""
+    """Yield the cells side by side; start a new shelf where a cell would exceed `max_width`."""
     x = y = row_height = 0
     for cell in cells:
         if x + cell.width > max_width:
@@ -164,4 +195,5 @@ def _pack_shelves(cells: Iterable[AtlasCell], max_width: int) -> Iterator[AtlasC
 
 
 def _packed_size(cells: tuple[AtlasCell, ...]) -> tuple[int, int]:
+    """Width and height of the rectangle that holds all cells."""
     return max(cell.x + cell.width for cell in cells), max(cell.y + cell.height for cell in cells)

@@ -1,9 +1,9 @@
-"""The near and the far plane of a frame, from what the scene has around the viewpoint.
+"""The near and the far plane of a frame, from the distances of surfaces around the viewpoint.
 
-A depth buffer of 24 bits resolves d^2 / (near 2^24) at a distance d. A near plane that were always
-close enough for a wall that touches the robot would let lines painted a millimetre above a floor
-flicker from six metres on; so it is as far out as the nearest surface allows. Reversed depth, the
-other remedy, needs a clip range of [0, 1], which OpenGL 3.3 has not.
+A depth buffer of 24 bits resolves d^2 / (near 2^24) at a distance d. With a near plane that always
+suits a wall against the robot, lines painted a millimetre above a floor would flicker from six
+metres on; so the near plane is as far out as the nearest surface allows. Reversed depth, the other
+remedy, needs a clip range of [0, 1], which OpenGL 3.3 does not have.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.triangle_clusters import TriangleClusters
 
-# What is nearer than a millimetre is cut away.
+# Surfaces nearer than a millimetre are clipped: no nearer plane leaves depth for the far ones.
 MIN_NEAR_M = 0.001
-# A near plane beyond this buys nothing: at 0.1 m the buffer resolves 0.25 mm at 20 m.
+# A farther near plane gains nothing: at 0.1 m the buffer resolves 0.25 mm at 20 m.
 MAX_NEAR_M = 0.1
 # The far plane lies this much beyond the farthest corner, for the rounding of depth.
 FAR_MARGIN = 1.01
@@ -26,27 +26,37 @@ FAR_MARGIN = 1.01
 
 @dataclass(frozen=True, slots=True)
 class DepthRange:
-    """Distances along a face's axis between which surfaces are drawn."""
+    """Depths along a face's axis between which surfaces are drawn."""
 
     near_m: float
+    """Depth of the near plane, metres."""
     far_m: float
+    """Depth of the far plane, metres."""
 
     @property
     def clip_z_from_w(self) -> tuple[float, float]:
-        """Return (a, b) of z = a w + b: -w on the near plane, +w on the far one."""
+        """(a, b) of clip z = a w + b: -w on the near plane, +w on the far plane."""
         extent = self.far_m - self.near_m
         return (self.far_m + self.near_m) / extent, -2.0 * self.far_m * self.near_m / extent
 
 
 class DepthRangeFinder:
-    """Answers how near and how far the scene is from a point, in the scene's frame."""
+    """Depth ranges for viewpoints in a static scene, in the scene's frame."""
 
     def __init__(self, clusters: TriangleClusters, corners: Floats) -> None:
+        """Precompute a box and a plane of each triangle.
+
+        Args:
+            clusters: Triangle clusters with their boxes.
+            corners: (n, 3, 3) corners in the scene's frame, in the order of the mesh.
+        """
         self._clusters = clusters
         ordered = corners[clusters.order]
         self._low = ordered.min(axis=1)
         self._high = ordered.max(axis=1)
         cross = np.cross(ordered[:, 1] - ordered[:, 0], ordered[:, 2] - ordered[:, 0])
+        # A degenerate triangle has no plane: its zero normal makes the plane's distance zero, so
+        # the box alone bounds the triangle.
         length = np.linalg.norm(cross, axis=-1, keepdims=True)
         self._normals = cross / np.where(length > 0.0, length, 1.0)
         self._offsets = np.einsum("ni,ni->n", self._normals, ordered[:, 0])
@@ -58,19 +68,26 @@ class DepthRangeFinder:
         max_depth_ratio: float,
         object_distances_m: tuple[float, float] = (math.inf, 0.0),
     ) -> DepthRange:
-        """Return the range for faces whose corners are `spread` metres away at one metre ahead.
+        """Depth range for faces at a viewpoint.
 
-        beside: the nearest and the farthest distance of what else is drawn.
+        Args:
+            viewpoint: (3,) position in the scene's frame, metres.
+            max_depth_ratio: Largest distance of a point one metre ahead, over all faces.
+            object_distances_m: Least and greatest distance of dynamic objects.
         """
+        # A point at distance d has a depth of at least d / max_depth_ratio, so distances beyond
+        # this cutoff cannot move the near plane.
         nearest = min(
             self._min_distance(viewpoint, MAX_NEAR_M * max_depth_ratio), object_distances_m[0]
         )
         near = min(max(nearest / max_depth_ratio, MIN_NEAR_M), MAX_NEAR_M)
         farthest = max(self._max_distance(viewpoint), object_distances_m[1])
+        # Twice the near plane keeps the range valid in an empty scene, whose largest distance is
+        # zero.
         return DepthRange(near, max(FAR_MARGIN * farthest, 2.0 * near))
 
     def _max_distance(self, viewpoint: Floats) -> float:
-        """Return a distance within which all of the scene is."""
+        """Upper bound on the distance of any surface: the farthest corner of the scene's box."""
         if not len(self._offsets):
             return 0.0
         farthest = np.maximum(
@@ -80,19 +97,19 @@ class DepthRangeFinder:
         return math.hypot(*farthest)
 
     def _min_distance(self, viewpoint: Floats, cutoff_m: float) -> float:
-        """Return a distance within which no surface is, at most `enough` metres.
+        """Lower bound on the distance of any surface, at most `cutoff_m`.
 
-        Of boxes that reach closer the triangles are asked: none is nearer than its own box or its
-        own plane.
+        Only clusters whose box is closer than the cutoff are examined triangle by triangle.
         """
         close = np.flatnonzero(self._clusters.distances(viewpoint) < cutoff_m)
-        borders = self._clusters.offsets
+        offsets = self._clusters.offsets
         bounds = [
-            self._bound_triangles(slice(borders[c], borders[c + 1]), viewpoint) for c in close
+            self._bound_triangles(slice(offsets[c], offsets[c + 1]), viewpoint) for c in close
         ]
         return min(bounds, default=cutoff_m)
 
     def _bound_triangles(self, part: slice, viewpoint: Floats) -> float:
+        """Lower bound on the distance of a slice of triangles."""
         return min_distance_bound(
             self._low[part],
             self._high[part],
@@ -105,10 +122,16 @@ class DepthRangeFinder:
 def min_distance_bound(
     low: Floats, high: Floats, normals: Floats, offsets: Floats, *, point: Floats
 ) -> float:
-    """Return a distance from a (3,) point within which none of n triangles is; at least one.
+    """Lower bound on the distance from a point to the nearest of n triangles, n >= 1.
 
-    low, high: (n, 3) of their boxes. normals (n, 3), offsets (n,): of their planes. No triangle is
-    nearer than its own box or its own plane.
+    No triangle is nearer than its box or its plane; the larger of the two is the bound.
+
+    Args:
+        low: (n, 3) least coordinates of the triangles.
+        high: (n, 3) greatest coordinates.
+        normals: (n, 3) unit normals of the triangles' planes.
+        offsets: (n,) distances of the planes from the origin along the normals.
+        point: (3,) position in the same frame.
     """
     outside = np.maximum(np.maximum(low - point, point - high), 0.0)
     to_box = np.sqrt(np.square(outside).sum(axis=-1))

@@ -1,7 +1,7 @@
-"""A camera with a lens as raster draws it: one viewport, straight to the picture. Knows no GL.
+"""The projection of a perspective camera: one viewport, rendered straight into the image.
 
-A flat picture is what OpenGL projects by itself. A lens with another law, such as a fish-eye, would
-be looked up in the cube's faces per pixel, as the mirror is.
+OpenGL projects a perspective image by itself. A lens with another model, such as a fish-eye, would
+be looked up in the cube's faces pixel by pixel, as the mirror is.
 """
 
 from __future__ import annotations
@@ -18,51 +18,56 @@ from catoptra_protocol.optics.numerics import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensProjection:
-    """A picture with samples^2 texels a pixel. mirror_from_camera: (3, 3), turns the camera."""
+    """An image with samples x samples texels a pixel."""
 
     camera: PerspectiveCamera
+    """Size and field of view of the image."""
     samples: int
+    """Samples along a pixel's side."""
     mirror_from_camera: Floats
+    """(3, 3) rotation of the camera's frame in the mirror frame."""
 
     @property
     def width(self) -> int:
-        """Return the number of columns of texels."""
+        """Number of columns of texels."""
         return self.camera.width_px * self.samples
 
     @property
     def height(self) -> int:
-        """Return the number of rows of texels."""
+        """Number of rows of texels."""
         return self.camera.height_px * self.samples
 
     @property
     def cells(self) -> tuple[LensProjection, ...]:
-        """Return what is drawn: this alone."""
+        """The only cell of this layout: the whole image."""
         return (self,)
 
     @property
     def viewport(self) -> tuple[int, int, int, int]:
-        """Return the whole picture as OpenGL takes it."""
+        """Rectangle (x, y, width, height) of the whole image as OpenGL expects it."""
         return 0, 0, self.width, self.height
 
     @property
     def clip_from_mirror(self) -> Floats:
-        """Return the (3, 3) map from directions in the mirror frame to clip x, y and w.
+        """(3, 3) map from directions in the mirror frame to clip x, y and w.
 
-        y grows downwards in the picture: row 0 of the texture is the top.
+        y grows downwards in the image: row 0 of the texture is the top.
         """
         forward, right, down = self.mirror_from_camera.T
-        across, along = self._normalized_focal_lengths
-        return np.stack((across * right, along * down, forward))
+        focal_x, focal_y = self._normalized_focal_lengths
+        return np.stack((focal_x * right, focal_y * down, forward))
 
     @property
     def max_depth_ratio(self) -> float:
-        """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
-        across, along = self._normalized_focal_lengths
-        return math.sqrt(1.0 + 1.0 / across**2 + 1.0 / along**2)
+        """Largest ratio of a point's distance to the point's depth along the optical axis."""
+        # The ratio is largest in the image's corners, where the tangents of both half angles add
+        # up.
+        focal_x, focal_y = self._normalized_focal_lengths
+        return math.sqrt(1.0 + 1.0 / focal_x**2 + 1.0 / focal_y**2)
 
     @property
     def _normalized_focal_lengths(self) -> tuple[float, float]:
-        """Return the focal length in units of half the picture's width and of half its height."""
+        """Focal length in units of half the image's width and of half the image's height."""
         focal = 2.0 * self.camera.focal_length_px
         return focal / self.camera.width_px, focal / self.camera.height_px
 
@@ -74,12 +79,22 @@ def make_lens_projection(
     *,
     max_texels: int,
 ) -> LensProjection:
-    """Return the cell of a camera. Raises DomainError where no texture is that large."""
-    turn = np.eye(3) if mirror_from_camera is None else mirror_from_camera
-    cell = LensProjection(camera, samples, turn)
-    if max(cell.width, cell.height) > max_texels:
+    """Projection of a perspective camera.
+
+    Args:
+        camera: Size and field of view of the image.
+        samples: Samples along a pixel's side.
+        mirror_from_camera: (3, 3) rotation of the camera; None for the mirror frame's own axes.
+        max_texels: Largest side of a texture on this device.
+
+    Raises:
+        DomainError: The image with its samples exceeds `max_texels` a side.
+    """
+    rotation = np.eye(3) if mirror_from_camera is None else mirror_from_camera
+    projection = LensProjection(camera, samples, rotation)
+    if max(projection.width, projection.height) > max_texels:
         raise DomainError(
             f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "
-            f"OpenGL ends at {max_texels} px a side"
+            f"OpenGL allows {max_texels} px a side"
         )
-    return cell
+    return projection

@@ -1,6 +1,7 @@
-"""The raster renderer: OpenGL 3.3 core on EGL, without a window. The only door to moderngl.
+"""The raster renderer: OpenGL 3.3 core on EGL, without a window.
 
-Import it only where OpenGL is wanted: `choice.py` does so on demand.
+Only this package imports moderngl. Import the package on demand, as `planning/renderer_choice.py`
+does: a machine without OpenGL runs the server with the trace renderer.
 """
 
 from catoptra_server.render.raster.gl_device import OpenGLMissingError, open_device

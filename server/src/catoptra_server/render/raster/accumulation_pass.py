@@ -1,4 +1,4 @@
-"""An exposure that lasts, on the device: sharp pictures, drawn one after the other and added up."""
+"""A long exposure on the device: sharp images, rendered in turn and added up."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ from catoptra_server.render.time_samples import sample_shutter
 
 
 class AccumulationPass:
-    """From the scene to the mean light of an exposure.
-
-    sharp: the passes of one instant, whose last draws into `picture`; the pass frees both, but the
-    faces, which are their view's. target: where light is added up.
-    """
+    """From the scene to the mean light of an exposure."""
 
     name = "accumulate"
 
@@ -30,6 +26,17 @@ class AccumulationPass:
         image: LinearImageTarget,
         target: moderngl.Framebuffer,
     ) -> None:
+        """Prepare the additive blending of sharp images.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            camera: Camera, whose rows have a weight each.
+            sharp_passes: Face pass and mirror pass of one time sample. The mirror pass is freed
+                with this pass, the face pass with its view.
+            image: Target of the mirror pass, freed with this pass.
+            target: Target of the accumulated light.
+        """
         self._context = context
         self._faces, self._mirror = sharp_passes
         self._image = image
@@ -43,13 +50,16 @@ class AccumulationPass:
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
         self._target.clear()
-        for instant, weights in sample_shutter(camera_state, self._rows):
-            self._faces.draw(instant)
-            self._mirror.draw(instant)
+        for sharp_state, weights in sample_shutter(camera_state, self._rows):
+            self._faces.draw(sharp_state)
+            self._mirror.draw(sharp_state)
             self._weights.write(weights.tobytes())
             self._accumulate()
 
     def _accumulate(self) -> None:
+        """Add the sharp image, times the weight of each row, to the target."""
+        # Both factors are one: the shader has already multiplied the weights, which sum to one in
+        # each row.
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._target.use()
@@ -60,7 +70,7 @@ class AccumulationPass:
         self._context.enable_only(moderngl.NOTHING)
 
     def close(self) -> None:
-        """Free what the pass holds."""
+        """Free the pass's resources."""
         self._mirror.close()
         self._fullscreen_triangle.release()
         self._weights.release()

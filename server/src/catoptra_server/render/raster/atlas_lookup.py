@@ -1,4 +1,4 @@
-"""What a program that includes include/atlas.glsl has to be told."""
+"""Definitions and uniforms of programs that include include/atlas.glsl."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from catoptra_server.render.raster.shader_programs import Definitions, set_unifo
 
 
 def atlas_definitions(atlas: Atlas) -> Definitions:
-    """Return what is defined when such a program is compiled."""
+    """Preprocessor definitions of such a program."""
     return (("NUM_FACES", atlas.num_faces),)
 
 
 def set_atlas_uniforms(program: moderngl.Program, atlas: Atlas) -> None:
-    """Set the uniforms of a draw."""
+    """Set the atlas' transforms and size in a program."""
     set_uniform(program, "face_texel_transform", atlas.texel_transforms())
     set_uniform(program, "atlas_texel", (1.0 / atlas.width, 1.0 / atlas.height))

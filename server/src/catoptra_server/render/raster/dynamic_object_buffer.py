@@ -1,7 +1,7 @@
-"""Bodies on the device: one buffer of vertices, written for every exposure that has any.
+"""Dynamic objects on the device: one vertex buffer, written for every camera state that has any.
 
-Without bodies there is no buffer, no program and no draw. They share the faces' program, whose
-light is that of each triangle where the body stands.
+Without objects there is no buffer, no program and no draw call. Objects share the faces' program;
+each triangle's light is computed at the object's current pose.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ from catoptra_server.scene.triangle_clusters import Indices, visible_runs
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BoundingSpheres:
-    """The bodies of one exposure: spheres around them, scene frame, and where they lie."""
+    """Bounding spheres of one frame's objects, and their ranges of triangles in the buffer."""
 
     centres: Floats
+    """(n, 3) centres, scene frame."""
     radii: Floats
+    """(n,) radii, metres."""
     offsets: Indices
+    """(n + 1,) first triangle of each object, and the number of all."""
 
 
 class DynamicObjectBuffer:
-    """What moves in one world. `origin`: (3,), of the scene's frame in the world."""
+    """The dynamic objects of one world, on the device."""
 
     def __init__(
         self,
@@ -40,6 +43,14 @@ class DynamicObjectBuffer:
         lighting: FacetLighting,
         origin: Floats,
     ) -> None:
+        """Keep the resources; nothing is allocated yet.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            lighting: Lighting model of facets.
+            origin: (3,) origin of the scene's frame in the world.
+        """
         self._context = context
         self._programs = programs
         self._lighting = lighting
@@ -50,44 +61,53 @@ class DynamicObjectBuffer:
 
     @property
     def buffer_bytes(self) -> int:
-        """Return the size of the vertex buffer: 0 as long as no body was seen."""
+        """Size of the vertex buffer: 0 until the first object."""
         return 0 if self._buffer is None else int(self._buffer.size)
 
     @property
     def programs(self) -> set[moderngl.Program]:
-        """Return the program that draws what moves in this exposure, if anything does."""
+        """The program that draws this frame's objects, empty if there are none."""
         if self._vertices is None or self._spheres is None:
             return set()
         return {self._vertices.program}
 
     def upload(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Take over the bodies of an exposure and where they are."""
+        """Upload the objects of a camera state at their current poses."""
         if not objects:
             self._spheres = None
             return
         self._spheres = _BoundingSpheres(
-            centres=np.array([body.centre - self._origin for body in objects]),
-            radii=np.array([body.mesh.radius_m for body in objects]),
-            offsets=np.cumsum([0, *(len(body.mesh) for body in objects)]),
+            centres=np.array([dynamic_object.centre - self._origin for dynamic_object in objects]),
+            radii=np.array([dynamic_object.mesh.radius_m for dynamic_object in objects]),
+            offsets=np.cumsum([0, *(len(dynamic_object.mesh) for dynamic_object in objects)]),
         )
-        self._write_vertices(np.concatenate([self._vertex_data(body) for body in objects]))
+        self._write_vertices(
+            np.concatenate([self._vertex_data(dynamic_object) for dynamic_object in objects])
+        )
 
     def _vertex_data(self, dynamic_object: DynamicObject) -> Floats:
-        """Return the (3 n, 6) or (3 n, 12) attributes of a body's corners."""
-        lit = world_facets(dynamic_object)
-        look = [shading.facet_radiance(lit, self._lighting.constant_lights)]
+        """(3 n, 6) or (3 n, 12) attributes of an object's corners."""
+        world_facets_of = world_facets(dynamic_object)
+        attributes = [shading.facet_radiance(world_facets_of, self._lighting.constant_lights)]
         if self._lighting.definitions:
-            look += [lit.normals, lit.albedo * ~lit.unlit[:, None]]
-        places = (
+            attributes += [
+                world_facets_of.normals,
+                world_facets_of.albedo * ~world_facets_of.unlit[:, None],
+            ]
+        positions = (
             dynamic_object.world_from_object.transform_points(dynamic_object.mesh.corners)
             - self._origin
         )
-        of_triangles = np.concatenate(look, axis=-1)
-        shared = np.broadcast_to(of_triangles[:, None], (*places.shape[:2], of_triangles.shape[1]))
-        return np.concatenate((places, shared), axis=-1).reshape(-1, 3 + of_triangles.shape[1])
+        per_triangle = np.concatenate(attributes, axis=-1)
+        per_corner = np.broadcast_to(
+            per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
+        )
+        return np.concatenate((positions, per_corner), axis=-1).reshape(
+            -1, 3 + per_triangle.shape[1]
+        )
 
     def _write_vertices(self, values: Floats) -> None:
-        """Write the vertices; the buffer grows when it must and never shrinks."""
+        """Write the vertices; the buffer grows when necessary and never shrinks."""
         data = values.astype(np.float32).tobytes()
         if self._buffer is None or self._buffer.size < len(data):
             self.close()
@@ -98,6 +118,7 @@ class DynamicObjectBuffer:
         self._buffer.write(data)
 
     def _vertex_array(self, buffer: moderngl.Buffer) -> moderngl.VertexArray:
+        """Vertex array with the attributes of the lighting."""
         names, layout = ["position", "radiance"], "3f 3f"
         if self._lighting.definitions:
             names, layout = [*names, "normal", "lit_albedo"], "3f 3f 3f 3f"
@@ -105,26 +126,28 @@ class DynamicObjectBuffer:
         return self._context.vertex_array(program, [(buffer, layout, *names)])
 
     def set_frame(self, frame: FrameUniforms) -> None:
-        """Set the uniforms of a frame, if there is anything to draw in it."""
+        """Write the uniforms of a frame, if any object is drawn in it."""
         for program in self.programs:
             frame.apply_to(program)
 
     def draw(self, clip_from_scene: Floats, planes: Floats, viewpoint: Floats) -> tuple[int, int]:
-        """Draw what is in front of (p, 3) planes; return the draw calls and triangles sent."""
-        at = self._spheres
-        if self._vertices is None or at is None:
+        """Draw the objects in front of (p, 3) planes; return the draw calls and triangles sent."""
+        spheres = self._spheres
+        if self._vertices is None or spheres is None:
             return 0, 0
-        reach = np.outer(at.radii, np.linalg.norm(planes, axis=-1))
-        visible = np.asarray(((at.centres - viewpoint) @ planes.T >= -reach).all(axis=-1))
-        parts = visible_runs(visible, at.offsets)
-        if parts:
+        # A sphere is outside once its centre is more than a radius behind a plane; the normals are
+        # not unit, so the radius is scaled by their lengths.
+        radii = np.outer(spheres.radii, np.linalg.norm(planes, axis=-1))
+        visible = np.asarray(((spheres.centres - viewpoint) @ planes.T >= -radii).all(axis=-1))
+        runs = visible_runs(visible, spheres.offsets)
+        if runs:
             set_uniform(self._vertices.program, "clip_from_scene", clip_from_scene.T)
-        for first, count in parts:
+        for first, count in runs:
             self._vertices.render(vertices=3 * count, first=3 * first)
-        return len(parts), sum(count for _, count in parts)
+        return len(runs), sum(count for _, count in runs)
 
     def close(self) -> None:
-        """Free the buffer, if there is one; the program belongs to the context."""
+        """Free the buffer, if any; the program belongs to the context."""
         if self._vertices is not None:
             self._vertices.release()
         if self._buffer is not None:
@@ -135,22 +158,33 @@ class DynamicObjectBuffer:
 def object_distance_range(
     objects: tuple[DynamicObject, ...], viewpoint: Floats, cutoff_m: float
 ) -> tuple[float, float]:
-    """Return distances from a (3,) point, world frame, between which all of the bodies is.
+    """Least and greatest distance of dynamic objects from a viewpoint.
 
-    The nearer one is exact only below `enough` metres; without bodies it is infinite, the other 0.
+    Args:
+        objects: Objects at their current poses.
+        viewpoint: (3,) position, world frame, metres.
+        cutoff_m: Above this distance the least one is only bounded by a sphere.
+
+    Returns:
+        Lower bound of the least distance, inf without objects; upper bound of the greatest, else 0.
     """
     nearest, farthest = np.inf, 0.0
-    for body in objects:
-        middle = float(np.linalg.norm(body.centre - viewpoint))
-        bound = middle - body.mesh.radius_m
+    for dynamic_object in objects:
+        centre_distance = float(np.linalg.norm(dynamic_object.centre - viewpoint))
+        bound = centre_distance - dynamic_object.mesh.radius_m
         if bound < cutoff_m:
-            bound = _nearest_triangle(body, viewpoint)
-        nearest, farthest = min(nearest, bound), max(farthest, middle + body.mesh.radius_m)
+            bound = _nearest_triangle(dynamic_object, viewpoint)
+        nearest, farthest = (
+            min(nearest, bound),
+            max(farthest, centre_distance + dynamic_object.mesh.radius_m),
+        )
     return nearest, farthest
 
 
 def _nearest_triangle(dynamic_object: DynamicObject, viewpoint: Floats) -> float:
+    """Lower bound on the distance to an object's nearest triangle."""
     corners, normals = dynamic_object.mesh.corners, dynamic_object.mesh.normals
+    # In the object's own frame: its boxes and planes were never transformed.
     return min_distance_bound(
         corners.min(axis=1),
         corners.max(axis=1),

@@ -1,8 +1,8 @@
-"""Effects as passes: each reads the linear picture of the one before, the last one is encoded.
+"""Effects as passes: each reads the linear image of the pass before, the last image is encoded.
 
-Knows no effect by name: a shader is found by the effect's name, and told what the effect says.
-However many there are, two textures are enough; with one effect or none, what is not needed does
-not exist.
+No effect is known by name: a shader file is found by the effect's name and receives the uniforms
+that the effect computes. Two textures are enough for any number of effects; with one effect or
+none, unneeded resources do not exist.
 """
 
 from __future__ import annotations
@@ -28,16 +28,19 @@ from catoptra_server.render.renderer import LinearImage
 UniformValues = npt.NDArray[np.float32] | npt.NDArray[np.uint32]
 
 
-# What an effect tells is a map if it has so many dimensions.
-_MAP_DIMENSIONS = 3
-# Texture units: the picture has 0, what each pixel sees 1, maps the next ones.
-_RANGE_UNIT, _FIRST_MAP_UNIT = 1, 2
-# Light is summed in so many rectangles a side before the sums are read back.
+# A value of an effect with this number of dimensions is a texture, any other a uniform.
+_TEXTURE_DIMENSIONS = 3
+# Texture units: 0 is the image, 1 the ranges of pixels, textures of the effect follow.
+_RANGE_UNIT, _FIRST_TEXTURE_UNIT = 1, 2
+# Rectangles a side that the device sums: few enough to read back, enough to occupy all its cores.
 _METER_GRID_SIDE = 16
 
 
 class EffectChain:
-    """The passes of a view's effects and the encoding, from `first`, the target of the mirror."""
+    """The passes of a view's effects and of the encoding.
+
+    `input_target` is the target of the passes before the effects.
+    """
 
     def __init__(
         self,
@@ -49,26 +52,39 @@ class EffectChain:
         *,
         ranges: RangeSource | None = None,
     ) -> None:
+        """Build one pass per effect between alternating images, and the encoding pass.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            effects: Effects in optical order.
+            camera: Camera whose image the effects change.
+            target: Target of the encoded image.
+            ranges: Ranges of all pixels, for effects that use them.
+        """
         self._images = [
             LinearImageTarget(context, camera.width_px, camera.height_px)
+            # Each pass reads one image and writes the other; without effects a single image is
+            # read by the encoding alone.
             for _ in range(min(len(effects), 1) + 1)
         ]
         self._programs = programs
         self._context = context
         self._ranges = ranges
-        steps = [
+        effect_passes = [
             self._make_effect_pass(effect, camera, index) for index, effect in enumerate(effects)
         ]
         self._last = self._images[len(effects) % len(self._images)]
         encode = EncodePass(context, programs, self._last.texture, target)
-        self.passes: tuple[Pass, ...] = (*steps, encode)
+        self.passes: tuple[Pass, ...] = (*effect_passes, encode)
 
     @property
     def input_target(self) -> moderngl.Framebuffer:
-        """Return the target of what comes before the effects."""
+        """Target of the passes before the effects."""
         return self._images[0].target
 
     def _make_effect_pass(self, effect: ImageEffect, camera: OmniCamera, index: int) -> EffectPass:
+        """Pass of the effect at an index of the chain."""
         source, target = self._images[index % 2], self._images[(index + 1) % 2]
         return EffectPass(
             self._context,
@@ -81,25 +97,25 @@ class EffectChain:
         )
 
     def read(self) -> LinearImage:
-        """Return the last frame's picture behind all effects."""
+        """Read the last frame's linear image, after all effects."""
         return self._last.read()
 
     def close(self) -> None:
-        """Free the pictures; passes are freed by who draws them."""
-        for picture in self._images:
-            picture.close()
+        """Free the images; passes are freed with their sequence."""
+        for image in self._images:
+            image.close()
 
 
 class RangeSource(Protocol):
-    """What finds out how far away is what each pixel sees, before the effects run."""
+    """A pass that measures the range of each pixel before the effects run."""
 
     @property
     def texture(self) -> moderngl.Texture:
-        """Return the picture of ranges."""
+        """Image of ranges, metres."""
 
 
 class EffectPass:
-    """One effect, from a picture to another one; its stage is called as the effect is."""
+    """One effect, from one image to another; the stage has the effect's name."""
 
     def __init__(
         self,
@@ -112,17 +128,22 @@ class EffectPass:
         *,
         ranges: RangeSource | None = None,
     ) -> None:
+        """Load the effect's program and the quantile table that noise needs."""
         self.name = effect.name
         self._context = context
         self._effect = effect
         self._camera = camera
         self._source = source
         self._target = target
-        self._program = programs.get(ProgramSpec("fullscreen_triangle", f"effect_{_shader_name(effect.name)}"))
+        self._program = programs.get(
+            ProgramSpec("fullscreen_triangle", f"effect_{_shader_name(effect.name)}")
+        )
         self._fullscreen_triangle = context.vertex_array(self._program, [])
         self._meter = LuminanceMeter(context, programs, source)
         self._textures = EffectTextures(context, self._program)
         self._ranges = ranges
+        # Only programs that include noise.glsl have this sampler: an effect without noise uploads
+        # no table.
         if "normal_quantile_table" in self._program:
             self._textures.set_values(
                 "normal_quantile_table",
@@ -131,12 +152,13 @@ class EffectPass:
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
-        mean_light = partial(self._meter.measure_mean_luminance, self._camera)
-        told = self._effect.uniforms(
-            self._camera, CaptureContext(camera_state.noise_seed), mean_light
+        # Passed as a function: only auto-exposure calls it, and only that call builds the meter.
+        measure_mean = partial(self._meter.measure_mean_luminance, self._camera)
+        uniforms = self._effect.uniforms(
+            self._camera, CaptureContext(camera_state.noise_seed), measure_mean
         )
-        for name, values in told.items():
-            if values.ndim == _MAP_DIMENSIONS:
+        for name, values in uniforms.items():
+            if values.ndim == _TEXTURE_DIMENSIONS:
                 self._textures.set_values(name, values)
                 continue
             uniform = self._program[name]
@@ -152,14 +174,14 @@ class EffectPass:
         self._fullscreen_triangle.render(vertices=3)
 
     def close(self) -> None:
-        """Free the vertex array, the maps and the meter, where they are."""
+        """Free the vertex array, the textures and the luminance meter."""
         self._fullscreen_triangle.release()
         self._meter.close()
         self._textures.close()
 
 
 class EffectTextures:
-    """The textures of one effect's program, by name; what stays the same is uploaded once."""
+    """The textures of one effect's program, by sampler name; unchanged arrays are uploaded once."""
 
     def __init__(self, context: moderngl.Context, program: moderngl.Program) -> None:
         self._context = context
@@ -167,21 +189,24 @@ class EffectTextures:
         self._textures: dict[str, tuple[UniformValues, moderngl.Texture]] = {}
 
     def set_values(self, name: str, values: UniformValues) -> None:
-        """Have a name mean (rows, columns, channels) values; the same array is not sent again."""
-        held = self._textures.get(name)
-        if held is not None and held[0] is values:
+        """Assign (rows, columns, channels) values to a sampler, once per array."""
+        current = self._textures.get(name)
+        # Identity, not equality: effects cache their arrays, and a comparison would read megabytes
+        # in every frame.
+        if current is not None and current[0] is values:
             return
-        if held is not None:
-            held[1].release()
+        if current is not None:
+            current[1].release()
         rows, columns, channels = values.shape
         data = np.ascontiguousarray(values, dtype=np.float32).tobytes()
         texture = self._context.texture((columns, rows), channels, data, dtype="f4")
+        # Shaders address texels by index: a sampled position would depend on float32 coordinates.
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._textures[name] = (values, texture)
 
     def bind(self) -> None:
-        """Bind all textures for a draw."""
-        for unit, (name, (_, texture)) in enumerate(self._textures.items(), _FIRST_MAP_UNIT):
+        """Bind all textures for a draw call."""
+        for unit, (name, (_, texture)) in enumerate(self._textures.items(), _FIRST_TEXTURE_UNIT):
             set_sampler(self._program, name, unit)
             texture.use(unit)
 
@@ -211,12 +236,12 @@ class EncodePass:
         self._average.draw(camera_state)
 
     def close(self) -> None:
-        """Free what the pass holds."""
+        """Free the pass's resources."""
         self._average.close()
 
 
 class LuminanceMeter:
-    """The mean light of a picture on the device; nothing is built before it is asked for."""
+    """Mean luminance of an image on the device; resources are built at the first measurement."""
 
     def __init__(
         self, context: moderngl.Context, programs: ShaderPrograms, image: moderngl.Texture
@@ -227,29 +252,34 @@ class LuminanceMeter:
         self._sums: LinearImageTarget | None = None
 
     def measure_mean_luminance(self, camera: OmniCamera) -> float:
-        """Return the mean luminance of the pixels that see the mirror."""
+        """Mean luminance of the pixels that see the mirror."""
         if self._sums is None:
             self._sums = LinearImageTarget(self._context, _METER_GRID_SIDE, _METER_GRID_SIDE)
             program = self._programs.get(
-                ProgramSpec("fullscreen_triangle", "mean_luminance", (("GRID_SIDE", _METER_GRID_SIDE),))
+                ProgramSpec(
+                    "fullscreen_triangle", "mean_luminance", (("GRID_SIDE", _METER_GRID_SIDE),)
+                )
             )
-            self._cover = self._context.vertex_array(program, [])
+            self._fullscreen_triangle = self._context.vertex_array(program, [])
         self._context.enable_only(moderngl.NOTHING)
         self._sums.target.use()
         self._image.use(0)
-        self._cover.render(vertices=3)
+        self._fullscreen_triangle.render(vertices=3)
+        # The device sums small rectangles in float32, the sums are added here in float64: a
+        # float32 sum over the whole image would lose digits. Pixels off the mirror are black, so
+        # the total is the mirror's.
         colours = self._sums.read().sum(axis=(0, 1), dtype=np.float64)
         return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
 
     def close(self) -> None:
-        """Free what was built."""
+        """Free the resources of a measurement, if any."""
         if self._sums is not None:
-            self._cover.release()
+            self._fullscreen_triangle.release()
             self._sums.close()
 
 
 class LinearImageTarget:
-    """A float32 picture on the device: a texture to read, a target to draw into."""
+    """A float32 image on the device: a texture to read, a framebuffer to draw into."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
         self.texture = context.texture((width, height), 4, dtype="f4")
@@ -257,17 +287,17 @@ class LinearImageTarget:
         self.target = context.framebuffer([self.texture])
 
     def read(self) -> LinearImage:
-        """Return the picture as a (h, w, 3) array of its own."""
+        """Read the image back as an (h, w, 3) array."""
         width, height = self.texture.size
         data = self.target.read(components=3, dtype="f4", alignment=1)
         return np.frombuffer(data, dtype=np.float32).reshape(height, width, 3)
 
     def close(self) -> None:
-        """Free texture and target."""
+        """Free texture and framebuffer."""
         self.target.release()
         self.texture.release()
 
 
 def _shader_name(name: str) -> str:
-    """Return an effect's name as files are called: ShotNoise, shot_noise."""
+    """File name of an effect's shader: ShotNoise becomes shot_noise."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()

@@ -1,6 +1,6 @@
-"""The first pass: what is seen from the viewpoint, the scene and then what moves in it.
+"""The first pass of a view: the scene and its dynamic objects, projected from the viewpoint.
 
-For a mirror that is the faces of the cube, in an atlas; for a camera with a lens, its picture.
+For a mirror these are the faces of the cube, in an atlas; for a perspective camera, the image.
 """
 
 from __future__ import annotations
@@ -22,43 +22,43 @@ from catoptra_server.render.raster.scene_buffers import LitScene, SceneBuffers
 
 
 class Projection(Protocol):
-    """One flat picture of what is around the viewpoint, and where it lies: atlas.Cell says more."""
+    """One planar image from the viewpoint and its rectangle in the texture; see AtlasCell."""
 
     @property
     def width(self) -> int:
-        """Return the number of columns of texels."""
+        """Number of columns of texels."""
 
     @property
     def height(self) -> int:
-        """Return the number of rows of texels."""
+        """Number of rows of texels."""
 
     @property
     def viewport(self) -> tuple[int, int, int, int]:
-        """Return the rectangle as OpenGL takes it."""
+        """Rectangle (x, y, width, height) as OpenGL expects it."""
 
     @property
     def clip_from_mirror(self) -> Floats:
-        """Return the (3, 3) map from directions in the mirror frame to clip x, y and w."""
+        """(3, 3) map from directions in the mirror frame to clip x, y and w."""
 
     @property
     def max_depth_ratio(self) -> float:
-        """Return the largest distance from the viewpoint of what is one metre ahead, in metres."""
+        """Largest ratio of a point's distance from the viewpoint to its depth."""
 
 
 class FaceLayout(Protocol):
-    """A texture of flat pictures: an atlas of faces, or one lens."""
+    """A texture of planar images: an atlas of faces, or one perspective image."""
 
     @property
     def width(self) -> int:
-        """Return the number of columns of texels."""
+        """Number of columns of texels."""
 
     @property
     def height(self) -> int:
-        """Return the number of rows of texels."""
+        """Number of rows of texels."""
 
     @property
     def cells(self) -> Sequence[Projection]:
-        """Return the pictures."""
+        """The planar images."""
 
 
 FaceLayoutT = TypeVar("FaceLayoutT", bound=FaceLayout)
@@ -66,33 +66,46 @@ FaceLayoutT = TypeVar("FaceLayoutT", bound=FaceLayout)
 
 @dataclass(frozen=True, slots=True)
 class DrawCounts:
-    """What a frame's faces cost: cells with their texels, draw calls, triangles sent."""
+    """Cost of a frame's faces."""
 
     num_cells: int
+    """Planar images rendered."""
     num_texels: int
+    """Texels of all cells, guard bands included."""
     num_draw_calls: int
+    """OpenGL draw calls."""
     num_triangles: int
+    """Triangles sent to the device."""
 
 
 def frame_depth_range(
     scene: SceneBuffers, camera_state: CameraState, max_depth_ratio: float
 ) -> DepthRange:
-    """Return between which distances faces are drawn; spread: the largest of their cells'."""
-    at = camera_state.world_from_mirror.translation
-    reach = object_distance_range(camera_state.objects, at, MAX_NEAR_M * max_depth_ratio)
+    """Depth range of a frame, from the distances of the scene and of the dynamic objects.
+
+    max_depth_ratio: the largest of all cells, since one range serves the whole atlas.
+    """
+    viewpoint = camera_state.world_from_mirror.translation
+    object_distances = object_distance_range(
+        camera_state.objects, viewpoint, MAX_NEAR_M * max_depth_ratio
+    )
     return scene.depth_range_finder.find_range(
-        at - scene.origin, max_depth_ratio=max_depth_ratio, object_distances_m=reach
+        viewpoint - scene.origin,
+        max_depth_ratio=max_depth_ratio,
+        object_distances_m=object_distances,
     )
 
 
 def frustum_planes(clip_from_scene: Floats) -> Floats:
-    """Return the (n, 5, 3) normals of the planes around what (n, 3, 3) maps show."""
+    """(n, 5, 3) inward normals of the frustum planes of (n, 3, 3) maps to clip x, y, w."""
     x, y, w = np.moveaxis(clip_from_scene, 1, 0)
+    # Clipping keeps -w <= x, y <= w and w > 0; each inequality is linear in the direction, so its
+    # coefficients are the plane's normal (Gribb and Hartmann 2001).
     return np.stack((w + x, w - x, w + y, w - y, w), axis=1)
 
 
 class FacePass(Generic[FaceLayoutT]):
-    """The atlas of one view, and how it is filled."""
+    """Renders the faces of one view into a texture."""
 
     name = "faces"
 
@@ -103,9 +116,20 @@ class FacePass(Generic[FaceLayoutT]):
         atlas: FaceLayoutT,
         samples: int,
     ) -> None:
+        """Create the texture and its framebuffers.
+
+        Args:
+            context: OpenGL context.
+            scene: Scene on the device.
+            atlas: Layout of the planar images.
+            samples: Multisampling of each texel; 1 for none.
+
+        Raises:
+            DomainError: The device offers fewer samples.
+        """
         if samples > context.max_samples:
             raise DomainError(
-                f"this OpenGL takes at most {context.max_samples} samples a texel, not {samples}"
+                f"this OpenGL offers at most {context.max_samples} samples a texel, not {samples}"
             )
         self._context = context
         self._scene = scene
@@ -116,7 +140,11 @@ class FacePass(Generic[FaceLayoutT]):
         size = (atlas.width, atlas.height)
         self.texture = context.texture(size, 4, dtype=LINEAR_DTYPE)
         self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        # Clamped, since look-ups at the outer border of the atlas must not wrap to the opposite
+        # cell.
         self.texture.repeat_x = self.texture.repeat_y = False
+        # A multisampled texture cannot be looked up with filtering: it is resolved into the
+        # texture.
         multi = samples if samples > 1 else 0
         colour = (
             context.texture(size, 4, dtype=LINEAR_DTYPE, samples=multi) if multi else self.texture
@@ -128,7 +156,7 @@ class FacePass(Generic[FaceLayoutT]):
         self.counts = DrawCounts(0, 0, 0, 0)
 
     def draw(self, camera_state: CameraState) -> None:
-        """Fill the atlas with what is seen from an exposure's viewpoint."""
+        """Render the faces from the viewpoint of a camera state."""
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
@@ -157,16 +185,18 @@ class FacePass(Generic[FaceLayoutT]):
         planes = frustum_planes(clip_from_scene)
         visible = self._scene.clusters.in_front_of_planes(planes, viewpoint)
         calls, triangles = 0, int((visible @ self._scene.cluster_sizes).sum())
-        for cell, clip, edges, seen in zip(
+        for cell, clip, cell_planes, visible_clusters in zip(
             self.atlas.cells, clip_from_scene, planes, visible, strict=True
         ):
             self._context.viewport = cell.viewport
-            more_calls, more = scene.dynamic_objects.draw(clip, edges, viewpoint)
-            calls += scene.draw(clip, seen) + more_calls
-            triangles += more
+            more_calls, num_object_triangles = scene.dynamic_objects.draw(
+                clip, cell_planes, viewpoint
+            )
+            calls += scene.draw(clip, visible_clusters) + more_calls
+            triangles += num_object_triangles
         return calls, triangles
 
     def close(self) -> None:
-        """Free the atlas."""
+        """Free the texture and its framebuffers."""
         for resource in (*self._owned, self.texture):
             resource.release()

@@ -1,4 +1,4 @@
-"""What all programs of the face pass are told once a frame. Float64 twin: none, it only carries."""
+"""Uniforms that all programs of the face pass share within a frame."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from catoptra_server.scene.world_description import PointLight
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameUniforms:
-    """A (3,) viewpoint in the scene's frame, z = a w + b, and the point lights.
-
-    light_positions: (k, 3) relative to the viewpoint. light_intensities: (k, 3).
-    """
+    """Viewpoint, depth mapping and point lights of one frame."""
 
     viewpoint: Floats
+    """(3,) position in the scene's frame, metres."""
     depth_from_forward: tuple[float, float]
+    """(a, b) of clip z = a w + b."""
     light_positions: Floats
+    """(k, 3) positions of point lights relative to the viewpoint, metres."""
     light_intensities: Floats
+    """(k, 3) irradiance at one metre."""
 
     @classmethod
     def from_viewpoint(
@@ -33,20 +34,23 @@ class FrameUniforms:
         lights: tuple[PointLight, ...],
         origin: Floats,
     ) -> FrameUniforms:
-        """Return the uniforms; `origin` is of the scene's frame, in which the lights are not."""
-        towards = [np.asarray(light.position_m) - origin - viewpoint for light in lights]
-        intensity = [light.intensity for light in lights]
+        """Uniforms of a viewpoint; `origin` is the scene frame's, since lights are in the world."""
+        # Differences in float64, before the cast: both positions may be far from the origin.
+        offsets = [np.asarray(light.position_m) - origin - viewpoint for light in lights]
+        intensities = [light.intensity for light in lights]
         return cls(
             viewpoint,
             depth_from_forward,
-            np.asarray(towards).reshape(-1, 3),
-            np.asarray(intensity, dtype=np.float64).reshape(-1, 3),
+            np.asarray(offsets).reshape(-1, 3),
+            np.asarray(intensities, dtype=np.float64).reshape(-1, 3),
         )
 
     def apply_to(self, program: moderngl.Program) -> None:
-        """Set them; a program of the face pass has lights exactly where the world has."""
+        """Write the uniforms to a program."""
         set_uniform(program, "viewpoint", self.viewpoint)
         set_uniform(program, "depth_from_forward", self.depth_from_forward)
+        # GLSL has no arrays of length zero: programs of a world without point lights lack these
+        # uniforms.
         if len(self.light_positions):
             set_uniform(program, "light_positions", self.light_positions)
             set_uniform(program, "light_intensities", self.light_intensities)

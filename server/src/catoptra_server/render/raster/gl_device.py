@@ -1,7 +1,7 @@
-"""An OpenGL context without a window, and what it says about the device behind it.
+"""An OpenGL context without a window, and the identity of the device behind it.
 
-EGL is asked for by its runtime library names, because the bare names that moderngl would look for
-exist only with development packages.
+EGL is loaded by the names of its runtime libraries: the bare names that moderngl looks for by
+default exist only with development packages.
 """
 
 from __future__ import annotations
@@ -21,47 +21,55 @@ REQUIRED_VERSION = 330
 
 _CONTEXT_SETTINGS: dict[str, Any] = {"backend": "egl", "libgl": GL_LIBRARY, "libegl": EGL_LIBRARY}
 
-# How the drivers that draw on the processor call themselves in GL_RENDERER.
+# Names in GL_RENDERER of drivers that render on the processor.
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 class OpenGLMissingError(RendererUnavailableError):
-    """Say why there is no OpenGL (`what`, a clause for a log line) and which packages bring it."""
+    """OpenGL 3.3 is unavailable; the text names the reason and the packages that bring OpenGL."""
 
     def __init__(self, reason: str) -> None:
+        """Compose the message from a reason: a clause for a log line, kept as `reason`."""
         super().__init__(
             f"the raster renderer cannot run: {reason}. On Debian and Ubuntu install "
-            f"{PACKAGES}, or draw with the trace renderer, which needs none of them"
+            f"{PACKAGES}, or use the trace renderer, which needs none of them"
         )
         self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlDevice:
-    """A context of one's own, and the names that its driver goes by."""
+    """An OpenGL context and the names of its driver."""
 
     context: moderngl.Context
+    """OpenGL context, bound to one thread."""
     vendor: str
+    """GL_VENDOR of the driver."""
     renderer: str
+    """GL_RENDERER of the driver."""
     version: str
+    """GL_VERSION of the driver."""
 
     @property
     def is_software(self) -> bool:
-        """Return whether OpenGL is emulated on the processor."""
+        """Whether the driver renders on the processor."""
         return any(name in self.renderer.lower() for name in _SOFTWARE_RENDERERS)
 
     def __str__(self) -> str:
         return f"{self.renderer}, {self.vendor}, OpenGL {self.version}"
 
     def close(self) -> None:
-        """Free the context and all that lives in it."""
+        """Free the context with all its resources."""
         self.context.release()
 
 
 def open_device() -> GlDevice:
-    """Return a headless OpenGL 3.3 device. Raises OpenGLMissingError where there is none.
+    """Open a headless OpenGL 3.3 device.
 
-    The context belongs to the calling thread from here on.
+    The context is bound to the calling thread from here on.
+
+    Raises:
+        OpenGLMissingError: A library is missing, or EGL offers no OpenGL 3.3 context.
     """
     for library in (EGL_LIBRARY, GL_LIBRARY):
         _require_library(library)
@@ -70,13 +78,16 @@ def open_device() -> GlDevice:
             require=REQUIRED_VERSION, standalone=True, **_CONTEXT_SETTINGS
         )
     except Exception as error:  # the C extension raises bare Exception, and ValueError for too old
-        raise OpenGLMissingError(f"EGL gives no OpenGL 3.3 context ({error})") from error
+        raise OpenGLMissingError(f"EGL offers no OpenGL 3.3 context ({error})") from error
     info = context.info
     return GlDevice(context, info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"])
 
 
 def _require_library(library: str) -> None:
+    """Raise OpenGLMissingError unless a shared library loads."""
     try:
+        # moderngl reports a missing library as a bare exception without the file's name, so each
+        # library is loaded here first.
         ctypes.CDLL(library)
     except OSError as error:
         raise OpenGLMissingError(f"{library} cannot be loaded ({error})") from error

@@ -1,6 +1,7 @@
-"""The mirror's picture: every sample of every pixel looked up in the atlas, where its place says.
+"""The mirror's image: every sample of every pixel looked up in the atlas through the lookup map.
 
-Places never change while a view lives: by the mirror's own law, or by a polygon mirror drawn once.
+The lookup map never changes while a view lives, whether it comes from the camera model or from a
+mirror mesh that is rendered once.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.passes import ENCODED
 from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
 
-# Sides of the polygon around the rim circle: it covers 1.3 % more than the disc, a square 27 %;
-# more sides cost more in half-empty blocks of fragments than they save on llvmpipe.
+# Sides of the polygon around the rim circle: 1.3 % more area than the disc, a square has 27 % more;
+# on llvmpipe more sides cost more in half-empty blocks of fragments than they save.
 _NUM_RIM_SIDES = 16
 
 
 def rim_polygon(camera: OmniCamera) -> Floats:
-    """Return the (n, 2) clip positions of a polygon that holds every pixel that sees the mirror."""
+    """(n, 2) clip positions of a polygon around every pixel that sees the mirror."""
     azimuth = 2.0 * math.pi * np.arange(_NUM_RIM_SIDES) / _NUM_RIM_SIDES
-    # A pixel whose middle lies beyond the rim may have samples within it.
+    # A pixel whose centre lies beyond the rim may have samples within the rim.
     radius = (camera.rim_radius_px + 1.0) / math.cos(math.pi / _NUM_RIM_SIDES)
     circle = radius * np.stack((np.cos(azimuth), np.sin(azimuth)), axis=-1)
     size = np.array((camera.width_px, camera.height_px))
@@ -37,10 +38,7 @@ def rim_polygon(camera: OmniCamera) -> Floats:
 
 
 class MirrorPass:
-    """One draw of the polygon around the rim, over black. encoding: ENCODED or LINEAR.
-
-    places: of samples x samples a pixel; its view frees them.
-    """
+    """One draw of the polygon around the rim, over black."""
 
     name = "mirror"
 
@@ -56,11 +54,23 @@ class MirrorPass:
         *,
         encoding: Definitions = ENCODED,
     ) -> None:
+        """Prepare the polygon and the program.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            faces: Face pass whose texture is looked up.
+            camera: Camera model of the image.
+            lookup_map: Atlas coordinates of samples x samples a pixel; freed with the view.
+            samples: Samples along a pixel's side.
+            target: Target of the image.
+            encoding: ENCODED or LINEAR.
+        """
         self._context = context
         self._faces = faces
         self._target = target
-        define = (("SAMPLES", samples), *encoding)
-        self._program = programs.get(ProgramSpec("mirror", "mirror", define))
+        definitions = (("SAMPLES", samples), *encoding)
+        self._program = programs.get(ProgramSpec("mirror", "mirror", definitions))
         self._program["lookup_map"] = 1
         self._lookup_map = lookup_map
         self._corners = context.buffer(rim_polygon(camera).astype(np.float32).tobytes())
@@ -84,20 +94,25 @@ class MirrorPass:
 def make_lookup_texture(
     context: moderngl.Context, camera: OmniCamera, atlas: Atlas, samples: int
 ) -> moderngl.Texture:
-    """Return the texture of the places that the mirror's law gives."""
+    """Texture of the lookup map of the camera model."""
     size = lookup_map_size(context, camera, samples)
     texture = context.texture(size, 2, compute_lookup_map(camera, atlas, samples), dtype="f4")
+    # Interpolating coordinates would mix positions on different faces of the atlas.
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 
 def lookup_map_size(context: moderngl.Context, camera: OmniCamera, samples: int) -> tuple[int, int]:
-    """Return width and height of a texture of places. Raises DomainError where none is so large."""
+    """Width and height of a lookup map's texture.
+
+    Raises:
+        DomainError: The device has no texture of that size.
+    """
     size = (samples * camera.width_px, samples * camera.height_px)
     limit = context.info["GL_MAX_TEXTURE_SIZE"]
     if max(size) > limit:
         raise DomainError(
             f"{samples}^2 samples of {camera.width_px} x {camera.height_px} px are too many: this "
-            f"OpenGL ends at {limit} px a side"
+            f"OpenGL allows {limit} px a side"
         )
     return size

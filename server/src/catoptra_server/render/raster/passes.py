@@ -1,4 +1,4 @@
-"""What a view is made of: passes in order, each from textures of earlier ones into a target."""
+"""The passes of a view: each renders from textures of earlier passes into a target."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ import numpy.typing as npt
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster.shader_programs import Definitions, ProgramSpec, ShaderPrograms
 
-# Linear light between passes: 11 significant bits are 0.03 grey levels at most, light above 1
-# survives until it is averaged, and on llvmpipe the faces are drawn no slower than into an sRGB
-# target of 8 bits (tests/measurements/raster_faces.py), which would lose both.
+# Linear light between passes: 11 significant bits are 0.03 grey levels at most, and light above 1
+# is kept until the samples are averaged. An sRGB target of 8 bits would lose both, and on llvmpipe
+# the faces render no faster into one (tests/measurements/raster_faces.py).
 LINEAR_DTYPE = "f2"
 
-# What a pass that can do both writes: sRGB, or the linear light that effects change.
+# Output of passes that have both: sRGB, or the linear light that effects change.
 ENCODED: Definitions = ()
 LINEAR: Definitions = (("LINEAR", 1),)
 
 
 class Pass(Protocol):
-    """One drawing step of a view; `name` is its stage in the frame's timings."""
+    """One rendering step of a view."""
 
     @property
     def name(self) -> str:
-        """Return the name of the stage."""
+        """Name of the stage in the frame's timings."""
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target."""
 
     def close(self) -> None:
-        """Free what the pass holds beside its target."""
+        """Free the pass's resources; the target belongs to its creator."""
 
 
 class AveragePass:
-    """The mean of samples x samples texels of a linear picture. encoding: ENCODED or LINEAR."""
+    """The mean of samples x samples texels of a linear image, for each pixel."""
 
     name = "average"
 
@@ -50,11 +50,12 @@ class AveragePass:
         *,
         encoding: Definitions = ENCODED,
     ) -> None:
+        """Prepare the program for a number of samples and an encoding: ENCODED or LINEAR."""
         self._context = context
         self._image = image
         self._target = target
-        define = (("SAMPLES", samples), *encoding)
-        program = programs.get(ProgramSpec("fullscreen_triangle", "average", define))
+        definitions = (("SAMPLES", samples), *encoding)
+        program = programs.get(ProgramSpec("fullscreen_triangle", "average", definitions))
         self._fullscreen_triangle = context.vertex_array(program, [])
 
     def draw(self, camera_state: CameraState) -> None:
@@ -70,17 +71,17 @@ class AveragePass:
 
 
 class OutputImage:
-    """The finished picture on the device, RGB without alpha, and its way back."""
+    """The finished image on the device, RGB without alpha, and its readback."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
         self._colour = context.renderbuffer((width, height), 3)
         self.target = context.framebuffer([self._colour])
 
     def read(self) -> npt.NDArray[np.uint8]:
-        """Return the picture as a read-only (h, w, 3) array of its own.
+        """Read the image back as a read-only (h, w, 3) array.
 
-        Nothing is flipped here or anywhere: all passes draw the top of the picture into row 0,
-        which OpenGL calls the bottom and reads first. A later frame does not touch the array.
+        Nothing is flipped here or anywhere: all passes draw the top of the image into row 0, which
+        OpenGL calls the bottom and reads first. A later frame does not touch the array.
         """
         width, height = self.target.size
         image = np.empty((height, width, 3), dtype=np.uint8)

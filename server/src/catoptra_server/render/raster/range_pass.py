@@ -1,7 +1,7 @@
-"""How far away is what each pixel sees, found on the device: ranges in an atlas of their own.
+"""Ranges of all pixels on the device: the faces once more, with ranges in an atlas of their own.
 
-The same faces once more, one sample a texel, and looked up without interpolation: a range between
-two surfaces would be that of neither. At a border a pixel may so show what is half a texel aside.
+One sample a texel, looked up without interpolation: a range between two surfaces would belong to
+neither. At a silhouette a pixel may therefore have the range of a surface half a texel away.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from catoptra_server.scene.triangle_clusters import visible_runs
 
 
 class RangePass:
-    """From the scene to the texture of each pixel's range. places: the pass frees them."""
+    """From the scene to the texture of each pixel's range."""
 
     name = "ranges"
 
@@ -42,6 +42,16 @@ class RangePass:
         camera: OmniCamera,
         lookup_map: moderngl.Texture,
     ) -> None:
+        """Create the atlas of ranges and the texture of pixel ranges.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            scene: Scene on the device.
+            atlas: Layout of the view's faces.
+            camera: Camera model of the image.
+            lookup_map: Atlas coordinates of pixel centres, freed with this pass.
+        """
         self._context = context
         self._scene = scene
         self._atlas = atlas
@@ -61,7 +71,7 @@ class RangePass:
         self._fullscreen_triangle = context.vertex_array(self._lookup_program, [])
 
     def draw(self, camera_state: CameraState) -> None:
-        """Fill the texture with what is seen in an exposure."""
+        """Fill the texture for a camera state."""
         self._draw_faces(camera_state)
         self._context.enable_only(moderngl.NOTHING)
         self._range_target.use()
@@ -71,6 +81,7 @@ class RangePass:
         self._fullscreen_triangle.render(vertices=3)
 
     def _draw_faces(self, camera_state: CameraState) -> None:
+        """Render the range of every texel of the atlas."""
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
@@ -79,6 +90,7 @@ class RangePass:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         self._target.viewport = (0, 0, self._atlas.width, self._atlas.height)
+        # Infinity where no surface is: fog and defocus treat the background as infinitely far.
         self._target.clear(math.inf, depth=1.0)
         self._target.use()
         self._objects.upload(camera_state.objects)
@@ -86,24 +98,27 @@ class RangePass:
         visible = self._scene.clusters.in_front_of_planes(
             frustum_planes(clip_from_scene), viewpoint
         )
-        for cell, clip, seen in zip(self._atlas.cells, clip_from_scene, visible, strict=True):
+        for cell, clip, visible_clusters in zip(
+            self._atlas.cells, clip_from_scene, visible, strict=True
+        ):
             self._context.viewport = cell.viewport
             set_uniform(self._surface_program, "clip_from_scene", clip.T)
-            self._draw_scene(seen)
+            self._draw_scene(visible_clusters)
             self._objects.draw()
 
     def _draw_scene(self, visible: Bools) -> None:
+        """Draw the visible clusters of the static scene."""
         for first, count in visible_runs(visible, self._scene.clusters.offsets):
             self._vertices.render(vertices=3 * count, first=3 * first)
 
     def read(self) -> npt.NDArray[np.float32]:
-        """Return the (h, w) ranges of the last frame, metres."""
+        """Read the (h, w) ranges of the last frame back, metres."""
         width, height = self.texture.size
         data = self._range_target.read(components=1, dtype="f4", alignment=1)
         return np.frombuffer(data, dtype=np.float32).reshape(height, width)
 
     def close(self) -> None:
-        """Free what the pass holds; the scene's vertices stay the scene's."""
+        """Free the pass's resources; the vertex buffer belongs to the scene."""
         self._objects.close()
         for resource in (
             self._vertices,
@@ -119,7 +134,7 @@ class RangePass:
 
 
 class ObjectPositions:
-    """The corners of an exposure's bodies where they stand; without any there is no buffer."""
+    """Vertex buffers of dynamic objects' corners; none without objects."""
 
     def __init__(
         self, context: moderngl.Context, program: moderngl.Program, origin: Floats
@@ -130,16 +145,19 @@ class ObjectPositions:
         self._buffers: list[tuple[moderngl.VertexArray, moderngl.Buffer]] = []
 
     def upload(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Take over the bodies of an exposure and where they are."""
+        """Upload the objects of a camera state at their current poses."""
         self.close()
-        for body in objects:
-            places = body.world_from_object.transform_points(body.mesh.corners) - self._origin
-            buffer = self._context.buffer(places.astype(np.float32).tobytes())
-            content = [(buffer, "3f", "position")]
-            self._buffers.append((self._context.vertex_array(self._program, content), buffer))
+        for dynamic_object in objects:
+            positions = (
+                dynamic_object.world_from_object.transform_points(dynamic_object.mesh.corners)
+                - self._origin
+            )
+            buffer = self._context.buffer(positions.astype(np.float32).tobytes())
+            attributes = [(buffer, "3f", "position")]
+            self._buffers.append((self._context.vertex_array(self._program, attributes), buffer))
 
     def draw(self) -> None:
-        """Draw all of them."""
+        """Draw all objects."""
         for vertices, _ in self._buffers:
             vertices.render()
 
@@ -152,6 +170,7 @@ class ObjectPositions:
 
 
 def _make_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
+    """Texture of one float32 channel without interpolation."""
     texture = context.texture(size, 1, dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -30,8 +30,9 @@ from catoptra_server.render.raster.range_pass import RangePass
 from catoptra_server.render.raster.raster_views import PassSequence, RasterOmniView, RasterView
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import Definitions, ShaderPrograms
-from catoptra_server.render.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, View
+from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
 
@@ -53,6 +54,7 @@ class RasterRenderer:
             scene: Triangles of the static scene.
             world: Lights and background.
             device: Device that is already open; None opens a new one.
+            scene_lights: Lights that change the static scene visibly; None for all of the world.
 
         Raises:
             OpenGLMissingError: There is no OpenGL 3.3.
@@ -94,7 +96,7 @@ class RasterRenderer:
             places = self._make_lookup_map(camera, plan, faces.atlas, plan.samples)
             undo.callback(places.release)
             # Compiles the programs of the scene now: the first frame must not wait for the driver.
-            faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))  # compiles what scenes need
+            faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
             # All built: from here on the view frees these resources.
             undo.pop_all()
 
@@ -181,13 +183,14 @@ class RasterRenderer:
         cell = make_lens_projection(
             camera, samples, mirror_from_camera, max_texels=self._max_texels
         )
-        known = self.program_names
+        names_before = self.program_names
         with self._device.context as context:
             faces = FacePass(context, self._scene, cell, 1)
             output = OutputImage(context, camera.width_px, camera.height_px)
             average = AveragePass(context, self._programs, faces.texture, samples, output.target)
         view = RasterView(self._device, faces, (average,), output, self._thread)
-        if self.program_names != known:  # a camera that zooms has nothing left to compile
+        # A zoom of a camera leaves nothing to compile: no discarded frame then.
+        if self.program_names != names_before:
             self._warm_up(view)
         return view
 
@@ -206,13 +209,13 @@ class RasterRenderer:
         return render_lookup_texture(context, self._programs, camera, plan.surface, samples, atlas)
 
     def _warm_up(self, view: View) -> None:
-        """Render one discarded frame: drivers compile machine code at a program's first draw call."""
+        """Render one discarded frame: drivers finish compiling at a program's first draw call."""
         view.render(CameraState(Pose.from_rpy(self._scene.origin)))
 
     def _check_thread(self) -> None:
         """Reject calls from any thread but the renderer's own."""
         assert threading.get_ident() == self._thread, (
-            "a renderer belongs to the thread it was made in"
+            "a renderer belongs to the thread that created it"
         )
 
     def close(self) -> None:

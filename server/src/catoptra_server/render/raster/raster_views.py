@@ -1,4 +1,4 @@
-"""Cameras that are ready to be drawn: passes in order, timed, and the way back of the picture."""
+"""Prepared cameras: passes in order, timed, and the readback of the image."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from catoptra_server.render.stage_clock import StageClock
 
 
 class RasterView:
-    """A camera's passes and its picture on the device."""
+    """A perspective camera: its passes and its image on the device."""
 
     def __init__(
         self,
@@ -31,6 +31,15 @@ class RasterView:
         output: OutputImage,
         thread: int,
     ) -> None:
+        """Take over the passes.
+
+        Args:
+            device: Device that renders.
+            faces: First pass.
+            passes: Passes after the faces.
+            output: Finished image.
+            thread: Identifier of the only thread that may use the view.
+        """
         self._device = device
         self._faces = faces
         self._passes: tuple[Pass, ...] = (faces, *passes)
@@ -39,70 +48,65 @@ class RasterView:
 
     @property
     def pass_names(self) -> tuple[str, ...]:
-        """Return the names of the passes that every frame goes through."""
-        return tuple(step.name for step in self._passes)
+        """Names of the passes of every frame."""
+        return tuple(render_pass.name for render_pass in self._passes)
 
     @property
     def face_counts(self) -> DrawCounts:
-        """Return what the faces of the last frame cost."""
+        """Cost of the last frame's faces."""
         return self._faces.counts
 
     def render(self, camera_state: CameraState) -> RenderedImage:
-        """Return the picture of an exposure."""
+        """Render one exposure of the camera."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
             clock = StageClock(context.finish)
-            for step in self._passes:
-                step.draw(camera_state)
-                clock.end_stage(step.name)
+            for render_pass in self._passes:
+                render_pass.draw(camera_state)
+                clock.end_stage(render_pass.name)
             image = self._output.read()
             clock.end_stage("readback")
         return RenderedImage(image, clock.stage_ms)
 
     def close(self) -> None:
-        """Free what the view holds on the device."""
+        """Free the view's resources on the device."""
         with self._device.context:
-            for step in reversed(self._passes):
-                step.close()
+            for render_pass in reversed(self._passes):
+                render_pass.close()
             self._output.close()
 
 
-# Of pictures with effects so many are kept ready, lest a robot that stops and goes builds its
-# passes anew each time: what it needs standing, slow, fast, and beside a wall. A list that asks
-# what pixels see takes a quarter of a second to build on two cores, and holds 20 MB at 640 px.
+# Sequences with effects that stay ready, so that a robot that stops and goes does not rebuild its
+# passes each time: standing, slow, fast, and beside a wall. A sequence that measures ranges takes a
+# quarter of a second to build on two cores, and holds 20 MB at 640 px.
 _MAX_SEQUENCES = 4
 
-# What a picture's passes are made for: its effects, and whether its exposure lasts.
+# Effects of a sequence, and whether the exposure has a shutter.
 SequenceKey = tuple[tuple[ImageEffect, ...], bool]
-# Makes the passes of a picture: what is built is returned, and closed with the picture.
+# Builds the passes of a sequence; the resources are freed with the sequence.
 MakeLinearSequence = Callable[[tuple[ImageEffect, ...], bool], "PassSequence"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassSequence:
-    """The passes from the faces to the finished picture; chain: None where light is not linear.
-
-    The faces are their view's, and freed with it.
-    """
+    """The passes from the faces to the finished image; the faces are freed with their view."""
 
     passes: tuple[Pass, ...]
+    """Passes in order of rendering."""
     effect_chain: EffectChain | None = None
+    """Effects and encoding, None where the mirror pass encodes by itself."""
 
     def close(self) -> None:
-        """Free the passes, and what is between them."""
-        for step in reversed(self.passes):
-            if not isinstance(step, FacePass):
-                step.close()
+        """Free the passes, and the images between them."""
+        for render_pass in reversed(self.passes):
+            if not isinstance(render_pass, FacePass):
+                render_pass.close()
         if self.effect_chain is not None:
             self.effect_chain.close()
 
 
 class RasterOmniView:
-    """A mirror camera: its faces, where samples look in them, and a picture a list of effects.
-
-    plain: makes what needs no linear light; linear: what effects change. Neither is built before it
-    is asked for; places are freed with the view.
-    """
+    """An omnidirectional camera: faces, lookup map, and one sequence of passes per effect list."""
 
     def __init__(
         self,
@@ -115,6 +119,18 @@ class RasterOmniView:
         make_linear: MakeLinearSequence,
         thread: int,
     ) -> None:
+        """Take over faces, lookup map and output, which are freed with the view.
+
+        Args:
+            device: Device that renders.
+            faces: Face pass of the camera.
+            lookup_map: Atlas coordinates of the image's samples.
+            output: Finished image.
+            make_plain: Builds the sequence without linear light; called at its first use.
+            make_linear: Builds the sequence of effects or of a long exposure; called at its first
+                use.
+            thread: Identifier of the only thread that may use the view.
+        """
         self._device = device
         self._faces = faces
         self._lookup_map = lookup_map
@@ -123,43 +139,45 @@ class RasterOmniView:
         self._make_linear = make_linear
         self._thread = thread
         self._plain_passes: PassSequence | None = None
-        self._linear_passes: dict[SequenceKey, PassSequence] = {}  # the last drawn at the end
+        self._linear_passes: dict[SequenceKey, PassSequence] = {}  # most recently used last
         self._last: PassSequence | None = None
 
     @property
     def pass_names(self) -> tuple[str, ...]:
-        """Return the names of the passes that the last frame went through."""
-        return tuple(step.name for step in self.active_passes)
+        """Names of the last frame's passes."""
+        return tuple(render_pass.name for render_pass in self.active_passes)
 
     @property
     def active_passes(self) -> tuple[Pass, ...]:
-        """Return the passes themselves."""
+        """The last frame's passes."""
         return self._last.passes if self._last else ()
 
     @property
     def num_sequences(self) -> int:
-        """Return how many pictures are kept ready."""
+        """Number of pass sequences that are ready."""
         return len(self._linear_passes) + (self._plain_passes is not None)
 
     @property
     def face_counts(self) -> DrawCounts:
-        """Return what the faces of the last frame cost."""
+        """Cost of the last frame's faces."""
         return self._faces.counts
 
     def render(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> RenderedImage:
-        """Return the picture of an exposure as effects change it."""
+        """Render one exposure of the camera, changed by effects."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            lasts = camera_state.shutter is not None
-            picture = (
-                self._linear_sequence(effects, lasts)
-                if effects or lasts
+            has_shutter = camera_state.shutter is not None
+            # Without effects and shutter the mirror pass encodes by itself: no float image is
+            # written and read.
+            sequence = (
+                self._linear_sequence(effects, has_shutter)
+                if effects or has_shutter
                 else self._plain_sequence()
             )
             clock = StageClock(context.finish)
-            self._run(picture, camera_state, clock)
+            self._run(sequence, camera_state, clock)
             image = self._output.read()
             clock.end_stage("readback")
         return RenderedImage(image, clock.stage_ms)
@@ -167,39 +185,42 @@ class RasterOmniView:
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
-        """Return the picture of an exposure behind all effects, before it is encoded."""
+        """Render one exposure in linear light, after all effects and before the encoding."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
         with self._device.context as context:
-            picture = self._linear_sequence(effects, camera_state.shutter is not None)
-            self._run(picture, camera_state, StageClock(context.finish))
-            assert picture.effect_chain is not None, "a linear picture has a chain"
-            return picture.effect_chain.read()
+            sequence = self._linear_sequence(effects, camera_state.shutter is not None)
+            self._run(sequence, camera_state, StageClock(context.finish))
+            assert sequence.effect_chain is not None, "a linear sequence has an effect chain"
+            return sequence.effect_chain.read()
 
-    def _run(self, image: PassSequence, camera_state: CameraState, clock: StageClock) -> None:
-        self._last = image
-        for step in image.passes:
-            step.draw(camera_state)
-            clock.end_stage(step.name)
+    def _run(self, sequence: PassSequence, camera_state: CameraState, clock: StageClock) -> None:
+        """Draw all passes of a sequence, timing each."""
+        self._last = sequence
+        for render_pass in sequence.passes:
+            render_pass.draw(camera_state)
+            clock.end_stage(render_pass.name)
 
     def _plain_sequence(self) -> PassSequence:
+        """Sequence without linear light, built at the first call."""
         if self._plain_passes is None:
             self._plain_passes = self._make_plain()
         return self._plain_passes
 
     def _linear_sequence(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
-        wanted = (effects, has_shutter)
-        picture = self._linear_passes.pop(wanted, None) or self._make_linear(effects, has_shutter)
+        """Sequence of a list of effects: least recently used sequences are freed."""
+        key = (effects, has_shutter)
+        sequence = self._linear_passes.pop(key, None) or self._make_linear(effects, has_shutter)
         while len(self._linear_passes) >= _MAX_SEQUENCES:
             self._linear_passes.pop(next(iter(self._linear_passes))).close()
-        self._linear_passes[wanted] = picture
-        return picture
+        self._linear_passes[key] = sequence
+        return sequence
 
     def close(self) -> None:
-        """Free what the view holds on the device."""
+        """Free the view's resources on the device."""
         with self._device.context:
-            for picture in (self._plain_passes, *self._linear_passes.values()):
-                if picture is not None:
-                    picture.close()
+            for sequence in (self._plain_passes, *self._linear_passes.values()):
+                if sequence is not None:
+                    sequence.close()
             self._faces.close()
             self._lookup_map.release()
             self._output.close()

@@ -1,7 +1,7 @@
-"""The triangles of a scene with the vertex attributes and programs of one way to light them.
+"""The triangles of a scene with the vertex attributes and programs of one lighting model.
 
-A group has only what it needs: no texture coordinates without a texture, no normals where light is
-constant over each triangle.
+A batch has only the attributes it needs: no texture coordinates without a texture, no normals where
+light is constant over each triangle.
 """
 
 from __future__ import annotations
@@ -31,28 +31,30 @@ VertexAttribute = tuple[moderngl.Buffer, str]
 
 @dataclass(frozen=True, slots=True)
 class FacetLighting:
-    """How the faces' programs light facets.
-
-    constant: the lights that give each triangle one radiance. varying: what a program defines that
-    computes the light of others from place and normal; empty: there are none.
-    """
+    """Lighting of facets in the faces' programs."""
 
     constant_lights: tuple[Light, ...]
+    """Lights whose irradiance depends on the normal alone: each triangle has one radiance."""
     definitions: Definitions = ()
+    """Definitions of programs that shade further lights per fragment; empty without such lights."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Batch:
-    """The triangles of one texture: their chunks, and what draws them."""
+    """The triangles of one texture."""
 
     clusters: slice
+    """Clusters of the batch, consecutive in the cluster table."""
     program: moderngl.Program
+    """Program that draws the batch."""
     vertices: moderngl.VertexArray
+    """Attributes of all triangles, bound to the program."""
     texture: moderngl.Texture | None
+    """Albedo texture, None without one."""
 
 
 class SceneBatches:
-    """What draws a scene's chunks in one light. `position`: their corners, not freed here."""
+    """Draws a scene's clusters with one lighting model."""
 
     def __init__(
         self,
@@ -64,6 +66,16 @@ class SceneBatches:
         position: VertexAttribute,
         lighting: FacetLighting,
     ) -> None:
+        """Upload the attributes.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            scene: Triangles of the static scene.
+            clusters: Order of the triangles in the buffers.
+            position: Buffer of the corners' positions, freed by the caller.
+            lighting: Lighting model.
+        """
         self._context = context
         self._clusters = clusters
         self._lighting = lighting
@@ -75,13 +87,13 @@ class SceneBatches:
 
     @property
     def programs(self) -> set[moderngl.Program]:
-        """Return the programs that draw it."""
-        return {group.program for group in self._batches}
+        """The programs of all batches."""
+        return {batch.program for batch in self._batches}
 
     def _upload(self, scene: SceneMesh) -> dict[str, VertexAttribute]:
-        """Return the buffer and the format of each attribute that some group has."""
-        of_triangles = shading.facet_radiance(scene, self._lighting.constant_lights)
-        attributes = {"radiance": _repeat_at_corners(of_triangles)}
+        """Buffer and format of each attribute that some batch needs."""
+        radiance = shading.facet_radiance(scene, self._lighting.constant_lights)
+        attributes = {"radiance": _repeat_at_corners(radiance)}
         if scene.textures:
             attributes["uv"] = scene.uv
         if self._lighting.definitions:
@@ -93,60 +105,62 @@ class SceneBatches:
         }
 
     def _make_batch(self, programs: ShaderPrograms, scene: SceneMesh, index: int) -> _Batch:
-        """Return group `index`: 0 = without a texture, then one for each texture."""
+        """Batch at an index: 0 for triangles without a texture, then one for each texture."""
         names = ["position", "radiance"]
-        define: Definitions = ()
+        definitions: Definitions = ()
         if index > 0:
-            names, define = [*names, "uv"], (*define, ("TEXTURED", 1))
+            names, definitions = [*names, "uv"], (*definitions, ("TEXTURED", 1))
         if self._lighting.definitions:
             names = [*names, "normal", "lit_albedo"]
-            define = (*define, *self._lighting.definitions)
-        program = programs.get(ProgramSpec("face", "face", define))
-        content = [(*self._attributes[name], name) for name in names]
+            definitions = (*definitions, *self._lighting.definitions)
+        program = programs.get(ProgramSpec("face", "face", definitions))
+        attributes = [(*self._attributes[name], name) for name in names]
         members = np.flatnonzero(self._clusters.groups == index)
         return _Batch(
             clusters=slice(int(members[0]), int(members[-1]) + 1),
             program=program,
-            vertices=self._context.vertex_array(program, content),
+            vertices=self._context.vertex_array(program, attributes),
             texture=upload_texture(self._context, scene.textures[index - 1]) if index > 0 else None,
         )
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
         calls = 0
-        for group in self._batches:
-            borders = self._clusters.offsets[group.clusters.start : group.clusters.stop + 1]
-            parts = visible_runs(visible[group.clusters], borders)
-            if not parts:
+        for batch in self._batches:
+            offsets = self._clusters.offsets[batch.clusters.start : batch.clusters.stop + 1]
+            runs = visible_runs(visible[batch.clusters], offsets)
+            if not runs:
                 continue
-            set_uniform(group.program, "clip_from_scene", clip_from_scene.T)
-            if group.texture is not None:
-                group.texture.use(0)
-            for first, count in parts:
-                group.vertices.render(vertices=3 * count, first=3 * first)
-            calls += len(parts)
+            set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
+            if batch.texture is not None:
+                batch.texture.use(0)
+            for first, count in runs:
+                batch.vertices.render(vertices=3 * count, first=3 * first)
+            calls += len(runs)
         return calls
 
     def close(self) -> None:
         """Free the buffers, vertex arrays and textures; programs belong to the context."""
-        for group in self._batches:
-            group.vertices.release()
-            if group.texture is not None:
-                group.texture.release()
+        for batch in self._batches:
+            batch.vertices.release()
+            if batch.texture is not None:
+                batch.texture.release()
         for buffer, _ in self._owned.values():
             buffer.release()
 
 
 def make_attribute(context: moderngl.Context, values: Floats) -> VertexAttribute:
-    """Return a buffer of (n, 3, k) values at corners, and its format."""
+    """Buffer of (n, 3, k) values at corners, and its format."""
+    # Positions are relative to the scene's centre by now, so float32 loses less than a micrometre
+    # at 10 m.
     data = values.astype(np.float32).tobytes()
-    # OpenGL knows no empty buffer, a world without surfaces exists.
+    # A world without surfaces is valid, an empty buffer is not.
     buffer = context.buffer(data) if data else context.buffer(reserve=4)
     return buffer, f"{values.shape[-1]}f"
 
 
 def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Texture:
-    """Return a texture that repeats and is filtered as shading.texture_value does.
+    """Texture that repeats and is filtered as shading.sample_texture does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
     """
@@ -157,5 +171,5 @@ def upload_texture(context: moderngl.Context, image: Texture) -> moderngl.Textur
 
 
 def _repeat_at_corners(values: Floats) -> Floats:
-    """Return (n, 3, 3): each triangle's (n, 3) values at its three corners."""
+    """(n, 3, k) copies of each triangle's (n, k) values at its three corners."""
     return np.repeat(values[:, None], 3, axis=1)

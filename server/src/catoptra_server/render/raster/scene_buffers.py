@@ -26,7 +26,8 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.triangle_clusters import make_clusters
 from catoptra_server.scene.world_description import Light, World
 
-# Two vec3 a light, each as large as a vec4, in the 1024 components that OpenGL 3.3 promises.
+# Two vec3 a light, each as large as a vec4, in the 1024 uniform components that OpenGL 3.3
+# guarantees; the rest is for matrices.
 MAX_POINT_LIGHTS = 100
 
 
@@ -59,10 +60,17 @@ class SceneBuffers:
         *,
         scene_lights: tuple[Light, ...] | None = None,
     ) -> None:
-        """Upload a scene; no light of the world may be moved afterwards.
+        """Upload a scene.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            scene: Triangles of the static scene.
+            world: Lights and background.
+            scene_lights: Lights that change the static scene visibly; None for all of the world.
 
         Raises:
-            DomainError: The world has more point lights than uniforms hold.
+            DomainError: More point lights than uniforms hold.
         """
         self._context = context
         self._programs = programs
@@ -76,6 +84,7 @@ class SceneBuffers:
         self._lights = shading.point_lights(lights)
         self.dynamic_objects = DynamicObjectBuffer(context, programs, object_lighting, self.origin)
         corners = scene.corners - self.origin
+        # Grouped by texture first: a batch's clusters are consecutive, and group 0 has no texture.
         self.clusters = make_clusters(corners, (scene.texture_index + 1).astype(np.intp))
         self.cluster_sizes = np.diff(self.clusters.offsets)
         self.depth_range_finder = DepthRangeFinder(self.clusters, corners)

@@ -1,7 +1,7 @@
-"""Shader programs out of the files of `glsl/`, compiled when first asked for.
+"""Shader programs from the files of `glsl/`, compiled at first use.
 
-The loader knows one kind of line beside GLSL: `#include "path"`, a file under `glsl/`. What a
-variant switches on is defined under the version line.
+The loader adds one directive to GLSL: `#include "path"`, a file under `glsl/`. Definitions of a
+variant follow the version line.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ Definitions = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True, slots=True)
 class ProgramSpec:
-    """A program: its two files without suffix, and what it defines."""
+    """A program: its two files, without suffix, and its preprocessor definitions."""
 
     vertex: str
+    """Name of the vertex shader's file."""
     fragment: str
+    """Name of the fragment shader's file."""
     definitions: Definitions = ()
+    """Names and values for the preprocessor, in order."""
 
     def __str__(self) -> str:
         parts = [self.fragment, *(f"{name}={value}" for name, value in self.definitions)]
@@ -36,7 +39,7 @@ class ProgramSpec:
 
 
 class ShaderPrograms:
-    """The programs of one context. What is not asked for is not built."""
+    """The programs of one context, each compiled at its first use."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -44,11 +47,11 @@ class ShaderPrograms:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the programs that were built, in order."""
+        """Names of the compiled programs, in order of compilation."""
         return tuple(str(spec) for spec in self._programs)
 
     def get(self, spec: ProgramSpec) -> moderngl.Program:
-        """Return the program of a specification, compiled the first time."""
+        """Program of a specification, compiled at the first call."""
         if spec not in self._programs:
             self._programs[spec] = self._context.program(
                 vertex_shader=load_source(f"{spec.vertex}.vert", spec.definitions),
@@ -58,25 +61,26 @@ class ShaderPrograms:
 
 
 def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
-    """Set a float, vector, matrix or array uniform; matrices column by column, as OpenGL counts."""
+    """Set a float, vector, matrix or array uniform; matrices in column-major order."""
     uniform = program[name]
     assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
     uniform.write(np.asarray(values, dtype=np.float32).tobytes())
 
 
 def set_sampler(program: moderngl.Program, name: str, unit: int) -> None:
-    """Have a sampler read the texture of a unit."""
+    """Assign a texture unit to a sampler."""
     uniform = program[name]
     assert isinstance(uniform, moderngl.Uniform), f"{name} is no sampler"
     uniform.value = unit
 
 
 def load_source(path: str, definitions: Definitions = ()) -> str:
-    """Return the full text of a shader: version, definitions, the file with its includes."""
+    """Full text of a shader: version, definitions, the file with its includes."""
     head = [GLSL_VERSION, *(f"#define {name} {value}" for name, value in definitions)]
     return "\n".join((*head, _load_with_includes(path)))
 
 
 def _load_with_includes(path: str) -> str:
+    """Text of a file in which every include is replaced by the included file."""
     text = (_ROOT / path).read_text(encoding="utf-8")
     return _INCLUDE.sub(lambda line: _load_with_includes(line["path"]), text)

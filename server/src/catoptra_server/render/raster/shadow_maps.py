@@ -1,10 +1,11 @@
-"""Shadow maps on the device: depths as the lights see them, of what stands and of what moves.
+"""Shadow maps on the device: depths from each light, of the static scene and of dynamic objects.
 
-What stands is drawn once; bodies for every exposure, into maps that are fitted around them. A
-depth is that of one ray, through the middle of a texel; elsewhere in it the same surface may be
-nearer, by its slope times half a texel in both directions, and would hide itself. So every caster
-is drawn behind itself by its slope times SLOPE texels: it casts no shadow on what is less than
-that behind it, measured across the caster's plane at most SLOPE texels, however low the light.
+The static scene is drawn once; objects in every frame, into maps fitted around them. A texel holds
+the depth of one ray, through the texel's centre; elsewhere in the texel the same surface may be
+nearer, by its slope times half a texel in both directions, and would shadow itself. Every caster is
+therefore pushed back by its slope times SLOPE_BIAS_TEXELS: it casts no shadow on a surface closer
+behind it than that, measured across the caster's plane at most SLOPE_BIAS_TEXELS texels, however
+low the light.
 """
 
 from __future__ import annotations
@@ -16,13 +17,6 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.raster.shader_programs import (
-    Definitions,
-    ProgramSpec,
-    ShaderPrograms,
-    set_sampler,
-    set_uniform,
-)
 from catoptra_server.render.projection.shadow_projections import (
     MAX_SIDE_TEXELS,
     MAX_TOTAL_TEXELS,
@@ -30,27 +24,34 @@ from catoptra_server.render.projection.shadow_projections import (
     ShadowProjection,
     fit_shadow_projections,
 )
+from catoptra_server.render.raster.shader_programs import (
+    Definitions,
+    ProgramSpec,
+    ShaderPrograms,
+    set_sampler,
+    set_uniform,
+)
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight, PointLight
 
-# OpenGL takes the greater of the two slopes, so one texel covers half a texel in both; the rest is
-# for corners, which it rounds to a 256th of a texel.
+# OpenGL uses the greater of the two slopes, so one texel covers half a texel in both directions;
+# the rest is for corners, which OpenGL rounds to a 256th of a texel.
 SLOPE_BIAS_TEXELS = 1.25
-# Steps of the depth buffer beside that.
+# Further bias in steps of the depth buffer, for the rounding of depths.
 _CONSTANT_BIAS_STEPS = 4.0
-# Two matrices a light with a direction and a dozen numbers a lamp, in the 1024 components that
-# OpenGL 3.3 promises.
+# Two matrices per directional light and a dozen numbers per point light, in the 1024 uniform
+# components that OpenGL 3.3 guarantees.
 MAX_SHADOWED_DIRECTIONAL_LIGHTS = 8
 MAX_SHADOWED_POINT_LIGHTS = 40
-# Bodies are small: half as many texels a side are finer still.
+# Dynamic objects are small: with half as many texels a side their maps are finer still.
 _OBJECT_MAP_DIVISOR = 2
 _SCENE_UNIT, _OBJECT_UNIT = 1, 2
 
 
 class ShadowMaps:
-    """The maps of one world's lights. `origin`: (3,), of the scene's frame in the world."""
+    """The shadow maps of one world's lights."""
 
     def __init__(
         self,
@@ -61,6 +62,18 @@ class ShadowMaps:
         *,
         origin: Floats,
     ) -> None:
+        """Draw the maps of the static scene.
+
+        Args:
+            context: OpenGL context.
+            programs: Shader programs of the context.
+            scene: Triangles of the static scene.
+            lights: Shadow-casting lights.
+            origin: (3,) origin of the scene's frame in the world.
+
+        Raises:
+            DomainError: More lights than a program's uniforms hold.
+        """
         self._context = context
         self._lights = lights
         self._origin = origin
@@ -83,23 +96,31 @@ class ShadowMaps:
 
     @property
     def definitions(self) -> Definitions:
-        """Return what programs define that look into the maps."""
-        counts = (("NUM_SHADOWED_DIRECTIONAL_LIGHTS", len(self._directional_lights)), ("NUM_SHADOWED_POINT_LIGHTS", len(self._point_lights)))
-        named = tuple((name, count) for name, count in counts if count)
-        return (("SHADOWS", 1), ("MAP_COLUMNS", self._columns), *named)
+        """Preprocessor definitions of programs that sample the maps."""
+        counts = (
+            ("NUM_SHADOWED_DIRECTIONAL_LIGHTS", len(self._directional_lights)),
+            ("NUM_SHADOWED_POINT_LIGHTS", len(self._point_lights)),
+        )
+        existing = tuple((name, count) for name, count in counts if count)
+        return (("SHADOWS", 1), ("MAP_COLUMNS", self._columns), *existing)
 
     @property
     def texture_bytes(self) -> int:
-        """Return the size of the maps at 4 bytes a texel; those of bodies once any was seen."""
-        held = (self._scene_maps, *((self._object_maps,) if self._object_maps is not None else ()))
-        return sum(4 * maps.width * maps.height for maps in held)
+        """Size of the maps at 4 bytes a texel; objects' maps count once they exist."""
+        textures = (
+            self._scene_maps,
+            *((self._object_maps,) if self._object_maps is not None else ()),
+        )
+        return sum(4 * maps.width * maps.height for maps in textures)
 
     def _max_side_texels(self) -> int:
-        most = min(MAX_TOTAL_TEXELS, int(self._context.info["GL_MAX_TEXTURE_SIZE"]) ** 2)
-        fitting = int(math.sqrt(most)) // self._columns
-        return min(MAX_SIDE_TEXELS, 1 << (fitting.bit_length() - 1))
+        """Side of a map: a power of two such that all maps fit into one texture."""
+        max_texels = min(MAX_TOTAL_TEXELS, int(self._context.info["GL_MAX_TEXTURE_SIZE"]) ** 2)
+        max_side = int(math.sqrt(max_texels)) // self._columns
+        return min(MAX_SIDE_TEXELS, 1 << (max_side.bit_length() - 1))
 
     def _make_texture(self, side: int) -> moderngl.Texture:
+        """Depth texture for the maps of all lights, in a grid of cells."""
         rows = -(-self._cells // self._columns)
         maps = self._context.depth_texture((side * self._columns, side * rows))
         maps.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -107,23 +128,27 @@ class ShadowMaps:
         return maps
 
     def _draw_scene(self, scene: SceneMesh) -> tuple[ShadowProjection, ...]:
+        """Fit and draw the maps of the static scene."""
         casting = scene.casts_shadows
         corners = scene.corners[casting] - self._origin
+        # A scene without casters still needs a map to sample: one degenerate triangle covers no
+        # texel.
         if not len(corners):
             corners, casting = np.zeros((1, 3, 3)), np.zeros(0, dtype=np.intp)
         normals = scene.normals[casting] if len(casting) else np.zeros((1, 3))
         casters = ShadowCasters.from_triangles(
             corners, normals, light_positions=self._point_light_positions
         )
-        fitted = self._fit_projections(casters, self._side)
-        self._draw(self._scene_maps, fitted, corners)
-        return fitted
+        projections = self._fit_projections(casters, self._side)
+        self._draw(self._scene_maps, projections, corners)
+        return projections
 
     def _fit_projections(self, casters: ShadowCasters, side: int) -> tuple[ShadowProjection, ...]:
+        """Projections of all lights around casters."""
         return fit_shadow_projections(self._lights, casters, origin=self._origin, side_texels=side)
 
     def draw_objects(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Draw the maps of what moves, if anything does."""
+        """Draw the maps of dynamic objects, if there are any."""
         self._object_projections = ()
         if not objects:
             return
@@ -134,13 +159,13 @@ class ShadowMaps:
             objects, origin=self._origin, light_positions=self._point_light_positions
         )
         self._object_projections = self._fit_projections(casters, side)
-        corners = [body.world_from_object.transform_points(body.mesh.corners) for body in objects]
+        corners = [one.world_from_object.transform_points(one.mesh.corners) for one in objects]
         self._draw(
             self._object_maps, self._object_projections, np.concatenate(corners) - self._origin
         )
 
     def _draw(
-        self, maps: moderngl.Texture, fitted: tuple[ShadowProjection, ...], corners: Floats
+        self, maps: moderngl.Texture, projections: tuple[ShadowProjection, ...], corners: Floats
     ) -> None:
         """Draw (n, 3, 3) triangles as each light sees them."""
         context = self._context
@@ -151,48 +176,68 @@ class ShadowMaps:
         context.enable_only(moderngl.DEPTH_TEST)
         context.depth_func = "<"
         target.viewport = (0, 0, maps.width, maps.height)
+        # All cells at once: clearing each cell by itself takes a scissored clear per light.
         target.clear(depth=1.0)
         target.use()
         context.polygon_offset = SLOPE_BIAS_TEXELS, _CONSTANT_BIAS_STEPS
-        for cell, frame in enumerate(fitted):
+        for cell, projection in enumerate(projections):
             row, column = divmod(cell, self._columns)
             context.viewport = (side * column, side * row, side, side)
-            set_uniform(self._program, "clip_from_scene", frame.clip_from_scene.T)
+            set_uniform(self._program, "clip_from_scene", projection.clip_from_scene.T)
             vertices.render()
         context.polygon_offset = 0.0, 0.0
         for resource in (vertices, buffer, target):
             resource.release()
 
     def apply_to(self, program: moderngl.Program, viewpoint: Floats) -> None:
-        """Tell a program the lights and their maps, from a (3,) viewpoint in the scene's frame."""
-        moving = self._object_projections or self._scene_projections
+        """Write the lights and their maps to a program; viewpoint: (3,) in the scene's frame."""
+        object_projections = self._object_projections or self._scene_projections
         set_sampler(program, "scene_shadow_maps", _SCENE_UNIT)
         set_sampler(program, "object_shadow_maps", _OBJECT_UNIT)
-        has_bodies = program["has_objects"]
-        assert isinstance(has_bodies, moderngl.Uniform)
-        has_bodies.value = bool(self._object_projections)
-        count = len(self._directional_lights)
-        if count:
-            towards = [-np.asarray(sun.direction) for sun in self._directional_lights]
-            set_uniform(program, "directional_light_to_source", towards)
-            set_uniform(
-                program, "directional_light_irradiance", [sun.irradiance for sun in self._directional_lights]
-            )
-            for name, fitted in (("scene", self._scene_projections), ("objects", moving)):
-                maps = [frame.map_from_offset(viewpoint).T for frame in fitted[:count]]
-                set_uniform(program, f"map_from_offset_{name}", maps)
+        has_objects = program["has_objects"]
+        assert isinstance(has_objects, moderngl.Uniform)
+        has_objects.value = bool(self._object_projections)
+        if self._directional_lights:
+            self._apply_directional_lights(program, object_projections, viewpoint)
         if self._point_lights:
-            set_uniform(program, "point_light_positions", np.array(self._point_light_positions) - viewpoint)
-            set_uniform(program, "point_light_intensities", [lamp.intensity for lamp in self._point_lights])
-            pairs = zip(self._scene_projections[count::6], moving[count::6], strict=True)
-            set_uniform(
-                program,
-                "point_light_depth_from_forward",
-                [(*one.depth_from_forward, *two.depth_from_forward) for one, two in pairs],
-            )
+            self._apply_point_lights(program, object_projections, viewpoint)
+
+    def _apply_directional_lights(
+        self,
+        program: moderngl.Program,
+        object_projections: tuple[ShadowProjection, ...],
+        viewpoint: Floats,
+    ) -> None:
+        """Write direction, irradiance and both matrices of each directional light."""
+        lights = self._directional_lights
+        to_sources = [-np.asarray(light.direction) for light in lights]
+        set_uniform(program, "directional_light_to_source", to_sources)
+        irradiances = [light.irradiance for light in lights]
+        set_uniform(program, "directional_light_irradiance", irradiances)
+        both = {"scene": self._scene_projections, "objects": object_projections}
+        for name, projections in both.items():
+            maps = [one.map_from_offset(viewpoint).T for one in projections[: len(lights)]]
+            set_uniform(program, f"map_from_offset_{name}", maps)
+
+    def _apply_point_lights(
+        self,
+        program: moderngl.Program,
+        object_projections: tuple[ShadowProjection, ...],
+        viewpoint: Floats,
+    ) -> None:
+        """Write position, intensity and the depth mappings of each point light."""
+        positions = np.array(self._point_light_positions) - viewpoint
+        set_uniform(program, "point_light_positions", positions)
+        intensities = [light.intensity for light in self._point_lights]
+        set_uniform(program, "point_light_intensities", intensities)
+        # The six faces of a light share one depth mapping: the first of each six will do.
+        first = len(self._directional_lights)
+        pairs = zip(self._scene_projections[first::6], object_projections[first::6], strict=True)
+        depths = [(*scene.depth_from_forward, *other.depth_from_forward) for scene, other in pairs]
+        set_uniform(program, "point_light_depth_from_forward", depths)
 
     def bind(self) -> None:
-        """Bind the maps."""
+        """Bind the maps to their texture units."""
         self._scene_maps.use(_SCENE_UNIT)
         (self._object_maps or self._scene_maps).use(_OBJECT_UNIT)
 
@@ -204,9 +249,10 @@ class ShadowMaps:
 
 
 def _check_light_counts(num_directional: int, num_point: int) -> None:
-    """Raise DomainError where a program's uniforms do not hold so many lights."""
+    """Raise DomainError where a program's uniforms cannot hold all lights."""
     if num_directional > MAX_SHADOWED_DIRECTIONAL_LIGHTS or num_point > MAX_SHADOWED_POINT_LIGHTS:
         raise DomainError(
-            f"raster casts shadows of at most {MAX_SHADOWED_DIRECTIONAL_LIGHTS} directional and {MAX_SHADOWED_POINT_LIGHTS} point lights, "
-            f"not of {num_directional} and {num_point}: draw with the trace renderer, or set Shadows=never"
+            f"raster casts shadows of at most {MAX_SHADOWED_DIRECTIONAL_LIGHTS} directional and "
+            f"{MAX_SHADOWED_POINT_LIGHTS} point lights, not of {num_directional} and {num_point}: "
+            "use the trace renderer, or set Shadows=never"
         )

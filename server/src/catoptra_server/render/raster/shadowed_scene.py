@@ -1,6 +1,7 @@
-"""A scene on the device whose lights cast shadows: another look of its corners, and maps.
+"""A scene on the device whose lights cast shadows: a second set of attributes, and shadow maps.
 
-Facets carry the light of the sky alone; each fragment adds what reaches it of the other lights.
+Facets carry the light of hemisphere lights alone; each fragment adds the unshadowed part of the
+other lights.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from catoptra_server.scene.world_description import Light
 
 
 class ShadowedScene:
-    """The look, the bodies and the maps of a world with shadows. Arguments as of `SceneBuffers`."""
+    """Attributes, dynamic objects and shadow maps of a world with shadows."""
 
     def __init__(
         self,
@@ -34,6 +35,7 @@ class ShadowedScene:
         position: VertexAttribute,
         origin: Floats,
     ) -> None:
+        """Upload attributes and draw the static shadow maps; arguments as of SceneBuffers."""
         self._origin = origin
         self._maps = ShadowMaps(
             context, programs, scene, shading.shadow_casting_lights(lights), origin=origin
@@ -45,11 +47,18 @@ class ShadowedScene:
         )
 
     def draw_object_shadows(self, objects: tuple[DynamicObject, ...]) -> None:
-        """Draw the maps of an exposure's bodies; what stands was drawn once."""
+        """Draw the shadow maps of a frame's dynamic objects; the static scene's were drawn once."""
         self._maps.draw_objects(objects)
 
     def set_frame(self, viewpoint: Floats, depth_from_forward: tuple[float, float]) -> None:
-        """Set the uniforms of a frame: a (3,) viewpoint in the scene's frame, and z = a w + b."""
+        """Write the uniforms of a frame.
+
+        Args:
+            viewpoint: (3,) position in the scene's frame, metres.
+            depth_from_forward: (a, b) of clip z = a w + b.
+        """
+        # Without point lights: the shadowed program takes them from the shadow maps' uniforms
+        # instead.
         frame = FrameUniforms.from_viewpoint(
             viewpoint, depth_from_forward, lights=(), origin=self._origin
         )
@@ -59,11 +68,11 @@ class ShadowedScene:
         self._maps.bind()
 
     def draw(self, clip_from_scene: Floats, visible: Bools) -> int:
-        """Draw the visible chunks through a (3, 3) map to clip x, y, w; return the draw calls."""
+        """Draw the visible clusters through a (3, 3) map to clip x, y, w; return the draw calls."""
         return self._batches.draw(clip_from_scene, visible)
 
     def close(self) -> None:
-        """Free all of it; the corners belong to the scene."""
+        """Free all resources but the corners, which belong to the scene."""
         self.dynamic_objects.close()
         self._batches.close()
         self._maps.close()

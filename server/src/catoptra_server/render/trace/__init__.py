@@ -1,4 +1,7 @@
-"""The exact renderer: one ray a sample through Embree, on the CPU. The only door to embreex."""
+"""The exact renderer: one ray a sample through Embree, on the CPU.
+
+Only this package imports embreex.
+"""
 
 from catoptra_server.render.trace.trace_renderer import TraceRenderer
 

@@ -1,12 +1,13 @@
-"""A picture of a mirror camera that traces only where something begins or ends.
+"""An image of an omnidirectional camera that traces rays only near silhouettes.
 
-A ray through every corner of the cells, then: cells whose corners see one surface, with no outline
-in front of it, are filled; the rays of all others are traced one by one. What is filled is what
-rays would bring (`outlines` has the proof): the same bytes where light is constant over triangles,
-within one grey level where textures and point lights are computed on the surface's plane. At 4 px
-85 % of the field's cells and 88 % of the corridor's are filled; a frame takes 0.4 to 0.55 times
-what all rays take at one sample a pixel, and 0.25 times at 2 x 2. Where hardly anything can be
-filled, among 500 finely modelled balls, it takes 1.05 times: tests/measurements/sparse_rays.py.
+One ray through every corner of the cells first. Cells whose corners see one surface, with no
+silhouette edge in front of it, are filled; the rays of all others are traced. Filled pixels equal
+traced ones (`silhouette_edges` has the proof): the same bytes where light is constant over
+triangles, within one grey level where textures and point lights are computed on the surface's
+plane. At 4 px 85 % of the field's cells and 88 % of the corridor's are filled; a frame takes 0.4 to
+0.55 times the time of all rays at one sample a pixel, and 0.25 times at 2 x 2. With hardly any cell
+to fill, among 500 finely modelled balls, a frame takes 1.05 times:
+tests/measurements/sparse_rays.py.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ Task = Callable[[], None]
 
 
 class CellView:
-    """The prepared cells of one picture."""
+    """The prepared cells of one image."""
 
     def __init__(
         self,
@@ -76,12 +77,12 @@ class CellView:
         self._varies = shader.has_varying_light(planes.surfaces.triangle)
 
     def render(self, camera_state: CameraState) -> RenderedImage:
-        """Return the picture of an exposure."""
+        """Render one exposure of the camera."""
         rgb, stage_ms = self.render_colours(camera_state)
         return RenderedImage(cast(Image, rgb), stage_ms)
 
     def render_colours(self, camera_state: CameraState) -> RenderedColours:
-        """Return an exposure as its colours are stored, and milliseconds by stage."""
+        """Render an exposure into the colours of the shader's scale; also milliseconds by stage."""
         begin = time.perf_counter()
         placement = self._shader.transform_view(camera_state)
         seen = self._planes.view_from(camera_state.world_from_mirror)
@@ -100,13 +101,13 @@ class CellView:
     def _surface_of_cells(
         self, camera_state: CameraState, placement: ViewTransform, seen: VisibleSurfaces
     ) -> npt.NDArray[np.int32]:
-        """Return the (rows * columns,) surface that fills each cell, NO_SURFACE if none does."""
+        """(rows * columns,) surface that fills each cell, NO_SURFACE for cells to be traced."""
         at_nodes = self._surface_at_nodes(placement)
         surface = self._grid.first_node(at_nodes)
         fillable = self._grid.has_equal_nodes(at_nodes) & seen.usable.take(surface)
         vectors = seen.inverse_distance.take(np.where(fillable, surface, NO_SURFACE), axis=0)
         pose = camera_state.world_from_mirror
-        for cells in self._pool.map(lambda part: part.passed(pose, vectors), self._edges):
+        for cells in self._pool.map(lambda part: part.find_cells(pose, vectors), self._edges):
             fillable[cells] = False
         surfaces = self._planes.surfaces
         if len(surfaces.cluster_centre):
@@ -122,6 +123,7 @@ class CellView:
         return np.where(fillable, surface, NO_SURFACE)
 
     def _surface_at_nodes(self, placement: ViewTransform) -> npt.NDArray[np.int32]:
+        """Surface that the ray of each node hits."""
         grid = self._grid
         found = np.full((grid.rows + 1) * (grid.columns + 1), NO_SURFACE, dtype=np.int32)
 
@@ -135,7 +137,7 @@ class CellView:
         return found
 
     def _object_cells(self, instance: ObjectInstance, rotation: Float32s) -> Cells:
-        """Return the cells that a body may be seen in."""
+        """Cells in which a dynamic object may be visible."""
         grid = self._grid
         cosine = grid.middle @ (rotation @ instance.cone_axis)
         reach = np.arccos(np.clip(instance.cone_cosine, -1.0, 1.0)) + grid.reach_rad
@@ -144,7 +146,7 @@ class CellView:
         return cells
 
     def _fill_cells(self, surface: npt.NDArray[np.int32]) -> Colours:
-        """Return the picture with all filled cells in their surface's colour."""
+        """Image with all filled cells in their surface's colour."""
         grid, size, channel = self._grid, self._grid.others, self._shader.channel_dtype
         rgb: Colours = np.zeros((size.height_px, size.width_px, 3), dtype=channel)
         colours = self._colour_of_surface.take(surface).reshape(grid.rows, grid.columns)
@@ -156,7 +158,7 @@ class CellView:
     def _trace_tasks(
         self, surface: npt.NDArray[np.int32], placement: ViewTransform, rgb: Colours
     ) -> Iterator[Task]:
-        """Yield tasks that trace the pixels of all cells without a surface, and all others."""
+        """Yield tasks that trace cells without a surface, and pixels outside any cell."""
         grid = self._grid
         rows = grid.row_of[(surface == NO_SURFACE) & (grid.row_of >= 0)]
 
@@ -177,7 +179,7 @@ class CellView:
         placement: ViewTransform,
         rgb: Colours,
     ) -> Iterator[Task]:
-        """Yield tasks that compute the pixels of filled cells whose light is not constant."""
+        """Yield tasks that shade the pixels of filled cells whose light is not constant."""
         grid = self._grid
         cells = np.flatnonzero(self._varies.take(surface))
         triangles = self._planes.surfaces.triangle
@@ -200,18 +202,18 @@ class CellView:
             yield partial(compute, part)
 
     def _parts(self, rows: Cells) -> list[Cells]:
-        """Return rows of cells in parts of a task each."""
+        """Split rows of cells into one part per task."""
         samples = len(rows) * self._grid.directions.shape[1]
         return np.array_split(rows, -(-samples // _SAMPLES_PER_TASK)) if len(rows) else []
 
     def _scatter(self, rows: Cells, found: Colours, rgb: Colours) -> None:
-        """Write the pixels of rows of cells into a picture."""
+        """Write the pixels of rows of cells into an image."""
         pixels = self._grid.pixels.take(rows, axis=0).reshape(-1)
         pixel = self._shader.pixel_dtype
         rgb.reshape(-1).view(pixel)[pixels] = found.view(pixel).reshape(-1)
 
     def close(self) -> None:
-        """Nothing is held that the renderer does not hold."""
+        """Do nothing: all resources belong to the renderer."""
 
 
 def _run(task: Task) -> None:

@@ -1,9 +1,10 @@
-"""The picture of a mirror camera as square cells: which can be filled, and the rays of the others.
+"""The image of an omnidirectional camera as square cells, and the rays of each.
 
-A cell's rays at its four corners decide whether it may be filled; the samples inside lie within the
-pyramid that these four span. (A cell's border is bent by the law: n px of it stray from the chord
-by less than n^2 / 8 R with R the radius of the bend, which is of the order of the image's: 0.01 px
-at 4 px. No sample is nearer to a border than half a sample's pitch, 0.03 px at 16 x 16.)
+The rays at a cell's four corners decide whether the cell may be filled; the samples inside lie
+within the pyramid that these four span. (A cell's border is bent by the camera model: n px of it
+stray from the chord by less than n^2 / 8 R with R the radius of the bend, which is of the order of
+the image's: 0.01 px at 4 px. No sample is nearer to a border than half a sample's pitch, 0.03 px at
+16 x 16.)
 """
 
 from __future__ import annotations
@@ -21,30 +22,33 @@ from catoptra_server.render.trace.ray_samples import RaySamples
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellGrid:
-    """Cells of side_px x side_px pixels, `rows` x `columns`, numbered row by row.
-
-    node_rays: (v, 3) directions through the corners of cells, nodes: (v,) which of the (rows + 1) *
-    (columns + 1) they are: those on the mirror. row_of: (rows * columns,) the cell's row in the
-    tables below, -1 for cells not wholly on the mirror. directions: (c, side^2 * per_pixel, 3),
-    pixels: (c, side^2) flat indices. middle: (c, 3), cosine (c,): a cone around each.
-    others: the rays of pixels in no such cell, always traced.
-    """
+    """Cells of side_px x side_px pixels, `rows` x `columns`, numbered row by row."""
 
     side_px: int
+    """Pixels along a cell's side."""
     rows: int
+    """Rows of cells."""
     columns: int
+    """Columns of cells."""
     nodes: npt.NDArray[np.intp]
+    """(v,) indices, among (rows + 1) * (columns + 1), of the nodes on the mirror."""
     node_rays: Float32s
+    """(v, 3) directions through these nodes."""
     row_of: npt.NDArray[np.intp]
+    """(rows * columns,) row of each cell in the tables below, -1 unless wholly on the mirror."""
     directions: Float32s
+    """(c, side^2 * samples_per_pixel, 3) directions of each cell's rays."""
     pixels: npt.NDArray[np.intp]
+    """(c, side^2) flat pixel indices."""
     middle: Float32s
     reach_rad: Floats
+    """(c,) half angle of a cone around each cell."""
     others: RaySamples
+    """Rays of pixels in no such cell, always traced."""
 
     @classmethod
     def from_camera(cls, camera: OmniCamera, samples: RaySamples, *, side_px: int) -> CellGrid:
-        """Return the cells of a camera's rays."""
+        """Cells of a camera's rays."""
         rows, columns = camera.height_px // side_px, camera.width_px // side_px
         v, u = np.mgrid[: rows + 1, : columns + 1] * float(side_px)
         corners, valid = direction_from_pixel(camera, np.stack((u, v), axis=-1))
@@ -77,7 +81,7 @@ class CellGrid:
         )
 
     def has_equal_nodes(self, at_nodes: npt.NDArray[np.int32]) -> Bools:
-        """Return (rows * columns,) which cells have equal values at their four nodes."""
+        """(rows * columns,) whether a cell's four nodes have equal values."""
         at = at_nodes.reshape(self.rows + 1, self.columns + 1)
         across = at[:, 1:] == at[:, :-1]
         down = at[1:, :-1] == at[:-1, :-1]
@@ -85,7 +89,7 @@ class CellGrid:
         return agree
 
     def first_node(self, at_nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """Return (rows * columns,) each cell's value at its upper left node."""
+        """(rows * columns,) value at each cell's upper left node."""
         at = at_nodes.reshape(self.rows + 1, self.columns + 1)
         return at[:-1, :-1].reshape(-1)
 
@@ -93,7 +97,7 @@ class CellGrid:
 def _pixels_of(
     cells: npt.NDArray[np.intp], columns: int, side_px: int, width_px: int
 ) -> npt.NDArray[np.intp]:
-    """Return the (c, side^2) flat pixel indices of cells."""
+    """(c, side^2) flat pixel indices of cells."""
     row, column = np.divmod(cells, columns)
     v, u = np.divmod(np.arange(side_px * side_px), side_px)
     above = (row[:, None] * side_px + v) * width_px
@@ -102,7 +106,7 @@ def _pixels_of(
 
 
 def _cones(corners: Floats, cells: npt.NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
-    """Return (c, 3) middles of cells and the (c,) angle to their farthest corner."""
+    """(c, 3) axes of cells and the (c,) angles to their farthest corners."""
     row, column = np.divmod(cells, columns)
     four = np.stack([corners[row + i, column + j] for i in (0, 1) for j in (0, 1)], axis=1)
     middle = four.sum(axis=1)

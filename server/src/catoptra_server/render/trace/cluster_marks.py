@@ -1,7 +1,7 @@
-"""Which cells of a picture the spheres around clusters of small triangles may cover.
+"""Cells of an image that the bounding spheres of clusters of small triangles may cover.
 
-Each sphere's rectangle of cells is added to a table of differences; two running sums give all at
-once, however large they are.
+Each sphere's rectangle of cells is added to a table of differences; two running sums mark all
+rectangles at once, however large they are.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, Pr
 def covered_cells(
     centre: Floats, radius_m: Floats, *, pose: Pose, table: ProjectionTable, grid: CellGrid
 ) -> Bools:
-    """Return (rows * columns,) which cells (k,) spheres in the world may cover."""
+    """(rows * columns,) whether any of k spheres, world frame, may cover each cell."""
     towards = (centre - pose.translation) @ pose.rotation
     distance = np.linalg.norm(towards, axis=-1)
     if (distance <= radius_m).any():
@@ -39,14 +39,14 @@ def covered_cells(
 
 
 def _at_incidence(unit: Floats, incidence_rad: float) -> Floats:
-    """Return (n, 3) directions of the same azimuths at an incidence angle."""
+    """(n, 3) directions of the same azimuths at an incidence angle."""
     level = unit[:, :2] / np.maximum(np.linalg.norm(unit[:, :2], axis=-1, keepdims=True), 1e-12)
     height = np.full((len(unit), 1), math.cos(incidence_rad))
     return np.hstack((math.sin(incidence_rad) * level, height))
 
 
 def _rectangles(u: Floats, v: Floats, reach_px: Floats, grid: CellGrid) -> Bools:
-    """Return which cells squares of half side `reach_px` around pixels touch."""
+    """Cells that squares of half side `reach_px` around pixels touch."""
     left, right = _span(u, reach_px, grid.side_px, grid.columns)
     top, bottom = _span(v, reach_px, grid.side_px, grid.rows)
     change = np.zeros((grid.rows + 1, grid.columns + 1), dtype=np.int32)
@@ -60,7 +60,7 @@ def _rectangles(u: Floats, v: Floats, reach_px: Floats, grid: CellGrid) -> Bools
 def _span(
     at: Floats, reach_px: Floats, side_px: int, count: int
 ) -> tuple[np.ndarray[tuple[int]], np.ndarray[tuple[int]]]:
-    """Return the first cell and the one after the last that intervals touch, within 0..count."""
+    """First cell and one past the last that intervals touch, within 0..count."""
     first = np.clip((at - reach_px) / side_px, 0.0, count).astype(np.int64)
     after = np.clip(np.floor((at + reach_px) / side_px) + 1.0, 0.0, count).astype(np.int64)
     return first, np.maximum(after, first)

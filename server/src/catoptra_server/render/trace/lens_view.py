@@ -1,4 +1,4 @@
-"""A traced picture of a camera with a lens: every ray, with shadows where an exposure has them."""
+"""A traced image of a perspective camera: every ray, with or without shadows."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from catoptra_server.render.trace.ray_view import RayView
 
 
 class TraceLensView:
-    """A camera's views; source: makes one with or without shadows when it is first asked for."""
+    """A perspective camera's views, one with and one without shadows."""
 
     def __init__(self, make_view: Callable[[bool], RayView]) -> None:
+        """Build the view without shadows; `make_view` builds either one at its first use."""
         self._view = cache(make_view)
-        self._view(False)  # most have none, and nobody wants to wait for them
+        # Most camera states have no shadows: prepared now, so that the first frame need not wait.
+        self._view(False)
 
     def render(self, camera_state: CameraState) -> RenderedImage:
-        """Return the picture of an exposure."""
+        """Render one exposure of the camera."""
         return self._view(camera_state.has_shadows).render(camera_state)
 
     def close(self) -> None:
-        """Nothing is held that the renderer does not hold."""
+        """Do nothing: all resources belong to the renderer."""

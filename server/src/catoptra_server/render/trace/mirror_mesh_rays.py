@@ -1,8 +1,7 @@
-"""The rays of the paper's polygon mirror, in float64: the measure of raster's UV-mapped mesh.
+"""The rays of the paper's mirror mesh, in float64: the reference for raster's UV-mapped mesh.
 
-A camera ray from the pinhole meets a flat facet; the looked-up direction is interpolated between
-the facet's corners at that point. Embree finds the facet, the interpolation is done here in
-float64.
+A camera ray from the pinhole hits a flat facet; the looked-up direction is interpolated between the
+facet's corners at that point. Embree finds the facet, the interpolation is done here in float64.
 """
 
 from __future__ import annotations
@@ -20,12 +19,22 @@ from catoptra_server.scene.mirror_mesh import MirrorMesh, Tessellation, build_mi
 def mirror_mesh_directions(
     camera: OmniCamera, tessellation: Tessellation, pixel: Floats
 ) -> tuple[Floats, Bools]:
-    """Return unit (..., 3) directions that a polygon mirror shows at (..., 2) pixels, and validity.
+    """Directions that a mirror mesh reflects into pixels, and their validity.
 
-    Invalid, with +z for a value: pixels beside the polygons (which do not reach the rim circle).
+    Args:
+        camera: Camera model that the mesh approximates.
+        tessellation: Rings and sectors of the mesh.
+        pixel: (..., 2) pixel positions.
+
+    Returns:
+        (..., 3) unit directions in the mirror frame, +z where invalid, and (...,) validity: False
+        beside the polygons, which do not reach the rim circle.
+
+    Raises:
+        DomainError: The capture camera is orthographic.
     """
     if not np.isfinite(camera.mirror.pinhole_distance_m):
-        raise DomainError("a polygon mirror needs a capture camera with a pinhole")
+        raise DomainError("a mirror mesh needs a capture camera with a pinhole")
     mesh = build_mirror_mesh(camera, tessellation)
     rays = _camera_rays(camera, pixel).reshape(-1, 3)
     pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m])
@@ -35,14 +44,16 @@ def mirror_mesh_directions(
     corners, directions = mesh.corners[triangle[valid]], mesh.directions[triangle[valid]]
     weights = _barycentric_weights(corners - pinhole, rays[valid])
     looked_up[valid] = np.einsum("nc,nci->ni", weights, directions)
+    # Normalized last, as a GPU does with interpolated attributes: lengths at the corners matter,
+    # they are the difference between UV and position interpolation.
     looked_up /= np.linalg.norm(looked_up, axis=-1, keepdims=True)
     return looked_up.reshape(*pixel.shape[:-1], 3), valid.reshape(pixel.shape[:-1])
 
 
 def _camera_rays(camera: OmniCamera, pixel: Floats) -> Floats:
-    """Return (..., 3) directions from the pinhole to the exact mirror's point behind each pixel.
+    """(..., 3) directions from the pinhole to the exact mirror's point behind each pixel.
 
-    Outside the rim the ray passes the mirror; any direction that misses will do: away from it.
+    Outside the rim the ray misses the mirror; any missing direction will do: away from the mirror.
     """
     direction, valid = direction_from_pixel(camera, pixel)
     t = np.linalg.norm(direction[..., :2], axis=-1) / (1.0 + direction[..., 2])
@@ -54,7 +65,8 @@ def _camera_rays(camera: OmniCamera, pixel: Floats) -> Floats:
 
 
 def _intersect_facets(mesh: MirrorMesh, pinhole: Floats, rays: Floats) -> np.ndarray[tuple[int]]:
-    """Return the (n,) index of the triangle that each ray from the pinhole meets, -1 for none."""
+    """(n,) index of the triangle that each ray from the pinhole hits, -1 for none."""
+    # Robust mode is watertight: no ray slips between facets that share an edge.
     scene = rtcore_scene.EmbreeScene(robust=True)
     TriangleMesh(scene, (mesh.corners - pinhole).astype(np.float32))
     origins = np.zeros((len(rays), 3), dtype=np.float32)
@@ -63,9 +75,10 @@ def _intersect_facets(mesh: MirrorMesh, pinhole: Floats, rays: Floats) -> np.nda
 
 
 def _barycentric_weights(corners: Floats, rays: Floats) -> Floats:
-    """Return (n, 3) barycentric weights where (n, 3) rays from the origin meet (n, 3, 3) triangles.
+    """(n, 3) barycentric weights at which (n, 3) rays from the origin hit (n, 3, 3) triangles.
 
-    Each weight is the volume of the ray with the opposite edge; all three share their divisor.
+    Each weight is the signed volume of the ray with the opposite edge; all three share their
+    divisor.
     """
     volumes = np.stack(
         [

@@ -1,6 +1,4 @@
-"""A mirror camera's traced picture: finished greys, or linear light that effects change first.
-
-Each with or without shadows.
+"""A traced image of an omnidirectional camera: encoded at once, or changed by effects first.
 
 The effects are those of `effects/` themselves, in float32: NumPy releases the GIL for whole arrays.
 """
@@ -26,17 +24,14 @@ from catoptra_server.render.trace.ray_view import RenderedColours
 
 
 class ColourSource(Protocol):
-    """Prepared rays whose light is kept on one scale."""
+    """Prepared rays whose radiance is stored on one scale."""
 
     def render_colours(self, camera_state: CameraState) -> RenderedColours:
-        """Return a picture as its colours are stored, and milliseconds by stage."""
+        """Render an exposure into the colours of the scale; also milliseconds by stage."""
 
 
 class TraceOmniView:
-    """Sources of one camera, and what each pixel sees; none exists before it is asked for.
-
-    greys, linear: make a source with or without shadows.
-    """
+    """Sources of colours and ranges of one camera, each built at its first use."""
 
     def __init__(
         self,
@@ -46,6 +41,14 @@ class TraceOmniView:
         make_linear_source: Callable[[bool], ColourSource],
         make_ranges: Callable[[], Callable[[CameraState], Float32s]],
     ) -> None:
+        """Keep the factories.
+
+        Args:
+            camera: Camera model, for the effects.
+            make_encoded_source: Builds a source of sRGB colours, with or without shadows.
+            make_linear_source: Builds a source of linear light, with or without shadows.
+            make_ranges: Builds the function from a camera state to the ranges of all pixels.
+        """
         self._camera = camera
         self._encoded_source = cache(make_encoded_source)
         self._linear_source = cache(make_linear_source)
@@ -53,12 +56,15 @@ class TraceOmniView:
 
     @cached_property
     def _ranges(self) -> Callable[[CameraState], Float32s]:
+        """Function from a camera state to the (h, w) ranges, built at its first use."""
         return self._make_ranges()
 
     def render(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> RenderedImage:
-        """Return the picture of an exposure as effects change it; each is a stage of its own."""
+        """Render one exposure of the camera, changed by effects; each effect is a stage."""
+        # Samples of a sharp frame without effects are summed and encoded by one table, without any
+        # float image: the usual case, and the fastest.
         if not effects and camera_state.shutter is None:
             rgb, stage_ms = self._encoded_source(camera_state.has_shadows).render_colours(
                 camera_state
@@ -73,31 +79,35 @@ class TraceOmniView:
     def render_linear(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...] = ()
     ) -> LinearImage:
-        """Return the picture of an exposure behind all effects, before it is encoded."""
+        """Render one exposure in linear light, after all effects and before the encoding."""
         return self._apply_effects(camera_state, effects)[0]
 
     def _apply_effects(
         self, camera_state: CameraState, effects: tuple[ImageEffect, ...]
     ) -> tuple[LinearImage, dict[str, float]]:
+        """Linear image after all effects, and milliseconds by stage."""
         light, stage_ms = self._render_exposure(camera_state)
-        capture = self._make_capture_context(camera_state, effects, stage_ms)
+        context = self._make_capture_context(camera_state, effects, stage_ms)
         for effect in effects:
             begin = time.perf_counter()
-            light = effect.apply(light, self._camera, capture)
+            light = effect.apply(light, self._camera, context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin)
         return light, stage_ms
 
     def _render_exposure(self, camera_state: CameraState) -> tuple[LinearImage, dict[str, float]]:
-        """Return the light that reaches the sensor: of one instant, or the mean of several."""
+        """Linear image at the sensor: of one instant, or the mean of several time samples."""
         source = self._linear_source(camera_state.has_shadows)
         if camera_state.shutter is None:
-            drawn, stage_ms = source.render_colours(camera_state)
-            return cast(LinearImage, drawn), stage_ms
+            image, stage_ms = source.render_colours(camera_state)
+            return cast(LinearImage, image), stage_ms
         begin = time.perf_counter()
         shape = (self._camera.height_px, self._camera.width_px, 3)
         light: LinearImage = np.zeros(shape, dtype=np.float32)
-        for instant, weights in sample_shutter(camera_state, self._camera.height_px):
-            light += cast(LinearImage, source.render_colours(instant)[0]) * weights[:, None, None]
+        for sharp_state, weights in sample_shutter(camera_state, self._camera.height_px):
+            light += (
+                cast(LinearImage, source.render_colours(sharp_state)[0]) * weights[:, None, None]
+            )
+        # One stage for all time samples, as in raster's accumulation pass.
         return light, {"accumulate": 1e3 * (time.perf_counter() - begin)}
 
     def _make_capture_context(
@@ -106,14 +116,14 @@ class TraceOmniView:
         effects: tuple[ImageEffect, ...],
         stage_ms: dict[str, float],
     ) -> CaptureContext:
-        """Return what the effects may know; their ranges are a stage where one of them uses it."""
-        capture = CaptureContext(camera_state.noise_seed)
+        """Inputs of effects beside the image; ranges are a stage where some effect uses them."""
+        context = CaptureContext(camera_state.noise_seed)
         if not any(effect.needs_range for effect in effects):
-            return capture
+            return context
         begin = time.perf_counter()
-        capture = replace(capture, range_m=self._ranges(camera_state))
+        context = replace(context, range_m=self._ranges(camera_state))
         stage_ms["ranges"] = 1e3 * (time.perf_counter() - begin)
-        return capture
+        return context
 
     def close(self) -> None:
-        """Nothing is held that the renderer does not hold."""
+        """Do nothing: all resources belong to the renderer."""

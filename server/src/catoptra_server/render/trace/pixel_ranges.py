@@ -1,4 +1,4 @@
-"""How far away is what the middle of each pixel sees: one ray each, of the scene and of bodies."""
+"""Ranges at pixel centres: one ray each, against the scene and the dynamic objects."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from catoptra_server.render.trace.packed_light import Float32s, SrgbScale
 from catoptra_server.render.trace.ray_samples import omni_rays
 from catoptra_server.render.trace.ray_view import RayChunk, split_rays
 
-# Bodies are placed with their light, which nobody asks for here.
+# Object instances carry packed radiance on some scale; ranges do not use the radiance.
 _ANY_SCALE = 1
 
 
 class PixelRangeTracer:
-    """The prepared rays of one camera's pixels."""
+    """The prepared rays of one camera's pixel centres."""
 
     def __init__(
         self,
@@ -31,29 +31,31 @@ class PixelRangeTracer:
         plan: RenderPlan,
         pool: ThreadPoolExecutor,
     ) -> None:
+        """Prepare one ray a pixel, split for the thread pool."""
         self._scene = scene
         self._object_scenes = objects
         self._pool = pool
         self._size = (camera.height_px, camera.width_px)
+        # One sample a pixel lies at the pixel's centre.
         self._chunks = split_rays(omni_rays(camera, replace(plan, samples=1)))
 
     def measure(self, camera_state: CameraState) -> Float32s:
-        """Return (h, w) metres, inf where nothing is met."""
+        """(h, w) ranges, metres; inf where no surface is hit."""
         range_m = np.full(self._size, np.inf, dtype=np.float32)
         pose = camera_state.world_from_mirror
         rotation = pose.rotation.T.astype(np.float32)
         scale = SrgbScale.for_samples(_ANY_SCALE)
-        placed = self._object_scenes.place_objects(camera_state.objects, pose.translation, scale)
+        instances = self._object_scenes.place_objects(camera_state.objects, pose.translation, scale)
         origin = (pose.translation - self._scene.origin).astype(np.float32)
 
-        def see(chunk: RayChunk) -> None:
+        def measure_chunk(chunk: RayChunk) -> None:
             directions = chunk.directions @ rotation
             distance = self._scene.distances(np.broadcast_to(origin, directions.shape), directions)
-            for body in placed:
-                rays, far, _ = body.closest_hit(directions, distance)
-                distance[rays] = far
+            for instance in instances:
+                rays, hit_distance, _ = instance.closest_hit(directions, distance)
+                distance[rays] = hit_distance
             distance[chunk.off_mirror] = np.inf
             range_m.reshape(-1)[chunk.pixels] = distance
 
-        list(self._pool.map(see, self._chunks))
+        list(self._pool.map(measure_chunk, self._chunks))
         return range_m

@@ -1,4 +1,4 @@
-"""Distances along rays in the static scene, for sensors that measure range. It knows no light.
+"""Distances along rays in the static scene, for sensors that measure range, without any radiance.
 
 Embree's rays are watertight: none slips between two triangles that share an edge.
 """
@@ -12,18 +12,19 @@ from embreex.mesh_construction import TriangleMesh
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.scene_mesh import SceneMesh
 
-# Embree answers 1e37 where nothing is met; no scene reaches this far.
+# Embree reports 1e37 for a miss; no scene extends this far.
 _NO_HIT_M = 1e30
 
 
 class EmbreeRayCaster:
     """The triangles of a scene, committed for distance queries.
 
-    The origin of Embree's coordinates is the middle of the scene: a float32 at 100 m from it has
-    steps of 8 micrometres.
+    The origin of Embree's coordinates is the scene's centre: a float32 at 100 m from it has steps
+    of 8 micrometres.
     """
 
     def __init__(self, scene: SceneMesh) -> None:
+        """Commit the triangles, unless there are none."""
         self._normals = scene.normals
         self._is_empty = len(scene) == 0
         if self._is_empty:  # Embree commits no empty scene
@@ -35,20 +36,20 @@ class EmbreeRayCaster:
         TriangleMesh(self._embree, (scene.corners - self._origin).astype(np.float32))
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """Return (n,) metres along unit (n, 3) directions from (n, 3) points; inf = nothing met."""
+        """(n,) distances, metres, along unit (n, 3) directions from (n, 3) points; else inf."""
         if self._is_empty:
             return np.full(len(directions), np.inf)
         starts = (origins - self._origin).astype(np.float32)
-        met = self._embree.run(starts, directions.astype(np.float32), query="DISTANCE")
-        return np.where(met < _NO_HIT_M, met, np.inf).astype(np.float64)
+        distance = self._embree.run(starts, directions.astype(np.float32), query="DISTANCE")
+        return np.where(distance < _NO_HIT_M, distance, np.inf).astype(np.float64)
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the distances, and (n, 3) unit normals by the winding; 0 where nothing is met."""
+        """Distances, and the (n, 3) unit normals by winding order; zero without a hit."""
         if self._is_empty:
             return self.distances(origins, directions), np.zeros(directions.shape)
         starts = (origins - self._origin).astype(np.float32)
         rays = directions.astype(np.float32)
-        found = self._embree.run(starts, rays, query="INTERSECT", output=True)
-        met, is_met = found["tfar"], found["primID"] >= 0
-        normals = np.where(is_met[:, None], self._normals[found["primID"]], 0.0)
-        return np.where(is_met, met, np.inf).astype(np.float64), normals
+        hits = self._embree.run(starts, rays, query="INTERSECT", output=True)
+        distance, is_hit = hits["tfar"], hits["primID"] >= 0
+        normals = np.where(is_hit[:, None], self._normals[hits["primID"]], 0.0)
+        return np.where(is_hit, distance, np.inf).astype(np.float64), normals

@@ -1,7 +1,6 @@
-"""Which rays a camera sends out: one direction a sample, in the mirror frame, float32 for Embree.
+"""The rays of a camera: one direction a sample, in the mirror frame, float32 for Embree.
 
-Computed once a view in float64 from the camera law, or from the polygon mirror that stands in for
-it.
+Computed once per view in float64, from the camera model or from the mirror mesh that replaces it.
 """
 
 from __future__ import annotations
@@ -18,28 +17,31 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
-from catoptra_server.render.render_plan import PerPixel, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
+from catoptra_server.robot.render_settings import PerPixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RaySamples:
-    """The rays of a picture, only of pixels that have at least one.
-
-    pixels: (p,) flat index of each such pixel. directions: (p * per_pixel, 3) float32 unit vectors,
-    pixel by pixel. on_mirror: (p * per_pixel,) False where a sample of such a pixel sees no mirror.
-    """
+    """The rays of an image, for pixels with at least one ray on the mirror."""
 
     width_px: int
+    """Columns of the image."""
     height_px: int
+    """Rows of the image."""
     samples_per_pixel: int
+    """Rays of each pixel."""
     pixels: npt.NDArray[np.intp]
+    """(p,) flat indices of pixels."""
     directions: npt.NDArray[np.float32]
+    """(p * samples_per_pixel, 3) unit directions, pixel by pixel."""
     on_mirror: Bools
+    """(p * samples_per_pixel,) whether each sample sees the mirror."""
 
     def select(self, mask: Bools) -> RaySamples:
-        """Return the rays of the (p,) chosen pixels."""
+        """Rays of the pixels in a (p,) mask."""
         rays = np.repeat(mask, self.samples_per_pixel)
         return replace(
             self,
@@ -50,7 +52,7 @@ class RaySamples:
 
 
 def omni_rays(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
-    """Return the rays of an omnidirectional camera, by the law or by the plan's polygon mirror."""
+    """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
     grid = pixel_sample_positions(camera, plan.samples)
     if isinstance(plan.surface, PerPixel):
         directions, valid = direction_from_pixel(camera, grid)
@@ -60,7 +62,7 @@ def omni_rays(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
 
 
 def lens_rays(camera: Lens, samples: int, mirror_from_camera: Floats | None = None) -> RaySamples:
-    """Return the rays of a camera with a lens, turned by a (3, 3) rotation if there is one."""
+    """Rays of a perspective camera, rotated by a (3, 3) rotation if there is one."""
     directions, valid = camera.direction_from_pixel(pixel_sample_positions(camera, samples))
     if mirror_from_camera is not None:
         directions = directions @ mirror_from_camera.T
@@ -68,13 +70,15 @@ def lens_rays(camera: Lens, samples: int, mirror_from_camera: Floats | None = No
 
 
 def face_rays(camera: FaceCamera, samples: int) -> RaySamples:
-    """Return the rays of one virtual camera of the cube."""
+    """Rays of one virtual camera of the cube."""
     return lens_rays(camera.perspective_camera, samples, camera.mirror_from_camera)
 
 
 def _make_samples(directions: Floats, valid: Bools) -> RaySamples:
-    """Return samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
+    """Samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
     height, width, per_pixel = valid.shape
+    # Pixels off the mirror stay black without a ray: a fifth of a square image with an inscribed
+    # rim.
     pixels = np.flatnonzero(valid.any(axis=-1))
     kept = directions.reshape(height * width, per_pixel, 3)[pixels]
     return RaySamples(

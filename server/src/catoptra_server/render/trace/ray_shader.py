@@ -1,4 +1,4 @@
-"""From rays to the colours of pixels: the part that all of trace's views share."""
+"""From rays to the colours of pixels: the shading that all of trace's views share."""
 
 from __future__ import annotations
 
@@ -25,33 +25,45 @@ _NO_HITS: VisibleHits = (np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.uint64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewTransform:
-    """An exposure as rays need it: turned directions are `mirror @ rotation`, from `origin`."""
+    """A camera state as rays need it."""
 
     rotation: Float32s
+    """(3, 3) with world directions = mirror directions @ rotation."""
     origin: Float32s
+    """(3,) viewpoint in Embree's coordinates."""
     objects: tuple[ObjectInstance, ...]
+    """Dynamic objects at their poses."""
 
 
 class RayShader(Protocol):
-    """What the rays of a scene bring back.
-
-    channel, pixel: what a colour and a whole pixel are stored as.
-    """
+    """Shading of the rays of one scene."""
 
     scene: EmbreeScene
+    """Static scene."""
     channel_dtype: np.dtype[np.uint8] | np.dtype[np.float32]
+    """Storage of one colour channel."""
     pixel_dtype: np.dtype[np.void]
+    """Storage of a whole pixel, as one opaque element."""
 
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
-        """Return what does not change within an exposure."""
+        """Transform and objects of a camera state, constant within the frame."""
 
     def has_varying_light(self, triangle: npt.NDArray[np.int32]) -> Bools:
-        """Return (n,) whether light varies over triangles; -1 is the background."""
+        """(n,) whether radiance varies over each triangle; triangle -1 is the background."""
 
     def shade_rays(
         self, directions: Float32s, transform: ViewTransform, *, off_mirror: npt.NDArray[np.intp]
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+        """Colours of pixels from their rays.
+
+        Args:
+            directions: (pixels * samples, 3) unit directions, mirror frame, pixel by pixel.
+            transform: Viewpoint and objects.
+            off_mirror: Indices of rays that do not see the mirror and are black.
+
+        Returns:
+            (pixels, 3) colours.
+        """
 
     def shade_points(
         self,
@@ -59,36 +71,34 @@ class RayShader(Protocol):
         surface_points: SurfacePoints,
         transform: ViewTransform,
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
+        """(pixels, 3) colours of (pixels * samples,) known points on triangles."""
 
     def shade_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
-        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
+        """(n, 3) colours of pixels that one triangle, or the background (-1), fills."""
 
 
 class UnshadowedShader:
-    """A scene's light on a scale: finished greys, or linear light.
-
-    channel, pixel: what a colour and a whole pixel are stored as.
-    """
+    """Radiance of a scene on a scale: encoded sRGB, or linear light."""
 
     def __init__(
         self, scene: EmbreeScene, objects: EmbreeObjectScenes, scale: RadianceScale
     ) -> None:
+        """Tabulate the radiance of every triangle on the scale."""
         self.scene = scene
         self._object_scenes = objects
         self._scale = scale
         self.channel_dtype = scale.channel_dtype
-        # A pixel's bytes as one element: twice as fast as rows of three to look up and to scatter.
+        # A pixel's bytes as one element: twice as fast to look up and to scatter as rows of three.
         self.pixel_dtype = np.dtype(f"V{3 * scale.channel_dtype.itemsize}")
         self._table = scene.radiance_table(self._scale)
-        # Of a scene without textures and point lights, one sample a pixel is one look-up.
+        # Without textures and point lights a pixel of one sample is one look-up.
         self._is_tabulated = scale.samples == 1 and not scene.has_varying_light
         self._colour_of_triangle = (
             self._scale.unpack(self._table).view(self.pixel_dtype).reshape(-1)
         )
 
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
-        """Return what does not change within an exposure."""
+        """Transform and objects of a camera state, constant within the frame."""
         pose = camera_state.world_from_mirror
         return ViewTransform(
             pose.rotation.T.astype(np.float32),
@@ -99,22 +109,24 @@ class UnshadowedShader:
     def shade_rays(
         self, directions: Float32s, transform: ViewTransform, *, off_mirror: npt.NDArray[np.intp]
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+        """(pixels, 3) colours of (pixels * samples, 3) rays; rays off the mirror are black."""
         directions = directions @ transform.rotation
-        rays, of_bodies = self._visible_object_hits(directions, transform)
+        rays, object_radiance = self._visible_object_hits(directions, transform)
+        # One look-up of finished colours replaces packing, summing and encoding; only pixels with
+        # all rays on the static scene qualify.
         if self._is_tabulated and not len(rays) and not len(off_mirror):
             origins = np.broadcast_to(transform.origin, directions.shape)
             triangle = self.scene.intersect(origins, directions)
-            whole = self._colour_of_triangle.take(triangle, mode="wrap")
-            known: Colours = whole.view(self.channel_dtype).reshape(-1, 3)
-            return known
-        light = self._trace_scene(directions, transform, excluded_rays=rays)
-        light[rays] = of_bodies
-        light[off_mirror] = 0
-        return self._encode_pixels(light)
+            pixels = self._colour_of_triangle.take(triangle, mode="wrap")
+            colours: Colours = pixels.view(self.channel_dtype).reshape(-1, 3)
+            return colours
+        radiance = self._trace_scene(directions, transform, excluded_rays=rays)
+        radiance[rays] = object_radiance
+        radiance[off_mirror] = 0
+        return self._encode_pixels(radiance)
 
     def has_varying_light(self, triangle: npt.NDArray[np.int32]) -> Bools:
-        """Return (n,) whether light varies over triangles; -1 is the background."""
+        """(n,) whether radiance varies over each triangle; triangle -1 is the background."""
         return self.scene.is_varying(triangle)
 
     def shade_points(
@@ -123,40 +135,42 @@ class UnshadowedShader:
         surface_points: SurfacePoints,
         transform: ViewTransform,
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
-        light = self.scene.shade_points(
+        """(pixels, 3) colours of (pixels * samples,) known points on triangles."""
+        radiance = self.scene.shade_points(
             triangle, surface_points, table=self._table, scale=self._scale
         )
-        return self._encode_pixels(light)
+        return self._encode_pixels(radiance)
 
     def shade_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
-        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
-        light = self._table.take(triangle, mode="wrap") * np.uint64(self._scale.samples)
-        return self._scale.unpack(light)
+        """(n, 3) colours of pixels that one triangle, or the background (-1), fills."""
+        # All samples of the pixel are equal: their sum is a product.
+        sums = self._table.take(triangle, mode="wrap") * np.uint64(self._scale.samples)
+        return self._scale.unpack(sums)
 
     def _encode_pixels(self, light: Packed) -> Colours:
+        """(pixels, 3) colours of (pixels * samples,) packed radiance."""
         return self._scale.unpack(self._scale.sum_pixels(light))
 
     def _visible_object_hits(self, directions: Float32s, transform: ViewTransform) -> VisibleHits:
-        """Return the rays that meet a body which the scene does not hide, and its light."""
+        """Rays that hit an object in front of the scene, and the object's radiance."""
         if not transform.objects:
             return _NO_HITS
-        met = intersect_objects(transform.objects, directions, self._scale)
-        return visible_hits(met, directions, scene=self.scene, origin=transform.origin)
+        object_hits = intersect_objects(transform.objects, directions, self._scale)
+        return visible_hits(object_hits, directions, scene=self.scene, origin=transform.origin)
 
     def _trace_scene(
         self, directions: Float32s, transform: ViewTransform, *, excluded_rays: npt.NDArray[np.intp]
     ) -> Packed:
-        """Return the (n,) light that the scene has along rays; some need not be asked."""
+        """(n,) radiance of the static scene along rays; `excluded_rays` stay zero."""
         look_up = partial(self.scene.trace_radiance, table=self._table, scale=self._scale)
         if not len(excluded_rays):
             return look_up(np.broadcast_to(transform.origin, directions.shape), directions)
-        is_asked = np.ones(len(directions), dtype=bool)
-        is_asked[excluded_rays] = False
-        light: Packed = np.zeros(len(directions), dtype=np.uint64)
-        along = directions[is_asked]
-        light[is_asked] = look_up(np.broadcast_to(transform.origin, along.shape), along)
-        return light
+        is_traced = np.ones(len(directions), dtype=bool)
+        is_traced[excluded_rays] = False
+        radiance: Packed = np.zeros(len(directions), dtype=np.uint64)
+        traced = directions[is_traced]
+        radiance[is_traced] = look_up(np.broadcast_to(transform.origin, traced.shape), traced)
+        return radiance
 
 
 def visible_hits(
@@ -166,13 +180,20 @@ def visible_hits(
     scene: EmbreeScene,
     origin: Float32s,
 ) -> VisibleHits:
-    """Return those of the rays that met a body which the scene does not hide, and their light."""
-    rays, distance, of_bodies = object_hits
+    """Those object hits that the static scene does not occlude.
+
+    Args:
+        object_hits: Indices of rays, distances, packed radiance.
+        directions: (n, 3) directions of all rays, world frame.
+        scene: Static scene.
+        origin: (3,) origin of the rays in Embree's coordinates.
+    """
+    rays, distance, radiance = object_hits
     if not len(rays):
         return _NO_HITS
-    along = directions[rays]
-    hidden = scene.occludes(np.broadcast_to(origin, along.shape), along, distance)
-    return rays[~hidden], of_bodies[~hidden]
+    tested = directions[rays]
+    is_occluded = scene.occludes(np.broadcast_to(origin, tested.shape), tested, distance)
+    return rays[~is_occluded], radiance[~is_occluded]
 
 
 def overwrite_visible_hits(
@@ -183,6 +204,6 @@ def overwrite_visible_hits(
     scene: EmbreeScene,
     origin: Float32s,
 ) -> None:
-    """Replace the light of rays that met a body which the scene does not hide."""
-    rays, of_bodies = visible_hits(object_hits, directions, scene=scene, origin=origin)
-    light[rays] = of_bodies
+    """Overwrite the radiance of rays whose object hit is visible."""
+    rays, object_radiance = visible_hits(object_hits, directions, scene=scene, origin=origin)
+    light[rays] = object_radiance

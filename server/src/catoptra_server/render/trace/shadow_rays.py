@@ -1,8 +1,8 @@
-"""Rays to the lights: what stands before a light takes its irradiance from a place.
+"""Shadow rays: occlusion of lights at points on surfaces.
 
-A ray begins a little in front of its facet, so that the facet itself, where rounding puts the place
-behind it, does not hide the light. Facets turned away from a light ask nothing: they are dark.
-Float64 twin: the functions of `scene/shading`, with every triangle tried.
+A ray begins a little in front of its facet, so that the facet itself, behind which rounding may put
+the point, does not occlude the light. Facets turned away from a light send no ray: they are dark.
+Float64 twin: the functions of `scene/shading`, with every triangle tested.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OcclusionQuery = Callable[[Float32s, Float32s, Float32s], Bools]
 
 
 def make_occlusion_query(embree: EmbreeScene, scene: SceneMesh) -> OcclusionQuery:
-    """Return what asks those triangles of a scene that hide lights: the scene itself if all do."""
+    """Occlusion query over a scene's shadow casters; the scene itself if all triangles cast."""
     if scene.casts_shadows.all():
         return embree.occludes
     casting = rtcore_scene.EmbreeScene()
@@ -51,14 +51,18 @@ def make_occlusion_query(embree: EmbreeScene, scene: SceneMesh) -> OcclusionQuer
 
 
 class ShadowRays:
-    """The lights of a world that can be hidden, and the scene that hides them.
-
-    origin: (3,), of Embree's coordinates. suns: those of the lights that have a direction.
-    """
+    """The shadow-casting lights of a world, and the scene that occludes them."""
 
     def __init__(
         self, scene_occludes: OcclusionQuery, origin: Floats, lights: tuple[Light, ...]
     ) -> None:
+        """Keep the lights and the query.
+
+        Args:
+            scene_occludes: Occlusion query over the static scene.
+            origin: (3,) origin of Embree's coordinates in the world.
+            lights: All lights of the world.
+        """
         self._scene_occludes = scene_occludes
         self._origin = origin
         self._lights = shading.shadow_casting_lights(lights)
@@ -69,9 +73,12 @@ class ShadowRays:
     def irradiance(
         self, points: Floats, normals: Floats, objects: tuple[ObjectInstance, ...]
     ) -> Floats:
-        """Return (n, 3) irradiance by all lights that can be hidden, where they are not.
+        """(n, 3) irradiance of all shadow-casting lights, zero where a light is occluded.
 
-        points: (n, 3) in Embree's coordinates, on facets of (n, 3) unit normals.
+        Args:
+            points: (n, 3) positions in Embree's coordinates.
+            normals: (n, 3) unit normals of the facets.
+            objects: Dynamic objects, which occlude lights too.
         """
         lift = _RAY_BIAS * np.abs(points).max(initial=0.0)
         places: Floats = points + lift * normals + self._origin
@@ -91,9 +98,13 @@ class ShadowRays:
         facing_bits: npt.NDArray[np.uint8],
         objects: tuple[ObjectInstance, ...],
     ) -> npt.NDArray[np.intp]:
-        """Return (n,) which lights with a direction are seen from places, a bit each.
+        """(n,) bit mask of the directional lights visible from each point.
 
-        points, normals: as for `irradiance`. faced: (n,) those that facets are turned to, bits.
+        Args:
+            points: (n, 3) positions in Embree's coordinates.
+            normals: (n, 3) unit normals of the facets.
+            facing_bits: (n,) bit mask of the lights that each facet is turned to.
+            objects: Dynamic objects, which occlude lights too.
         """
         lifted = points + np.float32(_RAY_BIAS * np.abs(points).max(initial=0.0)) * normals
         seen = np.zeros(len(points), dtype=np.intp)
@@ -106,7 +117,7 @@ class ShadowRays:
     def _find_directional_occlusion(
         self, light: DirectionalLight, origins: Float32s, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
-        """Return (n,) whether something stands between (n, 3) origins and a light."""
+        """(n,) whether something lies between (n, 3) origins and a directional light."""
         towards = -np.asarray(light.direction, dtype=np.float32)
         directions = np.broadcast_to(towards, origins.shape)
         far = np.full(len(origins), np.inf, dtype=np.float32)
@@ -120,7 +131,7 @@ class ShadowRays:
     def _find_occlusion(
         self, light: ShadowCastingLight, points: Floats, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
-        """Return (n,) whether something stands between (n, 3) places and a light; world frame."""
+        """(n,) whether something lies between (n, 3) points, world frame, and a light."""
         towards, far = shading.direction_to_light(light, points)
         directions, distance = towards.astype(np.float32), far.astype(np.float32)
         origins = (points - self._origin).astype(np.float32)

@@ -1,7 +1,7 @@
-"""What rays bring back where things cast shadows: `ray_colours` with a ray to each light.
+"""Shading with shadows: `ray_shader` with a ray to each light.
 
-Nothing of it exists before an exposure has shadows. Light that no shadow can change, of facets that
-are turned away from every light or shine by themselves, is looked up as ever.
+Built at the first camera state with shadows. Radiance that no shadow can change, of facets turned
+away from every light or of emitters, still comes from a table.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MAX_TABULATED_LIGHTS = 2
 
 
 class ShadowedShader:
-    """A scene's light with shadows, on a scale; bodies cast and receive them."""
+    """Radiance of a scene with shadows, on a scale; dynamic objects cast and receive them."""
 
     def __init__(
         self,
@@ -42,6 +42,7 @@ class ShadowedShader:
         scale: RadianceScale,
         receivers: ShadowReceivers,
     ) -> None:
+        """Tabulate the radiance for every set of visible directional lights, if these are few."""
         self.scene = scene
         self._object_scenes = objects.with_lights(receivers.hemisphere_lights)
         self._scale = scale
@@ -52,7 +53,7 @@ class ShadowedShader:
         self._table = np.stack([scale.pack(radiance) for radiance in receivers.tabulate_radiance()])
 
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
-        """Return what does not change within an exposure; bodies are lit by the sky alone."""
+        """Transform and objects of a camera state; objects are lit by hemisphere lights alone."""
         pose = camera_state.world_from_mirror
         return ViewTransform(
             pose.rotation.T.astype(np.float32),
@@ -61,14 +62,14 @@ class ShadowedShader:
         )
 
     def has_varying_light(self, triangle: npt.NDArray[np.int32]) -> Bools:
-        """Return (n,) whether light varies over triangles; -1 is the background."""
+        """(n,) whether radiance varies over each triangle; triangle -1 is the background."""
         lit = self._receivers.is_lit.take(triangle, mode="wrap")
         return np.asarray(self.scene.is_varying(triangle) | lit)
 
     def shade_rays(
         self, directions: Float32s, transform: ViewTransform, *, off_mirror: npt.NDArray[np.intp]
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples, 3) rays; those beside are black."""
+        """(pixels, 3) colours of (pixels * samples, 3) rays; rays off the mirror are black."""
         directions = directions @ transform.rotation
         origins = np.broadcast_to(transform.origin, directions.shape)
         triangle, places = self.scene.closest_hits(origins, directions)
@@ -91,15 +92,16 @@ class ShadowedShader:
         surface_points: SurfacePoints,
         transform: ViewTransform,
     ) -> Colours:
-        """Return the (pixels, 3) colours of (pixels * samples,) known places on triangles."""
+        """(pixels, 3) colours of (pixels * samples,) known points on triangles."""
         return self._encode_pixels(self._shade(triangle, surface_points, transform))
 
     def shade_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
-        """Return the (n, 3) colours of pixels that triangles, or the background (-1), fill."""
+        """(n, 3) colours of pixels that one triangle, or the background (-1), fills."""
         light = self._table[0].take(triangle, mode="wrap") * np.uint64(self._scale.samples)
         return self._scale.unpack(light)
 
     def _encode_pixels(self, light: Packed) -> Colours:
+        """(pixels, 3) colours of (pixels * samples,) packed radiance."""
         return self._scale.unpack(self._scale.sum_pixels(light))
 
     def _shade(
@@ -108,7 +110,7 @@ class ShadowedShader:
         surface_points: SurfacePoints,
         transform: ViewTransform,
     ) -> Packed:
-        """Return the (n,) packed light of places on (n,) triangles; -1 is the background."""
+        """(n,) packed radiance of points on (n,) triangles; triangle -1 is the background."""
         light: Packed = self._table[0].take(triangle, mode="wrap")
         by_table = self._receivers.is_tabulated.take(triangle, mode="wrap")
         self._look_up(light, np.flatnonzero(by_table), triangle, surface_points, transform)
@@ -134,7 +136,7 @@ class ShadowedShader:
         surface_points: SurfacePoints,
         transform: ViewTransform,
     ) -> None:
-        """Replace the light of rays whose facets have one of a few lights, by the suns they see."""
+        """Replace the radiance of rays on tabulated facets, by the visible directional lights."""
         lit, of = self._receivers, triangle.take(rays)
         points = surface_points.positions(rays).astype(np.float32)
         normals = lit.normals_float32.take(of, axis=0)
@@ -145,14 +147,13 @@ class ShadowedShader:
 
 
 class ShadowReceivers:
-    """Which triangles of a scene lights can reach that something may hide.
+    """Triangles of a scene whose light a shadow can change.
 
-    is_lit, is_tabulated: (n + 1,), the last row is that of a ray that meets none; the latter have
-    one of a few lights, by the suns that they see. faced: (n,) suns that they are turned to, a bit
-    each. normals (n, 3), normals_float32 the same in float32, albedo (3, n).
+    Arrays of n + 1 entries end with that of a ray without a hit.
     """
 
     def __init__(self, embree: EmbreeScene, scene: SceneMesh, world: World) -> None:
+        """Classify the triangles."""
         self.hemisphere_lights = shading.hemisphere_lights(world.lights)
         self.shadow_rays = ShadowRays(
             make_occlusion_query(embree, scene), embree.origin, world.lights
@@ -180,12 +181,16 @@ class ShadowReceivers:
         self.is_tabulated = self.is_lit & untextured & bool(self._directional_lights)
 
     def _can_tabulate(self, world: World) -> bool:
+        """Whether all shadow-casting lights are directional and few."""
         return len(
             self.shadow_rays.directional_lights
         ) <= _MAX_TABULATED_LIGHTS and not shading.point_lights(world.lights)
 
     def tabulate_radiance(self) -> Iterator[Float32s]:
-        """Yield (3, n + 1) radiance without textures by the sky and each choice of few suns."""
+        """Yield (3, n + 1) untextured radiance for every set of visible directional lights.
+
+        The set is a bit mask that counts up from zero: first hemisphere lights alone.
+        """
         yield self._sky_radiance
         for seen in range(1, 2 ** len(self._directional_lights)):
             suns = [
@@ -200,22 +205,25 @@ class ShadowReceivers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowedObject:
-    """A body in one exposure whose light is computed place by place."""
+    """A dynamic object in one frame whose radiance is computed point by point."""
 
     instance: ObjectInstance
+    """Object at its pose."""
     transform: ViewTransform
+    """Viewpoint and all objects of the frame."""
     shadow_rays: ShadowRays
+    """Lights and occluders."""
 
     def closest_hit(
         self, directions: Float32s, max_distance: Float32s
     ) -> tuple[RayIndices, Float32s, RayIndices]:
-        """Return the rays that meet it before their distance: which, how far, what triangle."""
+        """Hits nearer than a limit of each ray: indices of the rays, distances, triangles."""
         return self.instance.closest_hit(directions, max_distance)
 
     def shade(
         self, triangle: RayIndices, directions: Float32s, distance: Float32s, scale: RadianceScale
     ) -> Packed:
-        """Return the (n,) packed light of hits: of a triangle, along a direction, how far."""
+        """(n,) packed radiance of hits on triangles, at distances along directions."""
         mesh, pose = (
             self.instance.dynamic_object.mesh,
             self.instance.dynamic_object.world_from_object,

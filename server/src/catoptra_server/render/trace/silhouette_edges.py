@@ -1,13 +1,14 @@
-"""Which cells of a picture outlines pass, in front of what the cells' corners see.
+"""Cells of an image that silhouette edges cross in front of the surface seen there.
 
-The proof that a cell may be filled. Let its four corner rays meet surface T. The pyramid that they
-span meets T's plane in a quadrilateral with corners on T; T has no outline inside it, or that would
-have been found, so all of it is on T. Let another plane surface O hide a part of it. The directions
-of the pyramid for which O's plane is nearer than T's are cut off by one straight line, so they
-contain a corner ray, or nothing. If no outline of O passes there in front of T, O covers all of
-them or none; not all, since the corner rays meet T. So O hides nothing. Curved things are many
-surfaces, and what is too small to have outlines here lies in a sphere that marks all it may cover.
-Not covered are two surfaces in one place, where rays too show now one, now the other.
+The proof that a cell may be filled. Let its four corner rays hit surface T. The pyramid that they
+span meets T's plane in a quadrilateral with corners on T; T has no edge inside it, or the edge
+would have been found, so all of it is on T. Let another plane surface O occlude a part of it. The
+directions of the pyramid for which O's plane is nearer than T's are cut off by one straight line,
+so they contain a corner ray, or nothing. If no edge of O crosses there in front of T, O covers all
+of them or none; not all, since the corner rays hit T. So O occludes nothing. Curved objects are
+many surfaces; triangles too small for edges of their own lie in a sphere that marks every cell they
+may cover. The proof does not hold for two surfaces in one place, where rays too show now one, now
+the other.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _TINY = 1e-12
 
 
 class SilhouetteEdges:
-    """A part of a scene's outlines, to be followed through a camera's picture."""
+    """A part of a scene's silhouette edges, to be followed through a camera's image."""
 
     def __init__(self, ends: Floats, table: ProjectionTable, grid: CellGrid) -> None:
         """Keep (e, 2, 3) ends in the world frame."""
@@ -40,10 +41,10 @@ class SilhouetteEdges:
         self._grid = grid
 
     def find_cells(self, pose: Pose, cell_vectors: Float32s) -> npt.NDArray[np.int32]:
-        """Return the cells that an outline passes in front of the plane seen there.
+        """Cells that an edge crosses in front of the plane seen there; cells may repeat.
 
         cell_vectors: (rows * columns, 3) inverse distances of planes, mirror frame; zeros are
-        infinitely far. Cells may come more than once.
+        infinitely far.
         """
         bearing, inverse, ends = self._sample_arcs(pose)
         u, v = self._table.pixel_from_direction(*bearing)
@@ -60,7 +61,7 @@ class SilhouetteEdges:
     def _sample_arcs(
         self, pose: Pose
     ) -> tuple[tuple[Float32s, Float32s, Float32s], Float32s, Bools]:
-        """Return points along the lines: directions, highest 1 / distance, which end a line."""
+        """Points along the edges: directions, greatest 1 / distance, and ends of edges."""
         start, across, angle, density = self._visible_arcs(pose)
         steps = np.ceil(angle * density).astype(np.int64) + 1
         last = np.cumsum(steps) - 1
@@ -75,10 +76,12 @@ class SilhouetteEdges:
         return (x, y, z), inverse, is_last
 
     def _visible_arcs(self, pose: Pose) -> tuple[Float32s, Float32s, Floats, Floats]:
-        """Return the great-circle arcs of all lines that the mirror may see.
+        """Great-circle arcs of all edges that the mirror may see.
 
-        start, across: (4, n) unit direction and 1 / distance, of cos and of sin of the angle along
-        the arc. angle: (n,). steps a radian: (n,), so that no step leaves two rows of cells.
+        Returns:
+            Unit directions and 1 / distance as factors of the cosine and of the sine of the angle
+                along each arc, (4, n) each; (n,) angles; (n,) steps per radian, so that no step
+                skips a row of cells.
         """
         ends = (self._ends - pose.translation) @ pose.rotation
         distance = np.maximum(np.linalg.norm(ends, axis=-1), _TINY)
@@ -106,7 +109,7 @@ class SilhouetteEdges:
     def _rasterize_steps(
         self, u: Float32s, v: Float32s, is_last: Bools
     ) -> list[tuple[npt.NDArray[np.int32], Bools]]:
-        """Return four times (n - 1,) cells around the steps between points, and which are new."""
+        """Four times (n - 1,) cells around the steps between points, and which are new."""
         left, right = self._cells_between(u, self._grid.columns)
         top, bottom = self._cells_between(v, self._grid.rows)
         inside = ~is_last[:-1]
@@ -127,7 +130,7 @@ class SilhouetteEdges:
     def _cells_between(
         self, at: Float32s, count: int
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-        """Return the first and the last cell column (or row) of each step, clipped to -1..count."""
+        """First and last cell column (or row) of each step, clipped to -1..count."""
         side = np.float32(self._grid.side_px)
         margin = np.float32(MAX_PIXEL_ERROR_PX)
         low = np.minimum(at[1:], at[:-1])
@@ -143,7 +146,7 @@ def _is_in_front(
     inverse: Float32s,
     indices: npt.NDArray[np.intp],
 ) -> Bools:
-    """Return which points lie in front of planes, or on them."""
+    """Whether points lie in front of planes, or on them."""
     x, y, z = bearing
     depth = vectors[:, 0] * x.take(indices)
     depth += vectors[:, 1] * y.take(indices)

@@ -1,9 +1,9 @@
-"""The flat surfaces of a scene, their outlines, and the clusters of all that is too small for them.
+"""The flat surfaces of a scene, their edges, and clusters of triangles too small for either.
 
-What a picture shows changes from one surface to the next only where an outline is seen. So a place
-in the picture that no outline passes and whose surroundings are one surface is that surface
-throughout: `cells` fills it without rays. Small triangles have too many outlines for that; a sphere
-around each cluster of them says where rays cannot be spared.
+An image changes from one surface to the next only at edges. So a part of the image that no edge
+crosses and that one surface surrounds is that surface throughout: `cells` fills it without rays.
+Small triangles have too many edges for that; a sphere around each cluster of them marks the cells
+that need rays.
 """
 
 from __future__ import annotations
@@ -38,25 +38,26 @@ _SAME_PLACE_DIGITS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """The surfaces of a scene: connected coplanar triangles of one look.
-
-    of_triangle: (n + 1,) the surface of each triangle; the last is that of a ray that meets none.
-    triangle: (s,) one triangle of each surface, -1 for none. centre (s, 3), reach_m (s,): a sphere
-    around it. outlines: (e, 2, 3) ends of the lines where surfaces end. clusters: (k, 3) middles
-    and (k,) radii of spheres around triangles of no surface. World frame, metres, float64.
-    """
+    """The surfaces of a scene: connected coplanar triangles of one material. World frame."""
 
     of_triangle: Indices
+    """(n + 1,) surface of each triangle; the last is that of a ray without a hit."""
     triangle: Indices
+    """(s,) one triangle of each surface, -1 for none."""
     centre: Floats
+    """(s, 3) centres of spheres around the surfaces."""
     reach_m: Floats
+    """(s,) radii of these spheres."""
     edges: Floats
+    """(e, 2, 3) ends of the lines that bound surfaces."""
     cluster_centre: Floats
+    """(k, 3) centres of spheres around triangles of no surface."""
     cluster_radius_m: Floats
+    """(k,) radii of these spheres."""
 
 
 def find_surfaces(scene: SceneMesh) -> Surfaces:
-    """Return the surfaces of a scene."""
+    """Surfaces, edges and clusters of a scene."""
     size = _clusters_side(scene)
     large = np.flatnonzero(_longest_edge(scene.corners) > size)
     small = np.flatnonzero(_longest_edge(scene.corners) <= size)
@@ -80,14 +81,14 @@ def find_surfaces(scene: SceneMesh) -> Surfaces:
 
 
 def _longest_edge(corners: Floats) -> Floats:
-    """Return the (n,) length of each triangle's longest edge."""
+    """(n,) length of each triangle's longest edge."""
     edges = corners - np.roll(corners, 1, axis=1)
     longest: Floats = np.sqrt(np.square(edges).sum(axis=-1).max(axis=-1, initial=0.0))
     return longest
 
 
 def _clusters_side(scene: SceneMesh) -> float:
-    """Return the side of clusters, metres: the least that leaves few enough of all; 0 = none."""
+    """Least side of clusters that leaves few enough triangles and clusters, metres; 0 = none."""
     if len(scene) <= _MAX_LARGE:
         return 0.0
     longest = np.sort(_longest_edge(scene.corners))
@@ -101,7 +102,7 @@ def _clusters_side(scene: SceneMesh) -> float:
 
 
 def _voxels(points: Floats, side: float) -> npt.NDArray[np.int64]:
-    """Return the (n,) number of the cube that each of (n, 3) points lies in."""
+    """(n,) number of the cube that contains each of (n, 3) points."""
     cell = np.floor((points - points.min(axis=0, initial=np.inf)) / side).astype(np.int64)
     count = cell.max(axis=0, initial=0) + 1
     numbers: npt.NDArray[np.int64] = (cell[:, 0] * count[1] + cell[:, 1]) * count[2] + cell[:, 2]
@@ -109,7 +110,7 @@ def _voxels(points: Floats, side: float) -> npt.NDArray[np.int64]:
 
 
 def _clusters(corners: Floats, side: float) -> tuple[Floats, Floats]:
-    """Return the (k, 3) middles and (k,) radii of spheres around clusters of triangles."""
+    """(k, 3) centres and (k,) radii of spheres around clusters of triangles."""
     if not len(corners):
         return np.zeros((0, 3)), np.zeros(0)
     _, cluster = np.unique(_voxels(corners.mean(axis=1), side), return_inverse=True)
@@ -117,7 +118,7 @@ def _clusters(corners: Floats, side: float) -> tuple[Floats, Floats]:
 
 
 def _spheres(corners: Floats, group: npt.NDArray[np.integer], groups: int) -> tuple[Floats, Floats]:
-    """Return (g, 3) middles and (g,) radii of spheres around groups of (n, 3, 3) triangles."""
+    """(g, 3) centres and (g,) radii of spheres around groups of (n, 3, 3) triangles."""
     if not groups:
         return np.zeros((0, 3)), np.zeros(0)
     order = np.argsort(group, kind="stable")
@@ -133,7 +134,7 @@ def _spheres(corners: Floats, group: npt.NDArray[np.integer], groups: int) -> tu
 def _shared_and_outer_edges(
     scene: SceneMesh, large: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], Floats]:
-    """Return which two large triangles continue each other, (p, 2), and all other edges."""
+    """Pairs of large triangles that continue each other, (p, 2), and all other edges."""
     if not len(large):
         return np.zeros((0, 2), np.intp), np.zeros((0, 2, 3))
     corners = scene.corners[large].reshape(-1, 3).round(_SAME_PLACE_DIGITS)
@@ -153,7 +154,7 @@ def _shared_and_outer_edges(
 
 
 def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools:
-    """Return which (p, 2) neighbours lie in one plane and look as if they were one."""
+    """(p,) whether two neighbours are coplanar and of one material."""
     a, b = pairs[:, 0], pairs[:, 1]
     alike: Bools = np.einsum("ij,ij->i", scene.normals[a], scene.normals[b]) > _SAME_NORMAL
     alike &= (scene.albedo[a] == scene.albedo[b]).all(axis=-1)
@@ -167,7 +168,7 @@ def _continue_each_other(scene: SceneMesh, pairs: npt.NDArray[np.intp]) -> Bools
 
 
 def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floats, Floats]:
-    """Return uv of triangles' planes: (n, 2) at the origin, (n, 2, 3) gradients over the world."""
+    """Texture coordinates of triangles' planes: (n, 2) at the origin, (n, 2, 3) gradients."""
     corners, uv = scene.corners[triangle], scene.uv[triangle]
     edges = corners[:, 1:] - corners[:, :1]
     # The dual of the two edges within their plane; a triangle without area has none.
@@ -184,7 +185,7 @@ def uv_planes(scene: SceneMesh, triangle: npt.NDArray[np.integer]) -> tuple[Floa
 def _connected_components(
     count: int, pairs: npt.NDArray[np.intp]
 ) -> tuple[Indices, npt.NDArray[np.intp]]:
-    """Return the (count,) group of each element joined by (p, 2) pairs, and one of each group."""
+    """(count,) group of each element joined by (p, 2) pairs, and one element of each group."""
     label = np.arange(count)
     while True:
         least = label.copy()

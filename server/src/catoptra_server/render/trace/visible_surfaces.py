@@ -1,8 +1,8 @@
-"""The surfaces of a scene as one viewpoint sees them: how far away each is in every direction.
+"""The surfaces of a scene from one viewpoint: their distances in every direction.
 
 A plane at viewpoint v has 1 / distance = m . d for unit directions d, with one vector m. Texture
-coordinates on it are (a . d) / (m . d). So the picture of a plane needs no rays once it is known
-where the plane is seen.
+coordinates on the plane are (a . d) / (m . d). So the image of a plane needs no rays in cells that
+only this plane fills.
 """
 
 from __future__ import annotations
@@ -25,51 +25,51 @@ _GRAZING_RAD = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibleSurfaces:
-    """In one exposure, in the mirror frame. usable: (s,) whether a surface may be filled.
-
-    inverse_distance: (s, 3) m of each plane. uv: (s, 2, 3) a of each texture coordinate.
-    """
+    """Planes of one frame, in the mirror frame."""
 
     usable: Bools
+    """(s,) whether a surface may be filled."""
     inverse_distance: Float32s
+    """(s, 3) vector m of each plane."""
     uv: Float32s
+    """(s, 2, 3) vector a of each texture coordinate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanePoints:
-    """Where directions of cells meet their cells' planes.
-
-    directions: (k, m, 3), mirror frame; `directions @ turned` is in the world's. viewpoint: (3,) in
-    Embree's coordinates. inverse_distance (k, 3), uv_vectors (k, 2, 3): of `VisibleSurfaces`.
-    """
+    """Points at which directions of cells hit their cells' planes."""
 
     directions: Float32s
+    """(k, m, 3) directions, mirror frame."""
     turned: Float32s
     viewpoint: Float32s
+    """(3,) viewpoint in Embree's coordinates."""
     inverse_distance: Float32s
+    """(k, 3) vector m of each cell's plane."""
     uv_vectors: Float32s
+    """(k, 2, 3) vectors a of each cell's plane."""
 
     def positions(self, rays: npt.NDArray[np.intp]) -> Floats:
-        """Return (n, 3) places of some of the k * m rays, in Embree's coordinates."""
+        """(n, 3) positions on some of the k * m rays, in Embree's coordinates."""
         inverse = self._along(rays, self.inverse_distance)
         turned: Float32s = self.directions.reshape(-1, 3).take(rays, axis=0) @ self.turned
         return self.viewpoint + turned / inverse[:, None]
 
     def uv(self, rays: npt.NDArray[np.intp]) -> tuple[Float32s, Float32s]:
-        """Return the two (n,) texture coordinates."""
+        """The two (n,) texture coordinates."""
         inverse = self._along(rays, self.inverse_distance)
         a, b = (self._along(rays, self.uv_vectors[:, k]) / inverse for k in (0, 1))
         return a, b
 
     def _along(self, rays: npt.NDArray[np.intp], vectors: Float32s) -> Float32s:
-        """Return the (n,) products of rays with their cells' vectors."""
+        """(n,) products of rays with their cells' vectors."""
         whole = np.einsum("kmi,ki->km", self.directions, vectors)
         products: Float32s = whole.reshape(-1).take(rays)
         return products
 
 
 class SurfacePlanes:
-    """A scene's surfaces and what does not change of their planes: normals, places, textures."""
+    """The planes of a scene's surfaces: normals, positions, textures."""
 
     def __init__(self, scene: SceneMesh) -> None:
         self.surfaces = surfaces = find_surfaces(scene)
@@ -84,7 +84,7 @@ class SurfacePlanes:
         self._uv_offset, self._uv_gradient = uv_planes(scene, surfaces.triangle[self._textured])
 
     def view_from(self, world_from_mirror: Pose) -> VisibleSurfaces:
-        """Return the surfaces as they are seen from a pose."""
+        """Surfaces as seen from a pose."""
         viewpoint, rotation = world_from_mirror.translation, world_from_mirror.rotation
         height = np.einsum("si,si->s", self._points - viewpoint, self._normals)
         farthest = np.linalg.norm(self.surfaces.centre - viewpoint, axis=-1) + self.surfaces.reach_m
