@@ -22,12 +22,13 @@ from catoptra_server.effects.sensor.quantisation import Quantisation
 from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.cost_calibration import calibration_plans
+from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.render.render_plan import RendererKind, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface
 from helpers.robots import CAMERA
 
@@ -237,7 +238,7 @@ def make_budgeted_cache(
     def measure(
         renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
     ) -> list[PlanTiming]:
-        plans = calibration_plans(kind, camera, surface)
+        plans = generate_calibration_plans(kind, camera, surface)
         return [PlanTiming(plan, {"trace": 1.0 * plan.samples**2}) for plan in plans]
 
     choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one

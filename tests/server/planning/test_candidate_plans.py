@@ -1,14 +1,20 @@
-"""What is possible: every renderer, sample and texel; of surfaces only the one that is there."""
+"""Candidates: every renderer, sample count and texel density, one surface."""
 
 from __future__ import annotations
+
+import pytest
 
 from catoptra_server.planning.candidate_plans import (
     FACE_SAMPLE_COUNTS,
     SAMPLE_COUNTS,
     TEXELS_PER_PX,
+    generate_calibration_plans,
     generate_candidate_plans,
 )
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel, RendererKind, RenderPlan
+from catoptra_server.planning.cost_model import cost_group
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel
 from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 
@@ -22,23 +28,35 @@ def candidate_plans(
     return list(generate_candidate_plans(surface, make_omni_camera(width_px=width_px), kinds))
 
 
-def test_candidates_when_all_is_open_are_all_steps_of_both_renderers() -> None:
+def test_candidates_of_both_renderers_are_all_combinations() -> None:
     assert len(candidate_plans(PerPixel(), TRACE)) == 2 * len(SAMPLE_COUNTS)
     count = len(SAMPLE_COUNTS) * len(TEXELS_PER_PX) * len(FACE_SAMPLE_COUNTS)
     assert len(candidate_plans(PerPixel(), RASTER)) == count
     assert len(candidate_plans(PerPixel(), TRACE, RASTER)) == 2 * len(SAMPLE_COUNTS) + count
 
 
-def test_candidates_when_nobody_asks_for_polygons_have_none() -> None:
+def test_candidates_of_an_exact_mirror_have_no_mesh() -> None:
     assert {plan.surface for plan in candidate_plans(PerPixel(), TRACE, RASTER)} == {PerPixel()}
 
 
-def test_candidates_when_polygons_are_asked_for_have_these_and_every_ray() -> None:
-    split = Tessellation(16, 16)
-    found = candidate_plans(split, TRACE)
-    assert {(plan.surface, plan.stride_px) for plan in found} == {(split, 1)}
+def test_candidates_of_a_mesh_keep_the_mesh_and_cast_every_ray() -> None:
+    mesh = Tessellation(16, 16)
+    found = candidate_plans(mesh, TRACE)
+    assert {(plan.surface, plan.stride_px) for plan in found} == {(mesh, 1)}
 
 
-def test_candidates_of_a_large_picture_stay_within_memory_but_for_one_sample() -> None:
+def test_candidates_of_a_large_image_stay_within_memory_but_for_one_sample() -> None:
     assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=2048)} == {1, 2}
     assert {plan.samples for plan in candidate_plans(PerPixel(), TRACE, width_px=8192)} == {1}
+
+
+@pytest.mark.parametrize("kind", RendererKind)
+def test_calibration_plans_cover_every_cost_group(kind: RendererKind) -> None:
+    plans = list(generate_calibration_plans(kind, CAMERA, PerPixel()))
+    assert len({cost_group(plan) for plan in plans}) == (2 if kind is TRACE else 1)
+    assert len({plan.samples for plan in plans}) > 1
+
+
+def test_calibration_plans_of_a_mesh_cast_every_ray() -> None:
+    plans = generate_calibration_plans(TRACE, CAMERA, Tessellation(8, 8))
+    assert {plan.stride_px for plan in plans} == {1}

@@ -7,14 +7,10 @@ import pytest
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.mirrors import ParabolicMirror
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.render.render_plan import (
-    MirrorSurface,
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from helpers.worlds import make_omni_camera
 
@@ -88,7 +84,7 @@ def test_bound_in_words_names_the_whole_its_parts_and_the_samples() -> None:
     text = str(make_bound(RASTER, Tessellation(16, 16)))
     assert text.startswith("at most 7.9")
     assert "(polygons 7.3, faces 0.58, " in text
-    assert "samples leave 0.35 px" in text
+    assert "samples add 0.35 px" in text
     assert text.endswith("texels a px, more than its taps see")
 
 

@@ -17,7 +17,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_directio
 from catoptra_server.planning.face_regions import (
     MAX_SIDE_TEXELS,
     MAX_TEXELS,
-    FaceRegion,
     face_regions,
     max_face_size_px,
     pixels_per_unit,
@@ -25,6 +24,7 @@ from catoptra_server.planning.face_regions import (
     regions_of_size,
     visible_window,
 )
+from catoptra_server.render.face_region import FaceRegion
 from helpers.worlds import PAPER_MIRROR, make_omni_camera
 
 RIMS_DEG = (40.0, 60.0, 90.0, 91.0, 105.0, 120.0, 125.2, 130.0, 140.0, 150.0)

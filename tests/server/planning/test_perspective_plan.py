@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES
 from catoptra_server.planning.perspective_plan import plan_perspective_view
-from catoptra_server.render.render_plan import DEFAULT_SAMPLES, RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
 
 
 @pytest.mark.parametrize(("wished", "samples"), [(0, DEFAULT_SAMPLES), (1, 1), (5, 5)])
@@ -13,8 +14,8 @@ def test_plan_takes_the_wish_or_the_default(wished: int, samples: int) -> None:
 
 
 def test_plan_says_what_and_why() -> None:
-    plan = plan_perspective_view(3, kind=RendererKind.RASTER, reason="asked for")
-    assert str(plan) == "raster, 3^2 samples: asked for"
+    plan = plan_perspective_view(3, kind=RendererKind.RASTER, reason="requested")
+    assert str(plan) == "raster, 3^2 samples: requested"
 
 
 @pytest.mark.parametrize("samples", [-1, 17])

@@ -14,13 +14,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_cache import CostCache
-from catoptra_server.planning.cost_calibration import calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.render.render_plan import RendererKind
 from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import AccuracyTarget, MirrorSurface, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_server.scene.scene_mesh import build_scene
@@ -61,7 +61,7 @@ class FakeCostMeasurement:
         exposures: Sequence[CameraState],
     ) -> list[PlanTiming]:
         self.measured_kinds.append(kind)
-        plans = calibration_plans(kind, camera, surface)
+        plans = generate_calibration_plans(kind, camera, surface)
         return [PlanTiming(p, {"all": MS_PER_SAMPLE[kind] * p.samples**2}) for p in plans]
 
     def create_raster(self) -> Any:

@@ -10,7 +10,7 @@ from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
 from catoptra_server.render import raster
 from catoptra_server.render.raster import OpenGLMissingError
-from catoptra_server.render.render_plan import RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from helpers.opengl import device_or_skip
 from helpers.worlds import make_test_world

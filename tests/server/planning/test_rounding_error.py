@@ -11,18 +11,14 @@ from catoptra_protocol.optics.omni_camera import (
     direction_from_pixel,
     pixel_sample_positions,
 )
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.rounding_error import corner_error, rounding_error
 from catoptra_server.planning.texel_footprint import texel_footprint
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, pack_atlas
 from catoptra_server.render.projection.lookup_map import atlas_coordinates
-from catoptra_server.render.render_plan import (
-    MirrorSurface,
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.worlds import PAPER_MIRROR, make_omni_camera
 

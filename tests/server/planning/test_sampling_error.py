@@ -5,17 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.sampling_error import (
     PIXEL_CENTROID_ERROR_PX,
     SamplingError,
     sampling_error,
 )
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)

@@ -1,124 +1,58 @@
-"""Plans from explicit numbers: what is asked for is taken, what is not is chosen with a reason."""
+"""Validity of plans, and their description."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.cube_map import MAX_FIVE_FACE_RIM_RAD, Face
-from catoptra_server.planning.explicit_plan import (
-    DEFAULT_FACE_SAMPLES,
-    DEFAULT_SAMPLES,
-    max_incidence_rad,
-    plan_from_settings,
-)
-from catoptra_server.planning.face_regions import max_face_size_px
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.render_settings import PerPixel, RenderSettings
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
 from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)
 
 
-def make_plan(
-    settings: RenderSettings, *, rim_deg: float = 120.0, width_px: int = 360
-) -> RenderPlan:
-    camera = make_omni_camera(width_px=width_px, rim_deg=rim_deg)
-    return plan_from_settings(settings, camera, kind=RendererKind.RASTER, reason="asked for")
-
-
-def test_plan_when_nothing_is_asked_has_a_texel_a_pixel() -> None:
-    plan = make_plan(RenderSettings())
-    assert (plan.samples, plan.face_samples) == (DEFAULT_SAMPLES, DEFAULT_FACE_SAMPLES)
-    # 1.01 picture widths give a texel a pixel with square texels; with others it is a little less.
-    assert plan.face_size_px == 360
-    assert plan.face_size_px == max_face_size_px(plan.face_regions)
-    assert plan.faces == (Face.N, Face.E, Face.S, Face.W, Face.C)
-
-
-def test_plan_when_numbers_are_asked_takes_them() -> None:
-    plan = make_plan(
-        RenderSettings(Tessellation(8, 8), samples=3, face_size_px=100, face_samples=4)
-    )
-    assert (plan.samples, plan.face_size_px, plan.face_samples) == (3, 100, 4)
-    assert plan.surface == Tessellation(8, 8)
-    assert {(part.columns_per_unit, part.rows_per_unit) for part in plan.face_regions} == {(50, 50)}
-
-
-@pytest.mark.parametrize(("rim_deg", "faces"), [(120.0, 5), (125.26, 5), (125.27, 6), (150.0, 6)])
-def test_plan_when_the_rim_looks_above_125_deg_has_a_sixth_face(rim_deg: float, faces: int) -> None:
-    assert len(make_plan(RenderSettings(), rim_deg=rim_deg).faces) == faces
+def make_plan(settings: RenderSettings, kind: RendererKind = RendererKind.RASTER) -> RenderPlan:
+    return plan_from_settings(settings, CAMERA, kind=kind, reason="requested")
 
 
 @pytest.mark.parametrize("samples", [-1, 17])
-def test_plan_when_it_has_no_or_too_many_samples_is_refused(samples: int) -> None:
+def test_plan_without_or_with_too_many_samples_is_rejected(samples: int) -> None:
     with pytest.raises(DomainError, match="1 to 16"):
         make_plan(RenderSettings(samples=samples))
 
 
-@pytest.mark.parametrize(
-    ("wish", "text"),
-    [
-        (
-            RenderSettings(samples=1),
-            "raster, per pixel, 1^2 samples, faces NESWC of 360 px: asked for",
-        ),
-        (RenderSettings(Tessellation(32, 32)), "raster, 32 x 32 polygons (uv), 2^2 samples"),
-    ],
-)
-def test_plan_when_printed_says_what_and_why(wish: RenderSettings, text: str) -> None:
-    assert text in str(make_plan(wish))
-
-
-def test_plan_when_traced_does_not_speak_of_faces() -> None:
-    plan = plan_from_settings(RenderSettings(), CAMERA, kind=RendererKind.TRACE, reason="exact")
-    sparse = "rays 4 px apart and wherever an outline passes"
-    assert str(plan) == f"trace, per pixel, 2^2 samples, {sparse}: exact"
-
-
-@pytest.mark.parametrize(
-    ("wish", "stride_px"),
-    [
-        (RenderSettings(), 4),
-        (RenderSettings(stride_px=1), 1),
-        (RenderSettings(stride_px=7), 7),
-        (RenderSettings(Tessellation(8, 8), stride_px=7), 1),
-    ],
-)
-def test_plan_when_the_mirror_is_exact_has_rays_apart(wish: RenderSettings, stride_px: int) -> None:
-    plan = plan_from_settings(wish, CAMERA, kind=RendererKind.TRACE, reason="exact")
-    assert plan.stride_px == stride_px
-    assert ("apart" in str(plan)) == (stride_px > 1)
-
-
-def test_plan_when_of_polygons_with_rays_apart_is_refused() -> None:
-    with pytest.raises(DomainError, match="every ray"):
-        replace(make_plan(RenderSettings(Tessellation(8, 8))), stride_px=2)
-
-
 @pytest.mark.parametrize("stride_px", [-1, 65])
-def test_plan_when_its_rays_are_too_far_apart_is_refused(stride_px: int) -> None:
+def test_plan_with_too_distant_rays_is_rejected(stride_px: int) -> None:
     with pytest.raises(DomainError, match="1 to 64 px"):
         make_plan(RenderSettings(stride_px=stride_px))
 
 
-def test_incidence_when_per_pixel_ends_at_the_rim() -> None:
-    assert max_incidence_rad(CAMERA, PerPixel()) == CAMERA.rim_rad
+def test_plan_of_a_mesh_with_distant_rays_is_rejected() -> None:
+    with pytest.raises(DomainError, match="every ray"):
+        replace(make_plan(RenderSettings(Tessellation(8, 8))), stride_px=2)
 
 
-def test_incidence_when_of_few_polygons_is_higher_than_the_rim() -> None:
-    four, many = (max_incidence_rad(CAMERA, Tessellation(s, s)) for s in (4, 4096))
-    # 90 deg + atan(tan 30 deg / cos 45 deg)
-    assert math.degrees(four) == pytest.approx(129.23, abs=0.01)
-    assert CAMERA.rim_rad < many < CAMERA.rim_rad + 1e-6
-    assert four > MAX_FIVE_FACE_RIM_RAD
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        (
+            RenderSettings(samples=1),
+            "raster, per pixel, 1^2 samples, faces NESWC of 360 px: requested",
+        ),
+        (RenderSettings(Tessellation(32, 32)), "raster, 32 x 32 polygons (uv), 2^2 samples"),
+    ],
+)
+def test_plan_when_printed_has_numbers_and_reason(settings: RenderSettings, text: str) -> None:
+    assert text in str(make_plan(settings))
 
 
-def test_incidence_when_the_rim_is_below_the_horizon_is_the_rim() -> None:
-    camera = make_omni_camera(rim_deg=80.0)
-    assert max_incidence_rad(camera, Tessellation(4, 4)) == camera.rim_rad
+def test_plan_of_trace_when_printed_has_no_faces() -> None:
+    rays = "rays 4 px apart and along silhouettes"
+    plan = make_plan(RenderSettings(), RendererKind.TRACE)
+    assert str(plan) == f"trace, per pixel, 2^2 samples, {rays}: requested"

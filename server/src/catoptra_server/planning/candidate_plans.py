@@ -1,7 +1,8 @@
-"""Which plans are possible: every number of a plan, in steps worth having.
+"""Candidate plans of a camera, and the few of them that are timed: the settings of each renderer.
 
-Polygons are never offered instead of the exact mirror: they cost more and show less. Where a robot
-has polygons, they are kept: they are what its mirror is.
+Candidates vary every number of a plan in useful steps; some 130 for a camera with both renderers.
+Mesh and exact mirror are never exchanged for each other: a mesh costs more and shows less, but a
+robot's file that has one describes its mirror.
 """
 
 from __future__ import annotations
@@ -10,29 +11,34 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.render_plan import (
-    DEFAULT_STRIDE_PX,
-    RendererKind,
-    RenderPlan,
-    plan_from_settings,
-)
+from catoptra_server.planning.explicit_plan import DEFAULT_STRIDE_PX, plan_from_settings
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 
 SAMPLE_COUNTS = tuple(range(1, 9))
-# Below half a texel a pixel a face is a smear; above four the atlas costs more than it shows.
+# Below half a texel a pixel a face blurs the image; above four the atlas costs time for no detail.
 TEXELS_PER_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 FACE_SAMPLE_COUNTS = (1, 4)
-# Trace keeps some 100 bytes for each: 8 x 8 samples of 720 x 720 px. Preparing them takes seconds.
+# Trace holds some 100 bytes a sample, so this is 3 GB, or 8 x 8 samples of 720 x 720 px; such a
+# view takes seconds to prepare.
 MAX_SAMPLES = 2**25
+
+# (samples, texels a pixel, samples a texel): each rate of the raster stages in `cost_model` has a
+# plan that differs from the first in its quantity.
+_RASTER_CALIBRATION = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
+# (samples, stride), 0 = default: two points for the stride's rates, one for every ray.
+_TRACE_CALIBRATION = ((1, 0), (2, 0), (1, 1))
 
 
 def generate_candidate_plans(
     surface: MirrorSurface, camera: OmniCamera, kinds: Iterable[RendererKind]
 ) -> Iterator[RenderPlan]:
-    """Iterate over the plans by which these renderers can draw a camera's mirror."""
+    """Yield all plans by which some renderers can render a camera."""
     for kind in kinds:
-        for variant in _settings_variants(surface, kind):
-            plan = plan_from_settings(variant, camera, kind=kind, reason="possible")
+        for settings in _candidate_settings(surface, kind):
+            # Faces and mesh limits depend on all numbers but the samples: computed once for eight.
+            plan = plan_from_settings(settings, camera, kind=kind, reason="candidate")
             for samples in _sample_counts(camera):
                 yield replace(plan, samples=samples)
 
@@ -42,13 +48,31 @@ def _sample_counts(camera: OmniCamera) -> tuple[int, ...]:
     return tuple(s for s in SAMPLE_COUNTS if s == 1 or pixels * s * s <= MAX_SAMPLES)
 
 
-def _settings_variants(surface: MirrorSurface, kind: RendererKind) -> Iterator[RenderSettings]:
-    """Iterate over all numbers but the samples."""
-    wish = RenderSettings(surface)
+def _candidate_settings(surface: MirrorSurface, kind: RendererKind) -> Iterator[RenderSettings]:
+    """Yield the candidates' settings, all numbers but the samples."""
+    base = RenderSettings(surface)
     if kind is RendererKind.TRACE:
         strides = (1, DEFAULT_STRIDE_PX) if isinstance(surface, PerPixel) else (1,)
-        yield from (replace(wish, stride_px=stride_px) for stride_px in strides)
+        yield from (replace(base, stride_px=stride_px) for stride_px in strides)
         return
     for texels_per_px in TEXELS_PER_PX:
         for samples in FACE_SAMPLE_COUNTS:
-            yield replace(wish, texels_per_px=texels_per_px, face_samples=samples)
+            yield replace(base, texels_per_px=texels_per_px, face_samples=samples)
+
+
+def generate_calibration_plans(
+    kind: RendererKind, camera: OmniCamera, surface: MirrorSurface
+) -> Iterator[RenderPlan]:
+    """Yield the plans whose times determine the rates of all candidates of one renderer."""
+    for settings in _calibration_settings(kind, surface):
+        yield plan_from_settings(settings, camera, kind=kind, reason="calibration")
+
+
+def _calibration_settings(kind: RendererKind, surface: MirrorSurface) -> Iterator[RenderSettings]:
+    base = RenderSettings(surface)
+    if kind is RendererKind.TRACE:
+        for samples, stride_px in _TRACE_CALIBRATION:
+            yield replace(base, samples=samples, stride_px=stride_px)
+        return
+    for samples, texels_per_px, face_samples in _RASTER_CALIBRATION:
+        yield replace(base, samples=samples, texels_per_px=texels_per_px, face_samples=face_samples)

@@ -1,7 +1,7 @@
-"""A short measurement of what frames cost here: a few plans, a few frames of each, stage by stage.
+"""Measured frame times of a few plans: median milliseconds of each stage, on this machine.
 
-It takes about a second a renderer on two cores; most of it is the preparing of views. The plans are
-chosen so that every rate of `planning/cost_model` shows in one of them.
+About a second a renderer on two cores, most of it for the preparation of views. The plans come from
+`candidate_plans`, the rates fitted to their times belong to `cost_model`.
 """
 
 from __future__ import annotations
@@ -9,34 +9,27 @@ from __future__ import annotations
 import itertools
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.planning.candidate_plans import generate_calibration_plans
 from catoptra_server.planning.cost_model import PlanTiming
-from catoptra_server.render.render_plan import (
-    MirrorSurface,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
 from catoptra_server.render.renderer import Renderer, View
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import MirrorSurface
 
 Clock = Callable[[], float]
 
-# Of one plan: enough for a median, unless frames are so slow that a few must do.
+# Seven frames give a stable median; slow frames stop at three, so that a million triangles at
+# several samples do not hold up the first frame of a camera by seconds.
 _MAX_FRAMES = 7
 _MIN_FRAMES = 3
 _MAX_DURATION_S = 0.12
-# The first frames find caches cold.
+# The first frames find caches cold and, in raster, machine code to be compiled.
 _NUM_WARM_UP_FRAMES = 2
-# Samples, texels a pixel, samples a texel.
-_RASTER_VARIANTS = ((1, 0.5, 1), (2, 1.0, 1), (1, 1.5, 1), (1, 0.5, 4))
-# Samples, and how far apart rays are; 0 = as planned.
-_TRACE_VARIANTS = ((1, 0), (2, 0), (1, 1))
-OTHER_STAGES = "rest"
+# Wall time of a frame outside all stages.
+OTHER_STAGES = "other"
 
 
 def measure_costs(
@@ -48,38 +41,20 @@ def measure_costs(
     *,
     clock: Clock = time.perf_counter,
 ) -> list[PlanTiming]:
-    """Return the median stage times of a few plans, each drawn from all the exposures in turn."""
-    times = []
-    for plan in calibration_plans(kind, camera, surface):
+    """Measure the calibration plans of a renderer.
+
+    Args:
+        camera_states: States to render in turn, so that the times are of more than one viewpoint.
+        clock: Monotonic seconds.
+    """
+    timings = []
+    for plan in generate_calibration_plans(kind, camera, surface):
         view = renderer.prepare(camera, plan)
         try:
-            times.append(PlanTiming(plan, _measure_stages(view, camera_states, clock)))
+            timings.append(PlanTiming(plan, _measure_stages(view, camera_states, clock)))
         finally:
             view.close()
-    return times
-
-
-def calibration_plans(
-    kind: RendererKind, camera: OmniCamera, surface: MirrorSurface
-) -> Iterator[RenderPlan]:
-    """Iterate over the plans from which the costs of all others follow."""
-    for variant in _settings_variants(kind, surface):
-        yield plan_from_settings(variant, camera, kind=kind, reason="measured")
-
-
-def _settings_variants(kind: RendererKind, surface: MirrorSurface) -> Iterator[RenderSettings]:
-    wish = RenderSettings(surface)
-    if kind is RendererKind.RASTER:
-        for samples, texels_per_px, face_samples in _RASTER_VARIANTS:
-            yield replace(
-                wish,
-                samples=samples,
-                texels_per_px=texels_per_px,
-                face_samples=face_samples,
-            )
-        return
-    for samples, stride_px in _TRACE_VARIANTS:
-        yield replace(wish, samples=samples, stride_px=stride_px)
+    return timings
 
 
 def _measure_stages(
@@ -94,9 +69,9 @@ def _measure_stages(
         start_s = clock()
         stages = view.render(next(turns)).stage_ms
         end_s = clock()
-        frames.append(
-            {**stages, OTHER_STAGES: max(0.0, 1e3 * (end_s - start_s) - sum(stages.values()))}
-        )
+        # Stages may overlap in threads; their sum can then exceed the wall time.
+        other_ms = max(0.0, 1e3 * (end_s - start_s) - sum(stages.values()))
+        frames.append({**stages, OTHER_STAGES: other_ms})
         if len(frames) >= _MIN_FRAMES and end_s - begin_s > _MAX_DURATION_S:
             break
     return {stage: statistics.median(frame[stage] for frame in frames) for stage in frames[0]}

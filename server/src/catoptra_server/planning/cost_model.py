@@ -1,16 +1,15 @@
-"""How long a frame takes by a plan, from a few frames that were measured: stage by stage.
+"""Prediction of frame times: rates for each stage, fitted to a few measured frames.
 
-A stage's time is a sum of rates times quantities of the plan: something fixed, and so much a ray,
-a sample of the picture, a texel. The rates are fitted to measured frames of one scene, one camera
-and one renderer; they say nothing of another machine.
+A stage's time is a sum of rates times quantities of the plan: a constant, and so much a ray, a
+sample, a texel. Rates hold for one scene, one camera and one renderer on one machine.
 
-| renderer | stage  | time goes with                                                      |
-|----------|--------|---------------------------------------------------------------------|
-| trace    | cells  | nothing that a plan chooses: corners of cells and outlines          |
-| trace    | trace  | samples of the picture; all of them, or those that cells leave      |
-| raster   | faces  | the scene's triangles (fixed), texels, further samples of texels    |
-| raster   | mirror | samples of the picture, and texels: a larger atlas leaves the cache |
-| any      | others | samples: averaging, read-back, what is between the stages           |
+| renderer | stage  | time grows with                                                    |
+|----------|--------|--------------------------------------------------------------------|
+| trace    | cells  | no number of the plan: corners of cells and silhouettes            |
+| trace    | trace  | samples of the image: all of them, or those left open by cells     |
+| raster   | faces  | the scene's triangles (constant), texels, further samples a texel  |
+| raster   | mirror | samples of the image, and texels: a larger atlas exceeds the cache |
+| any      | other  | samples: averaging, read-back, time between the stages             |
 """
 
 from __future__ import annotations
@@ -23,36 +22,43 @@ import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.render_plan import RendererKind, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 
-Rates = Mapping[str, tuple[float, ...]]  # ms a unit of each quantity, by stage
+Rates = Mapping[str, tuple[float, ...]]  # ms for one unit of each quantity, by stage
 
+# Quantities in millions: rates are then milliseconds of ordinary size, and the fit is conditioned.
 _PER_MILLION = 1e-6
-# A stage this short is not worth an exact relative error.
+# The fit minimizes relative errors; a stage shorter than this is weighted as if it took this long.
 _MIN_MS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class PlanTiming:
-    """A plan, and the milliseconds of each stage of its frames."""
+    """Measured times of a plan."""
 
     plan: RenderPlan
     stage_ms: Mapping[str, float]
+    """Median milliseconds of each stage."""
 
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """The rates of one camera in one scene, by way of drawing (`cost_group`)."""
+    """Rates of one camera in one scene."""
 
     camera: OmniCamera
     rates: Mapping[str, Rates]
+    """Rates by `cost_group`."""
 
     def predict_frame_ms(self, plan: RenderPlan) -> float:
-        """Return the predicted milliseconds of a frame. Raises KeyError for another way."""
+        """Predicted milliseconds of a frame.
+
+        Raises:
+            KeyError: No plan of this cost group was measured.
+        """
         return sum(self.predict_stage_ms(plan).values())
 
     def predict_stage_ms(self, plan: RenderPlan) -> dict[str, float]:
-        """Return the predicted milliseconds of each stage."""
+        """Predicted milliseconds of each stage."""
         return {
             stage: float(np.dot(rates, cost_features(stage, plan, self.camera)))
             for stage, rates in self.rates[cost_group(plan)].items()
@@ -60,20 +66,22 @@ class CostModel:
 
 
 def cost_group(plan: RenderPlan) -> str:
-    """Return by which way a plan draws: what is measured of one says nothing of the others."""
-    if plan.renderer is RendererKind.RASTER:
-        return "raster"
-    return "trace, rays apart" if plan.stride_px > 1 else "trace, every ray"
+    """Group of plans that share rates: plans that run the same stages by the same code."""
+    renderer = plan.renderer.value
+    if plan.renderer.uses_faces:
+        return renderer
+    return f"{renderer}, rays apart" if plan.stride_px > 1 else f"{renderer}, every ray"
 
 
 def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[float, ...]:
-    """Return what a stage's time goes with: 1, and millions of things."""
+    """Quantities that a stage's time grows with: 1 for the constant, others in millions."""
     samples = _PER_MILLION * camera.width_px * camera.height_px * plan.samples**2
-    texels = _PER_MILLION * sum(part.num_texels for part in plan.face_regions)
+    texels = _PER_MILLION * sum(region.num_texels for region in plan.face_regions)
     match stage:
         case "cells":
             return (1.0,)
         case "faces":
+            # The first sample of a texel is in `texels`: multisampling shades once, stores more.
             return 1.0, texels, texels * (plan.face_samples - 1)
         case "mirror":
             return 1.0, samples, texels
@@ -81,43 +89,47 @@ def cost_features(stage: str, plan: RenderPlan, camera: OmniCamera) -> tuple[flo
 
 
 def fit_cost_model(camera: OmniCamera, timings: Iterable[PlanTiming]) -> CostModel:
-    """Return the rates that come nearest to measured frames, in parts of their times."""
-    by_way: dict[str, list[PlanTiming]] = {}
-    for one in timings:
-        by_way.setdefault(cost_group(one.plan), []).append(one)
-    return CostModel(camera, {way: _fit_rates(camera, frames) for way, frames in by_way.items()})
+    """Fit rates to measured frames, by relative least squares."""
+    by_group: dict[str, list[PlanTiming]] = {}
+    for timing in timings:
+        by_group.setdefault(cost_group(timing.plan), []).append(timing)
+    rates = {group: _fit_rates(camera, members) for group, members in by_group.items()}
+    return CostModel(camera, rates)
 
 
 def _fit_rates(camera: OmniCamera, timings: list[PlanTiming]) -> Rates:
     return {
         stage: fit_nonnegative_rates(
-            np.array([cost_features(stage, frame.plan, camera) for frame in timings]),
-            np.array([frame.stage_ms.get(stage, 0.0) for frame in timings]),
+            np.array([cost_features(stage, timing.plan, camera) for timing in timings]),
+            np.array([timing.stage_ms.get(stage, 0.0) for timing in timings]),
         )
-        for stage in sorted({stage for frame in timings for stage in frame.stage_ms})
+        for stage in sorted({stage for timing in timings for stage in timing.stage_ms})
     }
 
 
 def fit_nonnegative_rates(features: Floats, ms: Floats) -> tuple[float, ...]:
-    """Return the rates (k,), none negative, by which amounts (n, k) explain times (n,) best.
+    """Non-negative rates (k,) by which features (n, k) explain times (n,) best.
 
-    There are at most three quantities: all choices of which are above 0 are tried. Of choices that
-    explain as much the one with fewest quantities is taken, and of these one that grows: a single
-    frame does not tell what was fixed.
+    Of solutions that explain equally much, the one with fewest non-zero rates is taken, and of
+    those
+    the one without a constant: a single frame cannot separate a constant from a rate.
     """
     weight = 1.0 / np.maximum(ms, _MIN_MS)
     rows, target = features * weight[:, None], ms * weight
-    best, least = np.zeros(features.shape[1]), float(target @ target)
-    for used in _index_subsets(features.shape[1]):
+    best, min_residual = np.zeros(features.shape[1]), float(target @ target)
+    # At most three features, so seven supports: enumeration is exact and needs no NNLS solver.
+    for support in _index_subsets(features.shape[1]):
         rates = np.zeros(features.shape[1])
-        rates[used] = np.linalg.lstsq(rows[:, used], target, rcond=None)[0]
-        left = float(np.square(rows @ rates - target).sum())
-        if (rates >= 0.0).all() and left < least - 1e-12:
-            best, least = rates, left
+        rates[support] = np.linalg.lstsq(rows[:, support], target, rcond=None)[0]
+        residual = float(np.square(rows @ rates - target).sum())
+        # A margin above rounding: equal fits must not displace the smaller support.
+        if (rates >= 0.0).all() and residual < min_residual - 1e-12:
+            best, min_residual = rates, residual
     return tuple(float(rate) for rate in best)
 
 
 def _index_subsets(count: int) -> Iterable[list[int]]:
+    """Non-empty subsets of range(count), small ones first, those with the constant (0) last."""
     sizes = range(1, count + 1)
     last_first = range(count - 1, -1, -1)
     return [list(used) for size in sizes for used in itertools.combinations(last_first, size)]

@@ -11,7 +11,7 @@ scene of many triangles more than that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,50 +23,13 @@ from catoptra_protocol.optics.cube_map import (
 )
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.render.face_region import FaceRegion, FaceWindow
 
 # All parts together: 512 MiB of linear light. The longest side leaves room for two in a texture.
 MAX_TEXELS = 2**26
 MAX_SIDE_TEXELS = 2**13
 # Density changes so slowly that the largest of a grid of this side is the largest to 0.1 %.
 _GRID_SIDE = 65
-
-
-@dataclass(frozen=True, slots=True)
-class FaceWindow:
-    """A part of a face's plane: s from `left` to `right`, t from `top` to `bottom`."""
-
-    left: float = -1.0
-    top: float = -1.0
-    right: float = 1.0
-    bottom: float = 1.0
-
-    @property
-    def is_empty(self) -> bool:
-        """Return whether nothing of the face is left."""
-        return self.left >= self.right or self.top >= self.bottom
-
-
-@dataclass(frozen=True, slots=True)
-class FaceRegion:
-    """A window of a face, and how many texels one unit of s and one unit of t has there."""
-
-    face: Face
-    window: FaceWindow
-    columns_per_unit: float
-    rows_per_unit: float
-
-    @property
-    def size_texels(self) -> tuple[float, float]:
-        """Return the width and the height in texels, not rounded."""
-        window = self.window
-        width = (window.right - window.left) * self.columns_per_unit
-        return width, (window.bottom - window.top) * self.rows_per_unit
-
-    @property
-    def num_texels(self) -> float:
-        """Return the number of texels, not rounded."""
-        width, height = self.size_texels
-        return width * height
 
 
 def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:

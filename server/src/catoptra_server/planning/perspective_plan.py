@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from catoptra_protocol.errors import DomainError
-from catoptra_server.render.render_plan import DEFAULT_SAMPLES, RendererKind
+from catoptra_server.planning.explicit_plan import DEFAULT_SAMPLES
+from catoptra_server.render.renderer_kind import RendererKind
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,12 @@ from catoptra_server.planning.cost_cache import CostCache
 from catoptra_server.planning.cost_calibration import measure_costs
 from catoptra_server.planning.cost_model import CostModel, PlanTiming, Rates, fit_cost_model
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.planning.planner import PlanChoice, choose_plan, pareto_front
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.plan_choice import PlanChoice, choose_plan, pareto_front
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.render.render_plan import RendererKind, RenderPlan, plan_from_settings
+from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface
 
 log = logging.getLogger(__name__)

@@ -2,8 +2,8 @@
 
 `auto` takes raster where a graphics processor answers and trace where there is no OpenGL. With
 OpenGL emulated in software the scene decides: the cost of trace grows with the samples a pixel, the
-cost of raster with the triangles. A renderer's library is imported only when that renderer is chosen
-or probed, so a machine without OpenGL runs trace.
+cost of raster with the triangles. A renderer's library is imported only when that renderer is
+chosen or probed, so a machine without OpenGL runs trace.
 
 To add a renderer: a member of `RendererKind`, a function here, its settings in `candidate_plans`.
 """
@@ -15,13 +15,10 @@ from dataclasses import dataclass, field
 
 from catoptra_protocol.errors import DomainError
 from catoptra_server.bounds.light_culling import cull_lights
-from catoptra_server.render.render_plan import RendererKind
 from catoptra_server.render.renderer import Renderer
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES, RendererKind
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
-
-AUTO = "auto"
-RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))
 
 # Used without an accuracy target; with one, both renderers are measured. 640 x 640 px, ms of both
 # cores together (tests/measurements/renderer_comparison.py) for the field, the corridor and 60 000
@@ -131,8 +128,6 @@ def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
             raster = {RendererKind.RASTER: lambda: _create_raster(inputs)}
             return trace(f"{reason}slower than trace", raster)
         reason = f"{reason}faster than trace"
-    renderer = RasterRenderer(
-        inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights
-    )
+    renderer = RasterRenderer(inputs.mesh, inputs.world, device=device, scene_lights=inputs.lights)
     others = {RendererKind.TRACE: lambda: _create_trace(inputs)}
     return RendererChoice(renderer, RendererKind.RASTER, reason, others)

@@ -1,13 +1,13 @@
-"""What a finite number of samples leaves of a picture whose every sample is in its place.
+"""Error of a finite number of samples in an image whose every sample is exact.
 
-A sample stands for a square of the image. A thing is shown with the squares whose middles it
-covers, so its outline is displaced by half a square's diagonal at most, in any direction and for
-any shape. What a frame keeps of that is each pixel's share of light. The middle of a disc, measured
-as the centroid of that light, is displaced no more than its outline by the samples, and a little
-by the pixels; a disc smaller than a pixel is somewhere in it.
+A sample stands for a square of the image. A surface is shown with the squares whose centres its
+image covers, so an outline is displaced by half a square's diagonal at most, in any direction and
+for any shape. A frame keeps the mean of each pixel's samples. The centre of a disc, measured as the
+centroid of that light, is displaced by the samples no more than its outline, and a little by the
+pixels; a disc smaller than a pixel can lie anywhere in its pixel.
 
-Where a face's texels are denser than the samples, one bilinear tap a sample passes over texels:
-things there flicker, or vanish. Where they are sparser, the picture is blurred.
+With texels denser than samples, one bilinear lookup a sample skips texels: small objects flicker or
+vanish. With texels sparser than samples, the image is blurred.
 """
 
 from __future__ import annotations
@@ -17,44 +17,47 @@ from dataclasses import dataclass
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.planning.texel_footprint import TexelFootprint, texel_footprint
-from catoptra_server.render.render_plan import RendererKind, RenderPlan
+from catoptra_server.render.render_plan import RenderPlan
 
-# Of the centroid of a disc from one pixel wide on, drawn with endlessly many samples; less for
-# larger ones. Searched in tests/server/planning/test_sampling_error.py.
+# Largest displacement of the centroid of a disc one pixel wide, in the limit of infinitely many
+# samples; less for larger discs. Searched in tests/server/planning/test_sampling_error.py.
 PIXEL_CENTROID_ERROR_PX = 0.07
 
 
 @dataclass(frozen=True, slots=True)
 class SamplingError:
-    """samples: along a pixel's side. edge_error_px: of outlines. texels: of the faces; trace has none."""
+    """Error of a plan's samples."""
 
     samples: int
+    """Samples along a pixel's side."""
     edge_error_px: float
+    """Largest displacement of an outline."""
     texel_footprint: TexelFootprint | None
+    """Texels of the faces; None without faces."""
 
     @property
     def centroid_error_px(self) -> float:
-        """Return how far off the centroid of a disc of a pixel or more may be, if seen."""
+        """Largest displacement of the measured centroid of a disc of one pixel or more."""
         return self.edge_error_px + PIXEL_CENTROID_ERROR_PX
 
     @property
     def minification(self) -> float:
-        """Return the most texels from one sample to the next; 0 without faces."""
+        """Largest number of texels from one sample to the next; 0 without faces."""
         return (
             self.texel_footprint.max_texels_per_px / self.samples if self.texel_footprint else 0.0
         )
 
     @property
     def is_undersampled(self) -> bool:
-        """Return whether somewhere one look-up a sample passes over texels."""
+        """Whether one lookup a sample skips texels anywhere in the image."""
         return self.minification > 1.0
 
 
 def sampling_error(camera: OmniCamera, plan: RenderPlan) -> SamplingError:
-    """Return what the plan's samples leave in a camera's image."""
-    is_raster = plan.renderer is RendererKind.RASTER
+    """Error of a plan's samples in a camera's image."""
+    has_texels = plan.renderer.uses_faces
     return SamplingError(
         samples=plan.samples,
         edge_error_px=math.sqrt(0.5) / plan.samples,
-        texel_footprint=texel_footprint(camera, plan.face_regions) if is_raster else None,
+        texel_footprint=texel_footprint(camera, plan.face_regions) if has_texels else None,
     )

@@ -19,7 +19,7 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face, 
 from catoptra_protocol.optics.image_scale import ImageScale, compute_image_scale
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.planning.face_regions import FaceRegion
+from catoptra_server.render.face_region import FaceRegion
 
 # From the middle of the forward face to its right edge: the other side faces have the same parts,
 # each with a left half like its right one, so the other seven eighths of the turn repeat.

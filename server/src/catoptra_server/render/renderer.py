@@ -35,8 +35,7 @@ class RenderedImage:
     stage_ms: dict[str, float]
     """Milliseconds by stage."""
     effects: tuple[EffectDecision, ...] = ()
-    """Decision about each effect that the robot's file names; added by the caller of the renderer.
-    """
+    """Decision about each effect that the robot's file names; empty from a renderer."""
 
 
 @dataclass(frozen=True, slots=True)

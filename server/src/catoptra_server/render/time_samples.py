@@ -1,4 +1,4 @@
-"""The sharp exposures that an exposure which lasts is the mean of: everything where it is then."""
+"""Time samples of a long exposure: sharp camera states whose mean is the exposure."""
 
 from __future__ import annotations
 
@@ -13,27 +13,46 @@ from catoptra_server.capture.shutter import RowWeights
 def sample_shutter(
     camera_state: CameraState, num_rows: int
 ) -> list[tuple[CameraState, RowWeights]]:
-    """Return the sharp exposures that one is the mean of, and the weight of each by row.
+    """Sharp camera states of an exposure, and the weight of each by row.
 
-    What counts in no row is left out. Without a shutter it is the exposure itself.
+    Samples that weigh nothing in every row are left out. Without a shutter the only sample is the
+    camera state itself.
+
+    Args:
+        camera_state: Camera state with its shutter.
+        num_rows: Rows of the image.
+
+    Returns:
+        Pairs of a camera state without a shutter and (num_rows,) weights.
     """
     shutter = camera_state.shutter
     if shutter is None:
         return [(camera_state, np.ones(num_rows, dtype=np.float32))]
     weights = shutter.row_weights(num_rows)
-    shots = zip(shutter.times_s, weights, strict=True)
-    return [(advance(camera_state, time_s), share) for time_s, share in shots if share.any()]
+    samples = zip(shutter.times_s, weights, strict=True)
+    return [
+        (advance(camera_state, time_s), row_weights)
+        for time_s, row_weights in samples
+        if row_weights.any()
+    ]
 
 
 def advance(camera_state: CameraState, time_s: float) -> CameraState:
-    """Return the sharp exposure some seconds later, everything carried on by its own motion."""
-    bodies = (
-        replace(body, world_from_object=body.twist.integrate_pose(body.world_from_object, time_s))
-        for body in camera_state.objects
+    """Camera state at a later time, with camera and objects carried on by their own twists."""
+    objects = (
+        replace(
+            dynamic_object,
+            world_from_object=dynamic_object.twist.integrate_pose(
+                dynamic_object.world_from_object, time_s
+            ),
+        )
+        for dynamic_object in camera_state.objects
     )
+    # The noise seed stays: all samples belong to one exposure, which draws its noise once at the
+    # end.
     return replace(
         camera_state,
         world_from_mirror=camera_state.twist.integrate_pose(camera_state.world_from_mirror, time_s),
-        objects=tuple(bodies),
+        objects=tuple(objects),
         shutter=None,
     )

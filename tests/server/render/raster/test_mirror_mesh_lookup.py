@@ -15,7 +15,9 @@ from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 from helpers.worlds import make_omni_camera
 
-TURNED = replace(make_omni_camera(), centre_px=(90.3, 120.8), width_px=220, image_up_azimuth_rad=0.6)
+TURNED = replace(
+    make_omni_camera(), centre_px=(90.3, 120.8), width_px=220, image_up_azimuth_rad=0.6
+)
 
 
 @pytest.mark.parametrize("camera", [make_omni_camera(), TURNED], ids=["plain", "turned"])

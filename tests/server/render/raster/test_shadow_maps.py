@@ -50,7 +50,10 @@ def test_exposures_when_without_shadows_build_nothing_for_them(device: GlDevice)
     view.render(AT)
     assert shadow_programs(renderer) == []
     view.render(dataclasses.replace(AT, has_shadows=True))
-    assert shadow_programs(renderer) == ["shadow", "face SHADOWS=1 MAP_COLUMNS=3 NUM_SHADOWED_DIRECTIONAL_LIGHTS=1 NUM_SHADOWED_POINT_LIGHTS=1"]
+    assert shadow_programs(renderer) == [
+        "shadow",
+        "face SHADOWS=1 MAP_COLUMNS=3 NUM_SHADOWED_DIRECTIONAL_LIGHTS=1 NUM_SHADOWED_POINT_LIGHTS=1",
+    ]
     view.close()
 
 
@@ -74,7 +77,12 @@ def maps_of(device: GlDevice, world: World) -> ShadowMaps:
 def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice) -> None:
     with device.context:
         maps = maps_of(device, WORLD)
-        assert maps.definitions == (("SHADOWS", 1), ("MAP_COLUMNS", 3), ("NUM_SHADOWED_DIRECTIONAL_LIGHTS", 1), ("NUM_SHADOWED_POINT_LIGHTS", 1))
+        assert maps.definitions == (
+            ("SHADOWS", 1),
+            ("MAP_COLUMNS", 3),
+            ("NUM_SHADOWED_DIRECTIONAL_LIGHTS", 1),
+            ("NUM_SHADOWED_POINT_LIGHTS", 1),
+        )
         assert maps.texture_bytes == 4 * (3 * 1024) ** 2
         maps.draw_objects(TWO_ROBOTS)
         assert maps.texture_bytes == 4 * (3 * 1024) ** 2 + 4 * (3 * 512) ** 2

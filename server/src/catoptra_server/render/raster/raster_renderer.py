@@ -9,30 +9,22 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
-import moderngl
-
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import ImageEffect
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
 from catoptra_server.render.projection.lens_projection import make_lens_projection
-from catoptra_server.render.raster.accumulation_pass import AccumulationPass
-from catoptra_server.render.raster.effect_chain import EffectChain, LinearImageTarget
 from catoptra_server.render.raster.face_pass import FacePass
 from catoptra_server.render.raster.gl_device import GlDevice, open_device
-from catoptra_server.render.raster.mirror_mesh_lookup import render_lookup_texture
-from catoptra_server.render.raster.mirror_pass import MirrorPass, make_lookup_texture
-from catoptra_server.render.raster.passes import ENCODED, LINEAR, AveragePass, OutputImage
-from catoptra_server.render.raster.range_pass import RangePass
-from catoptra_server.render.raster.raster_views import PassSequence, RasterOmniView, RasterView
+from catoptra_server.render.raster.omni_passes import OmniPasses, make_lookup_map
+from catoptra_server.render.raster.passes import AveragePass, OutputImage
+from catoptra_server.render.raster.raster_views import RasterOmniView, RasterView
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
-from catoptra_server.render.raster.shader_programs import Definitions, ShaderPrograms
+from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera, View
-from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import Light, World
 
@@ -93,69 +85,25 @@ class RasterRenderer:
             faces = self._make_face_pass(plan, undo)
             output = OutputImage(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
-            places = self._make_lookup_map(camera, plan, faces.atlas, plan.samples)
-            undo.callback(places.release)
+            lookup_map = make_lookup_map(
+                context, self._programs, camera, plan, faces.atlas, samples=plan.samples
+            )
+            undo.callback(lookup_map.release)
             # Compiles the programs of the scene now: the first frame must not wait for the driver.
             faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
             # All built: from here on the view frees these resources.
             undo.pop_all()
-
-        def plain() -> PassSequence:
-            return PassSequence((faces, mirror(output.target, ENCODED)))
-
-        def mirror(target: moderngl.Framebuffer, encoding: Definitions) -> MirrorPass:
-            return MirrorPass(
-                context,
-                self._programs,
-                faces,
-                camera,
-                places,
-                plan.samples,
-                target,
-                encoding=encoding,
-            )
-
-        def linear(effects: tuple[ImageEffect, ...], lasts: bool) -> PassSequence:
-            ranges = self._make_range_pass(camera, plan, faces, effects)
-            chain = EffectChain(
-                context, self._programs, effects, camera, output.target, ranges=ranges
-            )
-            first = (
-                lasting(chain.input_target)
-                if lasts
-                else (faces, mirror(chain.input_target, LINEAR))
-            )
-            between = (ranges,) if ranges is not None else ()
-            return PassSequence((*first, *between, *chain.passes), chain)
-
-        def lasting(target: moderngl.Framebuffer) -> tuple[AccumulationPass]:
-            sharp = LinearImageTarget(context, camera.width_px, camera.height_px)
-            steps = (faces, mirror(sharp.target, LINEAR))
-            return (AccumulationPass(context, self._programs, camera, steps, sharp, target),)
-
+        passes = OmniPasses(
+            context, self._programs, self._scene, camera, plan, faces, lookup_map, output
+        )
         return RasterOmniView(
             self._device,
             faces,
-            places,
+            lookup_map,
             output,
-            make_plain=plain,
-            make_linear=linear,
+            make_plain=passes.make_plain,
+            make_linear=passes.make_linear,
             thread=self._thread,
-        )
-
-    def _make_range_pass(
-        self,
-        camera: OmniCamera,
-        plan: RenderPlan,
-        faces: FacePass[Atlas],
-        effects: tuple[ImageEffect, ...],
-    ) -> RangePass | None:
-        """Pass that measures the range of each pixel, if some effect uses ranges."""
-        if not any(effect.needs_range for effect in effects):
-            return None
-        places = self._make_lookup_map(camera, plan, faces.atlas, 1)
-        return RangePass(
-            self._device.context, self._programs, self._scene, faces.atlas, camera, places
         )
 
     def _make_face_pass(self, plan: RenderPlan, undo: ExitStack) -> FacePass[Atlas]:
@@ -198,15 +146,6 @@ class RasterRenderer:
     def _max_texels(self) -> int:
         """Largest side of a texture on this device."""
         return int(self._device.context.info["GL_MAX_TEXTURE_SIZE"])
-
-    def _make_lookup_map(
-        self, camera: OmniCamera, plan: RenderPlan, atlas: Atlas, samples: int
-    ) -> moderngl.Texture:
-        """Lookup map of the camera model or of the plan's mirror mesh."""
-        context = self._device.context
-        if isinstance(plan.surface, PerPixel):
-            return make_lookup_texture(context, camera, atlas, samples)
-        return render_lookup_texture(context, self._programs, camera, plan.surface, samples, atlas)
 
     def _warm_up(self, view: View) -> None:
         """Render one discarded frame: drivers finish compiling at a program's first draw call."""

@@ -25,7 +25,7 @@ from catoptra_server.robot.render_settings import PerPixel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RaySamples:
-    """The rays of an image, for pixels with at least one ray on the mirror."""
+    """The rays of an image, for pixels with at least one valid ray."""
 
     width_px: int
     """Columns of the image."""
@@ -38,7 +38,7 @@ class RaySamples:
     directions: npt.NDArray[np.float32]
     """(p * samples_per_pixel, 3) unit directions, pixel by pixel."""
     on_mirror: Bools
-    """(p * samples_per_pixel,) whether each sample sees the mirror."""
+    """(p * samples_per_pixel,) whether each sample sees the mirror; always True for a lens."""
 
     def select(self, mask: Bools) -> RaySamples:
         """Rays of the pixels in a (p,) mask."""
@@ -77,15 +77,14 @@ def face_rays(camera: FaceCamera, samples: int) -> RaySamples:
 def _make_samples(directions: Floats, valid: Bools) -> RaySamples:
     """Samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
     height, width, per_pixel = valid.shape
-    # Pixels off the mirror stay black without a ray: a fifth of a square image with an inscribed
-    # rim.
+    # Pixels off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
     pixels = np.flatnonzero(valid.any(axis=-1))
-    kept = directions.reshape(height * width, per_pixel, 3)[pixels]
+    directions_of_pixels = directions.reshape(height * width, per_pixel, 3)[pixels]
     return RaySamples(
         width_px=width,
         height_px=height,
         samples_per_pixel=per_pixel,
         pixels=pixels,
-        directions=np.ascontiguousarray(kept.reshape(-1, 3), dtype=np.float32),
+        directions=np.ascontiguousarray(directions_of_pixels.reshape(-1, 3), dtype=np.float32),
         on_mirror=valid.reshape(height * width, per_pixel)[pixels].reshape(-1),
     )

@@ -23,12 +23,12 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight, Light
 
-# How far in front of a facet rays begin, of the largest coordinate: places and corners are rounded
-# to 2^-24 each, and meeting a plane loses a few times that. 40 micrometres at 10 m.
+# Distance of a ray origin in front of the facet, relative to the largest coordinate: positions and
+# corners are rounded to 2^-24 each, and a hit on a plane loses a few times that. 40 um at 10 m.
 _RAY_BIAS = 2.0**-18
 
 
-# Whether something is met before rays' (n,) distances, of their (n, 3) origins and directions.
+# From (n, 3) origins, (n, 3) directions and (n,) distances to (n,) whether a triangle lies between.
 OcclusionQuery = Callable[[Float32s, Float32s, Float32s], Bools]
 
 
@@ -36,18 +36,19 @@ def make_occlusion_query(embree: EmbreeScene, scene: SceneMesh) -> OcclusionQuer
     """Occlusion query over a scene's shadow casters; the scene itself if all triangles cast."""
     if scene.casts_shadows.all():
         return embree.occludes
-    casting = rtcore_scene.EmbreeScene()
+    casters = rtcore_scene.EmbreeScene()
     corners = scene.corners[scene.casts_shadows] - embree.origin
     if not len(corners):
         return lambda origins, directions, distance: np.zeros(len(origins), dtype=bool)
-    TriangleMesh(casting, corners.astype(np.float32))
+    TriangleMesh(casters, corners.astype(np.float32))
 
-    def hidden(origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
-        answer = casting.run(origins, directions, dists=distance, query="OCCLUDED")
-        return np.asarray(answer >= 0)
+    def occludes(origins: Float32s, directions: Float32s, distance: Float32s) -> Bools:
+        occluder = casters.run(origins, directions, dists=distance, query="OCCLUDED")
+        return np.asarray(occluder >= 0)
 
-    hidden(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), np.ones(1, np.float32))
-    return hidden
+    # Embree builds its hierarchy at the first query: now, not in the first frame.
+    occludes(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), np.ones(1, np.float32))
+    return occludes
 
 
 class ShadowRays:
@@ -81,14 +82,16 @@ class ShadowRays:
             objects: Dynamic objects, which occlude lights too.
         """
         lift = _RAY_BIAS * np.abs(points).max(initial=0.0)
-        places: Floats = points + lift * normals + self._origin
-        total: Floats = np.zeros_like(places)
+        positions: Floats = points + lift * normals + self._origin
+        total: Floats = np.zeros_like(positions)
         for light in self._lights:
-            unhidden = shading.unshadowed_irradiance(light, places, normals)
-            asking = np.flatnonzero(unhidden.any(axis=-1))
-            if len(asking):
-                seen = asking[~self._find_occlusion(light, places.take(asking, axis=0), objects)]
-                total[seen] += unhidden[seen]
+            unshadowed = shading.unshadowed_irradiance(light, positions, normals)
+            # Only facets turned to the light, within its range, send a ray; all others are dark
+            # anyway.
+            facing = np.flatnonzero(unshadowed.any(axis=-1))
+            if len(facing):
+                lit = facing[~self._find_occlusion(light, positions.take(facing, axis=0), objects)]
+                total[lit] += unshadowed[lit]
         return total
 
     def visible_directional_lights(
@@ -106,37 +109,44 @@ class ShadowRays:
             facing_bits: (n,) bit mask of the lights that each facet is turned to.
             objects: Dynamic objects, which occlude lights too.
         """
-        lifted = points + np.float32(_RAY_BIAS * np.abs(points).max(initial=0.0)) * normals
-        seen = np.zeros(len(points), dtype=np.intp)
-        for index, sun in enumerate(self.directional_lights):
-            asking = np.flatnonzero(facing_bits & (1 << index))
-            hidden = self._find_directional_occlusion(sun, lifted.take(asking, axis=0), objects)
-            seen[asking[~hidden]] |= 1 << index
-        return seen
+        origins = points + np.float32(_RAY_BIAS * np.abs(points).max(initial=0.0)) * normals
+        visible = np.zeros(len(points), dtype=np.intp)
+        for index, light in enumerate(self.directional_lights):
+            facing = np.flatnonzero(facing_bits & (1 << index))
+            is_occluded = self._find_directional_occlusion(
+                light, origins.take(facing, axis=0), objects
+            )
+            visible[facing[~is_occluded]] |= 1 << index
+        return visible
 
     def _find_directional_occlusion(
         self, light: DirectionalLight, origins: Float32s, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
         """(n,) whether something lies between (n, 3) origins and a directional light."""
-        towards = -np.asarray(light.direction, dtype=np.float32)
-        directions = np.broadcast_to(towards, origins.shape)
-        far = np.full(len(origins), np.inf, dtype=np.float32)
-        hidden = self._scene_occludes(origins, directions, far)
-        for body in objects:
-            left = np.flatnonzero(~hidden)
-            places = origins[left] + self._origin
-            hidden[left] = body.occludes(places, directions[left], far[left])
-        return hidden
+        to_light = -np.asarray(light.direction, dtype=np.float32)
+        directions = np.broadcast_to(to_light, origins.shape)
+        unlimited = np.full(len(origins), np.inf, dtype=np.float32)
+        is_occluded = self._scene_occludes(origins, directions, unlimited)
+        for instance in objects:
+            # Rays that are occluded already are not tested again.
+            remaining = np.flatnonzero(~is_occluded)
+            positions = origins[remaining] + self._origin
+            is_occluded[remaining] = instance.occludes(
+                positions, directions[remaining], unlimited[remaining]
+            )
+        return is_occluded
 
     def _find_occlusion(
         self, light: ShadowCastingLight, points: Floats, objects: tuple[ObjectInstance, ...]
     ) -> Bools:
         """(n,) whether something lies between (n, 3) points, world frame, and a light."""
-        towards, far = shading.direction_to_light(light, points)
-        directions, distance = towards.astype(np.float32), far.astype(np.float32)
+        to_light, light_distance = shading.direction_to_light(light, points)
+        directions, distance = to_light.astype(np.float32), light_distance.astype(np.float32)
         origins = (points - self._origin).astype(np.float32)
-        hidden = self._scene_occludes(origins, directions, distance)
-        for body in objects:
-            left = np.flatnonzero(~hidden)
-            hidden[left] = body.occludes(points[left], directions[left], distance[left])
-        return hidden
+        is_occluded = self._scene_occludes(origins, directions, distance)
+        for instance in objects:
+            remaining = np.flatnonzero(~is_occluded)
+            is_occluded[remaining] = instance.occludes(
+                points[remaining], directions[remaining], distance[remaining]
+            )
+        return is_occluded

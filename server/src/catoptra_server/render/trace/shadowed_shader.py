@@ -28,7 +28,7 @@ from catoptra_server.scene import shading
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
 
-# A table holds the light of each choice of so many suns: four times the triangles.
+# Lights of a table with one row for each set of visible lights: four rows for two lights.
 _MAX_TABULATED_LIGHTS = 2
 
 
@@ -49,7 +49,7 @@ class ShadowedShader:
         self._receivers = receivers
         self.channel_dtype = scale.channel_dtype
         self.pixel_dtype = np.dtype(f"V{3 * scale.channel_dtype.itemsize}")
-        # By which suns are seen, a bit each, then by triangle.
+        # Rows by the bit mask of visible lights, columns by triangle.
         self._table = np.stack([scale.pack(radiance) for radiance in receivers.tabulate_radiance()])
 
     def transform_view(self, camera_state: CameraState) -> ViewTransform:
@@ -63,8 +63,8 @@ class ShadowedShader:
 
     def has_varying_light(self, triangle: npt.NDArray[np.int32]) -> Bools:
         """(n,) whether radiance varies over each triangle; triangle -1 is the background."""
-        lit = self._receivers.is_lit.take(triangle, mode="wrap")
-        return np.asarray(self.scene.is_varying(triangle) | lit)
+        is_lit = self._receivers.is_lit.take(triangle, mode="wrap")
+        return np.asarray(self.scene.is_varying(triangle) | is_lit)
 
     def shade_rays(
         self, directions: Float32s, transform: ViewTransform, *, off_mirror: npt.NDArray[np.intp]
@@ -72,19 +72,19 @@ class ShadowedShader:
         """(pixels, 3) colours of (pixels * samples, 3) rays; rays off the mirror are black."""
         directions = directions @ transform.rotation
         origins = np.broadcast_to(transform.origin, directions.shape)
-        triangle, places = self.scene.closest_hits(origins, directions)
-        light = self._shade(triangle, places, transform)
+        triangle, surface_points = self.scene.closest_hits(origins, directions)
+        radiance = self._shade(triangle, surface_points, transform)
         if transform.objects:
-            bodies = [
-                ShadowedObject(body, transform, self._receivers.shadow_rays)
-                for body in transform.objects
+            shadowed_objects = [
+                ShadowedObject(instance, transform, self._receivers.shadow_rays)
+                for instance in transform.objects
             ]
-            met = intersect_objects(bodies, directions, self._scale)
+            object_hits = intersect_objects(shadowed_objects, directions, self._scale)
             overwrite_visible_hits(
-                light, met, directions, scene=self.scene, origin=transform.origin
+                radiance, object_hits, directions, scene=self.scene, origin=transform.origin
             )
-        light[off_mirror] = 0
-        return self._encode_pixels(light)
+        radiance[off_mirror] = 0
+        return self._encode_pixels(radiance)
 
     def shade_points(
         self,
@@ -97,8 +97,8 @@ class ShadowedShader:
 
     def shade_triangles(self, triangle: npt.NDArray[np.int32]) -> Colours:
         """(n, 3) colours of pixels that one triangle, or the background (-1), fills."""
-        light = self._table[0].take(triangle, mode="wrap") * np.uint64(self._scale.samples)
-        return self._scale.unpack(light)
+        sums = self._table[0].take(triangle, mode="wrap") * np.uint64(self._scale.samples)
+        return self._scale.unpack(sums)
 
     def _encode_pixels(self, light: Packed) -> Colours:
         """(pixels, 3) colours of (pixels * samples,) packed radiance."""
@@ -111,22 +111,24 @@ class ShadowedShader:
         transform: ViewTransform,
     ) -> Packed:
         """(n,) packed radiance of points on (n,) triangles; triangle -1 is the background."""
-        light: Packed = self._table[0].take(triangle, mode="wrap")
-        by_table = self._receivers.is_tabulated.take(triangle, mode="wrap")
-        self._look_up(light, np.flatnonzero(by_table), triangle, surface_points, transform)
-        rays = np.flatnonzero(self.has_varying_light(triangle) & ~by_table)
-        of = triangle.take(rays)
-        radiance: Float32s = self.scene.hemisphere_radiance.take(of, axis=1)
-        lit = np.flatnonzero(self._receivers.is_lit.take(of))
+        # Three groups of points: constant radiance from the first row, few directional lights from
+        # the row of the visible ones, and all others in float32.
+        packed: Packed = self._table[0].take(triangle, mode="wrap")
+        is_tabulated = self._receivers.is_tabulated.take(triangle, mode="wrap")
+        self._look_up(packed, np.flatnonzero(is_tabulated), triangle, surface_points, transform)
+        rays = np.flatnonzero(self.has_varying_light(triangle) & ~is_tabulated)
+        triangles = triangle.take(rays)
+        radiance: Float32s = self.scene.hemisphere_radiance.take(triangles, axis=1)
+        lit = np.flatnonzero(self._receivers.is_lit.take(triangles))
         points = surface_points.positions(rays[lit]).astype(np.float64)
-        facet = of.take(lit)
-        normals = self._receivers.normals.take(facet, axis=0)
+        lit_triangles = triangles.take(lit)
+        normals = self._receivers.normals.take(lit_triangles, axis=0)
         irradiance = self._receivers.shadow_rays.irradiance(points, normals, transform.objects)
-        by_lights = self._receivers.albedo.take(facet, axis=1) * irradiance.T
-        radiance[:, lit] += by_lights.astype(np.float32)
-        self.scene.apply_textures(radiance, rays, of, surface_points)
-        light[rays] = self._scale.pack(radiance)
-        return light
+        reflected = self._receivers.albedo.take(lit_triangles, axis=1) * irradiance.T
+        radiance[:, lit] += reflected.astype(np.float32)
+        self.scene.apply_textures(radiance, rays, triangles, surface_points)
+        packed[rays] = self._scale.pack(radiance)
+        return packed
 
     def _look_up(
         self,
@@ -137,19 +139,29 @@ class ShadowedShader:
         transform: ViewTransform,
     ) -> None:
         """Replace the radiance of rays on tabulated facets, by the visible directional lights."""
-        lit, of = self._receivers, triangle.take(rays)
+        receivers, triangles = self._receivers, triangle.take(rays)
         points = surface_points.positions(rays).astype(np.float32)
-        normals = lit.normals_float32.take(of, axis=0)
-        seen = lit.shadow_rays.visible_directional_lights(
-            points, normals, lit.facing_bits.take(of), transform.objects
+        normals = receivers.normals_float32.take(triangles, axis=0)
+        visible = receivers.shadow_rays.visible_directional_lights(
+            points, normals, receivers.facing_bits.take(triangles), transform.objects
         )
-        light[rays] = self._table.reshape(-1).take(seen * self._table.shape[1] + of)
+        light[rays] = self._table.reshape(-1).take(visible * self._table.shape[1] + triangles)
 
 
 class ShadowReceivers:
     """Triangles of a scene whose light a shadow can change.
 
     Arrays of n + 1 entries end with that of a ray without a hit.
+
+    Attributes:
+        hemisphere_lights: Lights that nothing occludes.
+        shadow_rays: Occlusion of all other lights.
+        normals: (n, 3) unit normals.
+        normals_float32: (n, 3) the same in single precision, for tabulated facets.
+        albedo: (3, n) reflectance.
+        is_lit: (n + 1,) whether some shadow-casting light reaches the triangle.
+        is_tabulated: (n + 1,) whether the radiance is one of a few, by the visible lights.
+        facing_bits: (n,) bit mask of the directional lights that the triangle is turned to.
     """
 
     def __init__(self, embree: EmbreeScene, scene: SceneMesh, world: World) -> None:
@@ -160,21 +172,23 @@ class ShadowReceivers:
         )
         self.normals = scene.normals
         self.normals_float32 = scene.normals.astype(np.float32)
-        self._sky_radiance = embree.hemisphere_radiance
+        self._hemisphere_radiance = embree.hemisphere_radiance
         self.albedo = np.ascontiguousarray(scene.albedo.T, dtype=np.float32)
-        by_suns = shading.facet_irradiance(
+        irradiance = shading.facet_irradiance(
             shading.shadow_casting_lights(world.lights), scene.normals
         )
-        reached = by_suns.any(axis=-1) | bool(shading.point_lights(world.lights))
-        takes = ~scene.unlit & scene.albedo.any(axis=-1)
-        self.is_lit = np.append(reached & takes, False)
-        towards = np.array([sun.direction for sun in self.shadow_rays.directional_lights]).reshape(
-            -1, 3
-        )
-        facing = scene.normals @ towards.T < 0.0
+        is_reached = irradiance.any(axis=-1) | bool(shading.point_lights(world.lights))
+        reflects_light = ~scene.unlit & scene.albedo.any(axis=-1)
+        self.is_lit = np.append(is_reached & reflects_light, False)
+        light_directions = np.array(
+            [light.direction for light in self.shadow_rays.directional_lights]
+        ).reshape(-1, 3)
+        facing = scene.normals @ light_directions.T < 0.0
         self._directional_lights = (
             self.shadow_rays.directional_lights if self._can_tabulate(world) else []
         )
+        # A facet turned away from a light needs no ray to it, and indexes the table as if it were
+        # occluded.
         bits = 1 << np.arange(len(self._directional_lights))
         self.facing_bits = (facing[:, : len(self._directional_lights)] @ bits).astype(np.uint8)
         untextured = np.append(scene.texture_index < 0, False)
@@ -191,16 +205,18 @@ class ShadowReceivers:
 
         The set is a bit mask that counts up from zero: first hemisphere lights alone.
         """
-        yield self._sky_radiance
-        for seen in range(1, 2 ** len(self._directional_lights)):
-            suns = [
-                sun for index, sun in enumerate(self._directional_lights) if seen & (1 << index)
+        yield self._hemisphere_radiance
+        for visible in range(1, 2 ** len(self._directional_lights)):
+            lights = [
+                light
+                for index, light in enumerate(self._directional_lights)
+                if visible & (1 << index)
             ]
-            by_suns = self.albedo * shading.facet_irradiance(suns, self.normals).T
-            by_suns[:, ~self.is_lit[:-1]] = 0.0
-            whole = self._sky_radiance.copy()
-            whole[:, :-1] += by_suns.astype(np.float32)
-            yield whole
+            reflected = self.albedo * shading.facet_irradiance(lights, self.normals).T
+            reflected[:, ~self.is_lit[:-1]] = 0.0
+            radiance = self._hemisphere_radiance.copy()
+            radiance[:, :-1] += reflected.astype(np.float32)
+            yield radiance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

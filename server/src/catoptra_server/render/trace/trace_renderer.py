@@ -58,6 +58,7 @@ class TraceRenderer:
             scene: Triangles of the static scene.
             world: Lights and background.
             threads: Threads of the pool; 0 for one per processor that this process may use.
+            scene_lights: Lights that change the static scene visibly; None for all of the world.
         """
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
@@ -85,7 +86,7 @@ class TraceRenderer:
 
     @cached_property
     def _max_radiance(self) -> float:
-        """Range of the fixed-point sums of linear images."""
+        """Greatest radiance of the scene: the range of the fixed-point sums of linear images."""
         return max_radiance(self._mesh, self._world)
 
     @cached_property
@@ -96,28 +97,26 @@ class TraceRenderer:
     def prepare(self, camera: OmniCamera, plan: RenderPlan) -> TraceOmniView:
         """Prepare a view of an omnidirectional camera."""
         samples = omni_rays(camera, plan)
-        grid, law = self._make_cell_grid(camera, plan, samples)
+        grid, table = self._make_cell_grid(camera, plan, samples)
 
-        def source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
-            colours = self._make_shader(scale, has_shadows)
-            if grid is None or law is None:
-                return RayView(colours, samples, self._pool)
-            return CellView(self._planes, colours, grid, law, self._pool)
+        def make_source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
+            shader = self._make_shader(scale, has_shadows)
+            if grid is None or table is None:
+                return RayView(shader, samples, self._pool)
+            return CellView(self._planes, shader, grid, table, self._pool)
 
-        def greys(has_shadows: bool) -> RayView | CellView:
-            return source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
+        def make_srgb(has_shadows: bool) -> RayView | CellView:
+            return make_source(SrgbScale.for_samples(samples.samples_per_pixel), has_shadows)
 
-        def linear(has_shadows: bool) -> RayView | CellView:
-            largest = self._max_radiance
-            return source(
-                LinearScale.for_samples(samples.samples_per_pixel, max_radiance=largest),
-                has_shadows,
-            )
+        def make_linear(has_shadows: bool) -> RayView | CellView:
+            per_pixel = samples.samples_per_pixel
+            scale = LinearScale.for_samples(per_pixel, max_radiance=self._max_radiance)
+            return make_source(scale, has_shadows)
 
         return TraceOmniView(
             camera,
-            make_encoded_source=greys,
-            make_linear_source=linear,
+            make_encoded_source=make_srgb,
+            make_linear_source=make_linear,
             make_ranges=lambda: (
                 PixelRangeTracer(self._scene, self._object_scenes, camera, plan, self._pool).measure
             ),
@@ -141,6 +140,8 @@ class TraceRenderer:
         if plan.stride_px == 1:
             return None, None
         grid = CellGrid.from_camera(camera, samples, side_px=plan.stride_px)
+        # A rim near the antipode has no table: then all rays are traced, as at a stride of one
+        # pixel.
         return grid, ProjectionTable.from_camera(camera) if len(grid.pixels) else None
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
@@ -155,10 +156,10 @@ class TraceRenderer:
         """View of prepared rays, with and without shadows."""
         scale = SrgbScale.for_samples(samples.samples_per_pixel)
 
-        def source(has_shadows: bool) -> RayView:
+        def make_view(has_shadows: bool) -> RayView:
             return RayView(self._make_shader(scale, has_shadows), samples, self._pool)
 
-        return TraceLensView(source)
+        return TraceLensView(make_view)
 
     def close(self) -> None:
         """End the threads."""

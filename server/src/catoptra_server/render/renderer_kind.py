@@ -1,0 +1,27 @@
+"""Names of the renderers, and of the option that selects one. Imported by command lines: no numpy.
+
+The kinds are told apart in four modules: here, in `planning/renderer_choice.py` (creation), in
+`planning/candidate_plans.py` (settings) and in `doctor/renderer_devices.py` (checks).
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class RendererKind(Enum):
+    """Renderers of the server."""
+
+    TRACE = "trace"
+    """Rays on the CPU, by Embree."""
+    RASTER = "raster"
+    """Cube faces and a mirror pass, by OpenGL."""
+
+    @property
+    def uses_faces(self) -> bool:
+        """Whether a frame looks up cube faces that were rendered first, rather than rays."""
+        return self is RendererKind.RASTER
+
+
+AUTO = "auto"
+RENDERER_NAMES = (AUTO, *(kind.value for kind in RendererKind))

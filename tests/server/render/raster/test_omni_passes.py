@@ -1,0 +1,38 @@
+"""The passes of a frame follow from effects and shutter: none exists that the frame does not need."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from catoptra_server.capture.shutter import Shutter
+from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster.gl_device import GlDevice
+from catoptra_server.scene.scene_mesh import build_scene
+from helpers.effect_measurement import CAMERA, make_effect
+from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
+
+SHUTTER = Shutter(exposure_s=0.02, readout_s=0.0, num_steps=2.0)
+
+
+@pytest.mark.parametrize(
+    ("effects", "shutter", "names"),
+    [
+        ((), None, ("faces", "mirror")),
+        (("Vignetting",), None, ("faces", "mirror", "Vignetting", "encode")),
+        (("Fog",), None, ("faces", "mirror", "ranges", "Fog", "encode")),
+        ((), SHUTTER, ("accumulate", "encode")),
+        (("Fog",), SHUTTER, ("accumulate", "ranges", "Fog", "encode")),
+    ],
+)
+def test_passes_when_rendered_are_those_of_effects_and_shutter(
+    device: GlDevice, effects: tuple[str, ...], shutter: Shutter | None, names: tuple[str, ...]
+) -> None:
+    world = make_test_world()
+    renderer = RasterRenderer(build_scene(world), world, device=device)
+    view = renderer.prepare(CAMERA, make_plan(CAMERA))
+    camera_state = dataclasses.replace(CAMERA_STATE, shutter=shutter)
+    view.render(camera_state, tuple(make_effect(name) for name in effects))
+    assert view.pass_names == names
+    view.close()
