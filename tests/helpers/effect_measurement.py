@@ -1,4 +1,4 @@
-"""A test card in linear light, and how far an effect moves what is seen of it."""
+"""Test pattern in linear radiance, and the change that an effect makes in the encoded pattern."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.capture_context import CaptureContext
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.effect import Effect, ImageEffect, is_image_effect
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
@@ -31,7 +31,8 @@ CAMERA = make_omni_camera(width_px=96)
 NOISE_SEED = NoiseSeed((7, 11), 3)
 THRESHOLD = 0.5
 
-# A camera that drives ahead and turns while another body crosses its way.
+# A camera that drives ahead and turns while another object crosses its path: every scene effect
+# has work to do.
 DYNAMIC_OBJECT = DynamicObject(
     build_object_mesh([(box(Box((0.4, 0.4, 0.4))), Material((0.5, 0.5, 0.5)))]),
     Pose.from_rpy((1.0, 0.5, -0.3)),
@@ -46,7 +47,7 @@ DRIVING_STATE = CameraState(
 
 
 def _ranges() -> npt.NDArray[np.float32]:
-    """Return near and far, and nothing at all."""
+    """Ranges near and far, and rows of background, (h, w)."""
     shape = (CAMERA.height_px, CAMERA.width_px)
     range_m = np.random.default_rng(6).uniform(0.3, 5.0, shape).astype(np.float32)
     range_m[:20] = np.inf
@@ -57,48 +58,53 @@ RANGES = _ranges()
 CAPTURE_CONTEXT = CaptureContext(NOISE_SEED, RANGES)
 
 
-# The names of the effects that change the picture; the others change what there is to be seen.
+def make_any_effect(name: str, changes: Mapping[str, float] | None = None) -> Effect:
+    """Effect with the defaults of its keys; `changes` by field."""
+    effect_type = next(effect_type for effect_type in EFFECT_TYPES if effect_type.name == name)
+    fields = {p.field: p.default for p in effect_type.parameters} | dict(changes or {})
+    return effect_type.factory(**fields)
+
+
+# Names of the effects that change the image; the others change the scene.
 IMAGE_EFFECTS = [
-    kind.name
-    for kind in EFFECT_TYPES
-    if isinstance(kind.factory(**{p.field: p.default for p in kind.parameters}), ImageEffect)
+    effect_type.name
+    for effect_type in EFFECT_TYPES
+    if is_image_effect(make_any_effect(effect_type.name))
 ]
 
 
 def make_effect(name: str, changes: Mapping[str, float] | None = None) -> ImageEffect:
-    """Return an effect with the defaults of its keys; `changes` by field."""
-    kind = next(kind for kind in EFFECT_TYPES if kind.name == name)
-    fields = {p.field: p.default for p in kind.parameters} | dict(changes or {})
-    effect = kind.factory(**fields)
-    assert isinstance(effect, ImageEffect), f"{name} changes the scene, not the picture"
+    """Image effect with the defaults of its keys; `changes` by field."""
+    effect = make_any_effect(name, changes)
+    assert is_image_effect(effect), f"{name} changes the scene, not the image"
     return effect
 
 
 def make_test_pattern(max_radiance: float = 1.0, camera: OmniCamera = CAMERA) -> Floats:
-    """Return (h, w, 3) light from 0 to `largest`: greys, dark ones finely, edges, and colours.
+    """Radiance from 0 to `max_radiance`, (h, w, 3): greys, fine in the dark, edges, and colours.
 
-    Black where no mirror is seen, as every picture is.
+    Black outside the mirror, as every image is.
     """
     height, width = camera.height_px, camera.width_px
     rng = np.random.default_rng(5)
-    light = rng.uniform(0.0, 1.0, (height, width, 3)) ** 3
-    light[: height // 3] = np.geomspace(1e-4, 1.0, width)[:, None]
-    light[height // 2 : height // 2 + 6] = 1.0
-    light[:, width // 2 : width // 2 + 2] = 0.0
-    rim = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
-    return max_radiance * light * rim
+    radiance = rng.uniform(0.0, 1.0, (height, width, 3)) ** 3
+    radiance[: height // 3] = np.geomspace(1e-4, 1.0, width)[:, None]
+    radiance[height // 2 : height // 2 + 6] = 1.0
+    radiance[:, width // 2 : width // 2 + 2] = 0.0
+    on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
+    return max_radiance * radiance * on_mirror
 
 
-def max_grey_level_change(effect: ImageEffect, light: Floats, camera: OmniCamera = CAMERA) -> float:
-    """Return by how many grey levels, not rounded, the pixel changes that changes most."""
-    changed = effect.apply(light, camera, CAPTURE_CONTEXT)
-    return 255.0 * float(np.abs(srgb_from_linear(changed) - srgb_from_linear(light)).max())
+def max_grey_level_change(effect: ImageEffect, image: Floats, camera: OmniCamera = CAMERA) -> float:
+    """Change, in grey levels, not rounded, of the pixel that changes most."""
+    changed = effect.apply(image, camera, CAPTURE_CONTEXT)
+    return 255.0 * float(np.abs(srgb_from_linear(changed) - srgb_from_linear(image)).max())
 
 
 def assert_effect_negligible(
     effect: ImageEffect, max_radiance: float = 1.0, camera: OmniCamera = CAMERA
 ) -> None:
-    """Assert that the criterion calls an effect needless, and that nobody would have seen it."""
+    """Assert that the criterion leaves an effect out, and that the change would be invisible."""
     bound = effect.bound(SceneSummary(max_radiance), camera)
     assert bound.value <= THRESHOLD
     assert (
@@ -110,7 +116,7 @@ def assert_effect_negligible(
 def assert_effect_not_negligible(
     effect: ImageEffect, max_radiance: float = 1.0, camera: OmniCamera = CAMERA
 ) -> None:
-    """Assert that the criterion calls for an effect, that it is seen, and within its bound."""
+    """Assert that the criterion enables an effect, that the change is visible and below the bound."""
     bound = effect.bound(SceneSummary(max_radiance), camera)
     assert bound.value > THRESHOLD
     assert bound.reason
@@ -119,6 +125,6 @@ def assert_effect_not_negligible(
 
 
 def assert_summary_bounds_effect(effect: ImageEffect, max_radiance: float = 1.0) -> None:
-    """Assert that no pixel behind an effect is brighter than its summary says."""
+    """Assert that no pixel behind an effect is brighter than the effect's summary."""
     behind = effect.apply(make_test_pattern(max_radiance), CAMERA, CAPTURE_CONTEXT)
     assert behind.max() <= effect.update_summary(SceneSummary(max_radiance)).max_radiance + 1e-9

@@ -13,9 +13,10 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.replies import StartPoseRecord
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel, FrameMetadata
 from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
+from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.stream.server_info import CameraInfo, ServerInfo
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from helpers.loopback import HOST
@@ -82,7 +83,7 @@ class FakeSimulation:
             ),
             stage_ms={"trace": 2.0},
             plan="traced",
-            effect_decisions=(EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),),
+            effect_decisions=(EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim"),),
         )
         self.mailboxes.put(frame)
 

@@ -35,7 +35,7 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
 
 def test_camera_when_its_file_names_none_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--robot", "p2at_omni", *QUESTION]) == 0
-    assert "no effects: the robot's file names none" in capsys.readouterr().out
+    assert "no effects: the robot file names none" in capsys.readouterr().out
 
 
 def test_explanation_when_asked_for_as_json_has_the_same_decisions(

@@ -5,37 +5,37 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.capture.shutter import MAX_TIME_SAMPLES, Shutter
+from catoptra_server.capture.shutter import INSTANTANEOUS, MAX_TIME_SAMPLES, Shutter
 
 ROWS = 10
 
 
 @pytest.mark.parametrize(
     "shutter",
-    [Shutter(0.04, 0.0, 5), Shutter(0.0, 0.03, 7), Shutter(0.02, 0.05, 8), Shutter(0.01, 0.0, 1)],
+    [Shutter(0.04, 0.0, 5), Shutter(0.0, 0.03, 7), Shutter(0.02, 0.05, 8), Shutter(0.01, 0.0, 1.2)],
 )
-def test_weights_of_a_row_sum_to_one_and_mean_its_own_time(shutter: Shutter) -> None:
+def test_weights_of_a_row_sum_to_one_with_the_mean_at_the_time_of_the_row(shutter: Shutter) -> None:
     weights = shutter.row_weights(ROWS)
     assert weights.shape == (shutter.num_time_samples, ROWS)
     np.testing.assert_allclose(weights.sum(axis=0), 1.0, rtol=1e-6)
-    middle_s = shutter.readout_s * ((np.arange(ROWS) + 0.5) / ROWS - 0.5)
+    centre_s = shutter.readout_s * ((np.arange(ROWS) + 0.5) / ROWS - 0.5)
     slot_s = (shutter.exposure_s + shutter.readout_s) / shutter.num_time_samples
     mean_s = np.asarray(shutter.times_s) @ weights
-    assert np.abs(mean_s - middle_s).max() <= 0.5 * slot_s + 1e-9
+    assert np.abs(mean_s - centre_s).max() <= 0.5 * slot_s + 1e-9
 
 
-def test_global_shutter_weighs_all_instants_alike() -> None:
+def test_global_shutter_weights_all_time_samples_equally() -> None:
     np.testing.assert_allclose(Shutter(0.04, 0.0, 4).row_weights(3), 0.25)
     assert Shutter(0.04, 0.0, 4).times_s == pytest.approx((-0.015, -0.005, 0.005, 0.015))
 
 
-def test_rows_without_an_exposure_have_one_instant_each_in_order() -> None:
+def test_rows_without_an_exposure_have_one_time_sample_each_in_order() -> None:
     weights = Shutter(0.0, 0.02, 4).row_weights(8)
     assert weights.argmax(axis=0).tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
 
 
 @pytest.mark.parametrize(
-    ("spread_px", "carried_px", "instants"),
+    ("exposure_px", "readout_px", "time_samples"),
     [
         (0.2, 0.0, 2),
         (1.0, 0.0, 2),
@@ -46,10 +46,8 @@ def test_rows_without_an_exposure_have_one_instant_each_in_order() -> None:
         (math.inf, 0.0, MAX_TIME_SAMPLES),
     ],
 )
-def test_instants_when_chosen_are_a_pixel_apart_and_a_quarter_for_rows(
-    spread_px: float, carried_px: float, instants: int
+def test_time_samples_when_chosen_are_a_pixel_apart_and_a_quarter_for_rows(
+    exposure_px: float, readout_px: float, time_samples: int
 ) -> None:
-    shutter = Shutter.from_motion(
-        0.01, 0.0, exposure_displacement_px=spread_px, readout_displacement_px=carried_px
-    )
-    assert shutter.num_time_samples == instants
+    shutter = INSTANTANEOUS.with_readout(0.0, readout_px).with_exposure(0.01, exposure_px)
+    assert shutter.num_time_samples == time_samples

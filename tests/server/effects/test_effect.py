@@ -61,7 +61,7 @@ def test_float32_when_compared_with_the_reference_agrees(name: str) -> None:
 
 def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:
     assert len({make_effect(name) for name in NAMES}) == len(NAMES)
-    assert replace(NOISE_SEED, index=4) == NoiseSeed(NOISE_SEED.camera_key, 4)
+    assert replace(NOISE_SEED, tick=4) == NoiseSeed(NOISE_SEED.camera_key, 4)
 
 
 def test_uniform_when_made_is_float32() -> None:

@@ -4,25 +4,33 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_server.effects import EFFECT_TYPES
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.capture.camera_state import CameraState, scene_twist_in_mirror
 from catoptra_server.effects.effect import (
     NO_EFFECT_SETTINGS,
+    Effect,
     EffectMode,
     EffectSetting,
     EffectSettings,
-    EffectType,
     needs_radiance_only,
-    needs_scene_geometry,
 )
-from catoptra_server.effects.effect_plan import NO_EFFECTS, plan_effects
+from catoptra_server.effects.effect_plan import (
+    NO_EFFECTS,
+    EffectPlan,
+    apply_scene_effects,
+    plan_effects,
+)
 from catoptra_server.effects.medium.fog import Fog
 from catoptra_server.effects.scene.motion_blur import MotionBlur
+from catoptra_server.effects.scene.rolling_shutter import RollingShutter
+from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.effects.sensor.blooming import Blooming
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.effects.sensor.quantisation import Quantisation
-from catoptra_server.scene.twist import Twist
-from helpers.effect_measurement import CAMERA
+from catoptra_server.scene.twist import AT_REST, Twist
+from helpers.effect_measurement import CAMERA, DRIVING_STATE, DYNAMIC_OBJECT
 
 DAYLIGHT = SceneSummary(1.0)
 FINE, COARSE = Quantisation(12), Quantisation(8)
@@ -53,7 +61,7 @@ def test_reason_when_the_file_decides_says_so_and_the_bound_stays() -> None:
     (decision,) = plan_effects(
         make_settings((COARSE, EffectMode.NEVER)), DAYLIGHT, CAMERA
     ).decisions
-    assert decision.reason.startswith("never by the robot's file; ")
+    assert decision.reason.startswith("never by the robot file; ")
     assert decision.bound > decision.threshold == 0.5
 
 
@@ -95,27 +103,7 @@ def test_decision_when_nothing_changed_is_not_made_again() -> None:
     assert plan_effects(asked, DAYLIGHT, CAMERA) is plan_effects(asked, SceneSummary(1.0), CAMERA)
 
 
-DEMANDING_SCENE = SceneSummary(
-    DAYLIGHT.max_radiance,
-    min_distances_m=(0.2,) * NUM_RINGS,
-    max_distance_m=3.0,
-    scene_twist=Twist((1.0, 0.5, 0.0), (0.0, 0.3, 2.0)),
-    max_object_rates_rad_s=(1.0,) * NUM_RINGS,
-    ego_body_max_angle_rad=0.5,
-    ego_body_min_distances_m=(0.1,) * NUM_RINGS,
-)
-
-
-@pytest.mark.parametrize("kind", EFFECT_TYPES, ids=lambda kind: kind.name)
-def test_bound_is_of_light_alone_where_an_effect_says_that_it_asks_for_no_more(
-    kind: EffectType,
-) -> None:
-    effect = kind.factory(**{p.field: p.default for p in kind.parameters})
-    is_same = effect.bound(DAYLIGHT, CAMERA) == effect.bound(DEMANDING_SCENE, CAMERA)
-    assert is_same or needs_scene_geometry(effect)
-
-
-def test_light_is_enough_until_an_effect_looks_at_what_pixels_see() -> None:
+def test_radiance_is_enough_until_a_criterion_reads_a_distance() -> None:
     assert needs_radiance_only(make_settings((COARSE, EffectMode.AUTO)))
     assert not needs_radiance_only(
         make_settings((COARSE, EffectMode.AUTO), (Fog(0.1, 1, 1, 1), EffectMode.NEVER))
@@ -134,3 +122,42 @@ def test_plan_when_printed_is_a_table_with_a_row_an_effect() -> None:
     assert head.split() == ["effect", "bound", "threshold", "unit", "ms", "reason"]
     assert row.split()[:4] == ["Quantisation", "off", "0.402", "0.5"]
     assert row.endswith("a converter of 12 bits")
+
+
+def plan_always(*effects: Effect, camera_state: CameraState = DRIVING_STATE) -> EffectPlan:
+    """Plan with all of some effects enabled, for a camera that drives past a surface at 1 m."""
+    twist = scene_twist_in_mirror(camera_state)
+    summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=twist)
+    settings = tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects)
+    return plan_effects(EffectSettings(settings), summary, CAMERA)
+
+
+def test_ego_body_when_self_view_is_enabled_comes_after_all_objects() -> None:
+    ego_body = replace(DYNAMIC_OBJECT, world_from_object=Pose.from_rpy((0, 0, 0)))
+    state = replace(DRIVING_STATE, ego_body=ego_body)
+    objects = (DYNAMIC_OBJECT,)
+    assert apply_scene_effects(state, plan_always()).objects == objects
+    assert apply_scene_effects(state, plan_always(SelfView())).objects == (*objects, ego_body)
+    assert apply_scene_effects(DRIVING_STATE, plan_always(SelfView())).objects == objects
+
+
+def test_shadows_when_enabled_are_cast() -> None:
+    assert not apply_scene_effects(DRIVING_STATE, plan_always()).has_shadows
+    assert apply_scene_effects(DRIVING_STATE, plan_always(Shadows())).has_shadows
+
+
+def test_shutter_when_objects_move_has_the_time_samples_that_both_displacements_need() -> None:
+    plan = plan_always(MotionBlur(0.04), RollingShutter(0.03))
+    shutter = apply_scene_effects(DRIVING_STATE, plan).shutter
+    assert shutter is not None
+    assert (shutter.exposure_s, shutter.readout_s) == (0.04, 0.03)
+    steps = plan.find_bound("MotionBlur") + 8.0 * plan.find_bound("RollingShutter")
+    assert shutter.num_time_samples == pytest.approx(steps, abs=1.0)
+    assert shutter.num_time_samples > 2
+
+
+def test_shutter_when_nothing_moves_is_none() -> None:
+    still = replace(DRIVING_STATE, twist=AT_REST)
+    plan = plan_always(MotionBlur(0.04), RollingShutter(0.03), camera_state=still)
+    assert apply_scene_effects(still, plan).shutter is None
+    assert apply_scene_effects(DRIVING_STATE, plan_always()).shutter is None

@@ -17,18 +17,18 @@ from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     FrameComposition,
     FrameRequest,
-    OmniCameraSpec,
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.render_thread import RenderThread, max_bounds, render_frame
 from catoptra_server.frames.view_cache import ViewState
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import RenderSettings
 from helpers.robots import CAMERA, FakeView, FakeViewProvider
 
 VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
-BLOOMING = EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim")
+BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim")
 SINGLE = TileLayout(1, 1, 4, 3, 4, 3)
 
 

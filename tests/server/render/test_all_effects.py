@@ -1,8 +1,8 @@
-"""A frame with every effect on: no seams where the faces of the cube meet, and counted parts.
+"""A frame with every effect on: no seams where the faces of the cube meet, and counted resources.
 
-Both renderers are given what calls for all effects at once: a camera that drives and turns, a body
-that crosses its way, shadows, fog, dust, noise. Trace knows no faces; where raster equals it, there
-is no seam.
+Both renderers receive a camera state that needs all effects at once: a camera that drives and turns,
+an object that crosses its path, shadows, fog, dust, noise. Trace has no faces; an image of raster
+that equals trace's has no seam.
 """
 
 from __future__ import annotations

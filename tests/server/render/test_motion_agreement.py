@@ -1,8 +1,8 @@
-"""Motion blur and rolling shutter against 64 sharp frames of a robot that really moves.
+"""Motion blur and rolling shutter against 64 sharp frames of a moving robot.
 
-Frames of an exposure of 1/30 s, averaged in linear light, and rows of frames at their times. What
-is drawn has as many instants as the criteria's bounds ask for, as in the server. Rows are compared
-at 6 x 6 samples: lines thinner than a pixel differ from frame to frame by the samples they meet.
+Frames of an exposure of 1/30 s, averaged in linear light, and rows of frames at their times. Images
+have as many time samples as the criteria's bounds call for, as in the server. Rows are compared at
+6 x 6 samples: lines thinner than a pixel differ from frame to frame by the samples that hit them.
 """
 
 from __future__ import annotations

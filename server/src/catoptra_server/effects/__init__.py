@@ -1,13 +1,22 @@
-"""What scene, lens and sensor do to a picture, in one visible table, in optical order.
+"""Effects of scene, lens, mirror and sensor on a camera's image: the table, in optical order.
 
-First what changes what there is to be seen, then what changes the picture of it. What moves or
-blurs the scene stands before what lies on mirror and lens.
+The order is that of the light: the scene effects come first, since they change the objects, the
+light or the times that a renderer works on; the image effects follow, from the air before the
+mirror to the sensor's white balance. Motion and defocus act before anything that lies on mirror and
+lens, which neither moves nor blurs with the scene. `plan_effects` decides in this order, and both
+renderers apply the enabled effects in this order.
 
-To add one: write `<name>.py` beside the others (the protocol is in `effect.py`; formula, source,
-domain and criterion in its docstring), `glsl/effect_<name>.frag`, and its line here. Its keys in
-the capture camera's section, its place in both renderers, in `explain` and in the stream's header
-follow from these. Mathematics that several need, or that would hide one's idea, is in `shared/`. Of
-what no robot's file names nothing is built.
+To add an image effect:
+
+1. `<folder>/<name>.py` with a frozen dataclass as in `effect.ImageEffect`: formula, source, domain
+   and criterion in the module's docstring; the folder is `medium` (air and lens), `mirror` or
+   `sensor`. Mathematics that several effects need goes to `kernels`.
+2. `glsl/effect_<name>.frag`, the same formula for raster.
+3. A line in EFFECT_TYPES, at the effect's position in optical order.
+
+To add a scene effect: `scene/<name>.py` as in `effect.SceneEffect`, without a shader, and the line.
+Keys of the capture camera's section, both renderers, `explain` and the frame header follow from the
+table. Effects that no robot file names cost nothing: no pass, no program, no buffer.
 """
 
 from __future__ import annotations
@@ -42,6 +51,7 @@ EFFECT_TYPES: tuple[EffectType, ...] = (
     rolling_shutter.EFFECT_TYPE,
     motion_blur.EFFECT_TYPE,
     fog.EFFECT_TYPE,
+    # Supersedes Defocus where both are named, so this criterion decides first.
     defocus_by_depth.EFFECT_TYPE,
     defocus.EFFECT_TYPE,
     misalignment.EFFECT_TYPE,
@@ -50,6 +60,7 @@ EFFECT_TYPES: tuple[EffectType, ...] = (
     mirror_dust.EFFECT_TYPE,
     mirror_reflectance.EFFECT_TYPE,
     vignetting.EFFECT_TYPE,
+    # From here on radiance 1 fills a pixel's well.
     exposure.EFFECT_TYPE,
     auto_exposure.EFFECT_TYPE,
     blooming.EFFECT_TYPE,
@@ -57,6 +68,8 @@ EFFECT_TYPES: tuple[EffectType, ...] = (
     shot_noise.EFFECT_TYPE,
     read_noise.EFFECT_TYPE,
     quantisation.EFFECT_TYPE,
+    # Noise before the mosaic: the three colours of a pixel have independent noise, so the mosaic
+    # keeps one measurement of each pixel.
     bayer.EFFECT_TYPE,
     white_balance.EFFECT_TYPE,
 )

@@ -1,4 +1,4 @@
-"""What an effect may know of an exposure beside its light."""
+"""Inputs of an image effect beside the image and the camera."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from catoptra_server.capture.noise_seed import ZERO_SEED, NoiseSeed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaptureContext:
-    """An exposure as effects know it.
-
-    range_m: (h, w) float32 from the effective viewpoint of what the middle of each pixel sees, inf
-    where nothing is met, and beside the mirror. None where no effect of the frame uses it, and
-    where it lies on a device as the texture `range_m`.
-    """
+    """Noise seed and ranges of one exposure."""
 
     noise_seed: NoiseSeed = ZERO_SEED
     range_m: npt.NDArray[np.float32] | None = None
+    """Range at each pixel centre from the effective viewpoint, (h, w).
+
+    inf where a pixel shows the background, and outside the mirror. None where no enabled effect
+    needs ranges, and where they are on a device as the texture `range_m`.
+    """
 
 
 EMPTY_CONTEXT = CaptureContext()

@@ -1,7 +1,8 @@
-"""What an effect is: frozen parameters, a bound on what it can change, its float64 reference.
+"""Effects as frozen parameters with a bound on the change they can make, and their configuration.
 
-An effect changes the linear picture of an omnidirectional camera after it is whole: no seams. Light
-is (h, w, 3), 1 = what fills a pixel's well, as in `scene/shading` 1 = a white facet at full scale.
+A scene effect changes the camera state before a frame is rendered. An image effect changes the
+whole linear image afterwards, so cube faces leave no seams. Images are (h, w, 3); radiance 1 fills
+a pixel's well, and is a white facet at full scale in `scene/shading`.
 """
 
 from __future__ import annotations
@@ -10,28 +11,33 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.scene_summary import SceneSummary
 
-# float64 for the reference; float32 where a renderer applies it to its pictures.
+# float64 for references, float32 where a renderer applies an effect to its images.
 Real = TypeVar("Real", np.float32, np.float64)
-# What has three dimensions is a map of (rows, columns, 1 to 4) float32: in a shader a texture, read
-# unfiltered. It is uploaded once, as long as the same array is returned.
+# Arrays of three dimensions, (rows, columns, 1 to 4) float32, are textures, read without filtering.
+# A texture is uploaded again only if another array object is returned: effects cache their maps.
 Uniforms = Mapping[str, npt.NDArray[np.float32] | npt.NDArray[np.uint32]]
 
-# Units of bounds: how far a grey changes, or how far off what a pixel shows comes from.
+# Units of bounds: change of an encoded value, or distance between the pixel where light belongs
+# and the pixel that receives it.
 GREY_LEVELS = "grey levels"
 PIXELS = "px"
 
+# Fields of a summary that are known without distances, motions and shadows.
+_RADIANCE_FIELDS = frozenset({"max_radiance"})
+
 
 class EffectMode(Enum):
-    """Who decides whether an effect runs: its criterion, or the robot's file."""
+    """Who decides whether an effect is enabled: the criterion (AUTO) or the robot file."""
 
     AUTO = "auto"
     ALWAYS = "always"
@@ -40,53 +46,76 @@ class EffectMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EffectBound:
-    """The most that an effect can change any pixel, in its unit, and why, in words."""
+    """Upper bound of the change that an effect makes in any pixel."""
 
     value: float
+    """In the effect's unit."""
     reason: str
+    """For logs, `explain` and the frame header."""
 
 
 class Effect(Protocol):
-    """What every effect has: frozen parameters in physical units, hashable, and its criterion.
-
-    What has no more than this changes what there is to be seen, before anything is drawn:
-    `render/scene_effects` knows how.
-    """
+    """Frozen, hashable parameters in SI units, and a criterion: common to all effects."""
 
     def __hash__(self) -> int:
-        """Return the hash of its parameters: decisions are kept by it."""
+        """Hash of the parameters: decisions and maps are cached by effect."""
 
     @property
     def name(self) -> str:
-        """Return its name: the key of its mode, and its stage in timings."""
+        """Key of the effect's mode in robot files, and its stage in timings."""
 
     @property
     def unit(self) -> str:
-        """Return the unit of its bound: GREY_LEVELS or PIXELS."""
+        """Unit of the bound: GREY_LEVELS or PIXELS."""
+
+    @property
+    def changes_scene(self) -> bool:
+        """True: a `SceneEffect`, applied before rendering. False: an `ImageEffect`."""
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """Fields of the summary that `bound` reads; bounds are cached by these fields alone."""
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the most that it can change any pixel of what reaches it."""
+        """Bound the change of any pixel, never too small.
+
+        Args:
+            summary: Summary of the light that reaches this effect, after the enabled effects
+                before it.
+            camera: Camera of the image.
+        """
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return what the summary is behind it."""
+        """Summary of the light that leaves the effect, for the criteria of later effects."""
 
 
-@runtime_checkable
+class SceneEffect(Effect, Protocol):
+    """Effect that changes the camera state before rendering. Folder: `effects/scene`."""
+
+    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+        """Add the effect to a camera state.
+
+        Args:
+            camera_state: State of the exposure, with the scene effects before this one.
+            bound: The effect's bound for this exposure.
+        """
+
+
 class ImageEffect(Effect, Protocol):
-    """What changes the picture. Most modules of this folder hold one.
+    """Effect that changes the linear image. Folders: `effects/medium`, `mirror`, `sensor`.
 
-    Its shader is `glsl/effect_<name>.frag`, with the texture `picture`, `range_m` if it uses
-    that, and the uniforms named here.
+    The shader is `glsl/effect_<name>.frag`, with the texture `image`, the texture `range_m` if
+    `needs_range`, and the uniforms of `uniforms`.
     """
 
     @property
     def needs_range(self) -> bool:
-        """Return whether it asks what each pixel sees: then renderers find that out."""
+        """Whether the effect reads the range of each pixel; renderers then compute ranges."""
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the changed picture, a new array of the same type."""
+        """Return the changed image, a new array of the same type: the reference of the shader."""
 
     def uniforms(
         self,
@@ -94,25 +123,34 @@ class ImageEffect(Effect, Protocol):
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return what its shader is told for a frame; `mean_light` measures what reaches it."""
+        """Uniforms of the shader for one frame.
+
+        Args:
+            camera: Camera of the image.
+            context: Noise seed; ranges are on the device.
+            measure_mean_luminance: Reads back the mean of the image that reaches this effect, which
+                stalls the pipeline: to be called only where needed.
+        """
 
 
-@lru_cache(maxsize=256)
-def needs_scene_geometry(effect: Effect) -> bool:
-    """Return whether a criterion may look at distances, motions or shadows in a summary.
+def is_scene_effect(effect: Effect) -> TypeGuard[SceneEffect]:
+    """Whether an effect changes the scene, as a type guard."""
+    return effect.changes_scene
 
-    May: what is staged, what looks at what each pixel sees, and what moves or spreads light, by as
-    much as the scene is near. The others change the light of a pixel, whatever it shows.
-    """
-    return not isinstance(effect, ImageEffect) or effect.needs_range or effect.unit == PIXELS
+
+def is_image_effect(effect: Effect) -> TypeGuard[ImageEffect]:
+    """Whether an effect changes the image, as a type guard."""
+    return not effect.changes_scene
 
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A number of an effect: its key in the capture camera's section, its field, its range."""
+    """Number of an effect in the capture camera's section of a robot file."""
 
     key: str
+    """Key in the robot file; several effects may share one."""
     field: str
+    """Name of the argument of the effect type's factory."""
     default: float
     min_value: float
     max_value: float
@@ -120,16 +158,18 @@ class EffectParameter:
 
 @dataclass(frozen=True, slots=True)
 class EffectType:
-    """An effect as it is configured: the key of its mode, and its numbers."""
+    """Effect as it is configured: a line of the table in `effects/__init__`."""
 
     name: str
+    """Key of the mode."""
     factory: Callable[..., Effect]
+    """Makes the effect of its parameters, by keyword."""
     parameters: tuple[EffectParameter, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class EffectSetting:
-    """An effect that a robot's file names, and who decides about it."""
+    """Effect that a robot file names."""
 
     effect: Effect
     mode: EffectMode
@@ -137,26 +177,27 @@ class EffectSetting:
 
 @dataclass(frozen=True, slots=True)
 class EffectSettings:
-    """What a robot's file says of effects, in optical order; most files say nothing.
-
-    threshold_grey_levels, threshold_px: what may be left out changes no pixel by more.
-    """
+    """Effects and thresholds of a robot file; most files name no effect."""
 
     settings: tuple[EffectSetting, ...] = ()
+    """In optical order."""
     threshold_grey_levels: float = 0.5
+    """`auto` leaves out effects whose bound is at most this: half a level is not visible."""
     threshold_px: float = 0.5
+    """The same for bounds in pixels."""
     _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        whole = (self.settings, self.threshold_grey_levels, self.threshold_px)
-        object.__setattr__(self, "_hash", hash(whole))
+        fields = (self.settings, self.threshold_grey_levels, self.threshold_px)
+        object.__setattr__(self, "_hash", hash(fields))
 
     def __hash__(self) -> int:
-        """Return what was found once: views and decisions are looked up by it in every frame."""
+        # Computed once: views and decisions are looked up by these settings in every frame, and
+        # hashing twenty dataclasses took longer than the decision.
         return self._hash
 
     def threshold(self, unit: str) -> float:
-        """Return the threshold of bounds in a unit."""
+        """Threshold of bounds in a unit."""
         return self.threshold_px if unit == PIXELS else self.threshold_grey_levels
 
 
@@ -165,10 +206,13 @@ NO_EFFECT_SETTINGS = EffectSettings()
 
 @lru_cache(maxsize=64)
 def needs_radiance_only(settings: EffectSettings) -> bool:
-    """Return whether no effect that is named asks for more of a scene than its light."""
-    return not any(needs_scene_geometry(wish.effect) for wish in settings.settings)
+    """Whether the criteria of all named effects read nothing of a scene but its radiance.
+
+    Then a frame needs no distance, motion and shadow bounds.
+    """
+    return all(setting.effect.reads <= _RADIANCE_FIELDS for setting in settings.settings)
 
 
 def float32_array(*values: float) -> npt.NDArray[np.float32]:
-    """Return a uniform's numbers."""
+    """Numbers of a uniform."""
     return np.array(values, dtype=np.float32)

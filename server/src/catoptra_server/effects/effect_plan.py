@@ -1,6 +1,7 @@
-"""The decision before a frame: which effects the scene calls for, and why. Pure, and cached.
+"""Decision before a frame: the effects that the scene calls for, with reasons. Pure, and cached.
 
-An effect's bound is that of what reaches it: those that run before it count.
+Decisions follow optical order: the bound of an effect is that of the light that reaches it, after
+the enabled effects before it.
 """
 
 from __future__ import annotations
@@ -8,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import cast
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.bound_cache import BoundCache
 from catoptra_server.effects.effect import (
     Effect,
@@ -19,44 +20,50 @@ from catoptra_server.effects.effect import (
     EffectSetting,
     EffectSettings,
     ImageEffect,
+    SceneEffect,
+    is_image_effect,
+    is_scene_effect,
 )
 from catoptra_server.effects.scene_summary import SceneSummary
 
-# So many decisions of an effect are kept: as many as bounds.
+# As many decisions per effect as its cache has bounds.
 _MAX_CACHED_DECISIONS = 512
 _ROW_FORMAT = "{:<20} {:<4}{:>8} {:>10}  {:<12} {:>7}  {}"
 
 
 @dataclass(frozen=True, slots=True)
 class EffectDecision:
-    """Whether an effect runs, the most that it can change any pixel, and the words for it."""
+    """Decision on one effect for one exposure."""
 
     effect: str
+    """The effect's name."""
     enabled: bool
     bound: float
+    """Upper bound of the change of any pixel."""
     threshold: float
+    """Largest bound at which `auto` leaves the effect out."""
     unit: str
+    """Unit of bound and threshold."""
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class EffectPlan:
-    """The decisions on all effects that a robot's file names, and those that run, in order.
-
-    staged: what changes the scene. active: what changes the picture.
-    """
+    """Decisions on all effects that a robot file names, and the enabled ones in optical order."""
 
     decisions: tuple[EffectDecision, ...] = ()
-    scene_effects: tuple[Effect, ...] = ()
+    scene_effects: tuple[SceneEffect, ...] = ()
+    """Enabled effects that change the scene."""
     image_effects: tuple[ImageEffect, ...] = ()
+    """Enabled effects that change the image."""
 
     @property
     def enabled_effects(self) -> tuple[Effect, ...]:
-        """Return what changes the scene, then what changes the picture."""
+        """Scene effects, then image effects."""
         return (*self.scene_effects, *self.image_effects)
 
     def find_bound(self, effect_name: str) -> float:
-        """Return the bound of an effect by its name; 0 of what no file names."""
+        """Bound of an effect; 0 if no robot file names the effect."""
         return next((one.bound for one in self.decisions if one.effect == effect_name), 0.0)
 
     def __str__(self) -> str:
@@ -68,91 +75,107 @@ NO_EFFECTS = EffectPlan()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EffectEntry:
-    """A wish, what is known of its bounds, and whether it changes the scene, not the picture.
-
-    told: the decisions that followed from bounds.
-    """
+    """One setting with the caches of its bounds and decisions for one camera."""
 
     setting: EffectSetting
     bound_cache: BoundCache
-    is_scene_effect: bool
     decisions: dict[EffectBound, EffectDecision] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=64)
 def _effect_entries(settings: EffectSettings, camera: OmniCamera) -> tuple[_EffectEntry, ...]:
     return tuple(
-        _EffectEntry(
-            wish, BoundCache(wish.effect, camera), not isinstance(wish.effect, ImageEffect)
-        )
-        for wish in settings.settings
+        _EffectEntry(setting, BoundCache(setting.effect, camera)) for setting in settings.settings
     )
 
 
+# The whole plan is cached by summary; behind it the entries cache by the fields that each effect
+# reads, since a driving robot has a new summary in most frames.
 @lru_cache(maxsize=256)
 def plan_effects(settings: EffectSettings, summary: SceneSummary, camera: OmniCamera) -> EffectPlan:
-    """Return which effects run: `always`, or `auto` with a bound above the threshold.
+    """Decide which effects are enabled: `always`, or `auto` with a bound above the threshold.
 
-    What one before it does as well is left out, whatever the robot's file says.
+    An effect whose work an enabled effect does as well is left out in every mode.
+
+    Args:
+        settings: Effects that the robot file names, in optical order.
+        summary: Bounds on the scene; only radiance is needed where `needs_radiance_only` holds.
+        camera: Camera of the image.
     """
     decisions: list[EffectDecision] = []
-    staged: list[Effect] = []
-    active: list[Effect] = []
-    for one in _effect_entries(settings, camera):
-        effect = one.setting.effect
-        threshold = settings.threshold(effect.unit)
-        decisions.append(_find_decision(one, summary, threshold))
-        if decisions[-1].enabled:
-            (staged if one.is_scene_effect else active).append(effect)
-            summary = effect.update_summary(summary)
-    return EffectPlan(tuple(decisions), tuple(staged), cast(tuple[ImageEffect, ...], tuple(active)))
+    scene_effects: list[SceneEffect] = []
+    image_effects: list[ImageEffect] = []
+    for entry in _effect_entries(settings, camera):
+        effect = entry.setting.effect
+        decisions.append(_find_decision(entry, summary, settings.threshold(effect.unit)))
+        if not decisions[-1].enabled:
+            continue
+        if is_scene_effect(effect):
+            scene_effects.append(effect)
+        elif is_image_effect(effect):
+            image_effects.append(effect)
+        # Later criteria see the light as enabled effects leave it; disabled ones change nothing.
+        summary = effect.update_summary(summary)
+    return EffectPlan(tuple(decisions), tuple(scene_effects), tuple(image_effects))
+
+
+def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraState:
+    """Camera state with all enabled scene effects, in optical order."""
+    for effect in plan.scene_effects:
+        camera_state = effect.apply_to_scene(camera_state, plan.find_bound(effect.name))
+    return camera_state
 
 
 def _find_decision(entry: _EffectEntry, summary: SceneSummary, threshold: float) -> EffectDecision:
     if entry.setting.effect.name in summary.superseded_effects:
-        return replace(
-            _decide(entry.setting, EffectBound(0.0, "it is done already"), threshold), enabled=False
-        )
+        superseded = EffectBound(0.0, "another effect includes this one")
+        return replace(_decide(entry.setting, superseded, threshold), enabled=False)
     bound = entry.bound_cache.get(summary)
-    known = entry.decisions.get(bound)
-    if known is None:
+    decision = entry.decisions.get(bound)
+    if decision is None:
+        # Cleared whole instead of one by one: bounds repeat far more often than summaries, so the
+        # limit is hardly ever reached.
         if len(entry.decisions) >= _MAX_CACHED_DECISIONS:
             entry.decisions.clear()
-        known = entry.decisions[bound] = _decide(entry.setting, bound, threshold)
-    return known
+        decision = entry.decisions[bound] = _decide(entry.setting, bound, threshold)
+    return decision
 
 
 def _decide(setting: EffectSetting, bound: EffectBound, threshold: float) -> EffectDecision:
-    is_on = {
+    enabled = {
         EffectMode.ALWAYS: True,
         EffectMode.NEVER: False,
         EffectMode.AUTO: bound.value > threshold,
     }[setting.mode]
-    asked = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by the robot's file; "
+    prefix = "" if setting.mode is EffectMode.AUTO else f"{setting.mode.value} by the robot file; "
     return EffectDecision(
         effect=setting.effect.name,
-        enabled=is_on,
+        enabled=enabled,
         bound=bound.value,
         threshold=threshold,
         unit=setting.effect.unit,
-        reason=f"{asked}{bound.reason}",
+        reason=f"{prefix}{bound.reason}",
     )
 
 
 def format_decisions(decisions: Sequence[EffectDecision], ms: Mapping[str, float]) -> str:
-    """Return decisions as a table with a row each; ms: what those that run take, where known."""
+    """Format decisions as a table with one row per effect.
+
+    Args:
+        decisions: Rows, in optical order.
+        ms: Milliseconds of enabled effects by name, where known.
+    """
     if not decisions:
-        return "no effects: the robot's file names none"
+        return "no effects: the robot file names none"
     head = _ROW_FORMAT.format("effect", "", "bound", "threshold", "unit", "ms", "reason")
-    return "\n".join(
-        (head, *(_format_row(decision, ms.get(decision.effect)) for decision in decisions))
-    )
+    rows = (_format_row(decision, ms.get(decision.effect)) for decision in decisions)
+    return "\n".join((head, *rows))
 
 
 def _format_row(decision: EffectDecision, ms: float | None) -> str:
     state = "on" if decision.enabled else "off"
     numbers = (f"{decision.bound:.3g}", f"{decision.threshold:.3g}")
-    taken = "" if ms is None else f"{ms:.1f}"
+    time_ms = "" if ms is None else f"{ms:.1f}"
     return _ROW_FORMAT.format(
-        decision.effect, state, *numbers, decision.unit, taken, decision.reason
+        decision.effect, state, *numbers, decision.unit, time_ms, decision.reason
     )

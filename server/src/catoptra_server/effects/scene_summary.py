@@ -1,4 +1,4 @@
-"""What criteria know of a scene before it is drawn. Every number is a bound, none an estimate."""
+"""Summary of a scene for the effects' criteria: bounds on everything a frame can show."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from dataclasses import dataclass
 
 from catoptra_server.scene.twist import AT_REST, Twist, Vector3
 
-# The image is told in so many rings of equal width, from the middle of the mirror to its rim.
+# Rings of equal width from the image centre to the mirror's rim. Eight resolve the steep fall of
+# distances towards the robot's own surroundings; each costs a query of the distance bounds.
 NUM_RINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class ShadowLoss:
-    """Radiance that a surface loses in shadow, and has left: of that which then changes most."""
+    """Change of the surface whose encoded value changes most in shadow."""
 
     lost_radiance: float = 0.0
+    """Radiance of the lights that can be occluded."""
     remaining_radiance: float = 0.0
+    """Radiance of all other light."""
 
 
 NO_SHADOW_LOSS = ShadowLoss()
@@ -24,38 +27,46 @@ NO_SHADOW_LOSS = ShadowLoss()
 
 @dataclass(frozen=True, slots=True)
 class SceneSummary:
-    """What a frame can show at most. Hashable: equal summaries give equal decisions.
+    """Bounds on everything a frame can show. Hashable: equal summaries give equal decisions.
 
-    max_radiance: of any colour; 1 = what fills a pixel's well. The least is 0: beside the
-    mirror every picture is black.
-    nearest_m: RINGS distances from the effective viewpoint; what a ring shows of the scene and of
-    what moves in it is not nearer. attached_min_distances_m: nor is, on top, what moves as the camera does.
-    max_distance_m: no surface is farther. background: the light that is seen where there is none; None
-    where that is not known.
-    motion: of the scene as the camera sees it, told at the viewpoint in the mirror frame.
-    max_object_rates_rad_s: at most how fast anything that moves of its own passes by, by ring, on top.
-    max_shadow_loss: what a surface can lose where lights with a place or a direction are hidden from
-    it; max_shadow_loss_with_ego_body: the same where the robot that carries the camera casts shadows, too.
-    ego_body_max_angle_rad: how far from the pole of the image, about the axis, the robot's own body reaches;
-    0 where none of it is within the rim. ego_body_min_distances_m: by ring, what is seen of it is not nearer; it
-    is attached_min_distances_m once it is shown.
-    done: names of effects that one before them does as well: they are left out, whoever asks.
+    Every number is a bound, none an estimate. Criteria declare the fields that they read.
     """
 
     max_radiance: float
+    """Largest radiance of any colour; 1 fills a pixel's well.
+
+    The smallest is 0 without a field: outside the mirror every image is black.
+    """
     min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance from the effective viewpoint to the nearest of scene and dynamic objects, by ring.
+
+    Only of surfaces that move relative to the camera; see `attached_min_distances_m`.
+    """
     max_distance_m: float = math.inf
+    """Distance of the farthest surface."""
     background_radiance: Vector3 | None = None
+    """Linear RGB where there is no surface; None if unknown."""
     scene_twist: Twist = AT_REST
+    """Motion of the scene relative to the camera, at the viewpoint, in the mirror frame."""
     max_object_rates_rad_s: tuple[float, ...] = (0.0,) * NUM_RINGS
+    """Largest angular rate of dynamic objects about the viewpoint, by ring, beside the twist."""
     max_shadow_loss: ShadowLoss = NO_SHADOW_LOSS
+    """Largest loss in the shadow of scene and dynamic objects."""
     max_shadow_loss_with_ego_body: ShadowLoss = NO_SHADOW_LOSS
+    """Largest loss where the robot that carries the camera casts shadows, too."""
     ego_body_max_angle_rad: float = 0.0
+    """Largest angle between the optical axis and the ego body; 0 if none of it is in view."""
     ego_body_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance from the viewpoint to the nearest visible point of the ego body, by ring."""
     attached_min_distances_m: tuple[float, ...] = (math.inf,) * NUM_RINGS
+    """Distance to the nearest surface that moves with the camera, by ring.
+
+    Infinite until `SelfView` is enabled; such surfaces blur by defocus but not by motion.
+    """
     superseded_effects: frozenset[str] = frozenset()
+    """Names of effects whose work an enabled effect does as well."""
 
     @property
     def visible_min_distances_m(self) -> tuple[float, ...]:
-        """Return RINGS distances; nothing that a ring shows is nearer, however it moves."""
+        """Distance to the nearest visible surface, by ring, however that surface moves."""
         return tuple(map(min, self.min_distances_m, self.attached_min_distances_m))

@@ -20,6 +20,7 @@ from catoptra_server.effects.effect_plan import (
     NO_EFFECTS,
     EffectDecision,
     EffectPlan,
+    apply_scene_effects,
     plan_effects,
 )
 from catoptra_server.frames.frame_request import ViewRequest
@@ -27,11 +28,10 @@ from catoptra_server.planning.budget_monitor import BudgetMonitor, BudgetStatus
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound
 from catoptra_server.planning.perspective_plan import PerspectivePlan, plan_perspective_view
-from catoptra_server.planning.planner import PlanChoice
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import OmniView, RenderedImage, View
-from catoptra_server.render.scene_effects import apply_scene_effects
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class _CachedView:
     bounds: dict[str, float] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        # Once a plan, not once a frame: formatting took longer than composing the frame's header.
+        # Formatted once a plan: every frame of the view carries the same text and numbers.
         self.plan_text = str(self.plan)
         if self.choice is not None and self.choice.bound is not None:
             self.bounds = self.choice.bound.as_dict()

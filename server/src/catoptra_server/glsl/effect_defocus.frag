@@ -1,17 +1,17 @@
-// Provides the picture in which every pixel is the mean of a disc, by its image radius.
+// Provides the image with every pixel the mean of a disc, by its image radius.
 // Twin: catoptra_server.effects.medium.defocus.Defocus.apply.
 #include "include/disc_kernel.glsl"
-uniform sampler2D picture;
-uniform sampler2D row;               // of the table, of each pixel's disc
+uniform sampler2D image;
+uniform sampler2D kernel_row;        // fractional row of the table for each pixel
 uniform sampler2D weights;
 uniform vec2 centre_px;
-uniform float integer_px;              // up to there pixels see the mirror wholly
+uniform float full_view_radius_px;   // pixels within see the mirror with their whole square
 out vec4 colour;
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    Region region = Region(centre_px, integer_px);
-    float own_row = texelFetch(row, pixel, 0).r;
-    colour = vec4(disc_mean(picture, region, weights, pixel, own_row), 1.0);
+    Region region = Region(centre_px, full_view_radius_px);
+    float row = texelFetch(kernel_row, pixel, 0).r;
+    colour = vec4(disc_mean(image, region, weights, pixel, row), 1.0);
 }

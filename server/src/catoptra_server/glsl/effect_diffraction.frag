@@ -1,8 +1,8 @@
-// Provides the picture as the lens's aperture spreads every point, each colour differently.
+// Provides the image convolved with the Airy pattern of each colour.
 // Twin: catoptra_server.effects.medium.diffraction.Diffraction.apply.
 #include "include/symmetric_kernels.glsl"
-uniform sampler2D picture;
-uniform sampler2D weights;           // a column a pair of distances
+uniform sampler2D image;
+uniform sampler2D weights;           // one column per pair of offsets
 out vec4 colour;
 
 void main()
@@ -15,6 +15,6 @@ void main()
     for (int i = 0; pair < pairs; ++i)
         for (int j = 0; j <= i; ++j, ++pair)
             total += texelFetch(weights, ivec2(pair, 0), 0).rgb
-                   * pair_sum(picture, everywhere, pixel, i, j).rgb;
+                   * octant_sum(image, everywhere, pixel, i, j).rgb;
     colour = vec4(total, 1.0);
 }

@@ -1,10 +1,10 @@
-// Provides the picture times one gain.
+// Provides the image times one gain.
 // Twin: catoptra_server.effects.sensor.exposure.Exposure.apply.
-uniform sampler2D picture;
+uniform sampler2D image;
 uniform float gain;
 out vec4 colour;
 
 void main()
 {
-    colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0) * gain;
+    colour = texelFetch(image, ivec2(gl_FragCoord.xy), 0) * gain;
 }

@@ -1,13 +1,14 @@
-// Provides the picture with the noise of the amplifier.
+// Provides the image with the noise of the amplifier.
 // Twin: catoptra_server.effects.sensor.read_noise.ReadNoise.apply.
 #include "include/noise.glsl"
-uniform sampler2D picture;
-uniform float spread;                // standard deviation
-uniform uvec3 words;
+uniform sampler2D image;
+uniform float standard_deviation;
+uniform uvec3 noise_key;
 out vec4 colour;
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    colour = vec4(texelFetch(picture, pixel, 0).rgb + spread * normals(words, pixel), 1.0);
+    vec3 noise = standard_deviation * normal_variates(noise_key, pixel);
+    colour = vec4(texelFetch(image, pixel, 0).rgb + noise, 1.0);
 }

@@ -28,12 +28,12 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect import Effect, EffectMode, EffectSetting, EffectSettings
-from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
+from catoptra_server.effects.effect_plan import EffectDecision, apply_scene_effects, plan_effects
 from catoptra_server.effects.scene_summary import SceneSummary
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import create_renderer
-from catoptra_server.render.render_plan import RendererKind, plan_from_settings
 from catoptra_server.render.renderer import Image, OmniView
-from catoptra_server.render.scene_effects import apply_scene_effects
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.colour import srgb_from_linear

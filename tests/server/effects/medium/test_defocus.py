@@ -130,5 +130,5 @@ def test_maps_when_asked_twice_are_the_same_arrays() -> None:
     one, other = (
         make_defocus(4.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
     )
-    assert one["row"] is other["row"]
+    assert one["kernel_row"] is other["kernel_row"]
     assert one["weights"] is other["weights"]

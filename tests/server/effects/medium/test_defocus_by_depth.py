@@ -138,4 +138,4 @@ def test_fixed_part_when_it_is_left_out_leaves_no_depth_to_be_called_for() -> No
 def test_map_when_asked_twice_is_the_same_array() -> None:
     effect = make_both(4.0)[0]
     one, other = (effect.uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
-    assert one["law"] is other["law"]
+    assert one["disc_parameters"] is other["disc_parameters"]

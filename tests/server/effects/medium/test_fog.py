@@ -100,7 +100,7 @@ def test_criterion_when_things_are_nearer_than_the_farthest_bounds_them_too() ->
     ranges = np.random.default_rng(3).uniform(0.0, 12.0, SHAPE)
     bound = fog.bound(SceneSummary(1.0, max_distance_m=12.0), CAMERA)
     assert max_grey_level_change(fog, make_test_pattern(), context_at_range(ranges)) <= bound.value
-    assert bound.reason == "88.7 % of light comes through 12 m of fog"
+    assert bound.reason == "88.7 % of light passes 12 m of fog"
 
 
 @pytest.mark.parametrize("airlight", [0.2, 3.0])

@@ -90,9 +90,9 @@ def test_camera_when_it_no_longer_sees_the_mirror_is_called_for_by_the_whole_pic
 
 
 def test_map_when_asked_again_is_the_same_array_so_that_it_is_sent_once() -> None:
-    told = MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["read_instead"]
-    assert told is MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["read_instead"]
-    assert told.shape == (96, 96, 3)
+    uploaded = MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
+    assert uploaded is MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
+    assert uploaded.shape == (96, 96, 3)
 
 
 def test_summary_behind_it_holds() -> None:

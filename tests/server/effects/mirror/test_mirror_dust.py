@@ -87,8 +87,8 @@ def test_marks_when_the_lens_is_open_are_blurred_and_keep_their_light() -> None:
 
 def test_marks_stay_where_they_are_in_every_exposure_and_differ_between_cameras() -> None:
     light = make_test_pattern(1.0)
-    later = replace(CAPTURE_CONTEXT, key=NoiseSeed(CAPTURE_CONTEXT.noise_seed.camera_key, 77))
-    other = replace(CAPTURE_CONTEXT, key=NoiseSeed((1, 1), CAPTURE_CONTEXT.noise_seed.tick))
+    later = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed(CAPTURE_CONTEXT.noise_seed.camera_key, 77))
+    other = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed((1, 1), CAPTURE_CONTEXT.noise_seed.tick))
     now = DUST.apply(light, CAMERA, CAPTURE_CONTEXT)
     np.testing.assert_array_equal(now, DUST.apply(light, CAMERA, later))
     assert np.abs(now - DUST.apply(light, CAMERA, other)).max() > 0.01
@@ -161,14 +161,14 @@ def test_orthographic_camera_s_mirror_when_dusty_is_called_for() -> None:
 
 
 def test_dust_when_black_measures_no_light() -> None:
-    def nobody() -> float:
+    def fail() -> float:
         raise AssertionError
 
-    told = replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, nobody)
-    assert told["scattered"] == 0.0
+    uniforms = replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, fail)
+    assert uniforms["scattered_radiance"] == 0.0
     assert (
-        told["covered"]
-        is replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, nobody)["covered"]
+        uniforms["coverage"]
+        is replace(DUST, albedo=0.0).uniforms(CAMERA, CAPTURE_CONTEXT, fail)["coverage"]
     )
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.effect import is_scene_effect
 from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.scene.twist import Twist
@@ -59,7 +59,7 @@ def test_robot_when_it_stands_is_not_blurred() -> None:
 
 
 def test_blur_changes_how_often_is_drawn_not_the_picture() -> None:
-    assert not isinstance(BLUR, ImageEffect)
+    assert is_scene_effect(BLUR)
 
 
 def test_larger_picture_when_criterion_is_asked_has_a_larger_bound() -> None:

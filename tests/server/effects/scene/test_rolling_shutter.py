@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.effect import is_scene_effect
 from catoptra_server.effects.scene.rolling_shutter import RollingShutter
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from catoptra_server.scene.twist import Twist
@@ -60,7 +60,7 @@ def test_global_shutter_when_criterion_is_asked_is_left_out() -> None:
 
 
 def test_shutter_changes_how_often_is_drawn_not_the_picture() -> None:
-    assert not isinstance(SHUTTER, ImageEffect)
+    assert is_scene_effect(SHUTTER)
 
 
 def test_larger_picture_when_criterion_is_asked_has_a_larger_bound() -> None:

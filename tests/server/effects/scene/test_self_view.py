@@ -11,7 +11,7 @@ from catoptra_server.effects.effect import (
     EffectMode,
     EffectSetting,
     EffectSettings,
-    ImageEffect,
+    is_scene_effect,
 )
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.self_view import SelfView
@@ -49,7 +49,7 @@ def test_robot_when_it_is_less_than_the_threshold_is_left_out(
 
 def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
     assert SelfView().bound(SceneSummary(1.0), CAMERA).reason == (
-        "the mirror sees nothing of the robot"
+        "no part of the robot is in view"
     )
 
 
@@ -63,4 +63,4 @@ def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass
 
 def test_own_body_changes_the_scene_and_not_the_picture() -> None:
     effect: Effect = SelfView()
-    assert not isinstance(effect, ImageEffect)
+    assert is_scene_effect(effect)

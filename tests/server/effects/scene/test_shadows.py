@@ -9,7 +9,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, ImageEffect
+from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, is_scene_effect
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
@@ -53,7 +53,9 @@ def world_with_lights(*lights: DirectionalLight | PointLight | HemisphereLight) 
 
 
 def dim_sun_world(irradiance: float) -> World:
-    return world_with_lights(DIM_HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3))
+    return world_with_lights(
+        DIM_HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3)
+    )
 
 
 def lamp_world(intensity: float) -> World:
@@ -130,13 +132,13 @@ def test_body_when_it_comes_calls_for_shadows() -> None:
 
 
 def test_shadows_change_the_scene_not_the_picture() -> None:
-    assert not isinstance(Shadows(), ImageEffect)
+    assert is_scene_effect(Shadows())
     plan = plan_effects(AUTO, SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.1, 0.2)), CAMERA)
     assert plan.scene_effects == (Shadows(),)
 
 
 def test_reason_when_told_says_how_much_light_can_be_hidden_or_why_none() -> None:
-    said = Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
-    assert "0.25" in said
-    assert "0.5" in said
-    assert "nothing stands before" in Shadows().bound(SceneSummary(1.0), CAMERA).reason
+    reason = Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
+    assert "0.25" in reason
+    assert "0.5" in reason
+    assert "no object is in front" in Shadows().bound(SceneSummary(1.0), CAMERA).reason

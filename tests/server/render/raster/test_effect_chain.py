@@ -1,4 +1,4 @@
-"""What effects cost on the device is what runs: passes, programs, textures are counted."""
+"""The cost of effects on the device, counted in passes, programs and textures."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def test_frame_when_asked_for_has_a_header_that_tells_everything() -> None:
                 assert header.world_from_robot.position_m == (0.01, 0.0, -0.2)
                 assert header.camera_model == CAMERA_MODEL
                 assert header.plan == "traced"
-                assert [(one.name, one.enabled) for one in header.effects] == [("Bloom", False)]
+                assert [(one.name, one.enabled) for one in header.effects] == [("Blooming", False)]
                 assert header.robot_from_mirror is not None
                 assert header.robot_from_mirror.position_m == (0.1, 0.0, -0.5)
                 assert (header.width_px, header.height_px) == (8, 6)

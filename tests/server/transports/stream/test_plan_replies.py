@@ -5,7 +5,7 @@ from __future__ import annotations
 from catoptra_protocol.stream.messages import bytes_from_message
 from catoptra_protocol.stream.replies import Error, PlanReply, Reply
 from catoptra_protocol.stream.requests import GetStatusRequest, SetAccuracyRequest
-from catoptra_server.frames.frame_request import OmniCameraSpec
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
 from catoptra_server.simulation import AccuracyTargetChanged
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation

@@ -35,15 +35,15 @@ def test_placement_when_turned_lists_the_rotation_row_by_row() -> None:
 
 def test_effects_when_sent_say_what_each_that_runs_took() -> None:
     decisions = (
-        EffectDecision("OwnBody", True, 80.0, 0.5, "px", "it is seen"),
+        EffectDecision("SelfView", True, 80.0, 0.5, "px", "it is seen"),
         EffectDecision("Vignetting", True, 9.0, 0.5, "grey levels", "the rim"),
-        EffectDecision("Bloom", False, 0.0, 0.5, "grey levels", "dim"),
+        EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim"),
     )
     sent = records_from_decisions(decisions, {"trace": 7.0, "Vignetting": 1.5})
     assert [(one.name, one.enabled, one.duration_ms) for one in sent] == [
-        ("OwnBody", True, None),
+        ("SelfView", True, None),
         ("Vignetting", True, 1.5),
-        ("Bloom", False, None),
+        ("Blooming", False, None),
     ]
     assert (sent[1].bound, sent[1].threshold, sent[1].unit) == (9.0, 0.5, "grey levels")
     assert sent[1].reason == "the rim"

@@ -1,1 +1,1 @@
-"""What effects are made of: mathematics that knows no configuration, no criterion, no table."""
+"""Mathematics of the effects: kernels, noise, lens and mirror geometry; no keys, no criteria."""

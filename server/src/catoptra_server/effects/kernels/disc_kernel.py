@@ -1,13 +1,13 @@
-"""The kernels of uniform discs on a grid of pixels, by their variance.
+"""Kernels of uniform discs on the pixel grid, by their variance.
 
-A pixel of the picture is already the mean over its square, so a disc is laid over squares of
-constant light: a pixel's weight is its share of the disc's area. That adds the squares' own spread,
-1/12 px^2 for large discs; therefore the disc that is laid is a little smaller, such that the
-kernel's variance along each axis is that of the disc that is meant, d^2 / 16, exactly. A disc
-within its pixel would change nothing; by the variance its light still reaches the four neighbours.
-Weights are 0 or more and sum to 1: no light is lost, and none overshoots. Between two rows of the
-table, which are straight mixtures, sum and variance stay exact. Source: derived here; the area
-is the integral of the circle's ordinate, cut at the square's sides.
+A pixel is already the mean over its square, so a disc is laid over squares of constant radiance: a
+pixel's weight is the fraction of the disc's area in that pixel. The squares add a spread of their
+own, 1/12 px^2 for large discs; the laid disc is therefore smaller than the intended one, such that
+the kernel's variance along each axis is that of the intended disc, d^2 / 16, exactly. A disc within
+its pixel would have no effect; by the variance the four neighbours still receive light. Weights are
+0 or more and sum to 1: no light is lost, nothing overshoots. The linear mixture of two rows of the
+table keeps sum and variance exact. Source: derived here; the area is the integral of the circle's
+ordinate, cut at the square's sides. Twin: glsl/include/disc_kernel.glsl.
 """
 
 from __future__ import annotations
@@ -27,69 +27,73 @@ from catoptra_server.effects.kernels.symmetric_kernels import (
     pair_multiplicities,
 )
 
-# Rows of the table a px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
+# Rows of the table per px^2 of variance; a kink of a weight between two rows is cut by 1e-4.
 ROWS_PER_PX2 = 64
-# Steps of the diameter of the disc that is laid.
+# Step of the laid disc's diameter; the table's variances are interpolated between these steps.
 _DIAMETER_STEP_PX = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiscKernelTable:
-    """Weights of kernels with growing variance.
-
-    reach_px: how far the widest reaches. weights: (rows, pairs), row n for a variance of n /
-    ROWS_PER_PX2.
-    """
+    """Weights of symmetric kernels of growing variance."""
 
     half_width_px: int
+    """Half width of the widest kernel, without the central pixel."""
     weights: Floats
+    """(rows, pairs); row n has a variance of n / ROWS_PER_PX2."""
 
     def half_width_up_to_row(self, row: float) -> int:
-        """Return how far kernels up to a row reach."""
+        """Half width of the widest kernel up to a row."""
         return _half_width(self.weights[: math.ceil(row) + 1], self.half_width_px)
 
     def interpolate(self, row: npt.NDArray[Real], half_width_px: int) -> npt.NDArray[Real]:
-        """Return the (pairs, ...) weights of (...) rows, between two rows both; up to a reach."""
+        """Weights, (pairs, ...), of (...) fractional rows, up to a half width."""
         row = np.minimum(row, row.dtype.type(len(self.weights) - 1))
         below = np.minimum(row.astype(np.intp), len(self.weights) - 2)
-        share = row - below.astype(row.dtype)
+        fraction = row - below.astype(row.dtype)
+        # The pairs of a narrower kernel are the first ones of a wider kernel.
         weights = self.weights[:, : num_offset_pairs(half_width_px)].T.astype(row.dtype)
         steps = np.diff(weights, axis=1)
         mixed = np.zeros((len(weights), *row.shape), dtype=row.dtype)
         for pair, (lower, step) in enumerate(zip(weights, steps, strict=True)):
-            mixed[pair] = lower.take(below) + share * step.take(below)
+            mixed[pair] = lower.take(below) + fraction * step.take(below)
         return mixed
 
     def to_texture(self) -> npt.NDArray[np.float32]:
-        """Return the weights as shaders read them, (rows, pairs, 1)."""
+        """Weights as the shaders read them, (rows, pairs, 1), the same array in each call."""
         return _weights_texture(self)
 
 
 def table_row(diameter_px: Floats) -> Floats:
-    """Return the row, with its fraction, of the kernel of a disc."""
+    """Fractional row of the kernel of a disc."""
+    # The variance of a disc along an axis is d^2 / 16.
     row: Floats = (ROWS_PER_PX2 / 16.0) * np.square(diameter_px)
     return row
 
 
 @lru_cache(maxsize=8)
 def disc_kernel_table(max_diameter_px: float) -> DiscKernelTable:
-    """Return the kernels of all discs up to a diameter."""
+    """Kernels of all discs up to a diameter."""
     rows = math.ceil(float(table_row(np.array(max_diameter_px)))) + 2
     variance = np.arange(rows) / ROWS_PER_PX2
-    # A disc of 1 px changes nothing; one of largest_px + 1 is always wider than what is meant.
-    laid = np.arange(1.0, max(max_diameter_px, 1.0) + 1.0 + _DIAMETER_STEP_PX, _DIAMETER_STEP_PX)
-    reach = math.ceil(0.5 * laid[-1] - 0.5)
-    shares = disc_area_fractions(laid, reach)
-    spread = _variances(shares, reach)
-    weights = np.stack([np.interp(variance, spread, share) for share in shares.T], axis=-1)
-    reach = _half_width(weights, reach)
-    weights = np.ascontiguousarray(weights[:, : num_offset_pairs(reach)])
+    # A laid disc of 1 px has no variance; one of max_diameter_px + 1 always has more than the
+    # intended one: between both lie all variances of the table.
+    laid_px = np.arange(1.0, max(max_diameter_px, 1.0) + 1.0 + _DIAMETER_STEP_PX, _DIAMETER_STEP_PX)
+    half_width = math.ceil(0.5 * laid_px[-1] - 0.5)
+    fractions = disc_area_fractions(laid_px, half_width)
+    laid_variance = _variances(fractions, half_width)
+    # Inverted by interpolation: the variance grows steadily with the laid diameter.
+    weights = np.stack(
+        [np.interp(variance, laid_variance, fraction) for fraction in fractions.T], axis=-1
+    )
+    half_width = _half_width(weights, half_width)
+    weights = np.ascontiguousarray(weights[:, : num_offset_pairs(half_width)])
     weights.setflags(write=False)
-    return DiscKernelTable(reach, weights)
+    return DiscKernelTable(half_width, weights)
 
 
 def _half_width(weights: Floats, half_width_px: int) -> int:
-    """Return how far (rows, pairs) weights reach: 0 beyond."""
+    """Largest offset with a weight above 0 in any of (rows, pairs) weights."""
     return max(
         i
         for (i, _), column in zip(offset_pairs(half_width_px), weights.T, strict=True)
@@ -99,41 +103,45 @@ def _half_width(weights: Floats, half_width_px: int) -> int:
 
 @lru_cache(maxsize=8)
 def _weights_texture(table: DiscKernelTable) -> npt.NDArray[np.float32]:
+    # Cached by the table's identity, since a renderer uploads a texture again whenever the array
+    # is another one.
     return table.weights.astype(np.float32)[..., None]
 
 
 def disc_area_fractions(diameter_px: Floats, half_width_px: int) -> Floats:
-    """Return the (n, pairs) shares of discs' areas that lie in one pixel of each pair."""
+    """Fractions, (n, pairs), of the areas of n discs that lie in one pixel of each pair."""
     radius = 0.5 * np.asarray(diameter_px)[:, None]
     i, j = np.array(list(offset_pairs(half_width_px))).T.astype(np.float64)
+    # Inclusion and exclusion of the areas up to the pixel's four corners.
     corners = [
         sign * _corner_area(i + dx, j + dy, radius)
         for dx, dy, sign in ((0.5, 0.5, 1), (-0.5, 0.5, -1), (0.5, -0.5, -1), (-0.5, -0.5, 1))
     ]
     area: Floats = sum(corners, start=np.zeros(1)) / (math.pi * np.square(radius))
-    # Differences of areas that are all of the disc's leave their rounding.
+    # Where all four areas are the whole quadrant their difference is rounding; kept, a kernel
+    # would have the half width of the table everywhere.
     return np.where(area > 1e-12, area, 0.0)
 
 
 def _corner_area(x: Floats, y: Floats, radius: Floats) -> Floats:
-    """Return the area of a disc between the axes and (x, y), odd in both."""
+    """Area of a disc between the axes and (x, y), odd in both."""
     sign = np.sign(x) * np.sign(y)
     x, y = np.minimum(np.abs(x), radius), np.minimum(np.abs(y), radius)
-    # Up to there the circle lies above y.
+    # Up to this abscissa the circle lies above y: a rectangle, and beyond a piece of the circle.
     flat = np.minimum(np.sqrt(np.square(radius) - np.square(y)), x)
     area: Floats = y * flat + _circle_integral(x, radius) - _circle_integral(flat, radius)
     return sign * area
 
 
 def _circle_integral(x: Floats, radius: Floats) -> Floats:
-    """Return the integral of the circle's ordinate from 0 to x."""
+    """Integral of the circle's ordinate from 0 to x."""
     chord = np.sqrt(np.maximum(np.square(radius) - np.square(x), 0.0))
     area: Floats = 0.5 * (x * chord + np.square(radius) * np.arcsin(np.minimum(x / radius, 1.0)))
     return area
 
 
 def _variances(weights: Floats, half_width_px: int) -> Floats:
-    """Return the (n,) variances along an axis of kernels of (n, pairs) weights."""
+    """Variances along an axis, (n,), px^2, of kernels of (n, pairs) weights."""
     squares = np.array([0.5 * (i * i + j * j) for i, j in offset_pairs(half_width_px)])
     variances: Floats = weights @ (squares * pair_multiplicities(half_width_px))
     return variances

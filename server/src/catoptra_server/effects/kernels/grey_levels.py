@@ -1,7 +1,7 @@
-"""How far a change of linear light moves an encoded pixel, in grey levels of 255.
+"""Largest change of an encoded pixel, in grey levels of 255, for a change of linear radiance.
 
-Criteria speak of what is seen: the sRGB curve is 13 times as steep in the dark as a straight line
-and 0.4 times as steep in white, so a linear bound would be wrong by as much.
+Criteria compare encoded values: the sRGB curve is 13 times as steep in the dark as a straight line
+and 0.4 times as steep at white, so a bound in linear counts would be wrong by as much.
 """
 
 from __future__ import annotations
@@ -17,31 +17,34 @@ _NUM_RADIANCES = 2049
 
 
 def grey_level(radiance: float) -> float:
-    """Return the grey level of linear light, not rounded."""
+    """Grey level of a linear radiance, 0 to 255, not rounded."""
     return 255.0 * float(srgb_from_linear(np.array(radiance)))
 
 
 def max_change_by_gain(gain: float, max_radiance: float) -> float:
-    """Return the largest change of any light from 0 to `largest` that is multiplied by a gain.
-
-    Darkened, the brightest light that is not clipped changes most; brightened, what just reaches
-    white.
-    """
+    """Largest change, in grey levels, of any radiance from 0 to `max_radiance` times a gain."""
+    # In encoded levels the difference grows with radiance until one of both values is clipped:
+    # darkened, the brightest unclipped radiance changes most; brightened, the radiance that the
+    # gain takes exactly to white.
     if gain <= 1.0:
-        bright = min(max_radiance, 1.0)
-        return grey_level(bright) - grey_level(gain * bright)
+        brightest = min(max_radiance, 1.0)
+        return grey_level(brightest) - grey_level(gain * brightest)
     just_white = min(max_radiance, 1.0 / gain)
     return grey_level(gain * just_white) - grey_level(just_white)
 
 
 def max_change_by_offset(offset: Callable[[Floats], Floats], max_radiance: float) -> float:
-    """Return the largest change of any light from 0 to `largest` that gains or loses an offset.
+    """Largest change, in grey levels, of any radiance that gains or loses an offset.
 
-    Domain: offsets that do not shrink as light grows, by less than light does. Looked for on a grid
-    that is fine in the dark; between its places a smooth offset gives no 1000th more.
+    Args:
+        offset: Offset of each of (n,) radiances. Domain: offsets that grow with radiance, by less
+            than radiance itself.
+        max_radiance: Radiances from 0 up to this one occur.
     """
-    top = min(max_radiance, 1.0)
-    light = np.concatenate(([0.0], np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * top))
-    off = offset(light)
-    levels = 255.0 * srgb_from_linear(np.stack((light, light + off, light - off)))
+    brightest = min(max_radiance, 1.0)
+    # Geometric spacing is fine in the dark, where the sRGB curve is steepest; between two of these
+    # radiances a smooth offset changes the result by less than a thousandth.
+    radiance = np.concatenate(([0.0], np.geomspace(1e-7, 1.0, _NUM_RADIANCES) * brightest))
+    shift = offset(radiance)
+    levels = 255.0 * srgb_from_linear(np.stack((radiance, radiance + shift, radiance - shift)))
     return float(np.abs(levels[1:] - levels[0]).max())

@@ -1,8 +1,9 @@
-"""How far what a camera sees moves at most through its picture, before anything is drawn.
+"""Largest speed in an image, ring by ring, before anything is rendered.
 
-Ring by ring of the image: a speed past the nearest range turns directions by |v| / D, times px a
-radian; bodies pass by as the summary says; a turn about the optical axis carries by its angle times
-the radius, one about the other axes by px a radian. All are added, as if they agreed somewhere.
+A speed v past the nearest distance D turns directions by |v| / D, times px per radian; dynamic
+objects pass at the rates of the summary; a turn about the optical axis moves a pixel by the angle
+times the image radius, a turn about another axis by px per radian. All are added as if they agreed
+in one pixel, so the sum is a bound.
 """
 
 from __future__ import annotations
@@ -19,53 +20,61 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.effect import EffectBound
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
-# Between the radii at which scales are known they are smooth, and pixels' middles reach no farther.
+# Scales are known at sampled radii and smooth between them; a pixel centre exceeds them by less.
 _INTERPOLATION_MARGIN = 1.001
+
+# Fields of a summary that all functions of this module read.
+MOTION_FIELDS = frozenset({"scene_twist", "min_distances_m", "max_object_rates_rad_s"})
 
 
 def max_displacement(summary: SceneSummary, camera: OmniCamera, duration_s: float) -> EffectBound:
-    """Return the px that anything is carried in a duration, and what carries it."""
-    ways_px = duration_s * max_speeds_px_s(summary, camera)
-    ring = int(ways_px.argmax())
-    return EffectBound(float(ways_px[ring]), describe_motion(summary, ring, duration_s))
+    """Largest displacement of anything in the image during a time, px, with its cause."""
+    displacements_px = duration_s * max_speeds_px_s(summary, camera)
+    ring = int(displacements_px.argmax())
+    return EffectBound(float(displacements_px[ring]), describe_motion(summary, ring, duration_s))
 
 
 def max_speeds_px_s(summary: SceneSummary, camera: OmniCamera) -> Floats:
-    """Return the (RINGS,) largest px/s in each ring."""
+    """Largest speed in each ring of the image, (NUM_RINGS,), px/s."""
     scale, radius_px = ring_scales_and_radii(camera)
     x, y, z = summary.scene_twist.angular_rad_s
-    passing = summary.scene_twist.speed_m_s / np.asarray(summary.min_distances_m)
-    passing = passing + np.asarray(summary.max_object_rates_rad_s) + math.hypot(x, y)
-    speeds: Floats = passing * scale + abs(z) * radius_px
+    # An infinite distance gives a rate of 0: a world without anything near needs no special case.
+    rates = summary.scene_twist.speed_m_s / np.asarray(summary.min_distances_m)
+    rates = rates + np.asarray(summary.max_object_rates_rad_s) + math.hypot(x, y)
+    # The turn about the axis acts by the radius itself: near the image centre that is far less
+    # than px per radian.
+    speeds: Floats = rates * scale + abs(z) * radius_px
     return speeds
 
 
 @lru_cache(maxsize=16)
 def ring_scales_and_radii(camera: OmniCamera) -> tuple[Floats, Floats]:
-    """Return the largest px a radian of each ring, and its outer radius in px, (RINGS,) each."""
+    """Largest px per radian of each ring, and the ring's outer radius in px, (NUM_RINGS,) each."""
     scale = compute_image_scale(camera)
     largest = np.maximum(scale.radial, scale.tangential)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(scale.t)
     edges_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
-    # Beyond both of its edges, up to the next known radius.
-    at = np.concatenate((radius_px, edges_px))
-    of_edges = np.interp(edges_px, radius_px, largest)
-    values = np.concatenate((largest, of_edges))
-    rings = [values[(inner <= at) & (at <= outer)].max() for inner, outer in pairwise(edges_px)]
+    # Rings may contain no sampled radius of their own, or reach beyond their last one: both edges
+    # belong to the maximum of each ring.
+    radii = np.concatenate((radius_px, edges_px))
+    at_edges = np.interp(edges_px, radius_px, largest)
+    values = np.concatenate((largest, at_edges))
+    rings = [
+        values[(inner <= radii) & (radii <= outer)].max() for inner, outer in pairwise(edges_px)
+    ]
     return _INTERPOLATION_MARGIN * np.array(rings), edges_px[1:]
 
 
 def describe_motion(summary: SceneSummary, ring: int, duration_s: float) -> str:
-    """Return in words what moves in a ring, and how long."""
-    nearest_m = summary.min_distances_m[ring]
+    """Describe the motion in a ring and its duration, for the reason of a bound."""
+    min_distance_m = summary.min_distances_m[ring]
     parts = []
-    if summary.scene_twist.speed_m_s > 0.0 and math.isfinite(nearest_m):
-        parts.append(f"up to {summary.scene_twist.speed_m_s:.2g} m/s at {nearest_m:.2g} m")
+    if summary.scene_twist.speed_m_s > 0.0 and math.isfinite(min_distance_m):
+        parts.append(f"up to {summary.scene_twist.speed_m_s:.2g} m/s at {min_distance_m:.2g} m")
     turn = math.degrees(math.hypot(*summary.scene_twist.angular_rad_s))
     if turn > 0.0:
         parts.append(f"turns by up to {turn:.3g} degrees/s")
-    if summary.max_object_rates_rad_s[ring] > 0.0:
-        parts.append(
-            f"bodies pass by at {math.degrees(summary.max_object_rates_rad_s[ring]):.2g} degrees/s"
-        )
+    object_rate_rad_s = summary.max_object_rates_rad_s[ring]
+    if object_rate_rad_s > 0.0:
+        parts.append(f"objects pass by at {math.degrees(object_rate_rad_s):.2g} degrees/s")
     return ", ".join((*parts, f"{1e3 * duration_s:.3g} ms")) if parts else "nothing moves"

@@ -1,27 +1,28 @@
-"""How wide the capture camera's lens spreads a point that a curved mirror shows.
+"""Circle of confusion of the capture camera's lens for points that a curved mirror shows.
 
-Along one ray a mirror images as a thin mirror of some power does. A central mirror's is the same in
-both planes, tangential and sagittal: it images one of its foci, the viewpoint, onto the other, the
-pinhole, without error. With rho and q the distances of the mirror's point from viewpoint and
-pinhole, light aimed at the viewpoint (an object at -rho) meets at q: the power is 1/q - 1/rho, and
-what is D before the mirror is seen s' behind it,
+Along one ray a mirror images like a thin mirror of some power. The power of a central mirror is the
+same in both planes, tangential and sagittal: the mirror images one of its foci, the viewpoint, onto
+the other, the pinhole, without error. With rho and q the distances of the mirror's point from
+viewpoint and pinhole, light aimed at the viewpoint (an object at -rho) meets at q: the power is
+1/q - 1/rho, and an object at D before the mirror has its virtual image s' behind the mirror,
 
     1/s' = 1/D + P,   P = 1/rho - 1/q   (hyperbolic: 2a / (rho q), q = rho + 2a; parabolic: 1/rho),
 
-with no astigmatism. Its depth from the pinhole is Z = (q + s') cos(psi). A thin lens of focal
-length f and aperture f/N, focused at Z_f, spreads it to a disc of (f / N) f_px |1/Z - 1/Z_f|. The
-picture's scale f_px is the lens's image distance over the pixel's pitch; f follows from both:
-1/f = 1 / (f_px pitch) + 1/Z_f. So (f^2 / N) / (pitch (Z_f - f)) |Z - Z_f| / Z, in other words.
+without astigmatism. The image's depth from the pinhole is Z = (q + s') cos(psi). A thin lens of
+focal length f and aperture f/N, focused at Z_f, spreads a point to a disc of
+(f / N) f_px |1/Z - 1/Z_f|. The image scale f_px is the lens's image distance over the pixel pitch;
+f follows from both: 1/f = 1 / (f_px pitch) + 1/Z_f. Equivalent: (f^2 / N) / (pitch (Z_f - f))
+|Z - Z_f| / Z.
 
-An orthographic camera is a telecentric lens of magnification m = pitch times px per metre: what
-lies dz before or behind what is sharp is spread to (m^2 / N) |dz| / pitch; N is that of the image's
-side. Such a lens has no pinhole that a focus could be told from: it is focused best.
+An orthographic camera is a telecentric lens of magnification m = pitch times px per metre: a point
+dz before or behind the focus is spread to (m^2 / N) |dz| / pitch; N is the f-number on the image
+side. Such a lens has no pinhole to measure a focus distance from: its focus is always the best one.
 
-The mirrors are strongly curved, so all that is farther than half a metre has nearly one disc for
-each image radius; focused best means that the largest of these is least. Domain: convex central
-mirrors, P > 0 (a plane has P = 0 and adds no blur of its own; of a concave one, which images before
-itself, the signs would change: there is none here); points outside the mirror. Beyond the rim,
-where the lens sees no mirror, the rim's disc. Source: derived here.
+The mirrors are strongly curved, so everything beyond half a metre has nearly one disc for each
+image radius; the best focus minimizes the largest of these discs. Domain: convex central mirrors,
+P > 0 (a plane has P = 0 and adds no blur; a concave mirror, which images in front of itself, would
+change signs, but none is implemented); points outside the mirror. Beyond the rim, where the lens
+sees no mirror, the rim's disc applies. Source: derived here.
 """
 
 from __future__ import annotations
@@ -38,31 +39,34 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.medium.vignetting import inverse_focal_length
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
-# Discs are smooth in the radius: so many steps find the largest to 1e-4.
+# Discs are smooth in the radius: this many radii find the largest to 1e-4.
 _NUM_RADII = 257
-# A thing that reaches into the mirror is not nearer than this to it; only so that nothing is
-# divided by 0, of what nobody can see.
+# Guards the division for objects that reach into the mirror; no visible point comes so near. The
+# shader has the same constant.
 _MIN_DENOMINATOR = 1e-6
+
+# Fields of a summary that `min_distance_at_radius` reads.
+DISTANCE_FIELDS = frozenset({"min_distances_m", "attached_min_distances_m"})
 
 
 @dataclass(frozen=True, slots=True)
 class Aperture:
-    """f_number: focal length over diameter. pixel_pitch_m: from one pixel's middle to the next.
-
-    focus_m: what depth from the pinhole is sharp; 0: where the largest disc of all that is far away
-    is least.
-    """
+    """Lens and sensor geometry that determine the depth of field."""
 
     f_number: float
+    """Focal length over diameter of the aperture."""
     pixel_pitch_m: float
+    """Distance between the centres of adjacent pixels."""
     focus_distance_m: float
+    """Depth of sharp points from the pinhole; 0: the focus whose largest disc is smallest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircleOfConfusion:
-    """The signed diameter of discs, px: fixed + near / (power range + offset). Arrays broadcast.
+    """Signed disc diameter as a function of the range D from the effective viewpoint.
 
-    range is from the effective viewpoint. A negative one is that of what lies behind the focus.
+    d(D) = infinity_diameter_px + near_px / (power_per_m D + offset); arrays broadcast. A negative
+    diameter is that of a point behind the focus.
     """
 
     infinity_diameter_px: Floats
@@ -71,36 +75,38 @@ class CircleOfConfusion:
     offset: Floats
 
     def near_term_px(self, range_m: Floats) -> Floats:
-        """Return what a range adds to the signed diameter of infinity, 0 or more."""
-        nearness = np.maximum(self.power_per_m * range_m + self.offset, _MIN_DENOMINATOR)
-        added: Floats = self.near_px / nearness
-        return added
+        """Difference of the signed diameter from that at infinity, 0 or more, px."""
+        denominator = np.maximum(self.power_per_m * range_m + self.offset, _MIN_DENOMINATOR)
+        term: Floats = self.near_px / denominator
+        return term
 
     def diameter_px(self, range_m: Floats) -> Floats:
-        """Return the diameter of the disc of what is in a range; of infinity the fixed part."""
+        """Disc diameter of points at a range; inf is allowed."""
         diameter: Floats = np.abs(self.infinity_diameter_px + self.near_term_px(range_m))
         return diameter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _VirtualImage:
-    """What the lens sees of infinity: (n,) image radii.
-
-    rho_m, power_per_m: of the mirror. cos_psi: of the ray to the lens. sharpness: 1/Z of the
-    virtual image, or of an orthographic camera its height along the axis.
-    """
+    """The mirror's virtual image of infinity at (n,) image radii."""
 
     rho_m: Floats
+    """Distance of the mirror's point from the viewpoint."""
     power_per_m: Floats
+    """Power P of the mirror at this point."""
     cos_psi: Floats
+    """Cosine of the angle between the ray to the lens and the optical axis."""
     focus_coordinate: Floats
+    """1/Z of the virtual image; of an orthographic camera the image's height along the axis."""
 
 
 def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> Floats:
-    """Return how far along the axis from the pinhole the lens sees what is before the mirror.
+    """Depth along the axis, from the pinhole, of the virtual image of a point before the mirror.
 
-    t: tan(theta / 2); distance_m: from the mirror's point, inf allowed. Domain: a camera with a
-    pinhole.
+    Args:
+        camera: A camera with a pinhole.
+        t: tan(theta / 2) of the point's direction.
+        distance_m: Distance from the mirror's point; inf is allowed.
     """
     r, z = camera.mirror.surface_point(t)
     rho, depth = np.hypot(r, z), camera.mirror.pinhole_distance_m - z
@@ -110,36 +116,39 @@ def virtual_image_depth_m(camera: OmniCamera, t: Floats, distance_m: Floats) -> 
 
 
 def _virtual_image_of_infinity(camera: OmniCamera, radius_px: Floats) -> _VirtualImage:
-    """Return what is seen of infinity at image radii up to the rim."""
+    """Virtual image of infinity at image radii up to the rim."""
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
     r, z = camera.mirror.surface_point(t)
     rho = np.hypot(r, z)
     if math.isinf(camera.mirror.pinhole_distance_m):
+        # The limit q -> inf: P = 1/rho, and the image of infinity lies rho behind the surface.
         return _VirtualImage(rho, 1.0 / rho, np.ones_like(rho), z - rho)
     depth = camera.mirror.pinhole_distance_m - z
     q = np.hypot(r, depth)
-    sharpness = 1.0 / virtual_image_depth_m(camera, t, np.array(math.inf))
-    return _VirtualImage(rho, 1.0 / rho - 1.0 / q, depth / q, sharpness)
+    focus_coordinate = 1.0 / virtual_image_depth_m(camera, t, np.array(math.inf))
+    return _VirtualImage(rho, 1.0 / rho - 1.0 / q, depth / q, focus_coordinate)
 
 
 def lens_focus_coordinate(aperture: Aperture, camera: OmniCamera) -> float:
-    """Return 1/Z_f of what is sharp, or of an orthographic camera its height along the axis."""
+    """1/Z_f of the lens's focus; of an orthographic camera the focus's height along the axis."""
     if aperture.focus_distance_m > 0.0 and not math.isinf(camera.mirror.pinhole_distance_m):
         return 1.0 / aperture.focus_distance_m
-    sharpness = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
-    return 0.5 * float(sharpness.min() + sharpness.max())
+    # The disc is linear in this coordinate: the midpoint of its range has the smallest maximum.
+    coordinates = _virtual_image_of_infinity(camera, sample_radii_px(camera)).focus_coordinate
+    return 0.5 * float(coordinates.min() + coordinates.max())
 
 
 def sample_radii_px(camera: OmniCamera) -> Floats:
-    """Return the image radii at which bounds are looked for."""
+    """Image radii at which bounds are evaluated."""
     return np.linspace(*visible_radii_px(camera), _NUM_RADII)
 
 
 def _px_per_focus_coordinate(
     aperture: Aperture, camera: OmniCamera, focus_coordinate: float
 ) -> float:
-    """Return the disc's diameter over the distance from the focus, in the image's measure."""
+    """Disc diameter per difference of focus coordinates: px m, or px per m if orthographic."""
     if math.isinf(camera.mirror.pinhole_distance_m):
+        # m^2 / (N pitch) with m = pitch px_per_m.
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         px_per_m = camera.rim_radius_px / rim_m
         return px_per_m**2 * aperture.pixel_pitch_m / aperture.f_number
@@ -151,71 +160,82 @@ def _px_per_focus_coordinate(
 def circle_of_confusion(
     aperture: Aperture, camera: OmniCamera, radius_px: Floats
 ) -> CircleOfConfusion:
-    """Return the law of the discs at image radii."""
+    """Circle of confusion at image radii."""
     image = _virtual_image_of_infinity(camera, np.minimum(radius_px, camera.rim_radius_px))
-    focused = lens_focus_coordinate(aperture, camera)
-    gain = _px_per_focus_coordinate(aperture, camera, focused)
-    # What a thing at a distance D brings nearer than infinity: (cos(psi) / P) / (1 + P D), and
-    # 1/Z of that.
+    focus = lens_focus_coordinate(aperture, camera)
+    gain = _px_per_focus_coordinate(aperture, camera, focus)
+    # An object at D has its image nearer than that of infinity by (cos(psi) / P) / (1 + P D);
+    # 1/Z of both gives the same form with another offset, so one rational function serves both
+    # kinds of camera.
     nearer = image.cos_psi / image.power_per_m
     shift, slope = image.focus_coordinate * nearer, np.square(image.focus_coordinate)
     if math.isinf(camera.mirror.pinhole_distance_m):
         shift, slope = np.zeros_like(nearer), np.ones_like(nearer)
     return CircleOfConfusion(
-        infinity_diameter_px=gain * (image.focus_coordinate - focused),
+        infinity_diameter_px=gain * (image.focus_coordinate - focus),
         near_px=gain * slope * nearer,
         power_per_m=image.power_per_m,
+        # D counts from the mirror's point and the range from the viewpoint: rho apart.
         offset=1.0 - image.power_per_m * image.rho_m - shift,
     )
 
 
 @lru_cache(maxsize=16)
 def max_diameter_px(aperture: Aperture, camera: OmniCamera) -> float:
-    """Return the largest disc of all that can be: of infinity, or of what touches the mirror."""
+    """Largest disc of any point outside the mirror."""
+    # The signed diameter falls with the range: its extremes are at the mirror and at infinity.
     radius = sample_radii_px(camera)
-    law = circle_of_confusion(aperture, camera, radius)
+    circle = circle_of_confusion(aperture, camera, radius)
     rho_m = _virtual_image_of_infinity(camera, radius).rho_m
-    return float(np.maximum(np.abs(law.infinity_diameter_px), law.diameter_px(rho_m)).max())
+    at_infinity = np.abs(circle.infinity_diameter_px)
+    return float(np.maximum(at_infinity, circle.diameter_px(rho_m)).max())
 
 
 @lru_cache(maxsize=4)
 def circle_of_confusion_map(aperture: Aperture, camera: OmniCamera) -> CircleOfConfusion:
-    """Return the law of every pixel's middle; (h, w) arrays."""
+    """Circle of confusion at every pixel centre, (h, w) arrays."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    law = circle_of_confusion(aperture, camera, np.hypot(u[None, :], v[:, None]))
-    for values in (law.infinity_diameter_px, law.near_px, law.power_per_m, law.offset):
+    circle = circle_of_confusion(aperture, camera, np.hypot(u[None, :], v[:, None]))
+    for values in (
+        circle.infinity_diameter_px,
+        circle.near_px,
+        circle.power_per_m,
+        circle.offset,
+    ):
         values.setflags(write=False)
-    return law
+    return circle
 
 
 @lru_cache(maxsize=4)
 def interior_mask(camera: OmniCamera) -> Bools:
-    """Return the (h, w) pixels that see the mirror with their whole square."""
+    """Pixels, (h, w), whose whole square sees the mirror."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    whole: Bools = u[None, :] ** 2 + v[:, None] ** 2 < interior_radius_px(camera) ** 2
-    whole.setflags(write=False)
-    return whole
+    interior: Bools = u[None, :] ** 2 + v[:, None] ** 2 < interior_radius_px(camera) ** 2
+    interior.setflags(write=False)
+    return interior
 
 
 def interior_radius_px(camera: OmniCamera) -> float:
-    """Return up to which image radius of its middle a pixel sees the mirror wholly."""
+    """Largest image radius of the centre of a pixel whose whole square sees the mirror."""
+    # Half a pixel's diagonal inside the rim.
     return camera.rim_radius_px - math.sqrt(0.5)
 
 
 def min_distance_at_radius(summary: SceneSummary, camera: OmniCamera, radius_px: Floats) -> Floats:
-    """Return how near at least is what is seen at image radii; on a border of rings the nearer."""
-    place = radius_px / camera.rim_radius_px * NUM_RINGS
-    nearest = np.array(summary.visible_min_distances_m)
-    inner = np.clip(np.ceil(place) - 1.0, 0, NUM_RINGS - 1).astype(np.intp)
-    outer = np.clip(np.floor(place), 0, NUM_RINGS - 1).astype(np.intp)
-    at_least: Floats = np.minimum(nearest[inner], nearest[outer])
-    return at_least
+    """Lower bound of the range, m, of anything visible at image radii."""
+    ring = radius_px / camera.rim_radius_px * NUM_RINGS
+    min_distance_m = np.array(summary.visible_min_distances_m)
+    # A radius on the border of two rings belongs to both: the smaller distance counts.
+    inner = np.clip(np.ceil(ring) - 1.0, 0, NUM_RINGS - 1).astype(np.intp)
+    outer = np.clip(np.floor(ring), 0, NUM_RINGS - 1).astype(np.intp)
+    at_radius: Floats = np.minimum(min_distance_m[inner], min_distance_m[outer])
+    return at_radius
 
 
 def describe_lens(aperture: Aperture, camera: OmniCamera) -> str:
-    """Return the lens in words."""
+    """Describe the lens, for the reason of a bound."""
     if math.isinf(camera.mirror.pinhole_distance_m):
         return f"F/{aperture.f_number:g}, telecentric"
     focus_mm = 1e3 / lens_focus_coordinate(aperture, camera)

@@ -1,9 +1,10 @@
-"""What a capture camera sees that does not stand at the mirror's focus, far away.
+"""Directions seen by a capture camera that is displaced from the mirror's second focus.
 
-A pixel's ray leaves the displaced pinhole, meets the mirror, is reflected; the pixel of the ideal
-camera that shows the same direction is where the picture is to be read. The normal of a central
-mirror needs no derivative: it halves the angle between the directions to the scene, away from the
-viewpoint, and to the focus where the pinhole belongs. Domain: any central mirror.
+A pixel's ray leaves the displaced pinhole, meets the mirror and is reflected; the pixel of the
+aligned camera with the same direction is the one to read. The normal of a central mirror needs no
+derivative: the normal bisects the angle between the outward direction from the viewpoint and the
+direction to the second focus. Domain: any central mirror; distant scenes, since the reflected rays
+no longer meet in one viewpoint.
 """
 
 from __future__ import annotations
@@ -22,105 +23,117 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.optics.transforms import rotation_from_rpy
 from catoptra_server.effects.medium.vignetting import inverse_focal_length
 
-# Newton's method squares the error; it ends where a nanopixel is left. So many steps are enough for
-# offsets of a tenth of the mirror; what has not converged by then is not seen.
+# Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
+# are enough. Rays that have not converged by then count as missing the mirror.
 _MAX_NEWTON_STEPS = 12
 _CONVERGENCE_TOLERANCE = 1e-12
-# What the search leaves of nothing would mix neighbours where a pixel is to be copied.
+# Offsets are rounded to a nanopixel: the search's residue would otherwise mix neighbours where a
+# pixel is to be copied.
 _DECIMALS = 9
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPoseOffset:
-    """Where the capture camera stands, beside where it belongs, in the mirror frame.
-
-    offset_m: of the pinhole. roll_rad, pitch_rad: turns of the camera about x and y through the
-    pinhole; of an orthographic camera, whose pinhole is nowhere, through the effective viewpoint.
-    """
+    """Displacement of the capture camera from its aligned pose, in the mirror frame."""
 
     translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Displacement of the pinhole."""
     roll_rad: float = 0.0
+    """Turn about x through the pinhole; of an orthographic camera through the viewpoint."""
     pitch_rad: float = 0.0
+    """Turn about y through the same point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReflectedRays:
-    """What becomes of (...) rays of the capture camera at the mirror.
-
-    place_m, direction: (..., 3) in the mirror frame. met: (...) which meet it within its rim.
-    """
+    """Rays of the capture camera after their reflection at the mirror, (...) rays."""
 
     point_m: Floats
+    """(..., 3) points of reflection, mirror frame."""
     direction: Floats
+    """(..., 3) directions away from the mirror, mirror frame, not of unit length."""
     is_hit: Bools
+    """(...) whether the ray meets the mirror within its rim."""
 
 
 def lookup_offsets_px(camera: OmniCamera, pose_offset: CameraPoseOffset) -> tuple[Floats, Bools]:
-    """Return (h, w, 2) how far aside of each pixel the ideal picture shows it, and which it does.
+    """Offset from each pixel to the aligned camera's pixel with the same direction.
 
-    Not shown is what misses the mirror, and what it reflects from beyond the ideal camera's rim.
+    Returns:
+        (h, w, 2) offsets, px, 0 where invalid; (h, w) validity: False for pixels that miss the
+        mirror, or whose direction lies beyond the aligned camera's rim.
     """
     pixels = pixel_sample_positions(camera)[:, :, 0]
     reflected = reflect_rays(camera, pose_offset, pixels)
-    ideal, shown = pixel_from_direction(camera, reflected.direction)
-    seen = shown & reflected.is_hit
-    return np.where(seen[..., None], np.round(ideal - pixels, _DECIMALS), 0.0), seen
+    aligned, in_view = pixel_from_direction(camera, reflected.direction)
+    valid = in_view & reflected.is_hit
+    return np.where(valid[..., None], np.round(aligned - pixels, _DECIMALS), 0.0), valid
 
 
 def reflect_rays(
     camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
 ) -> ReflectedRays:
-    """Return the rays of (..., 2) pixels behind the mirror."""
-    # Vectors lie along the first axis in here: three planes of as many numbers as there are rays.
+    """Reflect the rays of (..., 2) pixels at the mirror."""
+    # Vectors lie along the first axis here: three planes with one number per ray, which NumPy
+    # works through faster than triples.
     origin, direction = _camera_rays(camera, pose_offset, pixels)
     distance = (origin[2] - _initial_mirror_height_m(camera, pixels)) / -direction[2]
-    # What misses the mirror may go nowhere, but not to infinity.
-    least, most = 0.5 * distance, 2.0 * distance
+    # Rays that miss the mirror have no root: the bounds keep them finite until they are dropped.
+    lower, upper = 0.5 * distance, 2.0 * distance
     for _ in range(_MAX_NEWTON_STEPS):
-        place = origin + distance * direction
-        above, normal, t = _height_above_mirror(camera, place)
-        met = t <= camera.rim_t
-        if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[met].any():
+        point = origin + distance * direction
+        above, normal, t = _height_above_mirror(camera, point)
+        is_hit = t <= camera.rim_t
+        if not (np.abs(above) > _CONVERGENCE_TOLERANCE * distance)[is_hit].any():
             break
-        steepness = _dot(normal, direction) / _dot(normal, _unit_vectors(place))
-        distance = np.clip(distance - above / steepness, least, most)
-    met &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
+        # Heights are measured along the ray from the viewpoint: its angle with the normal turns
+        # the slope along the capture ray into that of `above`.
+        slope = _dot(normal, direction) / _dot(normal, _unit_vectors(point))
+        distance = np.clip(distance - above / slope, lower, upper)
+    is_hit &= np.abs(above) <= _CONVERGENCE_TOLERANCE * distance
     reflected = direction - 2.0 * _dot(normal, direction) * normal
-    return ReflectedRays(np.moveaxis(place, 0, -1), np.moveaxis(reflected, 0, -1), met)
+    return ReflectedRays(np.moveaxis(point, 0, -1), np.moveaxis(reflected, 0, -1), is_hit)
 
 
 def _camera_rays(
     camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
 ) -> tuple[Floats, Floats]:
-    """Return (3, ...) origins and directions, these 1 long along the camera's own axis."""
+    """Origins and directions, (3, ...) each, in the mirror frame."""
+    # Directions have length 1 along the camera's own axis.
     du, dv = np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0)
-    ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
-    x, y, flat = sa * du - ca * dv, -ca * du - sa * dv, np.zeros_like(du)
-    turn = rotation_from_rpy(pose_offset.roll_rad, pose_offset.pitch_rad, 0.0)
-    offset = _column_vector(pose_offset.translation_m, du.ndim)
+    cosine, sine = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    x, y, zero = sine * du - cosine * dv, -cosine * du - sine * dv, np.zeros_like(du)
+    rotation = rotation_from_rpy(pose_offset.roll_rad, pose_offset.pitch_rad, 0.0)
+    translation = _column_vector(pose_offset.translation_m, du.ndim)
     if math.isinf(camera.mirror.pinhole_distance_m):
+        # Parallel rays: pixels are points of a plane beyond the mirror, two rim radii away.
         rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
         scale = rim_m / camera.rim_radius_px
-        origin = _rotate(turn, np.stack((scale * x, scale * y, flat + 2.0 * rim_m))) + offset
-        return origin, _rotate(turn, np.stack((flat, flat, flat - 1.0)))
-    origin = _column_vector((0.0, 0.0, camera.mirror.pinhole_distance_m), du.ndim) + offset
+        start = np.stack((scale * x, scale * y, zero + 2.0 * rim_m))
+        origin = _rotate(rotation, start) + translation
+        return origin, _rotate(rotation, np.stack((zero, zero, zero - 1.0)))
+    origin = _column_vector((0.0, 0.0, camera.mirror.pinhole_distance_m), du.ndim) + translation
     scale = inverse_focal_length(camera)
-    return origin, _rotate(turn, np.stack((scale * x, scale * y, flat - 1.0)))
+    return origin, _rotate(rotation, np.stack((scale * x, scale * y, zero - 1.0)))
 
 
 def _initial_mirror_height_m(camera: OmniCamera, pixels: Floats) -> Floats:
-    """Return the height of the mirror that the pixels would see: where the search begins."""
+    """Height of the mirror at the aligned camera's pixels: the start of Newton's method."""
     radius_px = np.hypot(*np.moveaxis(pixels - np.asarray(camera.centre_px), -1, 0))
     within = np.minimum(radius_px, camera.rim_radius_px) / camera.horizon_radius_px
     return camera.mirror.surface_point(camera.mirror.t_from_radius_ratio(within))[1]
 
 
 def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return how far (3, ...) places are above the mirror, as the viewpoint sees it; its normal
-    there; and t. Beyond its rim the mirror goes on for a little.
+    """Height of (3, ...) points above the mirror.
+
+    Returns:
+        Height along the ray from the viewpoint, m; the surface normal there, (3, ...); t of the
+        direction. Beyond the rim the mirror continues for a little.
     """
     away = np.sqrt(_dot(points, points))
-    # Half-angle tangent: the rim of a mirror is far enough from its antipode.
+    # Half-angle tangent of the direction; the floor keeps the antipode of the axis finite, which
+    # no rim reaches.
     t = np.hypot(points[0], points[1]) / np.maximum(away + points[2], 1e-9 * away)
     limit = min(2.0 * camera.rim_t, 0.5 * (camera.rim_t + camera.mirror.t_limit))
     r, z = camera.mirror.surface_point(np.minimum(t, limit))
@@ -133,13 +146,13 @@ def _height_above_mirror(camera: OmniCamera, points: Floats) -> tuple[Floats, Fl
 
 
 def _column_vector(vector: tuple[float, float, float], dimensions: int) -> Floats:
-    """Return a (3, 1, ...) vector that goes with as many dimensions."""
+    """Vector of shape (3, 1, ...) that broadcasts against (3, ...) with `dimensions` more axes."""
     return np.asarray(vector).reshape(3, *(1,) * dimensions)
 
 
 def _rotate(rotation: Floats, vectors: Floats) -> Floats:
-    turned: Floats = np.tensordot(rotation, vectors, axes=1)
-    return turned
+    rotated: Floats = np.tensordot(rotation, vectors, axes=1)
+    return rotated
 
 
 def _unit_vectors(vectors: Floats) -> Floats:

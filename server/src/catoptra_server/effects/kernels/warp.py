@@ -1,7 +1,7 @@
-"""A picture read aside of where it stands, by a map that stays the same from frame to frame.
+"""Warp of an image by a displacement map that is the same in every frame.
 
-As `resampling.bilinear_aside`, prepared once: which four pixels each pixel lies between, and how
-near to which. Where a pixel is read from a pixel's middle it keeps every bit of that.
+Bilinear as `resampling.sample_bilinear_at_offset`, with neighbours and weights computed once. A
+pixel whose displacement is a whole number of pixels is copied bit by bit.
 """
 
 from __future__ import annotations
@@ -19,26 +19,27 @@ Float32Array = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WarpMap:
-    """Where (h w) pixels are read: upper left, upper right, lower left, lower right.
-
-    across, down: (h w, 3) the shares of what is right and below, equal for the three colours.
-    """
+    """Source pixels and weights of every pixel of a warped image of h x w pixels."""
 
     corner_indices: tuple[Indices, Indices, Indices, Indices]
+    """(h w,) flat indices of the upper left, upper right, lower left, lower right neighbour."""
     right_weights: Float32Array
+    """(h w, 3) weights of the right neighbours, the same for the three colours."""
     lower_weights: Float32Array
+    """(h w, 3) weights of the lower neighbours, the same for the three colours."""
 
 
 def warp_map_from_offsets(offsets_px: Float32Array) -> WarpMap:
-    """Return the warp of a picture whose pixels are read (h, w, 2) aside of their middles, px."""
+    """Warp map of an image whose pixels are sampled (h, w, 2) offsets from their centres, px."""
     height, width = offsets_px.shape[:2]
     whole = np.floor(offsets_px)
     row, column = np.indices((height, width), sparse=True)
+    # Clipping the indices repeats the border pixels, as the shader's clamp does.
     columns, rows = (
-        [np.clip(at + whole[..., axis].astype(np.intp) + step, 0, last) for step in (0, 1)]
-        for axis, at, last in ((0, column, width - 1), (1, row, height - 1))
+        [np.clip(pixel + whole[..., axis].astype(np.intp) + step, 0, last) for step in (0, 1)]
+        for axis, pixel, last in ((0, column, width - 1), (1, row, height - 1))
     )
-    across, down = np.moveaxis((offsets_px - whole).reshape(-1, 2), -1, 0)
+    right, lower = np.moveaxis((offsets_px - whole).reshape(-1, 2), -1, 0)
     return WarpMap(
         (
             (rows[0] * width + columns[0]).ravel(),
@@ -46,19 +47,21 @@ def warp_map_from_offsets(offsets_px: Float32Array) -> WarpMap:
             (rows[1] * width + columns[0]).ravel(),
             (rows[1] * width + columns[1]).ravel(),
         ),
-        np.repeat(across[:, None], 3, axis=1),
-        np.repeat(down[:, None], 3, axis=1),
+        # Stored for each colour: a product of equal shapes costs less than a broadcast in each
+        # frame.
+        np.repeat(right[:, None], 3, axis=1),
+        np.repeat(lower[:, None], 3, axis=1),
     )
 
 
 def warp(image: npt.NDArray[Real], warp_map: WarpMap) -> npt.NDArray[Real]:
-    """Return a (h, w, 3) picture as the warp reads it, a new array."""
+    """Sample a (h, w, 3) image as a warp map says; the result is a new array."""
     flat = image.reshape(-1, 3)
-    # All of them are within the picture: what `clip` saves is only the check.
-    above, right, below, far = (
-        flat.take(at, axis=0, mode="clip") for at in warp_map.corner_indices
+    # All indices are inside the image already: mode `clip` only spares NumPy's own range check.
+    above, right, below, diagonal = (
+        flat.take(indices, axis=0, mode="clip") for indices in warp_map.corner_indices
     )
     above += warp_map.right_weights * (right - above)
-    below += warp_map.right_weights * (far - below)
+    below += warp_map.right_weights * (diagonal - below)
     above += warp_map.lower_weights * (below - above)
     return above.reshape(image.shape)

@@ -1,11 +1,11 @@
-"""Defocus: what the mirror shows lies on a curved surface, and the lens is sharp at one depth only.
+"""Defocus: the mirror's virtual image is curved, and the lens is sharp at one depth only.
 
-Every pixel gathers the light of a uniform disc of its own diameter, that of infinity at its image
-radius: |fixed_px| of `lens_blur`, where the optics are derived. No depth is needed: from half a
-metre on all things have nearly this disc; what is nearer is `DefocusByDepth`'s, which then does all
-of it and leaves nothing to this one. Kernels: `disc_kernel`. Domain: that of `lens_blur`; at a
-border of depths the pixel's own disc counts, not its neighbour's. Criterion: the largest diameter
-of all that is in view, near or far.
+Every pixel is the mean of a uniform disc around it, with the diameter of infinity at its image
+radius: |infinity_diameter_px| of `lens_blur`, where the optics are derived. No range is needed:
+beyond half a metre everything has nearly this disc. Nearer objects are the domain of
+`DefocusByDepth`, which then does all of the blur and supersedes this effect. Kernels:
+`disc_kernel`. Domain: that of `lens_blur`; at a depth discontinuity the pixel's own disc counts,
+not its neighbour's. Criterion: the largest diameter of anything in view, near or far.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from catoptra_server.effects.kernels.disc_kernel import (
     table_row,
 )
 from catoptra_server.effects.kernels.lens_blur import (
+    DISTANCE_FIELDS,
     Aperture,
     circle_of_confusion,
     circle_of_confusion_map,
@@ -50,36 +51,43 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Defocus:
-    """The lens and what it is focused at."""
+    """Defocus of a lens by image radius alone."""
 
     aperture: Aperture
 
     name: ClassVar[str] = "Defocus"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the largest disc of what is in view."""
-        radius = sample_radii_px(camera)
-        law = circle_of_confusion(self.aperture, camera, radius)
-        near = law.diameter_px(min_distance_at_radius(summary, camera, radius))
-        value = float(np.maximum(np.abs(law.infinity_diameter_px), near).max())
-        far = float(np.abs(law.infinity_diameter_px).max())
+        """Largest disc of anything in view, px."""
+        # Near discs count although this effect draws those of infinity: with DefocusByDepth left
+        # out by its own criterion, both differ by less than the threshold.
+        radius_px = sample_radii_px(camera)
+        circle = circle_of_confusion(self.aperture, camera, radius_px)
+        near_px = circle.diameter_px(min_distance_at_radius(summary, camera, radius_px))
+        far_px = np.abs(circle.infinity_diameter_px)
         lens = describe_lens(self.aperture, camera)
-        return EffectBound(value, f"{lens}: discs of up to {far:.2g} px from afar")
+        return EffectBound(
+            float(np.maximum(far_px, near_px).max()),
+            f"{lens}: discs of up to {float(far_px.max()):.2g} px at infinity",
+        )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: no pixel gets brighter than the brightest around it."""
+        """Return the same summary: a weighted mean is not brighter than its brightest pixel."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the blurred picture."""
+        """Blur the image."""
         weights = _kernel_weights(self, camera, image.dtype)
-        reach = _kernel_table(self, camera).half_width_px
+        half_width_px = _kernel_table(self, camera).half_width_px
+        # Within the mirror alone: the black around it would otherwise darken the rim.
         return convolve_symmetric_within(
-            image, interior_mask(camera), reach, lambda rows: weights[:, rows]
+            image, interior_mask(camera), half_width_px, lambda rows: weights[:, rows]
         )
 
     def uniforms(
@@ -88,26 +96,26 @@ class Defocus:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return each pixel's row of the kernels' table, and the table."""
+        """Each pixel's row in the kernel table, and the table."""
         return {
-            "row": _table_row_map(self, camera),
+            "kernel_row": _table_row_map(self, camera),
             "weights": _kernel_table(self, camera).to_texture(),
             "centre_px": float32_array(*camera.centre_px),
-            "whole_px": float32_array(interior_radius_px(camera)),
+            "full_view_radius_px": float32_array(interior_radius_px(camera)),
         }
 
 
 def _kernel_table(effect: Defocus, camera: OmniCamera) -> DiscKernelTable:
-    return disc_kernel_table(
-        float(np.abs(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px).max())
-    )
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    return disc_kernel_table(float(np.abs(circle.infinity_diameter_px).max()))
 
 
 @lru_cache(maxsize=2)
 def _kernel_weights(
     effect: Defocus, camera: OmniCamera, dtype: np.dtype[Real]
 ) -> npt.NDArray[Real]:
-    """Return the (pairs, h, w) weights of every pixel."""
+    """Weights of every pixel, (pairs, h, w)."""
+    # Only two entries: at 640 px and a kernel of 15 pairs one takes 25 MB in float32.
     table = _kernel_table(effect, camera)
     row = table_row(circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px)
     weights: npt.NDArray[Real] = table.interpolate(row, table.half_width_px).astype(dtype)
@@ -117,17 +125,16 @@ def _kernel_weights(
 
 @lru_cache(maxsize=4)
 def _table_row_map(effect: Defocus, camera: OmniCamera) -> npt.NDArray[np.float32]:
-    """Return the (h, w, 1) rows, with their fractions."""
-    row: npt.NDArray[np.float32] = table_row(
-        circle_of_confusion_map(effect.aperture, camera).infinity_diameter_px
-    ).astype(np.float32)
+    """Fractional row of the kernel table for each pixel, (h, w, 1)."""
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    row: npt.NDArray[np.float32] = table_row(circle.infinity_diameter_px).astype(np.float32)
     return row[..., None]
 
 
-# Keys that `Diffraction` shares.
+# Keys that Diffraction and MirrorDust share: one lens, whichever effects a robot file names.
 F_NUMBER = EffectParameter("FNumber", "f_number", 4.0, 0.7, 64.0)
 PIXEL_PITCH = EffectParameter("PixelPitch", "pixel_pitch_m", 7.4e-6, 1e-7, 1e-3)
-# 0: where the largest disc of what is far away is least.
+# 0: the focus that minimizes the largest disc of infinity.
 FOCUS_DISTANCE = EffectParameter("FocusDistance", "focus_distance_m", 0.0, 0.0, 1000.0)
 APERTURE_PARAMETERS = (F_NUMBER, PIXEL_PITCH, FOCUS_DISTANCE)
 

@@ -1,10 +1,10 @@
-"""Defocus with each pixel's own depth: for things so near that their disc differs from infinity's.
+"""Defocus by each pixel's range: for objects so near that their disc differs from infinity's.
 
-Every pixel gathers the light of a uniform disc of |fixed + near / (power range + offset)| px,
-`lens_blur`'s law with the range of what its middle sees. It does all that `Defocus` does, and so
-takes its place: what a disc of another width blurred before cannot be made sharp again. Robot files
-that name both leave the choice to the two criteria. Domain: that of `Defocus`. Criterion: how far
-the disc of the nearest thing in view differs from that of infinity, in px.
+Every pixel is the mean of a uniform disc around it, with the diameter of `lens_blur`'s circle of
+confusion at the range of the pixel's centre. The effect includes all of `Defocus` and supersedes
+that effect: an image blurred by another disc before cannot be made sharp again. Robot files that
+name both leave the choice to the two criteria. Domain: that of `Defocus`. Criterion: the largest
+difference, in px, between the disc of the nearest object in view and that of infinity.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from catoptra_server.effects.kernels.disc_kernel import (
     table_row,
 )
 from catoptra_server.effects.kernels.lens_blur import (
+    DISTANCE_FIELDS,
     Aperture,
     CircleOfConfusion,
     circle_of_confusion,
@@ -53,43 +54,48 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class DefocusByDepth:
-    """The lens and what it is focused at."""
+    """Defocus of a lens by image radius and range."""
 
     aperture: Aperture
 
     name: ClassVar[str] = "DefocusByDepth"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = DISTANCE_FIELDS
     needs_range: ClassVar[bool] = True
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return by how much the disc of what is nearest differs from that of infinity."""
-        radius = sample_radii_px(camera)
-        law = circle_of_confusion(self.aperture, camera, radius)
-        value = float(
-            max_diameter_change_px(law, min_distance_at_radius(summary, camera, radius)).max()
-        )
-        nearest = min(summary.visible_min_distances_m)
+        """Largest difference between the disc of anything in view and that of infinity, px."""
+        radius_px = sample_radii_px(camera)
+        circle = circle_of_confusion(self.aperture, camera, radius_px)
+        min_distance_m = min_distance_at_radius(summary, camera, radius_px)
+        value = float(max_diameter_change_px(circle, min_distance_m).max())
+        nearest_m = min(summary.visible_min_distances_m)
         lens = describe_lens(self.aperture, camera)
-        where = f"{nearest:.2g} m away" if math.isfinite(nearest) else "far away"
-        return EffectBound(value, f"{lens}: the nearest is {where}")
+        distance = f"{nearest_m:.2g} m away" if math.isfinite(nearest_m) else "far away"
+        return EffectBound(value, f"{lens}: the nearest object is {distance}")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return a summary in which the fixed part is done."""
+        """Summary in which `Defocus` is superseded."""
         return replace(summary, superseded_effects=summary.superseded_effects | {Defocus.name})
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the blurred picture."""
-        assert context.range_m is not None, "depths were not asked for"
-        law = circle_of_confusion_map(self.aperture, camera)
-        range_m = context.range_m.astype(np.float64)
-        row = table_row(law.diameter_px(range_m)).astype(image.dtype)
+        """Blur the image by each pixel's range."""
+        assert context.range_m is not None, "defocus by depth needs ranges"
+        circle = circle_of_confusion_map(self.aperture, camera)
+        # Diameters in float64 from float32 ranges: near the focus two terms of opposite sign
+        # cancel.
+        row = table_row(circle.diameter_px(context.range_m.astype(np.float64))).astype(image.dtype)
         table = _kernel_table(self, camera)
-        reach = table.half_width_up_to_row(float(row.max()))
-        whole = interior_mask(camera)
+        # The table reaches to discs of points on the mirror; most frames need a fraction of it.
+        half_width_px = table.half_width_up_to_row(float(row.max()))
         return convolve_symmetric_within(
-            image, whole, reach, lambda rows: table.interpolate(row[rows], reach)
+            image,
+            interior_mask(camera),
+            half_width_px,
+            lambda rows: table.interpolate(row[rows], half_width_px),
         )
 
     def uniforms(
@@ -98,30 +104,31 @@ class DefocusByDepth:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return each pixel's law, and the kernels' table."""
+        """Circle of confusion of each pixel, and the kernel table."""
         return {
-            "law": _circle_of_confusion_texture(self, camera),
+            "disc_parameters": _circle_of_confusion_texture(self, camera),
             "weights": _kernel_table(self, camera).to_texture(),
             "centre_px": float32_array(*camera.centre_px),
-            "whole_px": float32_array(interior_radius_px(camera)),
+            "full_view_radius_px": float32_array(interior_radius_px(camera)),
         }
 
 
 def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) -> Floats:
-    """Return the largest change of a disc between infinity and the nearest distance.
+    """Largest change of a disc between infinity and the nearest distance, px.
 
-    What is behind the focus first shrinks, at most to a point, and then grows.
+    The disc of a point behind the focus first shrinks, at most to a point, and then grows.
     """
-    added = circle.near_term_px(min_distance_m)
-    behind = np.maximum(-circle.infinity_diameter_px, 0.0)
-    shrunk = np.minimum(added, behind)
-    grown = circle.diameter_px(min_distance_m) - np.abs(circle.infinity_diameter_px)
-    change: Floats = np.maximum(shrunk, grown)
+    near_term = circle.near_term_px(min_distance_m)
+    behind_focus = np.maximum(-circle.infinity_diameter_px, 0.0)
+    shrinkage = np.minimum(near_term, behind_focus)
+    growth = circle.diameter_px(min_distance_m) - np.abs(circle.infinity_diameter_px)
+    change: Floats = np.maximum(shrinkage, growth)
     return change
 
 
 def _kernel_table(effect: DefocusByDepth, camera: OmniCamera) -> DiscKernelTable:
-    """Return the kernels of all things outside the mirror, however near."""
+    """Kernels of all points outside the mirror, however near."""
+    # Not of the nearest object of one frame: the texture would be uploaded again in each.
     return disc_kernel_table(max_diameter_px(effect.aperture, camera))
 
 
@@ -129,11 +136,11 @@ def _kernel_table(effect: DefocusByDepth, camera: OmniCamera) -> DiscKernelTable
 def _circle_of_confusion_texture(
     effect: DefocusByDepth, camera: OmniCamera
 ) -> npt.NDArray[np.float32]:
-    """Return the (h, w, 4) law: fixed_px, near_px, power_per_m, offset."""
-    law = circle_of_confusion_map(effect.aperture, camera)
-    parts = (law.infinity_diameter_px, law.near_px, law.power_per_m, law.offset)
-    stacked: npt.NDArray[np.float32] = np.stack(parts, axis=-1).astype(np.float32)
-    return stacked
+    """Texture, (h, w, 4): infinity_diameter_px, near_px, power_per_m, offset."""
+    circle = circle_of_confusion_map(effect.aperture, camera)
+    channels = (circle.infinity_diameter_px, circle.near_px, circle.power_per_m, circle.offset)
+    texture: npt.NDArray[np.float32] = np.stack(channels, axis=-1).astype(np.float32)
+    return texture
 
 
 def _create_effect(

@@ -1,16 +1,17 @@
-"""Diffraction: the lens's aperture spreads every point to Airy's pattern, red farther than blue.
+"""Diffraction: the lens's aperture spreads every point to an Airy pattern, red wider than blue.
 
-A round aperture shows a point as (2 J1(v) / v)^2, v = pi r / (lambda N): a disc, which holds 83.8 %
-of the light within a first dark ring of diameter 2.44 lambda N, and rings around it. A pixel's
-weight is the pattern's integral over its square, around a point in the middle of its own; for each
-colour with one wavelength that stands for its filter's band. The pattern never ends: beyond r a
-share of 2 lambda N / (pi^2 r) is left. It is cut at a square five times as wide as the disc, beyond
-which up to 3 % of the light lie (`truncated_fraction`), and brought back to a sum of 1: no light is lost.
-Source: Airy 1835; encircled light 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other
-faults, the same all over the picture; the f-number is that of the image's side.
+A circular aperture images a point as (2 J1(v) / v)^2, v = pi r / (lambda N): a disc with 83.8 % of
+the light within a first dark ring of diameter 2.44 lambda N, and rings around. A pixel's weight is
+the pattern's integral over its square, for a point at the centre of the central pixel; each colour
+has one wavelength in place of its filter's band. The pattern never ends: beyond r a fraction of
+2 lambda N / (pi^2 r) remains. The kernel is cut at a square five times as wide as the disc, which
+loses up to 3 % (`truncated_fraction`), and normalized to a sum of 1: no light is lost. Source: Airy
+1835; encircled energy 1 - J0^2 - J1^2, Rayleigh 1881. Domain: a lens without other aberrations, the
+same everywhere in the image; the f-number is that of the image side.
 
-Criterion: the radius of the first dark ring, in red: so far from its place the light of what a
-pixel shows comes. Up to half a pixel it stays in its own, but for less than the rings' 16 %.
+Criterion: the radius of the first dark ring in red: the distance over which a point's light spreads
+to other pixels. Up to half a pixel all of the light stays in its own pixel but part of the rings'
+16 %.
 """
 
 from __future__ import annotations
@@ -36,50 +37,54 @@ from catoptra_server.effects.kernels.symmetric_kernels import (
 from catoptra_server.effects.medium.defocus import F_NUMBER, PIXEL_PITCH
 from catoptra_server.effects.scene_summary import SceneSummary
 
-# Assumed: the middles of the bands of a sensor's red, green and blue filters.
+# Assumed: the centres of the bands of a sensor's red, green and blue filters.
 WAVELENGTHS_M = (610e-9, 540e-9, 465e-9)
 # The first zero of J1, over pi: the dark ring's radius over lambda N.
 _FIRST_DARK_RING = 3.8317059702075125 / math.pi
-# The kernel's square against the disc.
+# Width of the kernel's square over the diameter of the disc.
 _KERNEL_WIDTH_IN_DISCS = 5.0
-# Radians of v between two places where the pattern is evaluated, at most: 5 a ring.
+# Largest step of v between two quadrature nodes: 5 nodes per ring.
 _MAX_STEP_RAD = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class Diffraction:
-    """f_number: focal length over diameter. pixel_pitch_m: from pixel to pixel."""
+    """Aperture of the lens and pixel size."""
 
     f_number: float
+    """Focal length over diameter of the aperture."""
     pixel_pitch_m: float
+    """Distance between the centres of adjacent pixels."""
 
     name: ClassVar[str] = "Diffraction"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset()
     needs_range: ClassVar[bool] = False
 
     def airy_diameter_px(self, wavelength_m: float) -> float:
-        """Return the diameter of the first dark ring."""
+        """Diameter of the first dark ring."""
         return 2.0 * _FIRST_DARK_RING * self._lambda_n_px(wavelength_m)
 
     def _lambda_n_px(self, wavelength_m: float) -> float:
-        """Return lambda N in px."""
+        """Unit of length of the pattern, lambda N, in px."""
         return wavelength_m * self.f_number / self.pixel_pitch_m
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the radius of the first dark ring in red."""
+        """Radius of the first dark ring in red, the widest."""
         diameter = self.airy_diameter_px(WAVELENGTHS_M[0])
         return EffectBound(
             0.5 * diameter, f"at F/{self.f_number:g} the Airy disc of red is {diameter:.2f} px wide"
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: no pixel gets brighter than the brightest around it."""
+        """Return the same summary: a weighted mean is not brighter than its brightest pixel."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture with every point spread."""
+        """Convolve the image with the pattern of each colour."""
         weights = kernel_weights(self).astype(image.dtype)[:, :, None, None]
         return convolve_symmetric(image, kernel_half_width_px(self), lambda rows: weights)
 
@@ -89,19 +94,20 @@ class Diffraction:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the kernels."""
+        """Kernel weights."""
         return {"weights": _weights_texture(self)}
 
 
 def kernel_half_width_px(effect: Diffraction) -> int:
-    """Return how many pixels aside the kernel goes: with its own pixel, five discs in red."""
+    """Half width of the kernel without the central pixel: five discs of red in all."""
     half_px = 0.5 * _KERNEL_WIDTH_IN_DISCS * effect.airy_diameter_px(WAVELENGTHS_M[0])
+    # At least the direct neighbours, however narrow the pattern: an enabled effect has a kernel.
     return max(1, math.ceil(half_px - 0.5))
 
 
 @lru_cache(maxsize=4)
 def kernel_weights(effect: Diffraction) -> Floats:
-    """Return the (pairs, 3) weights of each colour, summing to 1 over all pixels."""
+    """Weights of each colour, (pairs, 3), whose sum over all pixels is 1."""
     weights = airy_pattern(effect)
     weights /= pair_multiplicities(kernel_half_width_px(effect)) @ weights
     weights.setflags(write=False)
@@ -109,54 +115,58 @@ def kernel_weights(effect: Diffraction) -> Floats:
 
 
 def truncated_fraction(effect: Diffraction) -> Floats:
-    """Return the (3,) shares of light that fall beyond the kernel, before its sum is made 1."""
-    lost: Floats = 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(effect)
-    return lost
+    """Fraction of light, (3,), outside the kernel before normalization."""
+    truncated: Floats = 1.0 - pair_multiplicities(kernel_half_width_px(effect)) @ airy_pattern(
+        effect
+    )
+    return truncated
 
 
 def airy_pattern(effect: Diffraction) -> Floats:
-    """Return the (pairs, 3) shares of a point's light in a pixel of each pair, uncut."""
-    units = [effect._lambda_n_px(wavelength) for wavelength in WAVELENGTHS_M]
-    return np.stack(
-        [_pixel_integrals(kernel_half_width_px(effect), unit) for unit in units], axis=-1
-    )
+    """Fraction of a point's light in a pixel of each pair, (pairs, 3), not normalized."""
+    half_width_px = kernel_half_width_px(effect)
+    lambda_n_px = [effect._lambda_n_px(wavelength) for wavelength in WAVELENGTHS_M]
+    return np.stack([_pixel_integrals(half_width_px, unit) for unit in lambda_n_px], axis=-1)
 
 
 def _pixel_integrals(half_width_px: int, lambda_n_px: float) -> Floats:
-    """Return the (pairs,) integrals of Airy's pattern over pixels, by Gauss and Legendre."""
+    """Integrals of the Airy pattern over pixels, (pairs,), by Gauss-Legendre quadrature."""
+    # Nodes by the pattern's scale: a large pixel pitch packs several rings into one pixel.
     count = 8 + math.ceil(math.pi / lambda_n_px / _MAX_STEP_RAD)
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    at, weight = 0.5 * nodes, 0.5 * weights
-    shares = [
-        _airy_intensity(np.hypot((i + at)[:, None], j + at), lambda_n_px)
+    position, weight = 0.5 * nodes, 0.5 * weights
+    intensities = [
+        _airy_intensity(np.hypot((i + position)[:, None], j + position), lambda_n_px)
         for i, j in offset_pairs(half_width_px)
     ]
-    return np.array([weight @ share @ weight for share in shares])
+    return np.array([weight @ intensity @ weight for intensity in intensities])
 
 
 def _airy_intensity(radius_px: Floats, lambda_n_px: float) -> Floats:
-    """Return the share of light a px^2; the whole is 4 / pi unit_px^2 of the middle's."""
+    """Fraction of light per px^2 at a radius; the total is 4 / pi lambda_n_px^2 of the centre's."""
     v = math.pi * radius_px / lambda_n_px
-    shown: Floats = np.square(_twice_j1_over(v)) * (0.25 * math.pi / lambda_n_px**2)
-    return shown
+    intensity: Floats = np.square(_twice_j1_over(v)) * (0.25 * math.pi / lambda_n_px**2)
+    return intensity
 
 
 def _twice_j1_over(v: Floats) -> Floats:
-    """Return 2 J1(v) / v = mean over a half turn of 2 cos(v cos a) sin^2 a (Poisson's integral).
+    """Evaluate 2 J1(v) / v as the mean over a half turn of 2 cos(v cos a) sin^2 a.
 
-    The mean over equal steps of a smooth periodic function is exact once there are more than v.
+    Poisson's integral: no division by v = 0, and no SciPy.
     """
+    # The trapezoidal rule of a smooth periodic function is exact to rounding once there are more
+    # nodes than v.
     count = 24 + math.ceil(float(v.max()))
-    a = (np.arange(count) + 0.5) * (math.pi / count)
+    angles = (np.arange(count) + 0.5) * (math.pi / count)
     total = np.zeros_like(v)
-    for angle in a:
+    for angle in angles:
         total += np.cos(v * math.cos(angle)) * (2.0 * math.sin(angle) ** 2 / count)
     return total
 
 
 @lru_cache(maxsize=4)
 def _weights_texture(effect: Diffraction) -> npt.NDArray[np.float32]:
-    """Return the weights as the shader reads them, (1, pairs, 3)."""
+    """Weights as the shader reads them, (1, pairs, 3)."""
     texture: npt.NDArray[np.float32] = kernel_weights(effect).astype(np.float32)[None]
     return texture
 

@@ -1,14 +1,14 @@
-"""Misalignment: the capture camera's pinhole does not stand at the mirror's second focus.
+"""Misalignment: the capture camera's pinhole is displaced from the mirror's second focus.
 
-L'(p) = L(q(p)): q is the pixel of the ideal camera that shows what p's ray, reflected, shows of
-what is far away (`misaligned_rays`); between pixels bilinear, in linear light. Black where the ray
-misses the mirror, or comes from beyond the ideal camera's rim. Not simulated: parallax, since the
-reflected rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to
-0.19 of the pinhole's offset: 1 mm misplaces what is 1 m away by at most 0.04 px of 360, and less
-what is farther. Domain: central mirrors. Criterion: the largest of |q - p|.
+L'(p) = L(q(p)): q is the aligned camera's pixel with the direction of p's reflected ray
+(`misaligned_rays`); bilinear between pixels, in linear radiance. Black where the ray misses the
+mirror, or comes from beyond the aligned camera's rim. Not simulated: parallax, since the reflected
+rays no longer meet in one point. In the paper's mirror they pass the viewpoint at up to 0.19 of the
+pinhole's offset: 1 mm displaces a point 1 m away by at most 0.04 px of 360, and farther ones less.
+Domain: central mirrors. Criterion: the largest of |q - p|.
 
-In the paper's picture of 360 px, 1 mm sideways moves all by 3.4 to 4.7 px. Aimed anew, so that the
-rim stands where it did, the camera still shows directions up to 0.8 px off.
+In the paper's image of 360 px, 1 mm sideways displaces everything by 3.4 to 4.7 px. With the camera
+aimed anew, so that the rim is at its old position, directions are still up to 0.8 px off.
 """
 
 from __future__ import annotations
@@ -39,52 +39,59 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Misalignment:
-    """x_m, y_m: the pinhole's offset in the mirror frame; axial_m: away from the mirror.
-
-    roll_rad, pitch_rad: turns of the camera about x and y.
-    """
+    """Displacement and tilt of the capture camera, in the mirror frame."""
 
     x_m: float = 0.0
+    """Offset of the pinhole along x."""
     y_m: float = 0.0
+    """Offset of the pinhole along y."""
     axial_m: float = 0.0
+    """Offset of the pinhole away from the mirror."""
     roll_rad: float = 0.0
+    """Turn about x."""
     pitch_rad: float = 0.0
+    """Turn about y."""
 
     name: ClassVar[str] = "Misalignment"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset()
     needs_range: ClassVar[bool] = False
 
     @property
     def camera_pose_offset(self) -> CameraPoseOffset:
-        """Return where the camera stands."""
-        offset = (self.x_m, self.y_m, self.axial_m)
-        return CameraPoseOffset(offset, self.roll_rad, self.pitch_rad)
+        """Pose of the camera relative to the aligned one."""
+        translation_m = (self.x_m, self.y_m, self.axial_m)
+        return CameraPoseOffset(translation_m, self.roll_rad, self.pitch_rad)
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return how far off the most displaced pixel looks; of no use, by the whole picture."""
+        """Largest displacement of a pixel; the image's diagonal if no pixel is valid."""
         if self.camera_pose_offset == CameraPoseOffset():
-            return EffectBound(0.0, "the camera stands where it belongs")
-        aside = lookup_offset_map(self, camera)
-        seen = aside[..., 2] > 0.0
-        whole = math.hypot(camera.width_px, camera.height_px)
-        # float32 rounds the map by less than a part in 1e7.
-        shift = float(np.hypot(aside[..., 0], aside[..., 1])[seen].max()) if seen.any() else whole
+            return EffectBound(0.0, "the camera is aligned")
+        lookup = lookup_offset_map(self, camera)
+        valid = lookup[..., 2] > 0.0
+        # The map itself is bounded, not the optics: its rounding to float32 is below a part in 1e7.
+        displacement_px = math.hypot(camera.width_px, camera.height_px)
+        if valid.any():
+            displacement_px = float(np.hypot(lookup[..., 0], lookup[..., 1])[valid].max())
         offset_mm = 1e3 * math.hypot(*self.camera_pose_offset.translation_m)
         tilt = math.degrees(math.hypot(self.roll_rad, self.pitch_rad))
         reason = f"the pinhole is {offset_mm:.3g} mm off the mirror's focus"
-        return EffectBound(shift, f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason)
+        return EffectBound(
+            displacement_px, f"{reason}, tilted by {tilt:.3g} degrees" if tilt else reason
+        )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: nothing becomes brighter."""
+        """Return the same summary: interpolation makes no pixel brighter."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture as the displaced camera sees it."""
-        read = warp(image, _warp(self, camera))
-        read[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
-        return read
+        """Warp the image to the displaced camera."""
+        warped = warp(image, _warp_map(self, camera))
+        warped[lookup_offset_map(self, camera)[..., 2] == 0.0] = 0.0
+        return warped
 
     def uniforms(
         self,
@@ -92,21 +99,23 @@ class Misalignment:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the map."""
-        return {"read_instead": lookup_offset_map(self, camera)}
+        """Displacement map."""
+        return {"displacement_px": lookup_offset_map(self, camera)}
 
 
 @lru_cache(maxsize=4)
 def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
-    """Return (h, w, 3): how far aside of each pixel to read, in u and v, and 1 or 0 for black."""
-    aside, seen = lookup_offsets_px(camera, effect.camera_pose_offset)
-    told = np.concatenate((aside, seen[..., None]), axis=-1).astype(np.float32)
-    told.setflags(write=False)
-    return told
+    """Map, (h, w, 3): offset in u and v to the pixel to read, px; validity, 1 or 0 for black."""
+    # Offsets instead of positions: float32 keeps nine digits of a displacement of a few pixels.
+    offsets, valid = lookup_offsets_px(camera, effect.camera_pose_offset)
+    lookup = np.concatenate((offsets, valid[..., None]), axis=-1).astype(np.float32)
+    lookup.setflags(write=False)
+    return lookup
 
 
 @lru_cache(maxsize=4)
-def _warp(effect: Misalignment, camera: OmniCamera) -> WarpMap:
+def _warp_map(effect: Misalignment, camera: OmniCamera) -> WarpMap:
+    # Made of the float32 map, so trace interpolates with the weights of raster's shader.
     return warp_map_from_offsets(lookup_offset_map(effect, camera)[..., :2])
 
 

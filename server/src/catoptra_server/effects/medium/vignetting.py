@@ -1,10 +1,10 @@
-"""Vignetting: the capture camera's lens darkens the picture towards its border, cos^4 psi.
+"""Vignetting: the capture camera's lens darkens the image towards its border, cos^4 psi.
 
 E = L cos^4(psi), psi the angle between the optical axis and a pixel's chief ray at the pinhole:
 tan(psi) = r / f in pixels, hence cos^4(psi) = 1 / (1 + (r / f)^2)^2. The mirror preserves radiance,
-so the lens alone shades. Source: the cosine-fourth law of a thin lens. Domain: all pixels; an
-orthographic capture camera has psi = 0 everywhere and no vignetting. Criterion: what white loses at
-the rim, in encoded grey levels (in linear ones it would be 255 (1 - cos^4 psi_rim)).
+so only the lens shades. Source: the cosine-fourth law of a thin lens. Domain: all pixels; an
+orthographic capture camera has psi = 0 everywhere and no vignetting. Criterion: the loss of white
+at the rim, in encoded grey levels (in linear ones 255 (1 - cos^4 psi_rim)).
 """
 
 from __future__ import annotations
@@ -35,27 +35,30 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Vignetting:
-    """No numbers: the mirror and the picture give the angles."""
+    """Cosine-fourth shading. No parameters: mirror and image size determine the angles."""
 
     name: ClassVar[str] = "Vignetting"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what the brightest light loses at the rim."""
+        """Loss of the brightest light at the rim, in grey levels."""
+        # At the rim and not in the image's corners: pixels outside the mirror are black.
         tangent = camera.rim_radius_px * inverse_focal_length(camera)
         value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
         angle = math.degrees(math.atan(tangent))
-        return EffectBound(value, f"the rim is seen {angle:.2f} degrees off the lens's axis")
+        return EffectBound(value, f"the rim is {angle:.2f} degrees off the lens's axis")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: on the axis nothing is lost."""
+        """Return the same summary: on the axis nothing is lost."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the darkened picture."""
+        """Darken the image."""
         return image * cosine_fourth_map(camera).astype(image.dtype)
 
     def uniforms(
@@ -64,27 +67,33 @@ class Vignetting:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the middle and the focal length."""
+        """Image centre and focal length."""
         return {
             "centre_px": float32_array(*camera.centre_px),
-            "inverse_focal": float32_array(inverse_focal_length(camera)),
+            "inverse_focal_length": float32_array(inverse_focal_length(camera)),
         }
 
 
 def inverse_focal_length(camera: OmniCamera) -> float:
-    """Return 1 / f of the capture camera, 1/px: tan(psi) of a radius of 1 px; 0 = orthographic."""
+    """Return 1 / f of the capture camera, 1/px; 0 if orthographic.
+
+    Equivalent: tan(psi) of an image radius of 1 px. The inverse, since f itself is infinite for an
+    orthographic camera.
+    """
     pinhole_m = camera.mirror.pinhole_distance_m
     if math.isinf(pinhole_m):
         return 0.0
+    # From the rim, whose position on the mirror and whose image radius are both known exactly.
     r, z = camera.mirror.surface_point(np.array(camera.rim_t))
     return float(r) / (pinhole_m - float(z)) / camera.rim_radius_px
 
 
 @lru_cache(maxsize=4)
 def cosine_fourth_map(camera: OmniCamera) -> Floats:
-    """Return the (h, w, 1) factor of each pixel's middle."""
+    """Factor of each pixel centre, (h, w, 1)."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
+    # 1 / (1 + tan^2)^2 needs no arctangent and has no cancellation on the axis.
     tangent2 = (u[None, :] ** 2 + v[:, None] ** 2) * inverse_focal_length(camera) ** 2
     factor: Floats = ((1.0 + tangent2) ** -2)[..., None]
     factor.setflags(write=False)

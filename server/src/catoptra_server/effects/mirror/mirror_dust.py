@@ -1,15 +1,14 @@
-"""Mirror dust: grains and scratches on the mirror hide what it shows and scatter light themselves.
+"""Mirror dust: particles and scratches cover the mirror and scatter light themselves.
 
-L' = (1 - a) L + a w A: a(p) the share of a pixel's view that marks cover (`mirror_marks`), w their
-albedo, A the mean light of the picture, which stands for all that shines on them. The lens is
-focused at the mirror's virtual image, behind its surface: marks are blurred by the disc of what
-touches the mirror (`lens_blur`). They stay where they are in every exposure, and differ from camera
-to camera. Domain: central mirrors; of the light that marks scatter, how much depends on no angle.
-Criterion: what white loses, or black gains, under the most that a camera's marks can cover of a
-pixel.
+L' = (1 - a) L + a w A: a(p) the fraction of a pixel's view that contaminants cover
+(`contaminants`), w their albedo, A the mean radiance of the image in place of the irradiance on
+them. The lens is focused at the mirror's virtual image, behind its surface: contaminants are
+blurred by the disc of points on the mirror (`lens_blur`). Positions are constant for a camera and
+differ between cameras. Domain: central mirrors; diffuse scattering, independent of the angle.
+Criterion: the loss of white, or the gain of black, at the maximum coverage of a pixel.
 
-That most holds for any camera: several grains in one pixel by Bernstein's inequality, such that no
-pixel in 1e12 exceeds it (one that did would be cut to it).
+The maximum holds for any camera: several particles in one pixel by Bernstein's inequality, such
+that no pixel in 1e12 exceeds the maximum (one that did would be cut).
 """
 
 from __future__ import annotations
@@ -60,44 +59,47 @@ from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
 from catoptra_server.effects.scene_summary import SceneSummary
 from catoptra_server.effects.sensor.auto_exposure import mean_luminance
 
-# No pixel in so many has more on it, by its logarithm.
+# Logarithm of the number of pixels of which none exceeds the maximum coverage.
 _LOG_RARITY = math.log(1e12)
 
 
 @dataclass(frozen=True, slots=True)
 class MirrorDust:
-    """What lies on the mirror, the share of light that it scatters, and the lens that sees it."""
+    """Contaminants on the mirror, and the lens that images them."""
 
     contaminants: Contaminants
     albedo: float
+    """Fraction of light that contaminants scatter."""
     aperture: Aperture
 
     name: ClassVar[str] = "MirrorDust"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what white loses where all is dark, or black gains where all else is white."""
-        most = max_coverage(self, camera)
-        lost = max_change_by_gain(1.0 - most, summary.max_radiance)
-        gained = grey_level(most * self.albedo * summary.max_radiance)
-        return EffectBound(max(lost, gained), f"marks cover up to {most:.2%} of what a pixel sees")
+        """Loss of white in a dark image, or gain of black in a white image: the larger."""
+        coverage = max_coverage(self, camera)
+        loss = max_change_by_gain(1.0 - coverage, summary.max_radiance)
+        gain = grey_level(coverage * self.albedo * summary.max_radiance)
+        return EffectBound(max(loss, gain), f"dust covers up to {coverage:.2%} of a pixel's view")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: marks scatter no more than the brightest light."""
+        """Return the same summary: contaminants scatter no more than the brightest light."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture in the dusty mirror."""
-        covered = coverage_map(self, camera, context.noise_seed.camera_key).astype(
+        """Mix the image with the scattered light by coverage."""
+        coverage = coverage_map(self, camera, context.noise_seed.camera_key).astype(
             image.dtype, copy=False
         )
         scattered = image.dtype.type(
             self._scattered_luminance(lambda: mean_luminance(image, camera))
         )
-        return image + covered * (scattered - image)
+        return image + coverage * (scattered - image)
 
     def uniforms(
         self,
@@ -105,14 +107,15 @@ class MirrorDust:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return what is covered, and the light of what covers it."""
+        """Coverage of each pixel, and the radiance of contaminants."""
         return {
-            "covered": coverage_map(self, camera, context.noise_seed.camera_key),
-            "scattered": float32_array(self._scattered_luminance(measure_mean_luminance)),
+            "coverage": coverage_map(self, camera, context.noise_seed.camera_key),
+            "scattered_radiance": float32_array(self._scattered_luminance(measure_mean_luminance)),
         }
 
     def _scattered_luminance(self, measure_mean_luminance: Callable[[], float]) -> float:
-        """Return the light of marks; of black ones nothing is measured."""
+        """Radiance of contaminants, the same for all colours."""
+        # Black dust spares the measurement, which reads back from the device.
         return self.albedo * measure_mean_luminance() if self.albedo else 0.0
 
 
@@ -120,81 +123,85 @@ class MirrorDust:
 def coverage_map(
     effect: MirrorDust, camera: OmniCamera, camera_key: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
-    """Return the (h, w, 1) share of each pixel's view that a camera's marks cover."""
-    chart, blur = mirror_surface_table(camera), _surface_blur(effect, camera)
-    marks, of_camera = effect.contaminants, NoiseSeed(camera_key)
-    grains = particle_cells(marks, camera, chart, camera_noise_key(of_camera, "dust"))
-    lines = scratch_cells(marks, camera, chart, camera_noise_key(of_camera, "scratches"))
-    sharp = np.minimum(pixel_coverage(grains, camera) + pixel_coverage(lines, camera), 1.0)
+    """Fraction of each pixel's view that a camera's contaminants cover, (h, w, 1)."""
+    surface_table, blur = mirror_surface_table(camera), _surface_blur(effect, camera)
+    contaminants, seed = effect.contaminants, NoiseSeed(camera_key)
+    particles = particle_cells(contaminants, camera, surface_table, camera_noise_key(seed, "dust"))
+    scratches = scratch_cells(
+        contaminants, camera, surface_table, camera_noise_key(seed, "scratches")
+    )
+    sharp = np.minimum(pixel_coverage(particles, camera) + pixel_coverage(scratches, camera), 1.0)
+    # Cut at the bound, so the criterion holds even for the one pixel in 1e12.
     soft = np.minimum(blur.blur(sharp), max_coverage(effect, camera))
-    seen = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
-    covered = np.where(seen, soft[..., None], 0.0).astype(np.float32)
-    covered.setflags(write=False)
-    return covered
+    on_mirror = direction_from_pixel(camera, pixel_sample_positions(camera))[1]
+    coverage = np.where(on_mirror, soft[..., None], 0.0).astype(np.float32)
+    coverage.setflags(write=False)
+    return coverage
 
 
 @lru_cache(maxsize=8)
 def max_coverage(effect: MirrorDust, camera: OmniCamera) -> float:
-    """Return the most that any camera's marks can cover of a pixel's view."""
-    chart, marks, blur = (
-        mirror_surface_table(camera),
-        effect.contaminants,
-        _surface_blur(effect, camera),
-    )
+    """Largest fraction of a pixel's view that the contaminants of any camera cover."""
+    surface_table, contaminants = mirror_surface_table(camera), effect.contaminants
+    blur = _surface_blur(effect, camera)
     peak = blur.max_weight
-    diameters = marks.particle_diameters_m(chart.area_m2)
+    diameters = contaminants.particle_diameters_m(surface_table.area_m2)
     dust = 0.0
     if len(diameters):
-        largest_px2 = 0.25 * math.pi * diameters[-1] ** 2 * chart.max_px2_per_m2
-        grain = min(1.0, largest_px2 * peak)
-        # Bernstein: the mean is the covered share, no grain adds more than the largest does.
-        third = grain * _LOG_RARITY / 3.0
-        crowd = (
-            marks.coverage
-            + third
-            + math.hypot(third, math.sqrt(2 * marks.coverage * grain * _LOG_RARITY))
-        )
-        dust = min(len(diameters) * grain, crowd)
-    width_px = marks.scratch_width_m * chart.max_px_per_m
-    # A straight line is at most a diagonal long in a pixel, or in a kernel.
-    line = math.sqrt(2.0) * width_px * min(1.0, peak * (2 * blur.kernel_table.half_width_px + 1))
-    return min(1.0, dust + marks.num_scratches * min(1.0, line))
+        largest_px2 = 0.25 * math.pi * diameters[-1] ** 2 * surface_table.max_px2_per_m2
+        particle = min(1.0, largest_px2 * peak)
+        # Bernstein's inequality: the mean is the coverage, and no particle adds more than the
+        # largest one does.
+        third = particle * _LOG_RARITY / 3.0
+        spread = math.sqrt(2 * contaminants.coverage * particle * _LOG_RARITY)
+        crowd = contaminants.coverage + third + math.hypot(third, spread)
+        # Few particles cannot cover more than all of them in one pixel.
+        dust = min(len(diameters) * particle, crowd)
+    width_px = contaminants.scratch_width_m * surface_table.max_px_per_m
+    # A straight line in a pixel, or in a kernel, is at most a diagonal long.
+    kernel_side_px = 2 * blur.kernel_table.half_width_px + 1
+    scratch = math.sqrt(2.0) * width_px * min(1.0, peak * kernel_side_px)
+    return min(1.0, dust + contaminants.num_scratches * min(1.0, scratch))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SurfaceBlur:
-    """The kernels of what touches the mirror; row: (h, w) of each pixel in the table."""
+    """Blur of points on the mirror's surface."""
 
     kernel_table: DiscKernelTable
     table_row: Floats
+    """Fractional row of the kernel table for each pixel, (h, w)."""
 
     @property
     def max_weight(self) -> float:
-        """Return the most that one pixel gives to another, or keeps."""
-        return float(
-            self.kernel_table.interpolate(
-                self.table_row.min(keepdims=True), self.kernel_table.half_width_px
-            ).max()
-        )
+        """Largest weight in the kernel of any pixel."""
+        # The narrowest kernel has the largest weights.
+        narrowest = self.table_row.min(keepdims=True)
+        weights = self.kernel_table.interpolate(narrowest, self.kernel_table.half_width_px)
+        return float(weights.max())
 
     def blur(self, image: Floats) -> Floats:
-        """Return a (h, w) picture as the lens sees it."""
-        reach, row = self.kernel_table.half_width_px, self.table_row
+        """Blur a (h, w) image."""
+        table, row = self.kernel_table, self.table_row
+        # The convolution takes three planes; computed once per camera, so two are waste.
         planes = np.repeat(image[..., None], 3, axis=-1)
         return convolve_symmetric(
-            planes, reach, lambda rows: self.kernel_table.interpolate(row[rows], reach)
+            planes,
+            table.half_width_px,
+            lambda rows: table.interpolate(row[rows], table.half_width_px),
         )[..., 0]
 
 
 @lru_cache(maxsize=4)
 def _surface_blur(effect: MirrorDust, camera: OmniCamera) -> _SurfaceBlur:
-    """Return how the lens blurs the mirror's own surface."""
+    """Blur of the mirror's own surface by the lens."""
     offset = pixel_sample_positions(camera)[:, :, 0] - camera.centre_px
     radius_px = np.minimum(np.hypot(offset[..., 0], offset[..., 1]), camera.rim_radius_px)
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    # A point on the mirror has the range of its own distance from the viewpoint.
     rho_m = np.hypot(*camera.mirror.surface_point(t))
-    diameter = circle_of_confusion_map(effect.aperture, camera).diameter_px(rho_m)
-    return _SurfaceBlur(disc_kernel_table(float(diameter.max())), table_row(diameter))
+    diameter_px = circle_of_confusion_map(effect.aperture, camera).diameter_px(rho_m)
+    return _SurfaceBlur(disc_kernel_table(float(diameter_px.max())), table_row(diameter_px))
 
 
 def _create_effect(
@@ -208,14 +215,14 @@ def _create_effect(
     pixel_pitch_m: float,
     focus_distance_m: float,
 ) -> MirrorDust:
-    marks = Contaminants(
+    contaminants = Contaminants(
         coverage,
         mean_particle_diameter_m,
         int(num_scratches),
         mean_scratch_length_m,
         scratch_width_m,
     )
-    return MirrorDust(marks, albedo, Aperture(f_number, pixel_pitch_m, focus_distance_m))
+    return MirrorDust(contaminants, albedo, Aperture(f_number, pixel_pitch_m, focus_distance_m))
 
 
 EFFECT_TYPE = EffectType(

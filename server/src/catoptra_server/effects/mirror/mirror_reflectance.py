@@ -1,11 +1,11 @@
-"""Mirror reflectance: a metal reflects a little less, or more, where light meets it obliquely.
+"""Mirror reflectance: the reflectance of a metal depends on the angle of incidence.
 
-L' = L R(i) / R(0), R the reflectance of a metal of complex index n - ik for unpolarised light, i
-the angle between ray and normal: i = (theta + psi) / 2, theta the incidence at the viewpoint, psi
-the angle at the pinhole. Over R(0), because the exposure makes up for what all pixels lose alike.
-Source: Fresnel's equations with a complex index. Domain: central mirrors, grey metals (one index
-for all colours); beyond the rim the rim's value. Criterion: the change of white at the angle where
-it is largest (in linear levels 255 (R_max - R_min)).
+L' = L R(i) / R(0), R the reflectance of a metal of complex index n - ik for unpolarized light, i
+the angle between ray and normal: i = (theta + psi) / 2, theta the incidence angle at the viewpoint,
+psi the angle at the pinhole. Relative to R(0), since the exposure compensates a loss that all
+pixels share. Source: Fresnel's equations with a complex index. Domain: central mirrors, grey metals
+(one index for all colours); beyond the rim the rim's value. Criterion: the change of white at the
+angle that changes white most (in linear levels 255 (R_max - R_min)).
 """
 
 from __future__ import annotations
@@ -35,56 +35,57 @@ from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.medium.vignetting import inverse_focal_length
 from catoptra_server.effects.scene_summary import SceneSummary
 
-# The shader interpolates between so many radii, within 6e-7 for steel in the paper's mirror. Each
-# may take the room of a vec4, of the 256 that OpenGL 3.3 promises.
+# The shader interpolates between gains at this many radii, within 6e-7 for steel in the paper's
+# mirror. A float of a uniform array may take a vec4, and OpenGL 3.3 guarantees 256 of those.
 _NUM_RADIAL_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class MirrorReflectance:
-    """n, k: the metal's refractive index and extinction."""
+    """Complex refractive index of the mirror's metal."""
 
     refractive_index: float
+    """Real part n."""
     extinction_coefficient: float
+    """Imaginary part k."""
 
     name: ClassVar[str] = "MirrorReflectance"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the change of the brightest light at the angle that changes it most."""
+        """Largest change of the brightest light at any angle of incidence."""
+        # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
         gains = self.relative_reflectances(camera)
-        value = max(max_change_by_gain(float(g), summary.max_radiance) for g in gains)
+        value = max(max_change_by_gain(float(gain), summary.max_radiance) for gain in gains)
         angle = math.degrees(float(mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of a mirror that reflects all where it reflects most."""
-        most = 1.0 / float(
+        """Summary of a mirror that reflects everything at grazing incidence."""
+        # R <= 1 holds at all angles, so the camera need not be known here.
+        normal = float(
             reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
         )
-        return replace(summary, max_radiance=most * summary.max_radiance)
+        return replace(summary, max_radiance=(1.0 / normal) * summary.max_radiance)
 
     def relative_reflectances(self, camera: OmniCamera) -> Floats:
-        """Return R(i) / R(0) at `_STEPS` + 1 equal steps of the radius, centre to rim."""
+        """R(i) / R(0) at equal steps of the image radius from centre to rim."""
         return self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADIAL_STEPS + 1), camera)
 
     def _relative_reflectance(self, radius_fraction: Floats, camera: OmniCamera) -> Floats:
-        straight = reflectance(np.array(0.0), self.refractive_index, self.extinction_coefficient)
-        relative: Floats = (
-            reflectance(
-                mirror_incidence_rad(radius_fraction, camera),
-                self.refractive_index,
-                self.extinction_coefficient,
-            )
-            / straight
-        )
+        incidence_rad = mirror_incidence_rad(radius_fraction, camera)
+        index, extinction = self.refractive_index, self.extinction_coefficient
+        normal = reflectance(np.array(0.0), index, extinction)
+        relative: Floats = reflectance(incidence_rad, index, extinction) / normal
         return relative
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture in the mirror of this metal."""
+        """Multiply the image by the relative reflectance."""
         return image * _gain_map(self, camera).astype(image.dtype)
 
     def uniforms(
@@ -93,7 +94,7 @@ class MirrorReflectance:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the middle, the rim, and gains by radius."""
+        """Image centre, rim radius, and gains by radius."""
         return {
             "centre_px": float32_array(*camera.centre_px),
             "rim_px": float32_array(camera.rim_radius_px),
@@ -102,20 +103,28 @@ class MirrorReflectance:
 
 
 def reflectance(incidence_rad: Floats, n: float, k: float) -> Floats:
-    """Return the reflectance of a metal for unpolarised light at angles from the normal."""
+    """Reflectance of a metal for unpolarized light.
+
+    Args:
+        incidence_rad: Angle between ray and normal.
+        n: Refractive index.
+        k: Extinction coefficient.
+    """
     cosine = np.cos(incidence_rad)
+    # Snell's law in complex form: n - ik times the cosine of the refracted ray.
     squared = complex(n, -k) ** 2
     inside = np.sqrt(squared - np.square(np.sin(incidence_rad)))
-    across = (cosine - inside) / (cosine + inside)
-    along = (squared * cosine - inside) / (squared * cosine + inside)
-    mean: Floats = 0.5 * (np.abs(across) ** 2 + np.abs(along) ** 2)
+    s_polarized = (cosine - inside) / (cosine + inside)
+    p_polarized = (squared * cosine - inside) / (squared * cosine + inside)
+    mean: Floats = 0.5 * (np.abs(s_polarized) ** 2 + np.abs(p_polarized) ** 2)
     return mean
 
 
 def mirror_incidence_rad(radius_fraction: Floats, camera: OmniCamera) -> Floats:
-    """Return at what angle light meets the mirror, at shares of the rim's image radius."""
+    """Angle of incidence on the mirror at fractions of the rim's image radius."""
     radius_px = radius_fraction * camera.rim_radius_px
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
+    # Half of theta + psi; t is tan(theta / 2) already.
     psi = np.arctan(radius_px * inverse_focal_length(camera))
     angle: Floats = np.arctan(t) + 0.5 * psi
     return angle
@@ -128,11 +137,11 @@ def _uniform_gains(effect: MirrorReflectance, camera: OmniCamera) -> tuple[float
 
 @lru_cache(maxsize=4)
 def _gain_map(effect: MirrorReflectance, camera: OmniCamera) -> Floats:
-    """Return the (h, w, 1) factor of each pixel's middle."""
+    """Factor of each pixel centre, (h, w, 1)."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
-    share = np.minimum(np.hypot(u[None, :], v[:, None]) / camera.rim_radius_px, 1.0)
-    gains = effect._relative_reflectance(share, camera)[..., None]
+    fraction = np.minimum(np.hypot(u[None, :], v[:, None]) / camera.rim_radius_px, 1.0)
+    gains = effect._relative_reflectance(fraction, camera)[..., None]
     gains.setflags(write=False)
     return gains
 
@@ -141,7 +150,7 @@ EFFECT_TYPE = EffectType(
     "MirrorReflectance",
     MirrorReflectance,
     (
-        # About those of aluminium in green light.
+        # Approximately those of aluminium in green light.
         EffectParameter("MirrorIndex", "refractive_index", 0.96, 0.01, 10.0),
         EffectParameter("MirrorExtinction", "extinction_coefficient", 6.7, 0.0, 20.0),
     ),

@@ -1,41 +1,54 @@
-"""Motion blur: what moves through the picture while the shutter is open is spread along its way.
+"""Motion blur: moving objects are spread along their displacement while the shutter is open.
 
-L' = the mean over the exposure of what is seen at each of its instants, in linear light, centred on
-the pose: camera and bodies move on as they did in the last tick, each pixel by its own depth. Not a
-change of the picture but of how often it is drawn: `render/scene_effects` gives the exposure a shutter,
-`capture/shutter` has its instants. So what is uncovered, and what moves beside the camera, is as
-right as a sharp picture. Domain: twists that stay during the exposure. Criterion: how wide a point
-is spread at most, ring by ring of the image: the exposure times speed over the nearest range, and
-turns.
+L' = the mean, in linear radiance, of the images at all times of the exposure, centred on the pose:
+camera and objects continue their motion of the last tick, and each pixel moves by its own depth.
+Not a change of the image but of the number of renderings: the camera state gets a shutter, whose
+time samples are rendered and averaged. Disocclusions, and objects that move beside the camera, are
+therefore as right as in a sharp image. Domain: constant twists during the exposure. Criterion: the
+largest spread of a point, ring by ring of the image: exposure times (speed over nearest distance,
+plus turns).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.effect import PIXELS, EffectBound, EffectParameter, EffectType
-from catoptra_server.effects.kernels.image_speed import max_displacement
+from catoptra_server.effects.kernels.image_speed import MOTION_FIELDS, max_displacement
 from catoptra_server.effects.scene_summary import SceneSummary
 
 
 @dataclass(frozen=True, slots=True)
 class MotionBlur:
-    """exposure_s: how long the shutter is open."""
+    """Blur of an exposure time."""
 
     exposure_s: float
+    """Time for which each row is exposed."""
 
     name: ClassVar[str] = "MotionBlur"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = True
+    reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return how wide a point is spread at most."""
+        """Largest spread of a point, px."""
         return max_displacement(summary, camera, self.exposure_s)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: a mean is not brighter than the brightest."""
+        """Return the same summary: a mean is not brighter than its brightest part."""
         return summary
+
+    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+        """Camera state whose shutter is open for the exposure time."""
+        # Enabled by the robot file without motion: one sharp image is the exact result.
+        if bound == 0.0:
+            return camera_state
+        shutter = (camera_state.shutter or INSTANTANEOUS).with_exposure(self.exposure_s, bound)
+        return replace(camera_state, shutter=shutter)
 
 
 EFFECT_TYPE = EffectType(

@@ -1,24 +1,27 @@
-"""Rolling shutter: the rows of a picture are exposed one after the other, not all at the pose.
+"""Rolling shutter: the rows of an image are exposed one after the other.
 
-Row v of h is exposed at t = readout ((v + 1/2) / h - 1/2), seconds from the pose, and shows what is
-seen then. Not a change of the picture but of how often it is drawn: `render/scene_effects` gives the
-exposure a shutter, `capture/shutter` has its instants and what each counts in a row. Source: CMOS
-sensors expose row by row; a CCD's global shutter has a readout of 0. Domain: twists that stay
-during the readout. Criterion: how far what the last rows show is carried, ring by ring, as far from
-the middle row as a ring reaches.
+Row v of h is exposed at t = readout ((v + 1/2) / h - 1/2), seconds from the pose, and shows the
+scene at that time. Not a change of the image but of the number of renderings: the camera state gets
+a shutter, whose time samples are rendered and weighted by row. Source: CMOS sensors expose row by
+row; a CCD's global shutter has a readout of 0. Domain: constant twists during the readout.
+Criterion: the largest displacement until a row is exposed, ring by ring, by the farthest row that a
+ring reaches.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.capture.shutter import INSTANTANEOUS
 from catoptra_server.effects.effect import PIXELS, EffectBound, EffectParameter, EffectType
 from catoptra_server.effects.kernels.image_speed import (
+    MOTION_FIELDS,
     describe_motion,
     max_speeds_px_s,
     ring_scales_and_radii,
@@ -28,37 +31,52 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class RollingShutter:
-    """readout_s: from the first row's exposure to the last one's, and a row's time more."""
+    """Row-wise exposure with a readout time."""
 
     readout_s: float
+    """Time from the start of the first row's exposure to that of a row after the last."""
 
     name: ClassVar[str] = "RollingShutter"
     unit: ClassVar[str] = PIXELS
+    changes_scene: ClassVar[bool] = True
+    reads: ClassVar[frozenset[str]] = MOTION_FIELDS
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return how far anything is carried at most until its row is exposed."""
+        """Largest displacement between the pose and a row's exposure, px."""
         if self.readout_s == 0.0:
             return EffectBound(0.0, "a global shutter")
+        # Each ring with its own time: a ring of radius r only has rows that are exposed within
+        # r / h of the readout from the pose.
         times_s = self.readout_s * _max_readout_fractions(camera)
-        ways_px = times_s * max_speeds_px_s(summary, camera)
-        ring = int(ways_px.argmax())
-        return EffectBound(
-            float(ways_px[ring]), describe_motion(summary, ring, float(times_s[ring]))
-        )
+        displacements_px = times_s * max_speeds_px_s(summary, camera)
+        ring = int(displacements_px.argmax())
+        reason = describe_motion(summary, ring, float(times_s[ring]))
+        return EffectBound(float(displacements_px[ring]), reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: what is shown is shown elsewhere."""
+        """Return the same summary: the scene appears displaced, not brighter."""
         return summary
+
+    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+        """Camera state whose shutter reads out row by row."""
+        if bound == 0.0:
+            return camera_state
+        # The bound is of the half before or after the pose, the shutter counts both.
+        shutter = (camera_state.shutter or INSTANTANEOUS).with_readout(self.readout_s, 2.0 * bound)
+        return replace(camera_state, shutter=shutter)
 
 
 def _max_readout_fractions(camera: OmniCamera) -> Floats:
-    """Return how much of the readout lies between the pose and the farthest row of each ring."""
+    """Fraction of the readout between the pose and the farthest row of each ring, (NUM_RINGS,)."""
     radius_px = ring_scales_and_radii(camera)[1]
-    middle = camera.centre_px[1] / camera.height_px - 0.5
-    shares: Floats = abs(middle) + radius_px / camera.height_px
-    return np.minimum(shares, 0.5)
+    # The mirror's axis need not be on the central row, at which the pose is taken.
+    centre = camera.centre_px[1] / camera.height_px - 0.5
+    fractions: Floats = abs(centre) + radius_px / camera.height_px
+    return np.minimum(fractions, 0.5)
 
 
 EFFECT_TYPE = EffectType(
-    "RollingShutter", RollingShutter, (EffectParameter("ReadoutTime", "readout_s", 0.0, 0.0, 1.0),)
+    "RollingShutter",
+    RollingShutter,
+    (EffectParameter("ReadoutTime", "readout_s", 0.0, 0.0, 1.0),),
 )

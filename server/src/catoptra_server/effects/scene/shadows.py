@@ -1,19 +1,20 @@
-"""Shadows: lights with a direction or a place are hidden by what stands or moves before them.
+"""Shadows: objects occlude directional and point lights.
 
-Not a change of the picture but of the scene's light: `render/scene_effects` asks for it, and each
-renderer asks of every place which lights it sees. Radiance = albedo (E_sky + sum of E_l V_l), V_l
-1 where light l is seen and 0 where it is not: the lights are points and directions, so shadows have
-no penumbra. Domain: surfaces that take light; what is unlit only casts shadows. Criterion: what the
-surface that would change most, in encoded grey levels, has of lights that something could hide;
-0 where nothing could (a necessary condition of planes, `bounds/shadow_candidates`).
+Not a change of the image but of the scene's illumination; each renderer determines the visible
+lights of every point. Radiance = albedo (E_sky + sum of E_l V_l), with V_l = 1 where light l is
+visible and 0 elsewhere: lights are points and directions, so shadows have no penumbra. Domain: lit
+surfaces; unlit ones only cast shadows. Criterion: the radiance from occludable lights on the
+surface whose encoded value changes most, in grey levels; 0 if nothing can occlude a light (a
+necessary condition on planes, `bounds`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import GREY_LEVELS, EffectBound, EffectType
 from catoptra_server.effects.kernels.grey_levels import grey_level
 from catoptra_server.effects.scene_summary import SceneSummary
@@ -21,27 +22,32 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Shadows:
-    """No numbers: lights and things are the world's."""
+    """Shadows of all casters. No parameters: the world file has lights and objects."""
 
     name: ClassVar[str] = "Shadows"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = True
+    reads: ClassVar[frozenset[str]] = frozenset({"max_shadow_loss"})
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what the surface that would change most loses in shadow."""
-        shade = summary.max_shadow_loss
-        if shade.lost_radiance == 0.0:
-            return EffectBound(0.0, "nothing stands before a light with a direction or a place")
-        value = grey_level(shade.remaining_radiance + shade.lost_radiance) - grey_level(
-            shade.remaining_radiance
-        )
+        """Loss, in grey levels, of the surface that changes most in shadow."""
+        loss = summary.max_shadow_loss
+        if loss.lost_radiance == 0.0:
+            return EffectBound(0.0, "no object is in front of a directional or point light")
+        # Encoded before the difference: the same linear loss shows most where little light is left.
+        lit, shadowed = loss.remaining_radiance + loss.lost_radiance, loss.remaining_radiance
         return EffectBound(
-            value,
-            f"light of {shade.lost_radiance:.3g} can be hidden, {shade.remaining_radiance:.3g} is left",
+            grey_level(lit) - grey_level(shadowed),
+            f"radiance of {loss.lost_radiance:.3g} can be occluded, {shadowed:.3g} remains",
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: where nothing hides a light it is as bright as ever."""
+        """Return the same summary: unshadowed surfaces keep their radiance."""
         return summary
+
+    def apply_to_scene(self, camera_state: CameraState, bound: float) -> CameraState:
+        """Camera state whose lights are occluded."""
+        return replace(camera_state, has_shadows=True)
 
 
 EFFECT_TYPE = EffectType("Shadows", Shadows)

@@ -1,0 +1,5 @@
+"""Effects of the image sensor: exposure, gain, blooming, noise, converter, mosaic, white balance.
+
+Radiance 1 fills a pixel's well here. The noise model is that of EMVA Standard 1288; random numbers
+depend on the noise seed and the effect's name alone, never on the number of frames before.
+"""

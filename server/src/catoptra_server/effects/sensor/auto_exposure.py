@@ -1,11 +1,11 @@
-"""Auto-exposure: the mean of the whole omnidirectional picture is brought to a target.
+"""Auto-exposure: a gain brings the mean luminance of the omnidirectional image to a target.
 
-gain = clip(target / mean, least, most), the mean of the luminance (Rec. 709) of all pixels that see
-the mirror, in linear light: one value for all faces, so no face is brighter than its neighbour. It
-is the end that a control loop settles at, not the loop: a frame depends on no frame before it, so
-that the same exposure gives the same bytes for whoever asks. Domain: a black picture takes `most`.
-The usual target is the 18 % of a photographer's grey card. Criterion: the change of the grey that
-changes most over all gains that the scene's brightest light leaves possible.
+gain = clip(target / mean, min_gain, max_gain), with the mean luminance (Rec. 709) of all pixels
+that see the mirror, in linear radiance: one gain for the whole image, so no cube face is brighter
+than its neighbour. The result is the state at which a control loop settles, not the loop: a frame
+depends on no frame before, so equal camera states give equal bytes in every request. Domain: a
+black image has max_gain. The default target is the 18 % of a photographer's grey card. Criterion:
+the change of the grey that changes most, over all gains that the scene's radiance allows.
 """
 
 from __future__ import annotations
@@ -36,40 +36,48 @@ from catoptra_server.effects.effect import (
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
+# Rec. 709, for linear red, green, blue.
 LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True, slots=True)
 class AutoExposure:
-    """target: mean light wanted. least, most: the gains that shutter and amplifier allow."""
+    """Target and limits of the exposure control."""
 
     target_luminance: float
+    """Mean luminance of the exposed image."""
     min_gain: float
+    """Smallest gain of shutter and amplifier."""
     max_gain: float
+    """Largest gain of shutter and amplifier."""
 
     name: ClassVar[str] = "AutoExposure"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def gain(self, mean_luminance: float) -> float:
-        """Return by how much a picture of this mean light is multiplied."""
-        wished = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
-        return min(max(wished, self.min_gain), self.max_gain)
+        """Gain of an image with this mean luminance."""
+        wanted = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
+        return min(max(wanted, self.min_gain), self.max_gain)
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the change of the grey that changes most, by the least or the most gain."""
+        """Change of the grey that changes most, by the smallest or the largest gain."""
+        # The mean lies between 0 and the maximum, and the change grows with the distance of the
+        # gain from 1 on either side: both ends decide.
         gains = (self.gain(summary.max_radiance), self.max_gain)
         value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
         return EffectBound(value, f"gains from {gains[0]:.3g} to {gains[1]:.3g} are possible")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of what is multiplied by the most."""
+        """Summary of the image with the largest gain."""
         return replace(summary, max_radiance=self.max_gain * summary.max_radiance)
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the multiplied picture."""
+        """Multiply the image by the gain of its mean luminance."""
         return image * image.dtype.type(self.gain(mean_luminance(image, camera)))
 
     def uniforms(
@@ -78,19 +86,21 @@ class AutoExposure:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the gain."""
+        """Gain."""
         return {"gain": float32_array(self.gain(measure_mean_luminance()))}
 
 
 def mean_luminance(image: npt.NDArray[Real], camera: OmniCamera) -> float:
-    """Return the mean luminance of the pixels that see the mirror."""
+    """Mean luminance of the pixels that see the mirror."""
+    # Summed in float64: a float32 sum of 400 000 pixels would depend on its order in the digits
+    # that decide the last grey level.
     colours = image.sum(axis=(0, 1), dtype=np.float64)
     return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
 
 
 @lru_cache(maxsize=16)
 def count_mirror_pixels(camera: OmniCamera) -> int:
-    """Return how many pixels see the mirror in their middle; all others are black."""
+    """Number of pixels whose centre sees the mirror; all others are black."""
     return int(direction_from_pixel(camera, pixel_sample_positions(camera))[1].sum())
 
 

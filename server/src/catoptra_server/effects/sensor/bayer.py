@@ -1,11 +1,11 @@
-"""Bayer mosaic: each pixel measures one colour, the others come from its neighbours.
+"""Bayer mosaic: each pixel measures one colour, the other two are interpolated.
 
-Pattern RGGB: row 0 is R G R G, row 1 is G B G B. The noise of the three colours of a pixel is
-independent, so keeping one of them here is the same as having measured only that one. Demosaicing
-is bilinear: the mean of the nearest pixels of a colour; beyond the border the picture is mirrored
-about its last pixel, which keeps the pattern. Source: Bayer 1976, US patent 3 971 065. Domain:
-pictures of at least 2 x 2 px. Criterion: a mean lies between what it is of, so no pixel changes by
-more than the brightest light has above black.
+Pattern RGGB: row 0 is R G R G, row 1 is G B G B. The noise of a pixel's three colours is
+independent, so keeping one of them here equals measuring only that one. Demosaicing is bilinear:
+the mean of the nearest pixels of a colour; at the border the image is mirrored about its last
+pixel, which keeps the pattern. Source: Bayer 1976, US patent 3 971 065. Domain: images of at least
+2 x 2 px. Criterion: a mean lies between its parts, so no pixel changes by more than the difference
+between the brightest light and black.
 """
 
 from __future__ import annotations
@@ -28,35 +28,39 @@ _EVEN, _ODD = slice(0, None, 2), slice(1, None, 2)
 
 @dataclass(frozen=True, slots=True)
 class Bayer:
-    """No numbers: RGGB, bilinear."""
+    """RGGB mosaic with bilinear demosaicing. No parameters."""
 
     name: ClassVar[str] = "Bayer"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return how far the brightest light is from black."""
+        """Grey level of the brightest light."""
+        # A single bright pixel on black loses two of its colours: no smaller bound holds.
         value = grey_level(summary.max_radiance)
-        return EffectBound(value, "a pixel may lie between black and the brightest light")
+        return EffectBound(value, "a pixel may be between black and the brightest light")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the same: no mean exceeds what it is of."""
+        """Return the same summary: a mean is not brighter than its brightest pixel."""
         return summary
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture of one measured colour a pixel."""
+        """Measure one colour per pixel and interpolate the others."""
         raw = mosaic(image)
-        around = np.pad(raw, 1, mode="reflect")
-        across = image.dtype.type(0.5) * (around[1:-1, :-2] + around[1:-1, 2:])
-        along = image.dtype.type(0.5) * (around[:-2, 1:-1] + around[2:, 1:-1])
-        above, below = around[:-2], around[2:]
-        corners = image.dtype.type(0.25) * (
+        # "reflect" repeats no pixel: the neighbour outside has the colour that the pattern expects.
+        padded = np.pad(raw, 1, mode="reflect")
+        horizontal = image.dtype.type(0.5) * (padded[1:-1, :-2] + padded[1:-1, 2:])
+        vertical = image.dtype.type(0.5) * (padded[:-2, 1:-1] + padded[2:, 1:-1])
+        above, below = padded[:-2], padded[2:]
+        diagonal = image.dtype.type(0.25) * (
             above[:, :-2] + above[:, 2:] + below[:, :-2] + below[:, 2:]
         )
-        plus = image.dtype.type(0.5) * (across + along)
-        return _assemble_channels(raw, across, along, corners, plus)
+        cross = image.dtype.type(0.5) * (horizontal + vertical)
+        return _assemble_channels(raw, horizontal, vertical, diagonal, cross)
 
     def uniforms(
         self,
@@ -64,12 +68,12 @@ class Bayer:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return nothing."""
+        """No uniforms."""
         return {}
 
 
 def mosaic(image: npt.NDArray[Real]) -> npt.NDArray[Real]:
-    """Return the (h, w) light that each pixel measures through its filter."""
+    """Radiance that each pixel measures through its filter, (h, w)."""
     raw = image[..., 1].copy()
     raw[::2, ::2] = image[::2, ::2, 0]
     raw[1::2, 1::2] = image[1::2, 1::2, 2]
@@ -83,8 +87,9 @@ def _assemble_channels(
     diagonal_mean: npt.NDArray[Real],
     cross_mean: npt.NDArray[Real],
 ) -> npt.NDArray[Real]:
-    """Return (h, w, 3) of means over the neighbours left and right, above and below, diagonal."""
+    """Choose each pixel's colours, (h, w, 3), from means over its neighbours."""
     rgb = np.zeros((*raw.shape, 3), dtype=raw.dtype)
+    # A green pixel has red beside and blue above in even rows, and the reverse in odd rows.
     for (rows, columns), (red, green, blue) in (
         ((_EVEN, _EVEN), (raw, cross_mean, diagonal_mean)),
         ((_EVEN, _ODD), (horizontal_mean, raw, vertical_mean)),

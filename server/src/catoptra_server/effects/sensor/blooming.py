@@ -1,11 +1,11 @@
-"""Blooming: charge above the full well runs over into the pixels above and below, as in a CCD.
+"""Blooming: charge above the full well overflows into the pixels above and below, as in a CCD.
 
-L' = L + share * sum over k = +-1 .. +-n of w_k max(L_k - 1, 0), L_k the pixel k rows away, w_k
-falling linearly from its neighbour to nothing, sum 1. The share is what the anti-blooming drain
-leaves. What runs over runs on nowhere: charge is not counted twice. Domain: any light; beyond the
-picture's border nothing runs back. Source: CCDs bloom along their columns; the linear fall is ours.
-Criterion: nothing unless the scene's brightest light can fill a well; then what black gains beside
-it.
+L' = L + fraction * sum over k = +-1 .. +-n of w_k max(L_k - 1, 0), L_k the pixel k rows away, w_k
+falling linearly from the direct neighbour to nothing, sum 1. The fraction is the part that the
+anti-blooming drain leaves. Overflow does not overflow again: charge is not counted twice. Domain:
+any radiance; nothing flows back from outside the image. Source: CCDs bloom along their columns; the
+linear fall is an assumption. Criterion: 0 unless the scene's brightest light can fill a well; else
+the gain of black beside that light.
 """
 
 from __future__ import annotations
@@ -34,45 +34,52 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Blooming:
-    """share: of the charge above the full well that runs over. length_px: how far, whole pixels."""
+    """Overflow of a CCD's pixels."""
 
     overflow_fraction: float
+    """Fraction of the charge above the full well that overflows."""
     length_px: float
+    """Reach of the overflow in rows, a whole number."""
 
     name: ClassVar[str] = "Blooming"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what black gains where the brightest light stands above and below."""
-        largest = summary.max_radiance
-        share = f"the brightest light is {largest:.3g} of the full well"
-        return EffectBound(grey_level(self.overflow_fraction * max(largest - 1.0, 0.0)), share)
+        """Gain of a black pixel with the brightest light above and below."""
+        excess = max(summary.max_radiance - 1.0, 0.0)
+        return EffectBound(
+            grey_level(self.overflow_fraction * excess),
+            f"the brightest light is {summary.max_radiance:.3g} of the full well",
+        )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of the brightest light between two of its like."""
-        over = max(summary.max_radiance - 1.0, 0.0)
-        return replace(summary, max_radiance=summary.max_radiance + self.overflow_fraction * over)
+        """Summary of the brightest light between two pixels of the same radiance."""
+        excess = max(summary.max_radiance - 1.0, 0.0)
+        return replace(summary, max_radiance=summary.max_radiance + self.overflow_fraction * excess)
 
     def weights(self) -> tuple[float, ...]:
-        """Return w_k of k = 1 .. n; both sides together have 1."""
+        """Weights w_k of k = 1 .. n; the sum over both sides is 1."""
         rows = int(self.length_px)
         return tuple((rows + 1 - k) / (rows * (rows + 1)) for k in range(1, rows + 1))
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture with what runs over."""
-        over = np.maximum(image - image.dtype.type(1.0), image.dtype.type(0.0))
-        bloomed = image.copy()
-        columns = np.flatnonzero(over.any(axis=(0, 2)))
-        source = image.dtype.type(self.overflow_fraction) * over[:, columns]
-        gained = np.zeros_like(source)
+        """Add the overflow to the image."""
+        excess = np.maximum(image - image.dtype.type(1.0), image.dtype.type(0.0))
+        result = image.copy()
+        # Most columns have no saturated pixel; sums over 2 n shifted copies skip those columns.
+        columns = np.flatnonzero(excess.any(axis=(0, 2)))
+        source = image.dtype.type(self.overflow_fraction) * excess[:, columns]
+        overflow = np.zeros_like(source)
         for k, weight in enumerate(self.weights(), 1):
-            gained[k:] += image.dtype.type(weight) * source[:-k]
-            gained[:-k] += image.dtype.type(weight) * source[k:]
-        bloomed[:, columns] += gained
-        return bloomed
+            overflow[k:] += image.dtype.type(weight) * source[:-k]
+            overflow[:-k] += image.dtype.type(weight) * source[k:]
+        result[:, columns] += overflow
+        return result
 
     def uniforms(
         self,
@@ -80,9 +87,9 @@ class Blooming:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return share and length."""
+        """Fraction and length."""
         return {
-            "share": float32_array(self.overflow_fraction),
+            "overflow_fraction": float32_array(self.overflow_fraction),
             "length_px": float32_array(int(self.length_px)),
         }
 

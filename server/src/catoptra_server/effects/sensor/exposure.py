@@ -1,8 +1,8 @@
-"""Exposure: how long the shutter is open, against the time in which white fills a pixel's well.
+"""Exposure: the time for which the shutter is open, relative to the time that saturates white.
 
 Electrons grow with the time: L' = L T / T_white. Domain: T, T_white > 0; linear up to the full
-well, where light is clipped. Source: EMVA Standard 1288, the linear camera model. Criterion: the
-change of the grey that changes most.
+well, where the image is clipped. Source: EMVA Standard 1288, the linear camera model. Criterion:
+the change of the grey that changes most. Motion during the exposure is the effect MotionBlur.
 """
 
 from __future__ import annotations
@@ -30,35 +30,39 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """time_s: the shutter's. white_exposure_s: the one at which radiance 1 fills the well."""
+    """Exposure time of a sensor with a given sensitivity."""
 
     exposure_s: float
+    """Time for which the shutter is open."""
     white_exposure_s: float
+    """Time in which radiance 1 fills a pixel's well."""
 
     name: ClassVar[str] = "Exposure"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     @property
     def gain(self) -> float:
-        """Return by how much light is multiplied."""
+        """Factor of the linear image."""
         return self.exposure_s / self.white_exposure_s
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the change of the grey that changes most."""
+        """Change of the grey that changes most."""
         value = max_change_by_gain(self.gain, summary.max_radiance)
-        return EffectBound(
-            value, f"the shutter is open {self.gain:.3g} times as long as white needs"
-        )
+        return EffectBound(value, f"the exposure is {self.gain:.3g} times that of white")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of what is multiplied."""
+        """Summary of the scaled image."""
+        # Not clipped at 1: blooming needs the charge above the full well.
         return replace(summary, max_radiance=self.gain * summary.max_radiance)
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the multiplied picture."""
+        """Multiply the image by the gain."""
+        # The gain is rounded to the image's type first, as the shader's uniform is.
         return image * image.dtype.type(self.gain)
 
     def uniforms(
@@ -67,7 +71,7 @@ class Exposure:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the gain."""
+        """Gain."""
         return {"gain": float32_array(self.gain)}
 
 
@@ -75,6 +79,7 @@ EFFECT_TYPE = EffectType(
     "Exposure",
     Exposure,
     (
+        # The key of MotionBlur, too: one shutter blurs and exposes.
         EffectParameter("ExposureTime", "exposure_s", 1.0 / 60.0, 1e-6, 60.0),
         EffectParameter("WhiteExposureTime", "white_exposure_s", 1.0 / 60.0, 1e-6, 60.0),
     ),

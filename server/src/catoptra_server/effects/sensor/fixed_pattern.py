@@ -1,9 +1,10 @@
-"""Fixed pattern: pixels differ in gain (PRNU) and in dark signal (DSNU), the same in every frame.
+"""Fixed pattern: pixels differ in gain (PRNU) and dark signal (DSNU), the same in every frame.
 
 L' = L (1 + s_PRNU n_1) + s_DSNU / N n_2, with N the full well in electrons and n_1, n_2 a camera's
-own normal numbers, one of each a pixel and colour. Source: EMVA Standard 1288: PRNU as a share of
-the signal, DSNU in electrons. Domain: any light; the pattern of a robot's camera follows from the
-server's seed and its name. Criterion: the largest normal number on the grey that shows it most.
+own normal variates, one of each for every pixel and colour. Source: EMVA Standard 1288: PRNU as a
+fraction of the signal, DSNU in electrons. Domain: any radiance; the pattern of a robot's camera
+follows from the server's seed and the robot's name. Criterion: the largest normal variate on the
+grey that changes most.
 """
 
 from __future__ import annotations
@@ -39,27 +40,34 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class FixedPattern:
-    """prnu: standard deviation of gains, 1 = 100 %. dsnu_e: of dark signals, electrons."""
+    """Non-uniformity of a sensor's pixels."""
 
     prnu: float
+    """Standard deviation of the gains; 0.01 is 1 %."""
     dsnu_e: float
+    """Standard deviation of the dark signals, electrons."""
     full_well_e: float
+    """Electrons of radiance 1."""
 
     name: ClassVar[str] = "FixedPattern"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what the largest normal number does to the grey that shows it most."""
+        """Change by the largest normal variate of the grey that changes most."""
+        # Both variates at their maximum in one pixel: never exceeded, though hardly ever reached.
         dark = self.dsnu_e / self.full_well_e
         value = max_change_by_offset(
-            lambda light: MAX_NORMAL_VARIATE * (self.prnu * light + dark), summary.max_radiance
+            lambda radiance: MAX_NORMAL_VARIATE * (self.prnu * radiance + dark),
+            summary.max_radiance,
         )
-        spread = f"pixels differ by {100 * self.prnu:.3g} % of gain and {self.dsnu_e:.3g} electrons"
-        return EffectBound(value, spread)
+        reason = f"pixels differ by {100 * self.prnu:.3g} % of gain and {self.dsnu_e:.3g} electrons"
+        return EffectBound(value, reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of the most sensitive pixel."""
+        """Summary of the most sensitive pixel."""
         gain = 1.0 + MAX_NORMAL_VARIATE * self.prnu
         dark = MAX_NORMAL_VARIATE * self.dsnu_e / self.full_well_e
         return replace(summary, max_radiance=gain * summary.max_radiance + dark)
@@ -67,10 +75,9 @@ class FixedPattern:
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the picture as unequal pixels measure it."""
-        gain, offset = _gain_and_offset_maps(
-            self, NoiseSeed(context.noise_seed.camera_key), *image.shape[:2]
-        )
+        """Apply each pixel's gain and dark signal to the image."""
+        seed = NoiseSeed(context.noise_seed.camera_key)
+        gain, offset = _gain_and_offset_maps(self, seed, *image.shape[:2])
         return image * gain.astype(image.dtype) + offset.astype(image.dtype)
 
     def uniforms(
@@ -79,11 +86,11 @@ class FixedPattern:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return both spreads, and the words of their numbers."""
+        """Standard deviations, and the keys of both patterns."""
         return {
-            "spread": float32_array(self.prnu, self.dsnu_e / self.full_well_e),
-            "gain_words": camera_noise_key(context.noise_seed, "PRNU"),
-            "offset_words": camera_noise_key(context.noise_seed, "DSNU"),
+            "standard_deviations": float32_array(self.prnu, self.dsnu_e / self.full_well_e),
+            "gain_noise_key": camera_noise_key(context.noise_seed, "PRNU"),
+            "offset_noise_key": camera_noise_key(context.noise_seed, "DSNU"),
         }
 
 
@@ -91,12 +98,12 @@ class FixedPattern:
 def _gain_and_offset_maps(
     effect: FixedPattern, seed: NoiseSeed, height: int, width: int
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Return a camera's (h, w, 3) gains and offsets; kept, because they never change."""
-    gain = 1.0 + np.float32(effect.prnu) * normal_variates(
-        camera_noise_key(seed, "PRNU"), height, width
-    )
-    dark = np.float32(effect.dsnu_e / effect.full_well_e)
-    return gain, dark * normal_variates(camera_noise_key(seed, "DSNU"), height, width)
+    """Gains and offsets of a camera's pixels, (h, w, 3)."""
+    # The seed has no tick here: with one the cache would miss in every frame.
+    gain_variates = normal_variates(camera_noise_key(seed, "PRNU"), height, width)
+    dark_variates = normal_variates(camera_noise_key(seed, "DSNU"), height, width)
+    gain = 1.0 + np.float32(effect.prnu) * gain_variates
+    return gain, np.float32(effect.dsnu_e / effect.full_well_e) * dark_variates
 
 
 EFFECT_TYPE = EffectType(

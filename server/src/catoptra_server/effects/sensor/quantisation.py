@@ -1,9 +1,9 @@
-"""Quantisation: the converter knows 2^bits - 1 steps of equal light, and none above white.
+"""Quantisation: the converter has 2^bits - 1 steps of equal radiance, and none above white.
 
 L' = min(floor((2^b - 1) L + 1/2) / (2^b - 1), 1). Negative codes are kept, as a converter keeps
 them by a black level that is subtracted later. Source: EMVA Standard 1288, the linear camera model:
-a variance of 1/12 of a squared step. Domain: any light, 1 to 16 bits. Criterion: half a step in the
-dark, where the sRGB curve is steepest: 12 bits stay below half a grey level, 8 bits do not.
+a variance of 1/12 of a squared step. Domain: any radiance, 1 to 16 bits. Criterion: half a step in
+the dark, where the sRGB curve is steepest: 12 bits stay below half a grey level, 8 bits do not.
 """
 
 from __future__ import annotations
@@ -32,38 +32,43 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class Quantisation:
-    """adc_bits: the converter's, a whole number."""
+    """Resolution of the analogue-to-digital converter."""
 
     adc_bits: float
+    """Bits of a code, a whole number."""
 
     name: ClassVar[str] = "Quantisation"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     @property
     def max_code(self) -> float:
-        """Return the largest code."""
+        """Code of white."""
         return float(2 ** int(self.adc_bits) - 1)
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what half a step is in the dark."""
+        """Change by half a step of the grey that changes most."""
         value = max_change_by_offset(
-            lambda light: np.full_like(light, 0.5 / self.max_code), summary.max_radiance
+            lambda radiance: np.full_like(radiance, 0.5 / self.max_code), summary.max_radiance
         )
         return EffectBound(value, f"a converter of {int(self.adc_bits)} bits")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of what was rounded up."""
-        return replace(summary, max_radiance=min(summary.max_radiance + 0.5 / self.max_code, 1.0))
+        """Summary of the brightest light rounded up, at most white."""
+        rounded = summary.max_radiance + 0.5 / self.max_code
+        return replace(summary, max_radiance=min(rounded, 1.0))
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the rounded picture."""
-        kind = image.dtype.type
-        codes = np.floor(image * kind(self.max_code) + kind(0.5))
-        rounded: npt.NDArray[Real] = np.minimum(codes / kind(self.max_code), kind(1.0))
-        return rounded
+        """Round the image to the converter's codes."""
+        real = image.dtype.type
+        # floor(x + 1/2) instead of rint: GLSL leaves the rounding of halves to the implementation.
+        codes = np.floor(image * real(self.max_code) + real(0.5))
+        quantised: npt.NDArray[Real] = np.minimum(codes / real(self.max_code), real(1.0))
+        return quantised
 
     def uniforms(
         self,
@@ -71,8 +76,8 @@ class Quantisation:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the largest code."""
-        return {"steps": float32_array(self.max_code)}
+        """Code of white."""
+        return {"max_code": float32_array(self.max_code)}
 
 
 EFFECT_TYPE = EffectType(

@@ -1,9 +1,9 @@
-"""Read noise: the amplifier adds its own, whatever the light.
+"""Read noise: the amplifier adds noise of its own, independent of the signal.
 
-L' = L + s / N n, s the read noise and N the full well in electrons, n normal. Negative light is
-kept until the picture is encoded, as converters keep it by a black level. Source: EMVA Standard
-1288, the linear camera model: the variance sigma_d^2 of the dark. Domain: any light. Criterion: the
-largest normal number in the dark, where the sRGB curve is steepest.
+L' = L + s / N n, s the read noise and N the full well in electrons, n a normal variate. Negative
+values are kept until the image is encoded, as converters keep them by a black level. Source: EMVA
+Standard 1288, the linear camera model: the variance sigma_d^2 of the dark signal. Domain: any
+radiance. Criterion: the largest normal variate in the dark, where the sRGB curve is steepest.
 """
 
 from __future__ import annotations
@@ -37,45 +37,47 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class ReadNoise:
-    """read_noise_e: standard deviation, electrons. full_well_e: the electrons of white."""
+    """Noise of a sensor's amplifier."""
 
     read_noise_e: float
+    """Standard deviation, electrons."""
     full_well_e: float
+    """Electrons of radiance 1."""
 
     name: ClassVar[str] = "ReadNoise"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     @property
     def standard_deviation(self) -> float:
-        """Return the standard deviation in light."""
+        """Standard deviation in radiance."""
         return self.read_noise_e / self.full_well_e
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what the largest normal number does in the dark."""
+        """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
-            lambda light: np.full_like(light, MAX_NORMAL_VARIATE * self.standard_deviation),
+            lambda radiance: np.full_like(radiance, MAX_NORMAL_VARIATE * self.standard_deviation),
             summary.max_radiance,
         )
         return EffectBound(
-            value, f"{self.read_noise_e:.3g} electrons beside {self.full_well_e:.0f} of white"
+            value, f"{self.read_noise_e:.3g} electrons, white has {self.full_well_e:.0f}"
         )
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of the noisiest pixel."""
-        return replace(
-            summary,
-            max_radiance=summary.max_radiance + MAX_NORMAL_VARIATE * self.standard_deviation,
-        )
+        """Summary of the noisiest pixel."""
+        noise = MAX_NORMAL_VARIATE * self.standard_deviation
+        return replace(summary, max_radiance=summary.max_radiance + noise)
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the noisy picture."""
-        drawn = normal_variates(
-            frame_noise_key(context.noise_seed, self.name), *image.shape[:2]
-        ).astype(image.dtype)
-        return image + image.dtype.type(self.standard_deviation) * drawn
+        """Add amplifier noise."""
+        # The effect's name is the purpose in the key: shot noise of the same frame is independent.
+        key = frame_noise_key(context.noise_seed, self.name)
+        variates = normal_variates(key, *image.shape[:2]).astype(image.dtype)
+        return image + image.dtype.type(self.standard_deviation) * variates
 
     def uniforms(
         self,
@@ -83,10 +85,10 @@ class ReadNoise:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the spread, and the words of the frame's numbers."""
+        """Standard deviation, and the key of the frame's noise."""
         return {
-            "spread": float32_array(self.standard_deviation),
-            "words": frame_noise_key(context.noise_seed, self.name),
+            "standard_deviation": float32_array(self.standard_deviation),
+            "noise_key": frame_noise_key(context.noise_seed, self.name),
         }
 
 

@@ -1,10 +1,10 @@
-"""Shot noise: photons come one by one, so a pixel of mu electrons has a variance of mu.
+"""Shot noise: photons arrive independently, so a pixel of mu electrons has a variance of mu.
 
-L' = min(L + sqrt(L / N) n, 1), N the full well in electrons, n normal: mu = N L, sigma^2 = mu. A
-full well holds no more, and has no noise of its own. Source: EMVA Standard 1288, the linear camera
-model, with its Poisson law replaced by the normal one of the same mean and variance. Domain: any
-light; below some 20 electrons the Poisson law is visibly skewed and this is not. Criterion: the
-largest normal number on the grey that shows it most.
+L' = min(L + sqrt(L / N) n, 1), N the full well in electrons, n a normal variate: mu = N L,
+sigma^2 = mu. A full well holds no more electrons and has no noise. Source: EMVA Standard 1288, the
+linear camera model, with the Poisson distribution replaced by the normal one of the same mean and
+variance. Domain: any radiance; below some 20 electrons the Poisson distribution is visibly skewed
+and this one is not. Criterion: the largest normal variate on the grey that changes most.
 """
 
 from __future__ import annotations
@@ -38,39 +38,42 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class ShotNoise:
-    """full_well_e: the electrons of white."""
+    """Photon noise of a sensor."""
 
     full_well_e: float
+    """Electrons of radiance 1."""
 
     name: ClassVar[str] = "ShotNoise"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return what the largest normal number does to the grey that shows it most."""
+        """Change by the largest normal variate of the grey that changes most."""
         value = max_change_by_offset(
-            lambda light: MAX_NORMAL_VARIATE * np.sqrt(light / self.full_well_e),
+            lambda radiance: MAX_NORMAL_VARIATE * np.sqrt(radiance / self.full_well_e),
             summary.max_radiance,
         )
         electrons = self.full_well_e * min(summary.max_radiance, 1.0)
         return EffectBound(value, f"{electrons:.0f} electrons in the brightest pixel")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of the noisiest pixel; no well holds more than is full."""
-        largest = summary.max_radiance
-        noisy = largest + MAX_NORMAL_VARIATE * float(np.sqrt(largest / self.full_well_e))
-        return replace(summary, max_radiance=min(noisy, 1.0))
+        """Summary of the noisiest pixel, at most a full well."""
+        brightest = summary.max_radiance
+        noise = MAX_NORMAL_VARIATE * float(np.sqrt(brightest / self.full_well_e))
+        return replace(summary, max_radiance=min(brightest + noise, 1.0))
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the noisy picture."""
-        drawn = normal_variates(
-            frame_noise_key(context.noise_seed, self.name), *image.shape[:2]
-        ).astype(image.dtype)
+        """Add photon noise and clip at the full well."""
+        key = frame_noise_key(context.noise_seed, self.name)
+        variates = normal_variates(key, *image.shape[:2]).astype(image.dtype)
         scale = image.dtype.type(1.0 / self.full_well_e)
-        spread = np.sqrt(np.maximum(image, image.dtype.type(0.0)) * scale)
-        return np.minimum(image + spread * drawn, image.dtype.type(1.0))
+        # The dark offset of the fixed pattern may leave a pixel below 0: no photons, no noise.
+        deviation = np.sqrt(np.maximum(image, image.dtype.type(0.0)) * scale)
+        return np.minimum(image + deviation * variates, image.dtype.type(1.0))
 
     def uniforms(
         self,
@@ -78,10 +81,10 @@ class ShotNoise:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the light of an electron, and the words of the frame's numbers."""
+        """Radiance of one electron, and the key of the frame's noise."""
         return {
-            "electron": float32_array(1.0 / self.full_well_e),
-            "words": frame_noise_key(context.noise_seed, self.name),
+            "radiance_per_electron": float32_array(1.0 / self.full_well_e),
+            "noise_key": frame_noise_key(context.noise_seed, self.name),
         }
 
 

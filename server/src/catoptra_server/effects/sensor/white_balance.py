@@ -1,8 +1,8 @@
-"""White balance: red and blue are amplified against green, after the sensor.
+"""White balance: red and blue are amplified relative to green, after the sensor.
 
-L' = g min(L, 1), g = (red, 1, blue): a full well stays what it is, so that clipped white takes on
-the gains' colour as it does in cameras. Source: von Kries's adaptation, a diagonal matrix in the
-camera's own colours. Domain: gains > 0. Criterion: the change of the grey that changes most.
+L' = g min(L, 1), g = (red, 1, blue): a full well stays full, so clipped white takes on the gains'
+colour as in real cameras. Source: von Kries's adaptation, a diagonal matrix in the camera's own
+colours. Domain: gains > 0. Criterion: the change of the grey that changes most.
 """
 
 from __future__ import annotations
@@ -31,33 +31,33 @@ from catoptra_server.effects.scene_summary import SceneSummary
 
 @dataclass(frozen=True, slots=True)
 class WhiteBalance:
-    """red, blue: gains against green."""
+    """Gains of red and blue relative to green."""
 
     red_gain: float
     blue_gain: float
 
     name: ClassVar[str] = "WhiteBalance"
     unit: ClassVar[str] = GREY_LEVELS
+    changes_scene: ClassVar[bool] = False
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
-        """Return the change of the grey that changes most."""
-        value = max(
-            max_change_by_gain(g, summary.max_radiance) for g in (self.red_gain, self.blue_gain)
-        )
+        """Change of the grey that changes most."""
+        gains = (self.red_gain, self.blue_gain)
+        value = max(max_change_by_gain(gain, summary.max_radiance) for gain in gains)
         return EffectBound(value, f"red times {self.red_gain:.3g}, blue times {self.blue_gain:.3g}")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
-        """Return the summary of the most amplified colour."""
-        return replace(
-            summary,
-            max_radiance=min(summary.max_radiance, 1.0) * max(self.red_gain, 1.0, self.blue_gain),
-        )
+        """Summary of the colour with the largest gain."""
+        # Green's gain of 1 counts: with both others below 1 green is the brightest.
+        max_gain = max(self.red_gain, 1.0, self.blue_gain)
+        return replace(summary, max_radiance=min(summary.max_radiance, 1.0) * max_gain)
 
     def apply(
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
-        """Return the balanced picture."""
+        """Clip the image at the full well and amplify red and blue."""
         gains = np.array((self.red_gain, 1.0, self.blue_gain), dtype=image.dtype)
         return np.minimum(image, image.dtype.type(1.0)) * gains
 
@@ -67,7 +67,7 @@ class WhiteBalance:
         context: CaptureContext,
         measure_mean_luminance: Callable[[], float],
     ) -> Uniforms:
-        """Return the gains."""
+        """Gains of red, green, blue."""
         return {"gains": float32_array(self.red_gain, 1.0, self.blue_gain)}
 
 

@@ -1,24 +1,24 @@
-// Provides vec3 bilinear(picture, px), sample_bilinear_at_offset(picture, pixel, aside_px): light between.
-// Twin: catoptra_server.effects.kernels.resampling.bilinear, sample_bilinear_at_offset.
+// Provides vec3 sample_bilinear(image, px), sample_bilinear_at_offset(image, pixel, offset_px).
+// Twin: catoptra_server.effects.kernels.resampling.sample_bilinear, sample_bilinear_at_offset.
 
-// Pixels' middles are at +0.5. Beyond the border the last pixel's light goes on. What is aside of a pixel's middle is told as
-// that, since a place in a wide picture would have lost the last bits of it.
-vec3 sample_bilinear_at_offset(sampler2D picture, ivec2 pixel, vec2 aside_px)
+// Pixel centres are at +0.5; outside the image the border pixel is repeated. Pixel and offset stay
+// apart, since their sum would lose the last bits of the offset in a wide image.
+vec3 sample_bilinear_at_offset(sampler2D image, ivec2 pixel, vec2 offset_px)
 {
-    ivec2 last = textureSize(picture, 0) - 1;
-    vec2 whole = floor(aside_px);
-    vec2 share = aside_px - whole;
+    ivec2 last = textureSize(image, 0) - 1;
+    vec2 whole = floor(offset_px);
+    vec2 fraction = offset_px - whole;
     ivec2 low = clamp(pixel + ivec2(whole), ivec2(0), last);
     ivec2 high = clamp(pixel + ivec2(whole) + 1, ivec2(0), last);
-    vec3 above = mix(texelFetch(picture, low, 0).rgb,
-                     texelFetch(picture, ivec2(high.x, low.y), 0).rgb, share.x);
-    vec3 below = mix(texelFetch(picture, ivec2(low.x, high.y), 0).rgb,
-                     texelFetch(picture, high, 0).rgb, share.x);
-    return mix(above, below, share.y);
+    vec3 above = mix(texelFetch(image, low, 0).rgb,
+                     texelFetch(image, ivec2(high.x, low.y), 0).rgb, fraction.x);
+    vec3 below = mix(texelFetch(image, ivec2(low.x, high.y), 0).rgb,
+                     texelFetch(image, high, 0).rgb, fraction.x);
+    return mix(above, below, fraction.y);
 }
 
-vec3 bilinear(sampler2D picture, vec2 px)
+vec3 sample_bilinear(sampler2D image, vec2 px)
 {
     vec2 pixel = floor(px);
-    return sample_bilinear_at_offset(picture, ivec2(pixel), px - pixel - 0.5);
+    return sample_bilinear_at_offset(image, ivec2(pixel), px - pixel - 0.5);
 }
