@@ -48,7 +48,7 @@ USER catoptra
 EXPOSE 3000 5003 5005
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=5s --timeout=3s --start-period=10s --retries=3 \
-  CMD ["catoptra-server", "doctor", "--answers", "127.0.0.1"]
+  CMD ["catoptra-server", "doctor", "--probe", "127.0.0.1"]
 ENTRYPOINT ["catoptra-server"]
 # Inside the container every address is its own; who may connect is said where ports are published.
 CMD ["--robot", "p2at_omni", "--world", "four_legged_2006", "--host", "0.0.0.0"]

@@ -1,1 +1,1 @@
-"""The simulated robot and its eye: reads ini files, renders, serves the USARSim protocol."""
+"""Omnidirectional camera server: simulated robots, rendered frames, USARSim's protocol, ZeroMQ."""

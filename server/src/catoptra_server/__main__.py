@@ -1,7 +1,7 @@
-"""The first word of the command line: `doctor` and `explain` examine; without one, it serves.
+"""Entry point of `catoptra-server`: the server, or one of its subcommands `doctor` and `explain`.
 
-Nothing else is imported before the word is read, so that the doctor speaks where the server's own
-libraries cannot be loaded. To add a command, write its `main` and add its case.
+No other module is imported before the subcommand is known, so that the doctor runs where the
+server's libraries cannot be loaded. To add a subcommand, write its `main` and a case.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ EXIT_USAGE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit status."""
+    """Run a subcommand, and return the exit status of the process."""
     # NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Matched by hand: argparse's subparsers would import every subcommand for its options.
     words = sys.argv[1:] if arguments is None else [*arguments]
     match words:
         case ["doctor", *rest]:
-            from catoptra_server.doctor.doctor_cli import main as examine
+            from catoptra_server.doctor.doctor_cli import main as doctor
 
-            return examine(rest)
+            return doctor(rest)
         case ["cost", *_]:
             print("catoptra-server: the cost study is `catoptra-studies cost`", file=sys.stderr)
             return EXIT_USAGE

@@ -1,7 +1,7 @@
-"""The application: from two files and some options to listening sockets, and to a clean end.
+"""The server as a whole: from options to listening sockets, and to an orderly end.
 
-Three threads: one owns the simulation's clock and robots, one the renderer, and this one's asyncio
-loop all sockets.
+Three threads: one owns the simulation's clock and robots, one the renderer; the calling thread's
+asyncio loop owns all sockets. Mailboxes and event queues connect the threads.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from catoptra_server.frames.render_thread import RenderThread
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
+from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.render_plan import requested_samples
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.transports.stream.server_info import build_server_info
@@ -45,51 +45,70 @@ STREAM_PORT = 5005
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the command line says. Port 0 = any free one; threads 0 = one a processor.
-
-    said: what ini files may say, too; here it counts more. stream_port: None = the usual one, or
-    any free one where another port is. max_error_px, budget_ms: of every camera; None = as its
-    file says.
-    """
+    """Options of the server, as the command line states them."""
 
     robot_files: tuple[Path, ...]
+    """Robot files; INIT chooses among the robots of all of them."""
     world_file: Path
+    """World file."""
     server_file: Path | None = None
+    """File with UDK's sections for the server; overrides those of robot files."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
+    """Options that override the same ones of any file."""
     host: str = "127.0.0.1"
+    """Address of all ports."""
     stream_port: int | None = None
+    """Port of the ZeroMQ stream, 0 = any free one; None = 5005, or any free one if another is 0."""
     dialect: Dialect = Dialect.UT2004
+    """Dialect of the control port."""
     renderer: str = "auto"
+    """`auto`, `trace` or `raster`."""
     threads: int = 0
+    """Threads of the trace renderer; 0 = one per processor."""
     clock: ClockMode = ClockMode.REALTIME
+    """Real time, or lockstep with the commands of clients."""
     seed: int = 0
+    """Seed of all random numbers."""
     max_error_px: float | None = None
+    """Tolerance of every camera, pixels; None = that of the robot's file."""
     budget_ms: float | None = None
+    """Time budget of every camera, milliseconds per frame; None = that of the robot's file."""
 
 
 @dataclass(frozen=True, slots=True)
 class ListeningAddress:
-    """Where the server listens, once it does. image_port: None if it has none."""
+    """Address and actual ports of a server that listens."""
 
     host: str
+    """Address of all ports."""
     control_port: int
+    """TCP port of the USARSim protocol."""
     image_port: int | None
+    """TCP port of the image server; None without one."""
     stream_port: int
+    """TCP port of the ZeroMQ stream."""
 
 
 async def serve(options: Options, announce: Callable[[ListeningAddress], None]) -> None:
     """Serve until SIGINT or SIGTERM.
 
-    Raises CatoptraError or OSError if it cannot start, and what ended one of its threads.
+    Args:
+        options: the options of the server.
+        announce: called once with the addresses, when all ports are open.
+
+    Raises:
+        CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
+        OSError: if a port cannot be opened.
     """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
+    # Before the files are read: a signal during a long start ends the server in the same way.
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    setup = await asyncio.to_thread(
+    startup = await asyncio.to_thread(
         read_startup_config, options.robot_files, options.world_file, options.server_file
     )
-    server = _ServerProcess(_apply_accuracy_target(setup, options), options, on_failure=stop.set)
+    server = _ServerProcess(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
 
@@ -97,7 +116,7 @@ async def serve(options: Options, announce: Callable[[ListeningAddress], None]) 
 async def _open_ports(
     server: _ServerProcess, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
 ) -> None:
-    """Keep all ports open until told to stop."""
+    """Keep all ports open until the stop event is set."""
     host = server.options.host
     async with AsyncExitStack() as open_ports:
         control = await open_ports.enter_async_context(_serve_control_port(server))
@@ -107,6 +126,7 @@ async def _open_ports(
                 await open_ports.enter_async_context(_serve_image_port(server))
             )
         stream = await open_ports.enter_async_context(_serve_stream_port(server))
+        # After the last port: a program that reads the line may connect to any of them at once.
         announce(ListeningAddress(host, _bound_port(control), image_port, stream.port))
         await stop.wait()
         log.info("stopping")
@@ -134,9 +154,10 @@ def _serve_image_port(server: _ServerProcess) -> AbstractAsyncContextManager[asy
 
 
 def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[StreamServer]:
-    """Serve at the port asked for; who wants any free port elsewhere wants one here too."""
-    setup, options, settings = server.startup, server.options, server.settings
+    startup, options, settings = server.startup, server.options, server.settings
     port = options.stream_port
+    # Scripts of USARSim's time know two ports: with --control-port 0 a second server on the machine
+    # would still collide at 5005.
     if port is None:
         port = STREAM_PORT if settings.control_port and settings.image_port else 0
     clock = options.clock.value
@@ -145,7 +166,9 @@ def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[St
         port,
         mailboxes=server.mailboxes,
         post=server.simulation.post,
-        server_info=build_server_info(setup.robots, setup.world, clock=clock, plans=server.plans),
+        server_info=build_server_info(
+            startup.robots, startup.world, clock=clock, plans=server.plans
+        ),
         query_plan=server.render_thread.query_plan,
     )
 
@@ -156,10 +179,7 @@ def _bound_port(server: asyncio.Server) -> int:
 
 
 class _ServerProcess:
-    """Simulation and drawing, each in its thread, and the mailboxes between them and the sockets.
-
-    plans: how each class's omnidirectional camera is drawn, by class name; known once it runs.
-    """
+    """Simulation and rendering, a thread each, and the mailboxes between these and the sockets."""
 
     def __init__(
         self, startup: StartupConfig, options: Options, *, on_failure: Callable[[], None]
@@ -169,23 +189,26 @@ class _ServerProcess:
         self.settings: ServerSettings = resolve_settings(
             startup.server_options, options.server_options
         )
+        # Render plan of each class's omnidirectional camera, as text; filled by the render thread.
         self.plans: dict[str, str] = {}
         self.error_bounds = ErrorBoundTable()
         is_realtime = options.clock is ClockMode.REALTIME
+        # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
+        # frames follow from commands alone, so that the same commands give the same bytes.
         self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
-        self.render_thread = drawing = RenderThread(self.mailboxes.put)
+        self.render_thread = render_thread = RenderThread(self.mailboxes.put)
         self.simulation = Simulation(
             self._create_fleet(),
             clock=options.clock,
-            render=drawing.submit if is_realtime else drawing.submit_and_wait,
+            render=render_thread.submit if is_realtime else render_thread.submit_and_wait,
             reject=self.mailboxes.fail,
             frame_skip=self.settings.frame_skip,
         )
         self._workers = (
             WorkerThread(
-                "drawing",
-                partial(drawing.run, self._create_view_cache),
-                stop=drawing.stop,
+                "rendering",
+                partial(render_thread.run, self._create_view_cache),
+                stop=render_thread.stop,
                 on_failure=on_failure,
             ),
             WorkerThread(
@@ -201,7 +224,10 @@ class _ServerProcess:
 
     @asynccontextmanager
     async def run(self) -> AsyncIterator[None]:
-        """Run both threads; what waits for pictures ends before who draws them."""
+        """Run both threads for the length of a block.
+
+        The simulation ends first: under lockstep its thread waits for frames of the other one.
+        """
         async with AsyncExitStack() as started:
             for worker in self._workers:
                 await worker.start()
@@ -209,16 +235,19 @@ class _ServerProcess:
             yield
 
     def _create_view_cache(self) -> ViewCache | None:
-        """Return the views of this server, those of each class's omni camera prepared."""
-        setup, options = self.startup, self.options
-        if not any(robot.omni_camera or robot.perspective_cameras for robot in setup.robots):
-            log.info("no robot has a camera: nothing will be drawn")
+        """Views of the server's cameras, those of each class's omnidirectional camera prepared.
+
+        Runs in the render thread, which owns the OpenGL context. None without any camera.
+        """
+        startup, options = self.startup, self.options
+        if not any(robot.omni_camera or robot.perspective_cameras for robot in startup.robots):
+            log.info("no robot has a camera: no renderer is started")
             return None
-        omnis = {r.class_name: r.omni_camera for r in setup.robots if r.omni_camera is not None}
+        omnis = {r.class_name: r.omni_camera for r in startup.robots if r.omni_camera is not None}
         choice = choose_renderer(
             options.renderer,
-            setup.scene,
-            setup.world,
+            startup.scene,
+            startup.world,
             threads=options.threads,
             samples=max(
                 (requested_samples(omni.render_settings) for omni in omnis.values()), default=0
@@ -226,11 +255,12 @@ class _ServerProcess:
         )
         log.info("%s", choice.renderer.describe())
         views = ViewCache(
-            RenderPlanner(choice, CostCache(default_cache_folder(), setup.scene)),
-            SceneSummarizer(setup.scene, setup.world),
-            calibration_states=_make_calibration_states(setup),
+            RenderPlanner(choice, CostCache(default_cache_folder(), startup.scene)),
+            SceneSummarizer(startup.scene, startup.world),
+            calibration_states=_make_calibration_states(startup),
             error_bounds=self.error_bounds,
         )
+        # Prepared at start: calibration takes seconds, in which the first viewer would wait.
         for name, omni in omnis.items():
             self.plans[name] = str(
                 views.plan(OmniCameraSpec(omni.camera, omni.render_settings, omni.effects))
@@ -238,40 +268,43 @@ class _ServerProcess:
         return views
 
     def _create_fleet(self) -> Fleet:
-        setup = self.startup
+        startup = self.startup
         return Fleet(
-            setup.robots,
-            setup.world,
-            setup.scene,
+            startup.robots,
+            startup.world,
+            startup.scene,
             seed=self.options.seed,
-            ray_caster=create_ray_caster(setup),
+            ray_caster=create_ray_caster(startup),
             multi_view=self.settings.multi_view,
             error_bound_of=self.error_bounds.get,
         )
 
 
 def _apply_accuracy_target(startup: StartupConfig, options: Options) -> StartupConfig:
-    """Return the setup with the dials of all cameras as the command line says."""
+    """Start-up configuration with the command line's accuracy target for all cameras."""
     robots = []
     for robot in startup.robots:
         omni = robot.omni_camera
         if omni is not None:
-            dial = omni.render_settings.accuracy_target.with_changes(
+            target = omni.render_settings.accuracy_target.with_changes(
                 max_error_px=options.max_error_px, budget_ms=options.budget_ms
             )
             omni = replace(
-                omni, render_settings=replace(omni.render_settings, accuracy_target=dial)
+                omni, render_settings=replace(omni.render_settings, accuracy_target=target)
             )
         robots.append(replace(robot, omni_camera=omni))
     return replace(startup, robots=tuple(robots))
 
 
-# Frames of a few places stand for all in the measuring of what they cost.
+# Start poses at which candidate plans are timed; their frames stand for all frames of the world.
 _MAX_CALIBRATION_STATES = 4
 
 
 def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
-    """Return what cameras see from the world's starts, upright, at the first one's height."""
+    """Camera states for calibration: upright at the world's start poses, or at the origin.
+
+    The height is that of the first robot with an omnidirectional camera.
+    """
     height_m = next((r.viewpoint_height_m for r in startup.robots if r.omni_camera), 0.0)
     starts = [
         (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]

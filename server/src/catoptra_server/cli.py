@@ -1,4 +1,4 @@
-"""`catoptra-server --robot FILE --world FILE`: its options. Only commands like this one print."""
+"""Command line of the server: `catoptra-server --robot FILE --world FILE` and further options."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the server; return 0 after a clean end, 2 if it could not start."""
+    """Run the server; exit status 0 after a signal, 2 if the server could not start."""
     options, level = _make_options(_build_parser().parse_args(arguments))
     logging.basicConfig(
         level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
@@ -44,7 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _print_addresses(address: ListeningAddress) -> None:
-    """Print where to connect, for people and for programs that chose port 0."""
+    """Print the addresses, for users and for programs that chose port 0.
+
+    The line is an interface: tests, studies and containers parse it.
+    """
     image = "off" if address.image_port is None else f"{address.host}:{address.image_port}"
     print(
         f"listening control={address.host}:{address.control_port} image={image} "
@@ -60,43 +63,43 @@ def _build_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--robot", type=_parse_robot, required=True, action="append", metavar="FILE",
-        help="robot ini, like USARBot.ini, or the name of a shipped one, such as p2at_omni; "
+        help="robot ini, like USARBot.ini, or the name of a bundled one, such as p2at_omni; "
         "may be given several times")  # fmt: skip
     add("--world", type=_parse_world, required=True, metavar="FILE",
-        help="world ini, or the name of a shipped one, such as four_legged_2006")  # fmt: skip
+        help="world ini, or the name of a bundled one, such as four_legged_2006")  # fmt: skip
     add("--server-ini", type=Path, metavar="FILE",
-        help="ini with UDK's [USARBotAPI.*]; a robot's file may have them, too")  # fmt: skip
+        help="ini with UDK's [USARBotAPI.*]; a robot's file may have them too")  # fmt: skip
     add("--host", default="127.0.0.1", help="address to listen on (default: loopback only)")
     add("--control-port", type=_parse_port, metavar="PORT", help="default 3000; 0 = any free one")
     add("--image-port", type=_parse_port, metavar="PORT", help="default 5003; 0 = any free one")
     add("--stream-port", type=_parse_port, metavar="PORT",
-        help="of the ZeroMQ stream (default: 5005, any free one if another port is 0)")  # fmt: skip
+        help="ZeroMQ stream (default: 5005; any free one if another port is 0)")  # fmt: skip
     add("--image-type", type=_parse_image_type, metavar="TYPE",
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action=argparse.BooleanOptionalAction,
-        help="send one frame unasked on connecting")  # fmt: skip
+        help="send one frame to a new viewer before its first request")  # fmt: skip
     add("--frame-skip", type=_parse_frame_skip, metavar="N",
-        help="the image port shows at most every N-th tick of 20 ms (default 1: each)")  # fmt: skip
+        help="the image port shows at most every N-th tick of 20 ms (default 1)")  # fmt: skip
     add("--multi-view", type=_parse_multi_view, metavar="COLUMNSxROWS:WIDTHxHEIGHT",
         help="the image port shows a tile for each camera, such as 2x2:320x240")  # fmt: skip
     add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
-        help="of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
+        help="dialect of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
     add("--renderer", choices=["auto", "trace", "raster"], default="auto")
     add(
         "--threads",
         type=_parse_threads,
         default=0,
-        help="of the trace renderer; 0 = one a processor",
+        help="threads of the trace renderer; 0 = one per processor",
     )
     add("--max-error-px", type=_parse_non_negative, metavar="PX",
-        help="draw every camera so that no outline is farther off, as fast as can be; "
-        "0 = as its numbers say")  # fmt: skip
+        help="accuracy target of every camera: the fastest plan that displaces no outline by more; "
+        "0 = the settings of the file")  # fmt: skip
     add("--budget-ms", type=_parse_non_negative, metavar="MS",
-        help="draw every camera as accurately as can be in this time a frame; "
+        help="time budget of every camera: the most accurate plan that takes no longer per frame; "
         "0 = no budget")  # fmt: skip
     add("--clock", choices=[c.value for c in ClockMode], default=ClockMode.REALTIME.value,
         help="lockstep: time passes only when a client sends STEP")  # fmt: skip
-    add("--seed", type=int, default=0, help="of all random numbers")
+    add("--seed", type=int, default=0, help="seed of all random numbers")
     add("--verbose", action="store_true", help="log every message on the wire")
     return parser
 
@@ -121,10 +124,12 @@ def _make_options(parsed: argparse.Namespace) -> tuple[Options, int]:
 
 
 def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
-    """Return what counts more than ini files. Who asks for an image port wants one."""
+    """Options that override those of ini files: the ones given on the command line."""
+    # argparse's destinations are the keys of ServerOptions; None marks an option that is absent.
     keys = ServerOptions.__annotations__
-    said = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
-    return cast(ServerOptions, said | ({"has_images": True} if "image_port" in said else {}))
+    given = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
+    # --image-port switches images on, even where a file has bEnableImageServer=false.
+    return cast(ServerOptions, given | ({"has_images": True} if "image_port" in given else {}))
 
 
 def _parse_robot(text: str) -> Path:
@@ -150,10 +155,11 @@ def _parse_port(text: str) -> int:
 
 
 def _parse_non_negative(text: str) -> float:
-    amount = float(text)
-    if not 0.0 <= amount < math.inf:
-        raise argparse.ArgumentTypeError(f"an error or a time is 0 or more, not {text}")
-    return amount
+    value = float(text)
+    # The comparison is false for NaN, which float() accepts.
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"a tolerance or a budget is 0 or more, not {text}")
+    return value
 
 
 def _parse_frame_skip(text: str) -> int:
@@ -164,10 +170,10 @@ def _parse_frame_skip(text: str) -> int:
 
 
 def _parse_multi_view(text: str) -> TileLayout:
-    found = _MULTI_VIEW.fullmatch(text)
-    if found is None:
-        raise argparse.ArgumentTypeError(f"a multi-view is written as 2x2:320x240, not {text!r}")
-    columns, rows, width, height = map(int, found.groups())
+    match = _MULTI_VIEW.fullmatch(text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"a multi-view has the form 2x2:320x240, not {text!r}")
+    columns, rows, width, height = map(int, match.groups())
     try:
         return multi_view_layout(columns, rows, width_px=width, height_px=height)
     except DomainError as error:
@@ -175,6 +181,7 @@ def _parse_multi_view(text: str) -> TileLayout:
 
 
 def _parse_threads(text: str) -> int:
+    # More than a thousand threads is a typing error that embree would obey.
     threads = int(text)
     if not 0 <= threads <= 1024:
         raise argparse.ArgumentTypeError(f"threads are 0 to 1024, not {threads}")

@@ -1,4 +1,4 @@
-"""Everything that is read and checked before a thread runs or a socket opens."""
+"""Start-up: files are read and checked before a thread runs or a socket opens."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from catoptra_server.sensors.sensor_environment import RayCaster
 
 log = logging.getLogger(__name__)
 
-# What needs rays all the time. A scene that nothing else measures is committed once it is.
+# Sensors that cast rays in every cycle. Without one the scene is committed to embree at the first
+# ray, if ever: a server with cameras alone saves the time and memory.
 _RAY_CASTING_SENSORS = (
     RangeScannerDescription,
     SonarDescription,
@@ -38,51 +39,61 @@ _RAY_CASTING_SENSORS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartupConfig:
-    """Robots, world and scene, and what the files say of the server itself."""
+    """Content of the configuration files."""
 
     robots: tuple[RobotDescription, ...]
+    """All robots, in the order of the files."""
     world: World
+    """The world as described."""
     scene: SceneMesh
+    """The world's triangles, meshes and textures loaded."""
     server_options: ServerOptions = field(default_factory=ServerOptions)
+    """Options that the files state for the server itself."""
 
 
 def read_startup_config(
     robots: Sequence[Path], world: Path, server: Path | None = None
 ) -> StartupConfig:
-    """Return what files say: of robots, of the world, and of the server where that has its own.
+    """Read all configuration files, and log their unknown keys.
 
-    Of the server a later robot's file counts more than an earlier one, and its own most. Raises
-    ConfigError; keys that mean nothing are logged once.
+    Args:
+        robots: robot files; of the server's options a later file overrides an earlier one.
+        world: the world file.
+        server: file with the server's own sections, which overrides those of robot files.
+
+    Raises:
+        ConfigError: with file, line, key, value and the expected form.
     """
-    read = [read_robots(robot) for robot in robots]
+    contents = [read_robots(robot) for robot in robots]
     world_description, world_file = read_world(world)
-    robot_files = [file for _, file in read]
-    own_files = [_read_server_file(server)] if server is not None else []
-    said = ServerOptions()
-    for file in (*robot_files, *own_files):
-        said.update(read_server_options(file))
-    for file in (*robot_files, world_file, *own_files):
+    robot_files = [file for _, file in contents]
+    server_files = [_read_server_file(server)] if server is not None else []
+    options = ServerOptions()
+    for file in (*robot_files, *server_files):
+        options.update(read_server_options(file))
+    # After every reader: a key is unknown if no reader has read it.
+    for file in (*robot_files, world_file, *server_files):
         _warn_unknown_keys(file)
-    descriptions = tuple(description for found, _ in read for description in found)
-    return StartupConfig(descriptions, world_description, build_scene(world_description), said)
+    descriptions = tuple(description for robot, _ in contents for description in robot)
+    return StartupConfig(descriptions, world_description, build_scene(world_description), options)
 
 
 def _read_server_file(path: Path) -> IniFile:
     file = IniFile(path)
     if not any(map(file.has_section, SERVER_SECTIONS)):
         log.warning(
-            "%s says nothing of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
+            "%s has no settings of the server: no section %s", path, ", ".join(SERVER_SECTIONS)
         )
     return file
 
 
 def _warn_unknown_keys(file: IniFile) -> None:
     for entry in file.unknown_entries():
-        log.warning("%s: key %s is not known here and has no effect", entry.where, entry.key)
+        log.warning("%s: key %s is unknown and has no effect", entry.where, entry.key)
 
 
 def create_ray_caster(startup: StartupConfig) -> RayCaster:
-    """Return the scene to be measured, ready if a robot has a sensor that does."""
+    """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle."""
     caster = _LazyRayCaster(startup.scene)
     sensors = [sensor for robot in startup.robots for sensor in robot.sensors]
     if any(isinstance(sensor, _RAY_CASTING_SENSORS) for sensor in sensors):
@@ -91,24 +102,25 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
 
 
 class _LazyRayCaster:
-    """A ray caster that takes time and memory from its first use on."""
+    """A ray caster that is built at its first use."""
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
         self._caster: RayCaster | None = None
 
     def build(self) -> RayCaster:
-        """Return the caster, made the first time."""
+        """The ray caster, built at the first call."""
         if self._caster is None:
+            # Imported here, so that a server without such sensors runs without embree.
             from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 
             self._caster = EmbreeRayCaster(self._scene)
         return self._caster
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """Return (n,) metres along directions; inf = nothing met."""
+        """Distances (n,) along unit directions, metres; inf without a hit."""
         return self.build().distances(origins, directions)
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the distances, and (n, 3) normals of what is met."""
+        """Distances (n,), metres, and normals (n, 3) of the closest hits."""
         return self.build().closest_hits(origins, directions)

@@ -1,4 +1,4 @@
-"""A thread as the asyncio loop sees it: its start can be awaited, its failure ends the server."""
+"""Worker threads of an asyncio server: start and end can be awaited, a failure is reported."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ log = logging.getLogger(__name__)
 
 
 class WorkerThread:
-    """A named thread. work: what it does; it calls its argument once it is ready.
+    """A named thread that is started and stopped from the asyncio loop.
 
-    stop: makes the work end, from any thread. on_failure: called on the loop if the work raises.
+    Args:
+        name: name of the thread, for logs.
+        run: the work; calls its argument once the work is ready, and returns after `stop`.
+        stop: makes `run` return; may be called from any thread, and before `run` has begun.
+        on_failure: called on the loop if `run` raises after it was ready.
     """
 
     def __init__(
@@ -33,17 +37,18 @@ class WorkerThread:
         self._thread = threading.Thread(target=self._main, name=name)
 
     async def start(self) -> None:
-        """Start; return once it is ready, or raise why it is not."""
+        """Start the thread, and wait until the work is ready; raise the error of a failed start."""
         self._thread.start()
         try:
             await self._ready
+        # Cancellation too: a thread that is not joined would keep the process alive.
         except BaseException:
             self._stop()
             await asyncio.to_thread(self._thread.join)
             raise
 
     async def stop(self) -> None:
-        """Make it end and wait for that; raise what ended it, if it was not this."""
+        """Stop the work, and wait for the thread; raise the error of an earlier failure."""
         self._stop()
         await asyncio.to_thread(self._thread.join)
         if self._error is not None:
@@ -52,7 +57,7 @@ class WorkerThread:
     def _main(self) -> None:
         try:
             self._run(self._signal_ready)
-        # The top of a thread: hand whatever it is to who waits for it, or end the server.
+        # The top of a thread, where any error has to reach the loop: it would be printed and lost.
         except Exception as error:
             self._loop.call_soon_threadsafe(self._handle_failure, error)
 
@@ -60,12 +65,13 @@ class WorkerThread:
         self._loop.call_soon_threadsafe(self._set_ready)
 
     def _set_ready(self) -> None:
+        # `start` may have been cancelled in the meantime, which cancels the future.
         if not self._ready.done():
             self._ready.set_result(None)
 
     def _handle_failure(self, error: Exception) -> None:
         if self._ready.done():
-            log.critical("the %s ended: %s", self._thread.name, error)
+            log.critical("the %s thread failed: %s", self._thread.name, error)
             self._error = error
             self._on_failure()
         else:

@@ -1,7 +1,4 @@
-"""Configurations that come with the server: `p2at_omni` means its own robots/p2at_omni.ini.
-
-The folder is the repository's configs/, which every distribution carries a copy of.
-"""
+"""Configurations bundled with the server, found by name: `p2at_omni` is robots/p2at_omni.ini."""
 
 from __future__ import annotations
 
@@ -10,31 +7,41 @@ from typing import Literal
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 
+# In the repository a link to configs/, so that one copy exists; in a wheel a folder of real files.
 BUNDLED_FOLDER = Path(__file__).parents[1] / "configs"
 
 FileKind = Literal["robots", "worlds"]
 
 
 def bundled_files(kind: FileKind) -> tuple[Path, ...]:
-    """Return the ini files of a kind that come with the server, by name."""
+    """Bundled ini files of a kind, sorted by name."""
     return tuple(sorted((BUNDLED_FOLDER / kind).glob("*.ini")))
 
 
 def find_configuration(kind: FileKind, path_or_name: str) -> Path:
-    """Return the file that a command line means: a path, or the bare name of a shipped one.
+    """Path of the configuration that a command line names.
 
-    A path need not exist: who reads it complains. Raises ConfigError for a name that is not there.
+    Args:
+        kind: folder of the bundled files to search.
+        path_or_name: a path, or the bare name of a bundled file.
+
+    Returns:
+        The path, which need not exist: `read_sections` reports a missing file with its reason.
+
+    Raises:
+        ConfigError: if a bare name is neither a file nor bundled; the message lists the names.
     """
     path = Path(path_or_name)
+    # An existing file wins over a bundled name: a user's own `corridor` is never passed over.
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
-    shipped = {file.stem: file for file in bundled_files(kind)}
-    if path_or_name not in shipped:
-        known = ", ".join(shipped)
+    bundled = {file.stem: file for file in bundled_files(kind)}
+    if path_or_name not in bundled:
+        names = ", ".join(bundled)
         raise ConfigError(
             SourceLocation(path_or_name),
             key="file",
             value=path_or_name,
-            expected=f"an ini file, or one of the {kind} that come with the server: {known}",
+            expected=f"an ini file, or one of the bundled {kind}: {names}",
         )
-    return shipped[path_or_name]
+    return bundled[path_or_name]

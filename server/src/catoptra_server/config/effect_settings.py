@@ -1,7 +1,7 @@
-"""What a capture camera's section says of effects: a mode each, and their numbers.
+"""Effects of a capture camera's section: a mode for each, and their parameters.
 
-The keys are those of the table in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a number
-that several effects may share. An effect without a mode is not simulated, and not spoken of.
+The keys are those of EFFECT_TYPES in `effects/`: `ShotNoise=auto` is a mode, `FullWell=18000` a
+parameter that several effects share. An effect without a mode is neither simulated nor reported.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ _MODES = [mode.value for mode in EffectMode]
 
 
 def read_effect_settings(section: SectionReader) -> EffectSettings:
-    """Return the effects that a section names, in optical order."""
-    wishes = [_read_effect_setting(section, kind) for kind in EFFECT_TYPES]
+    """Settings of the effects that a section gives a mode, in optical order.
+
+    Raises:
+        ConfigError: for a parameter outside its range or an unknown mode.
+    """
+    settings = [_read_effect_setting(section, kind) for kind in EFFECT_TYPES]
     return EffectSettings(
-        tuple(wish for wish in wishes if wish is not None),
+        tuple(setting for setting in settings if setting is not None),
         threshold_grey_levels=section.get_float(
             "EffectThreshold", 0.5, min_value=0.0, max_value=255.0
         ),
@@ -26,7 +30,9 @@ def read_effect_settings(section: SectionReader) -> EffectSettings:
 
 
 def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
-    """Return the wish for an effect; its numbers are checked whether it has a mode or not."""
+    """Setting of one effect; None without a mode."""
+    # Read even without a mode: a typing error is found before the effect is switched on, and a
+    # parameter of an effect that is off does not count as an unknown key.
     values = {
         p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
         for p in kind.parameters

@@ -1,4 +1,4 @@
-"""An ini file as a whole: its sections, merged by name, over those of the file it is based on."""
+"""An ini file with the files it is based on: one reader for each section name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from catoptra_server.config.unreal_ini import Entry, Section, read_sections
 
 
 class IniFile:
-    """All sections of a file and of the files that it is based on, merged by name."""
+    """Sections of a file and of the files it is based on, merged by name regardless of case."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -18,11 +18,12 @@ class IniFile:
         self._load(path, seen=())
 
     def _load(self, path: Path, seen: tuple[Path, ...]) -> None:
-        """Load what the file is based on ([Configuration] BasedOn=, as in UDK), then the file."""
+        """Load the base file ([Configuration] BasedOn=, as in UDK), then apply this file to it."""
         sections = _merge_sections(read_sections(path))
         configuration = sections.get("configuration")
         if configuration is not None and configuration.has_key("BasedOn"):
             base = configuration.get_path("BasedOn", path.parent)
+            # Resolved, since a link or a relative path would hide a cycle.
             if base.resolve() in seen or base.resolve() == path.resolve():
                 raise configuration.make_error(
                     "BasedOn", expected="a file that is not based on this"
@@ -35,21 +36,23 @@ class IniFile:
                 self._sections[key] = settings
 
     def get_section(self, name: str) -> SectionReader:
-        """Return a section; one that the file does not have is empty."""
+        """Section by name; an absent one is empty, and its error messages still name the file."""
         return self._sections.get(name.lower()) or SectionReader(
             name, SourceLocation(str(self.path)), ()
         )
 
     def has_section(self, name: str) -> bool:
-        """Return whether the file has the section."""
+        """Whether the file, or one it is based on, has the section."""
         return name.lower() in self._sections
 
     def section_names(self) -> list[str]:
-        """Return the names of all sections, in order."""
+        """Names of all sections as written, those of base files first."""
         return [settings.name for settings in self._sections.values()]
 
     def unknown_entries(self) -> list[Entry]:
-        """Return the entries of sections that were used, whose keys nobody asked for."""
+        """Entries with unknown keys, in sections that were read."""
+        # A section that no reader opened belongs to a class without meaning here, such as another
+        # robot's sensors in a real USARBot.ini: its keys would drown the one spelling error.
         return [
             entry
             for settings in self._sections.values()
@@ -61,6 +64,7 @@ class IniFile:
 def _merge_sections(sections: tuple[Section, ...]) -> dict[str, SectionReader]:
     merged: dict[str, SectionReader] = {}
     for section in sections:
+        # A section may occur twice in Unreal's grammar: the lines of both form one.
         known = merged.get(section.name.lower())
         if known is None:
             merged[section.name.lower()] = SectionReader(

@@ -1,9 +1,9 @@
-"""The joints of a robot itself: hinges of `JointParts=`, the list that UT2004 builds robots from.
+"""Joints of the chassis: hinges of `JointParts=`, the list from which UT2004 builds robots.
 
 `JointParts=(PartName="FRFlipper",JointClass=class'KDHinge',Parent="..",ParentPos=..,ParentAxis=..)`.
-Hinges become joints that turn about ParentAxis, as fast and as strong as the robot's MotorSpeed and
-MotorTorque. Wheels (KCarWheelJoint) and whatever else is listed are the base's, which other keys
-describe. Source: JointPart of KRobot.uc.
+Hinges become joints that turn about ParentAxis with the robot's MotorSpeed and MotorTorque. Wheels
+(KCarWheelJoint) and parts of other classes are left out: the keys of the drive base describe them.
+Source: JointPart of KRobot.uc.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from catoptra_server.robot.joint_chain import (
 log = logging.getLogger(__name__)
 
 _HINGE_CLASSES = ("kdhinge", "khinge")
-# What a part looks like and how the engine fastens it: without meaning here, but no mistake.
+# Appearance, and how the engine fastens the part: without effect here, yet correct in a real file.
 _IGNORED_KEYS = (
     "PartClass",
     "DrawScale3D",
@@ -39,7 +39,7 @@ _IGNORED_KEYS = (
 
 
 def read_joint_parts(robot: SectionReader) -> MissionPackageDescription | None:
-    """Return the hinges of a robot's section, in order; None without any."""
+    """Hinges of a robot's section as one chain of joints, in the list's order; None without any."""
     parts = robot.get_structs("JointParts")
     hinges = [part for part in parts if _is_hinge(part)]
     if not hinges:
@@ -55,7 +55,7 @@ def _is_hinge(part: SectionReader) -> bool:
     class_ = part.get_str("JointClass").rpartition(".")[2].lower()
     if class_ not in _HINGE_CLASSES:
         log.info(
-            "%s: %s is no hinge: it has no joint here", part.where, part.get_str("PartName", "")
+            "%s: part %s is no hinge and gets no joint", part.where, part.get_str("PartName", "")
         )
         part.ignore_all()
     return class_ in _HINGE_CLASSES
@@ -73,14 +73,18 @@ def _require_unique_names(parts: Sequence[SectionReader]) -> None:
 def _read_link(
     robot: SectionReader, part: SectionReader, previous: Sequence[SectionReader]
 ) -> LinkDescription:
-    """Return the joint of a part; its parent is a hinge further up in the list, or the chassis.
+    """Joint of a part; the parent is a hinge further up in the list, or else the chassis.
 
-    The file's places and axes are those of parts aligned with the chassis, a link's those of its
-    parent's joint.
+    Args:
+        robot: the robot's section, which has the motors' values.
+        part: the struct of the hinge.
+        previous: structs of the hinges before it.
     """
     name = part.get_str("Parent", "").lower()
     numbers = [n for n, one in enumerate(previous) if one.get_str("PartName").lower() == name]
     joint = Pose.from_rpy(_read_position(robot, part), _rpy_from_axis(part))
+    # The file states positions and axes as if all parts were aligned with the chassis; a link is
+    # relative to its parent's joint frame, which is turned so that z is the parent's axis.
     if numbers:
         carrier = Pose.from_rpy((0.0, 0.0, 0.0), _rpy_from_axis(previous[numbers[0]]))
         joint = carrier.inverse() @ joint
@@ -90,8 +94,10 @@ def _read_link(
         parent=numbers[0] + 1 if numbers else CHASSIS_PARENT,
         position_m=(x, y, z),
         rotation_rad=joint.to_rpy(),
+        # 10 degrees a second, as in UT2004's USARBot.ini.
         max_speed_rad_s=robot.get_float("MotorSpeed", 0.1745, min_value=0.0, max_value=100.0),
         max_torque=robot.get_float("MotorTorque", 20.0, min_value=0.0),
+        # A minimum above the maximum means no limits: KRobot.uc, as its CONF lines print it.
         min_rad=part.get_float("MinRange", 1.0),
         max_rad=part.get_float("MaxRange", 0.0),
     )
@@ -105,8 +111,9 @@ def _read_position(robot: SectionReader, part: SectionReader) -> Vector:
 
 
 def _rpy_from_axis(part: SectionReader) -> Vector:
-    """Return roll, pitch, yaw of a frame whose z is the hinge's axis; a flipper's is y."""
+    """Roll, pitch, yaw of a frame whose z is the hinge's axis; without ParentAxis, y."""
     x, y, z = part.get_vector("ParentAxis", (0.0, 1.0, 0.0))
     if not any((x, y, z)):
         raise part.make_error("ParentAxis", expected="a direction that is not zero")
+    # The rotation about the axis itself is free: roll 0 leaves the angle 0 along the chassis.
     return 0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)

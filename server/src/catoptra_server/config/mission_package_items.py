@@ -1,8 +1,9 @@
-"""The mission packages of a robot's section: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`.
+"""Mission packages of a robot's section: `MisPkgs=(PkgName=..,Location=..,PkgClass=..)`.
 
-A class with a section of its own lists its joints there, a file's own extension:
+The class's section lists the joints, an extension of USARSim's form:
 `Links=(Name="CameraPan",Parent=-1,Position=..,Direction=..,MaxSpeed=..,MaxTorque=..,MinRange=..,
-MaxRange=..)`. Without one it is the pan-tilt head of UT2004's robots.
+MaxRange=..)`. USARSim has them in the class's source, so that STANDARD_PACKAGES describes the
+pan-tilt head of UT2004's robots.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ log = logging.getLogger(__name__)
 def read_mission_packages(
     file: IniFile, robot: SectionReader
 ) -> tuple[MissionPackageDescription, ...]:
-    """Return the packages of a robot's section that have joints."""
-    found = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
-    return tuple(package for package in found if package is not None)
+    """Packages with joints of a robot's section, in order; packages without joints are logged."""
+    packages = (_read_package(file, struct) for struct in robot.get_structs("MisPkgs"))
+    return tuple(package for package in packages if package is not None)
 
 
 def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescription | None:
@@ -35,12 +36,13 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
     if section.has_key("Links"):
         links = tuple(_read_link(link) for link in section.get_structs("Links"))
     else:
-        known = STANDARD_PACKAGES.get(class_.rpartition(".")[2].lower())
-        if known is None:
-            # The omni camera's pillar is one: it has no joints.
+        standard = STANDARD_PACKAGES.get(class_.rpartition(".")[2].lower())
+        if standard is None:
+            # No warning: the omnidirectional camera's pillar, for one, is a package without joints.
             log.info("%s: package %s of class %s has no joints", struct.where, name, class_)
             return None
-        links = known.links
+        links = standard.links
+    # Location mounts the package as a whole, by the joint of its first link.
     location = struct.get_vector("Location", links[0].position_m)
     return MissionPackageDescription(name, (replace(links[0], position_m=location), *links[1:]))
 
@@ -48,11 +50,13 @@ def _read_package(file: IniFile, struct: SectionReader) -> MissionPackageDescrip
 def _read_link(link: SectionReader) -> LinkDescription:
     return LinkDescription(
         name=link.get_wire_name("Name"),
+        # -1 is the chassis; links are numbered from 1.
         parent=int(link.get_float("Parent", -1.0, min_value=-1.0, max_value=64.0)),
         position_m=link.get_vector("Position", (0.0, 0.0, 0.0)),
         rotation_rad=link.get_vector("Direction", (0.0, 0.0, 0.0)),
         max_speed_rad_s=link.get_float("MaxSpeed", 0.17, min_value=0.0, max_value=100.0),
         max_torque=link.get_float("MaxTorque", 20.0, min_value=0.0),
+        # A minimum above the maximum means no limits, as USARSim's CONF lines print it.
         min_rad=link.get_float("MinRange", 1.0),
         max_rad=link.get_float("MaxRange", 0.0),
     )

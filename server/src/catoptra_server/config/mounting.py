@@ -1,4 +1,4 @@
-"""Where items of a robot's section are mounted: metres and radians, or if asked Unreal units."""
+"""Mounts of the items of a robot's section, in SI units whatever the file's units."""
 
 from __future__ import annotations
 
@@ -8,11 +8,18 @@ from catoptra_server.robot.mount import CHASSIS, Mount
 
 
 def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
-    """Return the mount of an item of a robot's section; without a Parent it is the chassis."""
+    """Mount of an item, relative to its Parent or, without one, to the chassis.
+
+    Args:
+        robot: the robot's section, whose bMountByUU switches to Unreal units.
+        item: the item's struct.
+        key: name of the position's key.
+    """
     position, direction = (
         item.get_vector(key, (0.0, 0.0, 0.0)),
         item.get_vector("Direction", (0.0, 0.0, 0.0)),
     )
+    # UT2004's own switch: 250 Unreal units to the metre, 65536 to the turn.
     if robot.get_bool("bMountByUU", False):
         x, y, z = (metres_from_uu(value) for value in position)
         roll, pitch, yaw = (radians_from_uu(value) for value in direction)

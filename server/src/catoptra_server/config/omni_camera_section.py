@@ -1,7 +1,7 @@
-"""What a robot file says of its omnidirectional camera: the paper's three groups of elements.
+"""Omnidirectional camera of a robot's section: the three groups of elements of the paper.
 
-`StaticMeshes` (a mirror), `CamTexActors` (the effective viewpoint and its five texture clients),
-`Cameras` (the capture camera at the pinhole).
+`StaticMeshes` has the mirror, `CamTexActors` the effective viewpoint with its texture clients,
+`Cameras` the capture camera at the pinhole. Source: Schmits & Visser 2009, section 3.
 """
 
 from __future__ import annotations
@@ -31,22 +31,29 @@ from catoptra_server.scene.mirror_mesh import (
     tessellation_from_polygon_count,
 )
 
-# Largest picture side: 8192^2 pixels are what OpenGL and a msgpack-sized world still take.
+# 8192^2 raw pixels are 201 MB for a frame; the largest texture of OpenGL devices is not far above.
 _MAX_SIDE_PX = 8192
-# A capture camera this far off the pinhole (metres) moves the picture by 0.04 px at 360 px: below
-# any use. Farther off it is a misalignment, which is an effect, not a camera law.
+# A capture camera so far off the pinhole (metres) displaces the image by 0.04 px at 360 px. Beyond
+# that the camera is no longer central, which is the effect Misalignment, not a camera model.
 _PINHOLE_TOLERANCE_M = 5e-5
+# Directions in real files have four digits: 1.5708 for a right angle.
 _AXIS_TOLERANCE_RAD = 1e-3
 
 
 def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescription | None:
-    """Return the camera of a robot's section; None where CamTexActors names none."""
+    """Camera of a robot's section; None where CamTexActors names no viewpoint.
+
+    Raises:
+        ConfigError: for a capture camera off the pinhole, an impossible mirror, or a missing group.
+    """
     clients = section.get_structs("CamTexActors")
     if not clients:
         return None
     if not clients[0].get_str("ItemName"):  # as in USARSim: no name, no camera
         clients[0].ignore_all()
         return None
+    # USARSim spawns one viewpoint. Class and Parent are read only to count as known: they name an
+    # emitter and a pillar, which have no shape here.
     viewpoint = clients[0]
     viewpoint.get_str("ItemClass", "")
     viewpoint.get_str("Parent", "")
@@ -69,12 +76,14 @@ def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescrip
 
 
 def _find_child(section: SectionReader, key: str, viewpoint: SectionReader) -> SectionReader:
-    """Return the item of a list that is mounted on the effective viewpoint."""
+    """Item of a list that is mounted on the effective viewpoint."""
     name = viewpoint.get_str("ItemName")
     for item in section.get_structs(key):
         if item.get_str("Parent", "").lower() == name.lower():
             return item
-    raise section.make_error(key, expected=f'an item with Parent="{name}", placed at the viewpoint')
+    raise section.make_error(
+        key, expected=f'an item with Parent="{name}", mounted on the viewpoint'
+    )
 
 
 def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
@@ -83,11 +92,12 @@ def _read_viewpoint_pose(viewpoint: SectionReader) -> Pose:
 
 
 def _read_mirror(item: SectionReader, settings: SectionReader) -> CentralMirror:
+    # The mesh's origin is the mirror's focus, which is the effective viewpoint.
     if any(
         abs(value) > _PINHOLE_TOLERANCE_M for value in item.get_vector("Position", (0.0, 0.0, 0.0))
     ):
         raise item.make_error(
-            "Position", expected="(X=0,Y=0,Z=0): meshes are placed by the viewpoint"
+            "Position", expected="(X=0,Y=0,Z=0): the viewpoint has the mesh's position"
         )
     item.get_vector("Direction", (0.0, 0.0, 0.0))
     item.get_str("ItemName")
@@ -96,6 +106,7 @@ def _read_mirror(item: SectionReader, settings: SectionReader) -> CentralMirror:
         case "hyperbolicmirror":
             k = settings.get_float("K", min_value=2.0)
             c_m = settings.get_float("C", min_value=0.0) * metres
+            # The bounds above are closed, the mirror's domain is open: K=2 and C=0 fail here.
             try:
                 return HyperbolicMirror(k, c_m)
             except DomainError as error:
@@ -128,17 +139,18 @@ def _read_camera_model(
 
 
 def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
-    """Refuse a capture camera beside the pinhole or the axis: the law holds only there."""
+    """Raise ConfigError for a capture camera off the pinhole or the axis: it is not central."""
     position = np.asarray(item.get_vector("Position"))
+    # A parabolic mirror's pinhole is at infinity: an orthographic camera anywhere on the axis.
     if math.isinf(mirror.pinhole_distance_m):
         off = float(np.hypot(position[0], position[1]))
-        place = "on the axis (X=0,Y=0)"
+        pinhole = "on the axis (X=0,Y=0)"
     else:
         off = float(np.linalg.norm(position - (0.0, 0.0, mirror.pinhole_distance_m)))
-        place = f"(X=0,Y=0,Z={mirror.pinhole_distance_m:g}), the mirror's second focus"
+        pinhole = f"(X=0,Y=0,Z={mirror.pinhole_distance_m:g}), the mirror's second focus"
     if off > _PINHOLE_TOLERANCE_M:
         raise item.make_error(
-            "Position", expected=f"the pinhole {place}; it is {1e3 * off:.3g} mm off"
+            "Position", expected=f"the pinhole {pinhole}; it is {1e3 * off:.3g} mm off"
         )
     forward = Pose.from_rpy((0, 0, 0), item.get_vector("Direction")).rotation[:, 0]
     if np.linalg.norm(forward - (0.0, 0.0, -1.0)) > _AXIS_TOLERANCE_RAD:
@@ -146,11 +158,12 @@ def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
 
 
 def _image_up_azimuth(item: SectionReader) -> float:
-    """Return the azimuth in the mirror frame that the top of the capture camera's picture shows."""
+    """Azimuth in the mirror frame, radians, of the direction at the top of the image."""
     rotation = Pose.from_rpy((0, 0, 0), item.get_vector("Direction")).rotation
     up = -rotation[:, 2]
     azimuth = math.atan2(float(up[1]), float(up[0]))
-    # Directions in files have five digits: quarter turns are meant exactly.
+    # 1.5708 in a file means a quarter turn exactly: its residual of 4e-6 rad would rotate the image
+    # and break the symmetry of the faces.
     quarters = azimuth / (0.5 * math.pi)
     nearest = round(quarters)
     near = abs(quarters - nearest) < 1e-4
@@ -158,7 +171,7 @@ def _image_up_azimuth(item: SectionReader) -> float:
 
 
 def _capture_fov(camera: OmniCamera) -> float:
-    """Return the capture camera's field of view over the rim; 0 for an orthographic one."""
+    """Field of view of the capture camera over the rim, radians; 0 for an orthographic camera."""
     if math.isinf(camera.mirror.pinhole_distance_m):
         return 0.0
     r, z = camera.mirror.surface_point(np.array(camera.rim_t))
@@ -166,12 +179,13 @@ def _capture_fov(camera: OmniCamera) -> float:
 
 
 def _read_texture_clients(file: IniFile) -> tuple[TextureClient, ...]:
-    """Return N, E, S, W, C, as USARSim spawns them, and U where the file has it."""
+    """Texture clients N, E, S, W, C, as USARSim spawns them, and U where the file has one."""
     clients = []
     for face in Face:
         section = file.get_section(f"USARBot.USARCameraTextureClient{face.name}")
         if face is Face.U and not file.has_section(section.name):
             continue
+        # USARSim's key; another value than 90 leaves gaps between the faces or lets them overlap.
         fov = section.get_float("FOV", 90.0)
         if abs(fov - 90.0) > 1e-6:
             raise section.make_error("FOV", expected="90: the faces of a cube")
@@ -192,6 +206,7 @@ def _read_render_settings(
     return RenderSettings(
         surface=_read_surface(mirror),
         samples=capture.get_int("Samples", 0, max_value=16),
+        # Faces share an atlas and one size; 0 lets the plan choose sizes by density.
         face_size_px=max(client.size_px for client in _read_texture_clients(file)),
         face_samples=capture.get_int("FaceSamples", 0, max_value=8),
         stride_px=capture.get_int("TraceStride", 0, max_value=64),
@@ -203,7 +218,7 @@ def _read_render_settings(
 
 
 def _read_surface(mirror: SectionReader) -> MirrorSurface:
-    """Return the polygon split of the mirror: Polygons=N, or Sectors= and Rings=; 0 = per pixel."""
+    """Mirror surface: Polygons=N, or Sectors= and Rings=; 0 = the exact surface in each pixel."""
     name = mirror.get_choice(
         "Interpolation", [i.value for i in Interpolation], Interpolation.UV.value
     )
@@ -211,6 +226,7 @@ def _read_surface(mirror: SectionReader) -> MirrorSurface:
     polygons = mirror.get_int("Polygons", 0, max_value=1_000_000)
     sectors = mirror.get_int("Sectors", 0, max_value=10_000)
     rings = mirror.get_int("Rings", 0, max_value=10_000)
+    # An explicit grid wins over a polygon count, which only suggests one.
     if sectors or rings:
         if sectors < 3 or rings < 1:
             raise mirror.make_error(

@@ -1,4 +1,4 @@
-"""The ordinary cameras of a robot's section: items of `Cameras=` (UT2004) and `AddParts=` (UDK)."""
+"""Perspective cameras of a robot's section: items of `Cameras=` (UT2004) and `AddParts=` (UDK)."""
 
 from __future__ import annotations
 
@@ -8,30 +8,39 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 
 _CLASSES = ("robotcamera", "usarcamera", "camera")
-# What a flat picture can still show.
+# 172 degrees. A flat image plane ends at 180, where tan(fov / 2) is infinite.
 _MAX_FOV_RAD = 3.0
 
 
 def is_perspective_camera(item: SectionReader) -> bool:
-    """Return whether an item is an ordinary camera's."""
+    """Whether an item's class is a perspective camera of UT2004 or UDK."""
     return item.get_str("ItemClass").rpartition(".")[2].lower() in _CLASSES
 
 
 def read_perspective_camera(
     file: IniFile, robot: SectionReader, item: SectionReader
 ) -> PerspectiveCameraDescription:
-    """Return the camera of an item; its class's section says what UDK's does: radians."""
+    """Camera of an item, with the field of view and resolution of the section of its class.
+
+    Defaults and units (radians) are those of UDK's DefaultUSAR.ini.
+    """
     section = file.get_section(item.get_str("ItemClass"))
-    least = section.get_float("CameraMinFOV", 0.3491, min_value=0.01, max_value=_MAX_FOV_RAD)
-    most = section.get_float("CameraMaxFOV", 2.0944, min_value=least, max_value=_MAX_FOV_RAD)
+    min_fov_rad = section.get_float("CameraMinFOV", 0.3491, min_value=0.01, max_value=_MAX_FOV_RAD)
+    max_fov_rad = section.get_float(
+        "CameraMaxFOV", 2.0944, min_value=min_fov_rad, max_value=_MAX_FOV_RAD
+    )
     return PerspectiveCameraDescription(
         name=item.get_wire_name("ItemName"),
         mount=read_mount(robot, item),
         width_px=section.get_int("ResolutionX", 320, min_value=1, max_value=8192),
         height_px=section.get_int("ResolutionY", 240, min_value=1, max_value=8192),
         fov_rad=section.get_float(
-            "CameraFOV", min(max(1.3963, least), most), min_value=least, max_value=most
+            "CameraFOV",
+            # UDK's default, moved into the zoom range where the section narrows that alone.
+            min(max(1.3963, min_fov_rad), max_fov_rad),
+            min_value=min_fov_rad,
+            max_value=max_fov_rad,
         ),
-        min_fov_rad=least,
-        max_fov_rad=most,
+        min_fov_rad=min_fov_rad,
+        max_fov_rad=max_fov_rad,
     )

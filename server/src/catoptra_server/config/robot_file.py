@@ -1,9 +1,10 @@
-"""What a robot file means: from the sections of a USARBot.ini to RobotDescriptions.
+"""Robot files: from the sections of a USARBot.ini to RobotDescriptions.
 
-A robot is a `[USARBot.X]` section that has a SteeringType, or whose class is one of USARSim's own:
-the original files leave wheels and body to the class's source (`robot/standard_bases`). Sensors are
-classes: their own sections hold their defaults. What each list means is in `sensor_items`,
-`cameras`, `packages`, `chassis_joints` and `omni_camera`.
+A robot is a `[USARBot.X]` section with a SteeringType, or one of a class of USARSim itself: the
+original files leave wheels and dimensions to the class's source (`robot/standard_bases`). Sensors
+and cameras are classes with sections of their own. The lists of a robot's section are read by
+`sensor_readers`, `perspective_camera_items`, `mission_package_items`, `joint_parts` and
+`omni_camera_section`.
 """
 
 from __future__ import annotations
@@ -31,18 +32,25 @@ from catoptra_server.config.sensor_readers import is_sensor, read_sensor, report
 from catoptra_server.robot.robot_description import DriveBase, RobotDescription
 from catoptra_server.robot.standard_bases import STANDARD_BASES
 
-# Lists of items that sense: UT2004's, and UDK's for everything.
+# UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")
 
 
 def read_robot(path: Path) -> tuple[RobotDescription, IniFile]:
-    """Return the first robot of a file, and the file for its unknown keys. Raises ConfigError."""
+    """First robot of a file, and the file for a report of unknown keys. Raises ConfigError."""
     robots, file = read_robots(path)
     return robots[0], file
 
 
 def read_robots(path: Path) -> tuple[tuple[RobotDescription, ...], IniFile]:
-    """Return all robots of a file, and the file for its unknown keys. Raises ConfigError."""
+    """All robots of a file, in the file's order before those of base files.
+
+    Returns:
+        The descriptions, at least one, and the file, whose unknown keys can be reported now.
+
+    Raises:
+        ConfigError: with file, line, key, value and the expected form.
+    """
     file = IniFile(path)
     robots = tuple(_read_robot_section(file, section) for section in _find_robot_sections(file))
     if not robots:
@@ -53,11 +61,12 @@ def read_robots(path: Path) -> tuple[tuple[RobotDescription, ...], IniFile]:
 
 
 def _find_robot_sections(file: IniFile) -> Iterator[SectionReader]:
-    """Yield the file's own robots first, then those of the files that it is based on."""
+    """Yield the sections of the file's own robots, then those of the files it is based on."""
     sections = [file.get_section(name) for name in file.section_names()]
     for section in sorted(sections, key=lambda s: s.where.file != str(file.path)):
         name = section.name
         if section.has_key("SteeringType") or _find_known_base(section) is not None:
+            # Clients name the class in INIT and receive it in frame headers: it has to fit a line.
             if not is_wire_name(name):
                 raise ConfigError(
                     section.where, key="section", value=name, expected=WIRE_NAME_EXPECTED
@@ -74,12 +83,12 @@ def _read_robot_section(file: IniFile, section: SectionReader) -> RobotDescripti
     _require_unique_names(section)
     items = [struct for key in _ITEM_LISTS for struct in section.get_structs(key)]
     omni = read_omni_camera(file, section)
-    # What sits on the omni camera's viewpoint is a part of that camera.
-    seen = [
+    # The capture camera is in the list too, but as a part of the omnidirectional camera.
+    camera_items = [
         s for s in section.get_structs("Cameras") if not omni or _item_name(s) != omni.name.lower()
     ]
-    cameras = [struct for struct in (*seen, *items) if is_perspective_camera(struct)]
-    for struct in (*seen, *items):
+    cameras = [struct for struct in (*camera_items, *items) if is_perspective_camera(struct)]
+    for struct in (*camera_items, *items):
         if not is_sensor(struct) and not is_perspective_camera(struct):
             report_unknown_class(struct)
     return RobotDescription(
@@ -102,6 +111,7 @@ def _item_name(struct: SectionReader) -> str:
 
 
 def _require_unique_names(section: SectionReader) -> None:
+    # Clients address sensors and cameras by name alone, across the lists and regardless of case.
     taken: set[str] = set()
     for key in (*_ITEM_LISTS, "Cameras"):
         for item in section.get_structs(key):
@@ -112,12 +122,14 @@ def _require_unique_names(section: SectionReader) -> None:
 
 
 def _read_drive_base(section: SectionReader) -> DriveBase:
-    """Return a base that a section with a SteeringType describes whole; else that of its class."""
+    """Drive base of a robot; keys of the section override USARSim's values for the class."""
     section.get_choice("SteeringType", ["SkidSteered"], "SkidSteered")
+    # With a SteeringType the section describes the whole base, and a missing key is an error: the
+    # values of USARSim's class of that name would silently stand in for those of another robot.
     known = None if section.has_key("SteeringType") else _find_known_base(section)
 
-    def read_length(key: str, default: float | None, at_least: float = 1e-3) -> float:
-        return section.get_float(key, default, min_value=at_least, max_value=10.0)
+    def read_length(key: str, default: float | None, min_m: float = 1e-3) -> float:
+        return section.get_float(key, default, min_value=min_m, max_value=10.0)
 
     return DriveBase(
         wheel_radius_m=read_length("WheelRadius", known.wheel_radius_m if known else None),
@@ -134,6 +146,7 @@ def _read_drive_base(section: SectionReader) -> DriveBase:
         max_torque=section.get_float(
             "MaxTorque", known.max_torque if known else 60.0, min_value=0.0
         ),
+        # At 1 no turn would be left: a robot that cannot turn is taken for a typing error.
         turn_slip=section.get_float("TurnSlip", 0.0, min_value=0.0, max_value=0.9),
         slip_noise=section.get_float("SlipNoise", 0.0, min_value=0.0, max_value=0.5),
     )
@@ -145,14 +158,17 @@ class _Dimensions(TypedDict):
 
 
 def _read_dimensions(section: SectionReader, known: DriveBase | None) -> _Dimensions:
-    """Return what GEO reports, and the body where that is none: then what is reported may be 0."""
+    """Dimensions that GEO reports, and those for collisions where the two differ.
+
+    Some classes of USARSim report (0,0,0): then BodyDimensions, or the class's, serve collisions.
+    """
     body = known.collision_dimensions_m if known else None
     if section.has_key("BodyDimensions"):
         body = section.get_vector("BodyDimensions", min_value=1e-3, max_value=100.0)
     elif section.has_key("Dimensions"):
         body = None
-    least_m = 1e-3 if body is None else 0.0
-    told = section.get_vector(
-        "Dimensions", known.dimensions_m if known else None, min_value=least_m
+    min_m = 1e-3 if body is None else 0.0
+    reported = section.get_vector(
+        "Dimensions", known.dimensions_m if known else None, min_value=min_m
     )
-    return {"dimensions_m": told, "collision_dimensions_m": body}
+    return {"dimensions_m": reported, "collision_dimensions_m": body}

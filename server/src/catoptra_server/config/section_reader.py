@@ -1,8 +1,8 @@
-"""Typed values of ini sections. Every complaint names file, line, key, value and what was expected.
+"""Typed values of an ini section or a struct literal, with located errors.
 
-A `SectionReader` is one section (all sections of that name together, later lines over earlier ones) or
-one struct literal. It remembers which keys were asked for, so that the others can be reported,
-once.
+An error names file, line, key, value and the expected form. A reader records the keys that were
+read, so that the rest can be reported as unknown: a misspelt key is the commonest mistake, and a
+silent default the hardest to find.
 """
 
 from __future__ import annotations
@@ -18,26 +18,29 @@ from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 
 Vector = tuple[float, float, float]
 
-# What a name on the wire is made of: Latin-1 that can be seen, neither space nor brace.
+# Printable Latin-1 without space and braces, which delimit names in a line of the protocol.
 _WIRE_NAME = re.compile(rf"[!-z|~\xa1-\xff]{{1,{MAX_NAME_CHARS}}}")
 WIRE_NAME_EXPECTED = "one word without spaces and braces: it is sent to clients"
 
 
 class SectionReader:
-    """The entries of one section or struct, by lower-case key, in order."""
+    """Entries of one section or struct, by lower-case key, in the order of the file."""
 
     def __init__(self, name: str, where: SourceLocation, entries: Iterable[Entry]) -> None:
         self.name = name
         self.where = where
+        # The lines as written: a derived section is replayed line by line over its base, operators
+        # included, which the resulting values alone would no longer show.
         self._lines: list[Entry] = []
         self._entries: dict[str, list[Entry]] = {}
+        # Parsed once, so that all readers of a struct record their keys in the same object.
         self._structs: dict[str, list[SectionReader]] = {}
         self._used_keys: set[str] = set()
         for entry in entries:
             self.apply(entry)
 
     def apply(self, entry: Entry) -> None:
-        """Apply a line: bare repetition and . append, + appends if new, - removes, ! clears."""
+        """Apply a line: a repeated key and . append, + appends if new, - removes, ! clears."""
         self._lines.append(entry)
         values = self._entries.setdefault(entry.key.lower(), [])
         match entry.operator:
@@ -51,30 +54,31 @@ class SectionReader:
                 values.append(entry)
 
     def apply_overrides(self, derived: SectionReader) -> None:
-        """Let a derived section win: its keys replace ours, its + . - ! lines change them."""
+        """Apply a derived section: plain keys replace this one's, + . - ! lines modify them."""
         changed: set[str] = set()
         for entry in derived._lines:
             key = entry.key.lower()
+            # Only the first plain line of a key clears the base's list; the next ones extend it.
             if key not in changed and not entry.operator:
                 self._entries.pop(key, None)
             changed.add(key)
             self.apply(entry)
 
     def has_key(self, key: str) -> bool:
-        """Return whether the key has a value."""
+        """Whether the key has a value; does not count as reading the key."""
         return bool(self._entries.get(key.lower()))
 
     @property
     def is_used(self) -> bool:
-        """Return whether any key was asked for."""
+        """Whether any key was read."""
         return bool(self._used_keys)
 
     def ignore_all(self) -> None:
-        """Take every key for known: what holds them has no meaning here, or was reported whole."""
+        """Count every key as read, for a section that has no effect or was reported as a whole."""
         self._used_keys.update(self._entries)
 
     def unknown_entries(self) -> list[Entry]:
-        """Return the entries whose key nobody asked for, members of structs among them."""
+        """Entries whose key was not read, those of structs included."""
         own = [
             entry
             for key, entries in self._entries.items()
@@ -100,20 +104,21 @@ class SectionReader:
         return self._entries.get(key.lower(), [])
 
     def get_str(self, key: str, default: str | None = None) -> str:
-        """Return a text, without quotes or class'...'."""
+        """Text without quotes or class'...'; a missing key without a default is a ConfigError."""
         if default is not None and not self._use_entries(key):
             return default
         return unquote(self._last_entry(key, "a text").value)
 
     def get_wire_name(self, key: str, default: str | None = None) -> str:
-        """Return a name that the wire can carry."""
+        """Name that fits a line of the protocol: one word of printable Latin-1 without braces."""
         text = self.get_str(key, default)
         if not is_wire_name(text):
             raise self.make_error(key, expected=WIRE_NAME_EXPECTED)
         return text
 
     def get_path(self, key: str, folder: Path) -> Path:
-        """Return the path of a file that exists; a relative one starts in the folder."""
+        """Path of an existing file; a relative path is resolved against the folder."""
+        # UT2004's files are written on Windows.
         path = folder / self.get_str(key).replace("\\", "/")
         if not path.is_file():
             raise self.make_error(key, expected=f"a file that exists; there is no {path}")
@@ -127,7 +132,14 @@ class SectionReader:
         min_value: float = -math.inf,
         max_value: float = math.inf,
     ) -> float:
-        """Return a finite number within bounds, both included."""
+        """Finite number within bounds.
+
+        Args:
+            key: the key, in any case.
+            default: result for a missing key, not checked against the bounds; None = required.
+            min_value: smallest accepted value.
+            max_value: largest accepted value.
+        """
         if default is not None and not self._use_entries(key):
             return default
         expected = _describe_range("a number", min_value, max_value)
@@ -140,7 +152,7 @@ class SectionReader:
     def get_int(
         self, key: str, default: int | None = None, *, min_value: int = 0, max_value: int = 2**31
     ) -> int:
-        """Return a whole number within bounds, both included."""
+        """Whole number within bounds, both included; arguments as of `get_float`."""
         if default is not None and not self._use_entries(key):
             return default
         expected = _describe_range("a whole number", min_value, max_value)
@@ -151,7 +163,7 @@ class SectionReader:
         return int(value)
 
     def get_bool(self, key: str, default: bool) -> bool:
-        """Return a truth value: true, false, 1 or 0 in any case."""
+        """Truth value: true, false, 1 or 0 in any case."""
         if not self._use_entries(key):
             return default
         entry = self._last_entry(key, "true or false")
@@ -163,7 +175,7 @@ class SectionReader:
         return words[entry.value.lower()]
 
     def get_choice(self, key: str, allowed: Sequence[str], default: str | None = None) -> str:
-        """Return one of the allowed words, spelled as in `allowed`, whatever its case."""
+        """One of the allowed words, matched regardless of case, spelled as in `allowed`."""
         if default is not None and not self._use_entries(key):
             return default
         expected = "one of " + ", ".join(allowed)
@@ -182,7 +194,15 @@ class SectionReader:
         min_value: float = -math.inf,
         max_value: float = math.inf,
     ) -> Vector:
-        """Return three numbers of a struct such as (X=1,Y=2,Z=3); a missing member is 0."""
+        """Three numbers of a struct such as (X=1,Y=2,Z=3); a missing member is 0.
+
+        Args:
+            key: the key, in any case.
+            default: result for a missing key; None = required.
+            members: names of the three members, a letter each.
+            min_value: smallest accepted value of a member.
+            max_value: largest accepted value of a member.
+        """
         if default is not None and not self._use_entries(key):
             return default
         struct = self.get_struct(key)
@@ -192,19 +212,24 @@ class SectionReader:
         return a, b, c
 
     def get_struct(self, key: str) -> SectionReader:
-        """Return the struct literal of a key."""
+        """Struct literal of a key; of a repeated key the last one counts, as for other values."""
         self._last_entry(key, "a struct such as (X=0,Y=0,Z=0)")
         return self.get_structs(key)[-1]
 
     def get_structs(self, key: str) -> list[SectionReader]:
-        """Return all struct literals of a repeated key, in order; none is an empty list."""
+        """Struct literals of a repeated key, in order; an empty list for a missing one."""
         entries = self._use_entries(key)
         if key.lower() not in self._structs:
             self._structs[key.lower()] = [_parse_struct(entry) for entry in entries]
         return self._structs[key.lower()]
 
     def make_error(self, key: str, *, expected: str) -> ConfigError:
-        """Return the error for a value that is well formed but makes no sense here."""
+        """Error for a value that is well formed but not acceptable, to be raised by the caller.
+
+        Args:
+            key: the key to be named, with the value and line of its last entry if there is one.
+            expected: an acceptable value, as a phrase.
+        """
         entries = self._use_entries(key)
         where = entries[-1].where if entries else self.where
         value = entries[-1].value if entries else ""
@@ -212,7 +237,7 @@ class SectionReader:
 
 
 def is_wire_name(text: str) -> bool:
-    """Return whether the wire can carry a text as a name."""
+    """Whether a text fits a line of the protocol as a name."""
     return _WIRE_NAME.fullmatch(text) is not None
 
 
@@ -222,11 +247,14 @@ def _parse_struct(entry: Entry) -> SectionReader:
         raise ConfigError(
             entry.where, key=entry.key, value=entry.value, expected="a struct such as (X=0,Y=0,Z=0)"
         )
+    # Members share the line of their struct: one struct is one line of the file.
     inner = (Entry(name, text, "", entry.where) for name, text in members)
     return SectionReader(entry.key, entry.where, inner)
 
 
 def _parse_float(text: str) -> float | None:
+    # UnrealScript's literals may end in f. "nan", "inf" and their kin, which float() would accept,
+    # are no numbers in an ini file.
     try:
         value = float(text.rstrip("fF")) if text[:1] not in "nNiI" else math.nan
     except ValueError:
@@ -237,6 +265,7 @@ def _parse_float(text: str) -> float | None:
 def _describe_range(kind: str, min_value: float, max_value: float) -> str:
     if math.isinf(min_value) and math.isinf(max_value):
         return kind
+    # 2^31 is the default bound of get_int, which no user set: naming it would puzzle.
     if math.isinf(max_value) or max_value == 2**31:
         return f"{kind} of at least {min_value:g}"
     if math.isinf(min_value):

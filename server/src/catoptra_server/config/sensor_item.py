@@ -1,4 +1,4 @@
-"""One sensor of a robot's section as its readers see it: the item and the section of its class."""
+"""One sensor item of a robot's section, together with the section of its class."""
 
 from __future__ import annotations
 
@@ -10,22 +10,30 @@ from catoptra_server.robot.mount import Mount
 
 @dataclass(frozen=True, slots=True)
 class SensorItem:
-    """One item: its struct, where it is mounted, and the section of its class."""
+    """Input of a sensor's reader."""
 
     struct: SectionReader
+    """The item itself, such as `(ItemClass=..,ItemName=..)`."""
     name: str
+    """ItemName, which clients receive."""
     mount: Mount
+    """Pose relative to the chassis or the item's Parent."""
     section: SectionReader
+    """Section of the item's class; shared by all items of the class, empty if absent."""
 
     @property
     def interval_s(self) -> float:
-        """Return the period of its class."""
+        """Seconds from one reading to the next."""
         return self.section.get_float("ScanInterval", 0.2, min_value=0.01, max_value=60.0)
 
     def get_float(self, key: str, default: float, max_value: float = 1e4) -> float:
-        """Return a number of its class that is not negative."""
+        """Non-negative number of the class's section: a range, a noise, a scale."""
         return self.section.get_float(key, default, min_value=0.0, max_value=max_value)
 
     def has_timestamp(self, default: bool) -> bool:
-        """Return whether UDK's readings of its class carry a time. Others than these always do."""
+        """Whether readings in the UDK dialect carry a time (Odometry, Encoder, Touch, INS, GPS).
+
+        Args:
+            default: UDK's own choice for the class, where the section has no bWithTimeStamp.
+        """
         return self.section.get_bool("bWithTimeStamp", default)

@@ -1,7 +1,8 @@
-"""The sensors of a robot's section: items of `Sensors=` (UT2004) and `AddParts=` (UDK).
+"""Sensors of a robot's section: items of `Sensors=` (UT2004) and `AddParts=` (UDK).
 
-A sensor's class is known by the last part of its name. What an item leaves open its class's section
-says, what that leaves open our table: the defaults of UDK's DefaultUSAR.ini.
+_READERS is the table of classes, by the last part of a class's name. Parameters are in the section
+of the class; defaults are those of UDK's DefaultUSAR.ini. To add a sensor, write a reader, and add
+a line to the table for each name of the class.
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ log = logging.getLogger(__name__)
 
 
 def item_class(item: SectionReader) -> str:
-    """Return the class of an item without its package, in lower case."""
+    """Class of an item without its package, in lower case."""
     return item.get_str("ItemClass").rpartition(".")[2].lower()
 
 
 def is_sensor(item: SectionReader) -> bool:
-    """Return whether we know the class of an item as a sensor's."""
+    """Whether an item's class is a sensor of _READERS."""
     return item_class(item) in _READERS
 
 
 def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> SensorDescription:
-    """Return the description of an item whose class is known."""
+    """Description of an item for which `is_sensor` holds."""
     item = SensorItem(
         struct=struct,
         name=struct.get_wire_name("ItemName"),
@@ -54,12 +55,12 @@ def read_sensor(file: IniFile, robot: SectionReader, struct: SectionReader) -> S
 
 
 def report_unknown_class(item: SectionReader) -> None:
-    """Warn of an item that does nothing here, as one warns of an unknown key."""
+    """Log a warning for an item of an unknown class, and none for each of its keys."""
     log.warning(
-        "%s: class %s is not known here: %s has no effect",
+        "%s: class %s is unknown: item %s has no effect",
         item.where,
         item.get_str("ItemClass"),
-        item.get_str("ItemName", "it"),
+        item.get_str("ItemName", "without a name"),
     )
     item.ignore_all()
 
@@ -81,7 +82,9 @@ def _read_odometry(item: SensorItem) -> SensorDescription:
 
 
 def _read_ground_truth(item: SensorItem) -> SensorDescription:
+    # USARSim prints two; experiments that compare poses need more.
     decimals = item.section.get_int("Decimals", 2, min_value=0, max_value=12)
+    # False is the older UDK, which reports the sensor's own pose instead of the robot's.
     is_of_robot = item.section.get_bool("FixedToPlatform", True)
     return GroundTruthDescription(item.name, item.interval_s, decimals, item.mount, is_of_robot)
 
@@ -92,15 +95,15 @@ def _range_scanner_reader(
     def read(item: SensorItem) -> SensorDescription:
         section = item.section
         fov = section.get_float("ScanFov", fov_rad, min_value=0.0, max_value=6.2832)
-        # Clients read lines of 4096 bytes: 500 beams of 8 characters.
-        least = max(fov / 500.0, 1e-4)
+        # A line has 4095 bytes, the buffer of old clients: 500 beams of 8 characters.
+        min_resolution_rad = max(fov / 500.0, 1e-4)
         return RangeScannerDescription(
             name=item.name,
             interval_s=item.interval_s,
             mount=item.mount,
             fov_rad=fov,
             resolution_rad=section.get_float(
-                "Resolution", resolution_rad, min_value=least, max_value=6.3
+                "Resolution", resolution_rad, min_value=min_resolution_rad, max_value=6.3
             ),
             min_range_m=item.get_float("MinRange", 0.1),
             max_range_m=item.get_float("MaxRange", max_range_m),
@@ -123,6 +126,7 @@ def _read_sonar(item: SensorItem) -> SensorDescription:
         noise_m=item.get_float("Noise", 0.0, 10.0),
         num_cones=item.section.get_int("NumberOfCones", 3, min_value=0, max_value=64),
         rays_per_cone=item.section.get_int("TracesPerCone", 8, min_value=1, max_value=256),
+        # Without a limit a level sonar would hear the floor: echoes of grazing surfaces are lost.
         max_incidence_rad=item.get_float("MaxAngleOfIncidence", MAX_ECHO_INCIDENCE_RAD, 3.1416),
     )
 
@@ -139,7 +143,7 @@ def _read_ins(item: SensorItem) -> SensorDescription:
     )
 
 
-# What an encoder counts is in its Parent, or else in its name: ECLeft, ECPan; or W and a wheel's
+# The shaft of an encoder is in its Parent, or else in its name: ECLeft, ECPan; or W and a wheel's
 # number, as in UDK: 0 front right, 1 front left, 2 back right, 3 back left. Source: P3AT.uc.
 _SHAFTS = {
     "left": "left",
@@ -154,13 +158,14 @@ _SHAFTS = {
 
 
 def _read_encoder(item: SensorItem) -> SensorDescription:
-    spoken = item.struct.get_str("Parent", "").lower() or item.name.lower()
-    shafts = [shaft for word, shaft in _SHAFTS.items() if word in spoken]
+    shaft_name = item.struct.get_str("Parent", "").lower() or item.name.lower()
+    shafts = [shaft for word, shaft in _SHAFTS.items() if word in shaft_name]
     return EncoderDescription(
         name=item.name,
         interval_s=item.interval_s,
         mount=item.mount,
-        shaft=shafts[0] if shafts else spoken,
+        # Any other name is that of a joint, such as a flipper's: `joint_parts` has the names.
+        shaft=shafts[0] if shafts else shaft_name,
         resolution_rad=item.section.get_float("Resolution", 0.01745, min_value=1e-6, max_value=6.3),
         noise_rad=item.get_float("Noise", 0.0, 10.0),
         has_timestamp=item.has_timestamp(True),
@@ -174,8 +179,8 @@ def _read_tachometer(item: SensorItem) -> SensorDescription:
 
 def _read_touch(item: SensorItem) -> SensorDescription:
     diameter_m = item.get_float("Diameter", 0.01, 10.0)
-    is_timed = item.has_timestamp(True)
-    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m, is_timed)
+    has_timestamp = item.has_timestamp(True)
+    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m, has_timestamp)
 
 
 def _read_rfid(item: SensorItem) -> SensorDescription:
@@ -202,6 +207,7 @@ def _read_gps(item: SensorItem) -> SensorDescription:
     )
 
 
+# Field of view, resolution and range as DefaultUSAR.ini has them.
 _READ_LMS200 = _range_scanner_reader(3.14159, 0.01745, 20.0)
 # By class name in lower case: UT2004's names and UDK's.
 _READERS: dict[str, Callable[[SensorItem], SensorDescription]] = {

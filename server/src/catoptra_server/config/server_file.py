@@ -1,11 +1,11 @@
-"""What ini files say of the server itself: ports, connections, pictures, tiles. UDK's sections.
+"""Sections of ini files that configure the server itself, as UDK names them:
 
     [USARBotAPI.BotServer]         ListenPort, MaxConnections
     [USARBotAPI.UPISImageServer]   bEnableImageServer, ListenPort, FrameSkip, ImageType, LegacyMode
     [USARBotAPI.MultiView]         CameraTileX, CameraTileY, CameraWidth, CameraHeight
 
-UDK keeps them in the file that has its robots; they may stand in a robot's file here, too. What a
-file does not say is not in its `ServerOptions`, so that one can go over another.
+UDK has them in the file of its robots; a robot's file may have them here too. A key that a file
+lacks is absent from its `ServerOptions`, so that the options of several sources can be layered.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _MULTI_VIEW = "USARBotAPI.MultiView"
 SERVER_SECTIONS = (_BOT_SERVER, _IMAGE_SERVER, _MULTI_VIEW)
 
 _MAX_PORT = 65535
-# Of a clock of 50 ticks a second: a picture a minute is the least that makes sense.
+# One image a minute at 50 ticks a second: a larger number is taken for a typing error.
 MAX_FRAME_SKIP = 3000
-# UDK's own, for what its section leaves out.
+# UDK's defaults for the keys that its section leaves out.
 _MULTI_VIEW_DEFAULTS = {"CameraTileX": 2, "CameraTileY": 2, "CameraWidth": 320, "CameraHeight": 240}
 
 
 class ServerOptions(TypedDict, total=False):
-    """What is said of a server, by a file or a command line, under the names of the settings."""
+    """Settings that one source states: a file, or the command line. Keys as in ServerSettings."""
 
     control_port: int
     max_connections: int
@@ -46,38 +46,47 @@ class ServerOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class ServerSettings:
-    """What holds, with what holds where nothing is said.
-
-    Port 0 = any free one. max_connections: control connections at once, None = any number.
-    frame_skip: ticks between two pictures of the screen. multi_view: the screen's tiles, if any.
-    """
+    """Settings in effect, with USARSim's defaults. Port 0 = any free one."""
 
     control_port: int = 3000
+    """TCP port of the USARSim protocol."""
     max_connections: int | None = None
+    """Control connections at the same time; None = no limit."""
     has_images: bool = True
+    """Whether there is an image port."""
     image_port: int = 5003
+    """TCP port of the image server."""
     image_type: ImageType = ImageType.GOOD
+    """Raw, or a JPEG quality."""
     legacy_images: bool = False
+    """Whether a new viewer gets one frame without a request, as from early image servers."""
     frame_skip: int = 1
+    """Ticks of 20 ms from one image of the image port to the next, at least."""
     multi_view: TileLayout | None = None
+    """Tiles of the image port, one for each camera; None = one camera fills the image."""
 
 
 def resolve_settings(*layers: ServerOptions) -> ServerSettings:
-    """Return what holds after several have spoken; the last word counts."""
-    together = ServerOptions()
-    for one in layers:
-        together.update(one)
-    return ServerSettings(**together)
+    """Settings in effect after several sources; a later one overrides an earlier one."""
+    merged = ServerOptions()
+    for layer in layers:
+        merged.update(layer)
+    return ServerSettings(**merged)
 
 
 def read_server_options(file: IniFile) -> ServerOptions:
-    """Return what a file says of the server. Raises ConfigError with file, line and key."""
-    said = ServerOptions()
-    _read_bot_server(file.get_section(_BOT_SERVER), said)
-    _read_image_server(file.get_section(_IMAGE_SERVER), said)
+    """Server options that a file states.
+
+    Raises:
+        ConfigError: for a value out of range, with file, line and key.
+    """
+    options = ServerOptions()
+    _read_bot_server(file.get_section(_BOT_SERVER), options)
+    _read_image_server(file.get_section(_IMAGE_SERVER), options)
+    # As in UDK the presence of the section switches the tiles on, even without a key.
     if file.has_section(_MULTI_VIEW):
-        said["multi_view"] = _read_multi_view(file.get_section(_MULTI_VIEW))
-    return said
+        options["multi_view"] = _read_multi_view(file.get_section(_MULTI_VIEW))
+    return options
 
 
 def _read_bot_server(section: SectionReader, options: ServerOptions) -> None:
@@ -101,7 +110,8 @@ def _read_image_server(section: SectionReader, options: ServerOptions) -> None:
 
 
 def _has_key(section: SectionReader, key: str) -> bool:
-    """Return whether a section has a key, which is then known."""
+    """Whether a section has a key, which counts as known in either case."""
+    # An empty value, `ImageType=`, is present: UDK takes this one for the type NORMAL.
     section.get_str(key, "")
     return section.has_key(key)
 

@@ -1,9 +1,10 @@
-"""The grammar of Unreal's ini files, as real USARBot.ini and UDK files use it. No meaning.
+"""Grammar of Unreal's ini files, as real USARBot.ini and UDK files use it.
 
 `[Package.Class]` sections that may occur twice, `key=value`, the prefixes + . - ! of keys, `;`
 comments (whole line or trailing), quoted strings, class'Package.Name' references and nested struct
-literals (A=1,B=(X=0)). Tolerated, because real files have it: spaces around =, a stray ; after a
-value, text after a struct's closing bracket, missing blank lines, any line end.
+literals (A=1,B=(X=0)). Also accepted, since real files have them: spaces around =, a stray ; after
+a value, text after a struct's closing bracket, missing blank lines, any line end. The meaning of
+the keys is in `robot_file`, `world_file` and `server_file`.
 """
 
 from __future__ import annotations
@@ -15,25 +16,31 @@ from pathlib import Path
 from catoptra_protocol.errors import ConfigError, SourceLocation
 
 _OPERATORS = "+.-!"
-# Not str.splitlines, which also ends a line at form feeds and U+2028: editors do not count those.
+# Not str.splitlines, which also ends a line at form feeds and U+2028: the line numbers of error
+# messages would differ from an editor's.
 _LINE_END = re.compile(r"\r\n|\r|\n")
-# A file larger than this is no ini file; the largest real one (UT2004's) has 60 kB.
+# The largest real file, UT2004's, has 60 kB. The limit keeps a mistaken path, such as a mesh's or a
+# video's, from being read into memory.
 _MAX_FILE_BYTES = 4 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One `key=value`. operator: the key's prefix, one of + . - ! or empty."""
+    """One `key=value` line."""
 
     key: str
+    """The key as written, without its prefix."""
     value: str
+    """The text after =, without comment and surrounding spaces."""
     operator: str
+    """Prefix of the key: one of + . - ! or empty."""
     where: SourceLocation
+    """File and line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One `[name]` with its entries, in the order of the file."""
+    """One `[name]` with the entries below it, in the order of the file."""
 
     name: str
     where: SourceLocation
@@ -41,10 +48,15 @@ class Section:
 
 
 def read_sections(path: Path) -> tuple[Section, ...]:
-    """Return the sections of a file. Raises ConfigError with file and line."""
+    """Sections of a file, in order.
+
+    Raises:
+        ConfigError: for an unreadable or oversized file, or a line outside the grammar.
+    """
     where = SourceLocation(str(path))
     try:
         size = path.stat().st_size
+        # Checked before reading: sizes are limited before memory is taken.
         data = path.read_bytes() if size <= _MAX_FILE_BYTES else None
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise ConfigError(
@@ -65,7 +77,7 @@ def _decode(data: bytes, *, file: str) -> str:
 
 
 def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
-    """Return the sections of ini text; `file` is named in errors."""
+    """Sections of ini text; `file` is the name for error messages."""
     sections: list[Section] = []
     entries: list[Entry] = []
     for number, raw in enumerate(_LINE_END.split(text), 1):
@@ -73,6 +85,7 @@ def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
         if not line:
             continue
         if line.startswith("["):
+            # Appended at once, since a section without entries counts: [..MultiView] is a switch.
             entries = []
             sections.append(_parse_section(line, where, entries))
         elif not sections:
@@ -84,7 +97,7 @@ def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
 
 
 def strip_comment(line: str) -> str:
-    """Return the line up to its comment; a ; inside quotes is text."""
+    """Line up to its comment; a ; inside quotes is text."""
     quoted = False
     for i, character in enumerate(line):
         if character == '"':
@@ -112,12 +125,13 @@ def _parse_entry(line: str, where: SourceLocation) -> Entry:
 
 
 def parse_struct(value: str) -> list[tuple[str, str]] | None:
-    """Return the (name, text) members of a struct literal, or None if the text is none.
+    """Members of a struct literal as (name, text); None for any other text.
 
-    What follows the closing bracket is ignored: a real file has `'was y=-1.2` there.
+    Text after the closing bracket is ignored: a real file has `'was y=-1.2` there.
     """
     if not value.startswith("("):
         return None
+    # A scanner, not a regular expression: structs nest, and quoted text may contain brackets.
     members: list[tuple[str, str]] = []
     depth, quoted, start = 0, False, 1
     for i, character in enumerate(value):
@@ -129,6 +143,7 @@ def parse_struct(value: str) -> list[tuple[str, str]] | None:
             depth += 1
         elif (character == ")" and depth == 1) or (character == "," and depth == 1):
             piece = value[start:i].strip()
+            # A trailing comma leaves an empty piece.
             if piece:
                 name, equals, text = piece.partition("=")
                 if not equals or not name.strip():
@@ -143,7 +158,7 @@ def parse_struct(value: str) -> list[tuple[str, str]] | None:
 
 
 def unquote(value: str) -> str:
-    """Return a value without its quotes, or the name inside class'...'."""
+    """Value without its quotes, or the name inside class'...'."""
     if len(value) >= 2 and value[0] == value[-1] == '"':
         return value[1:-1]
     prefix, quote, rest = value.partition("'")

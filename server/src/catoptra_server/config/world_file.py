@@ -1,9 +1,9 @@
-"""What a world file means: from `[Catoptra.World]` and its lists to a World.
+"""World files: from `[Catoptra.World]` and its lists of structs to a World.
 
-Lists are structs, one a line: Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights,
-PlayerStarts, and what sensors find: RfidTags, Victims, GpsOrigin. Places are in metres, SAE (z
-down: the top of a table stands at Z=-0.75); rotations in radians; colours in sRGB bytes
-(R=255,G=0,B=0). File names are relative to the world file.
+Lists are Boxes, Cylinders, Rectangles, Rings, SphereBands, Meshes, Lights, PlayerStarts, RfidTags,
+Victims and GpsOrigin, a struct on each line. Positions are in metres, SAE (z down: a table has its
+top at Z=-0.75), rotations in radians, colours in sRGB bytes (R=255,G=0,B=0), file names relative to
+the world file. A new shape is a reader and a line in _SHAPE_READERS.
 """
 
 from __future__ import annotations
@@ -51,12 +51,19 @@ from catoptra_server.scene.world_description import (
 
 _SECTION = "Catoptra.World"
 _LANDMARK_COLOURS = "Catoptra.LandmarkColours"
-# Sizes and places beyond this (metres) are slips of a pen: a float32 there has steps of 8 mm.
+# A float32 has steps of 8 mm there, which the renderers would show; beyond is a typing error.
 _MAX_LENGTH_M = 1e5
 
 
 def read_world(path: Path) -> tuple[World, IniFile]:
-    """Return the world of a file, and the file for its unknown keys. Raises ConfigError."""
+    """World of a file; meshes and textures are named, not yet loaded.
+
+    Returns:
+        The world, and the file, whose unknown keys can be reported now.
+
+    Raises:
+        ConfigError: with file, line, key, value and the expected form.
+    """
     file = IniFile(path)
     section = file.get_section(_SECTION)
     if not file.has_section(_SECTION):
@@ -80,22 +87,30 @@ def read_world(path: Path) -> tuple[World, IniFile]:
         ),
         gps_origin=_read_gps_origin(section),
     )
+    # Nothing but the background would be visible: more likely the name of a list is misspelt.
     if not world.items and not world.landmarks:
-        raise section.make_error("Boxes", expected="at least one thing to see: Boxes, Meshes, ...")
+        raise section.make_error(
+            "Boxes", expected="at least one visible object: Boxes, Meshes, ..."
+        )
     return world, file
 
 
 def _require_sendable(section: SectionReader, key: str, report: Report) -> None:
-    """Refuse what no line of the protocol can carry, before a client asks for it."""
+    """Raise ConfigError for a value that no line of the protocol can carry.
+
+    At start, with file and line; the first client's request would be too late.
+    """
     try:
         line_from_report(report)
     except LocalProtocolError as error:
-        raise section.make_error(key, expected=f"what can be sent to clients ({error})") from error
+        raise section.make_error(
+            key, expected=f"a text that clients can receive ({error})"
+        ) from error
 
 
 def _load_landmarks(section: SectionReader, folder: Path) -> tuple[Landmark, ...]:
-    is_named = section.get_str("Landmarks", "")
-    return read_landmarks(section.get_path("Landmarks", folder)) if is_named else ()
+    file_name = section.get_str("Landmarks", "")
+    return read_landmarks(section.get_path("Landmarks", folder)) if file_name else ()
 
 
 def _read_landmark_albedos(section: SectionReader) -> dict[str, Rgb]:
@@ -111,6 +126,7 @@ def _read_cylinder(item: SectionReader, folder: Path) -> Shape:
     return Cylinder(
         radius_m=_read_length(item, "Radius"),
         height_m=_read_length(item, "Height"),
+        # 48 sectors depart from the circle by 0.2 % of the radius.
         sectors=item.get_int("Sectors", 48, min_value=3, max_value=4096),
     )
 
@@ -126,6 +142,7 @@ def _read_rectangle(item: SectionReader, folder: Path) -> Shape:
 
 
 def _read_ring(item: SectionReader, folder: Path) -> Shape:
+    # Inner radius 0 is a disc. Equal radii would make triangles without area.
     inner = item.get_float("InnerRadius", min_value=0.0, max_value=_MAX_LENGTH_M)
     return Ring(
         inner_radius_m=inner,
@@ -184,18 +201,20 @@ def _read_items(section: SectionReader, folder: Path) -> list[Item]:
 def _read_item(struct: SectionReader, shape: Shape, default_name: str, folder: Path) -> Item:
     position = _read_position(struct, "Position", (0.0, 0.0, 0.0))
     pose = Pose.from_rpy(position, struct.get_vector("Direction", (0.0, 0.0, 0.0)))
-    own_look = (
+    # A mesh file has materials of its own; a Colour or Texture replaces all of them.
+    has_own_material = (
         isinstance(shape, MeshFile)
         and not struct.has_key("Colour")
         and not struct.has_key("Texture")
     )
-    material = None if own_look else _read_material(struct, folder)
+    material = None if has_own_material else _read_material(struct, folder)
     name, casts_shadows = struct.get_str("Name", default_name), struct.get_bool("CastShadow", True)
     return Item(name, shape, pose, material, casts_shadows)
 
 
 def _read_material(struct: SectionReader, folder: Path) -> Material:
     texture = struct.get_path("Texture", folder) if struct.get_str("Texture", "") else None
+    # A texture is multiplied by the colour: white leaves the image as drawn.
     white = (255, 255, 255)
     return Material(
         albedo=_read_colour(struct, "Colour", white if texture else (128, 128, 128)),
@@ -205,7 +224,7 @@ def _read_material(struct: SectionReader, folder: Path) -> Material:
 
 
 def _read_colour(settings: SectionReader, key: str, default: tuple[int, int, int]) -> Rgb:
-    """Return linear light of a colour in sRGB bytes."""
+    """Linear RGB of a colour in sRGB bytes, 0 to 255 each."""
     rgb = settings.get_vector(key, default, members="RGB", min_value=0.0, max_value=255.0)
     r, g, b = linear_from_srgb(np.array(rgb) / 255.0)
     return float(r), float(g), float(b)
@@ -215,6 +234,7 @@ def _read_light(struct: SectionReader) -> Light:
     brightness = struct.get_float("Brightness", 1.0, min_value=0.0, max_value=1e6)
 
     def read_radiance(key: str, default: tuple[int, int, int]) -> Rgb:
+        # Brightness scales linear light, after decoding: 2 is twice the radiance.
         r, g, b = _read_colour(struct, key, default)
         return brightness * r, brightness * g, brightness * b
 
@@ -247,12 +267,13 @@ def _read_start(struct: SectionReader) -> StartPlace:
 
 
 def _read_gps_origin(section: SectionReader) -> GpsOrigin | None:
-    """Return where on Earth the origin is: GpsOrigin=(Latitude=..,Longitude=..), degrees."""
+    """Position of the world's origin on Earth: GpsOrigin=(Latitude=..,Longitude=..), degrees."""
     structs = section.get_structs("GpsOrigin")
     if not structs:
         return None
     struct = structs[-1]
     return GpsOrigin(
+        # Not to the poles: metres east are divided by the cosine of the latitude.
         struct.get_float("Latitude", min_value=-89.0, max_value=89.0),
         struct.get_float("Longitude", min_value=-180.0, max_value=180.0),
     )

@@ -1,6 +1,6 @@
-"""`python -m catoptra_server.doctor QUESTION`: one question answered in JSON, in its own process.
+"""`python -m catoptra_server.doctor CHECK`: one check in this process, with its result as JSON.
 
-For `children.ask` alone; people ask `catoptra-server doctor`.
+The child side of `subprocess_check`; the command for users is `catoptra-server doctor`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,17 @@ from catoptra_protocol.errors import CatoptraError
 
 
 def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
-    """Return the facts. What a question needs is imported only when it is asked."""
+    """Run one check.
+
+    Args:
+        check: `egl-devices`, `self-test` or `configurations`.
+        arguments: the renderer of the self-test; for configurations the number of robot files, the
+            robot files, the world files.
+
+    Returns:
+        Values that JSON can carry.
+    """
+    # Imported in each case: a library that cannot be loaded fails its own check only.
     match check:
         case "egl-devices":
             from catoptra_server.doctor.egl_devices import list_egl_devices
@@ -31,18 +41,18 @@ def run_check(check: str, arguments: list[str]) -> dict[str, Any]:
             robots = [Path(w) for w in arguments[1 : 1 + int(arguments[0])]]
             worlds = [Path(w) for w in arguments[1 + int(arguments[0]) :]]
             return {"findings": [found.as_dict() for found in check_configurations(robots, worlds)]}
-    raise SystemExit(f"no question {check!r}")
+    raise SystemExit(f"no check is named {check!r}")
 
 
 def main() -> int:
-    """Answer on stdout; return 1 after saying on stderr what kept us from it."""
+    """Print the result; exit status 1 with the reason on stderr if the check could not run."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        facts = run_check(sys.argv[1], sys.argv[2:])
+        values = run_check(sys.argv[1], sys.argv[2:])
     except (CatoptraError, OSError, ImportError) as error:
         print(f"{error}", file=sys.stderr)
         return 1
-    print(json.dumps(facts))
+    print(json.dumps(values))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Configuration files: each is read as the server would, with its meshes and textures."""
+"""Check of configuration files: each is read as by the server, meshes and textures included."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 
 
 def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
-    """Yield what is wrong with each file, or that it is well."""
+    """Yield the findings of each file: its error, or its content and its unknown keys."""
     for path in robots:
         yield from _check_file("robot", path, _read_robot_names)
     for path in worlds:
@@ -26,15 +26,16 @@ def _check_file(
 ) -> Iterator[Finding]:
     topic = f"{kind} {path.stem}"
     try:
-        said, file = read(path)
+        summary, file = read(path)
     except CatoptraError as error:
         remedy = "correct that line; configs/README.md says what each key may be"
         yield fault(topic, str(error), remedy=remedy)
         return
-    yield ok(topic, said)
+    yield ok(topic, summary)
+    # A warning, not a fault: real files carry keys of the engine, and the server starts with them.
     for entry in file.unknown_entries():
-        what = f"{entry.where}: key {entry.key} is not known here and has no effect"
-        yield warning(topic, what, remedy="correct its spelling, or remove it")
+        message = f"{entry.where}: key {entry.key} is unknown and has no effect"
+        yield warning(topic, message, remedy="correct its spelling, or remove it")
 
 
 def _read_robot_names(path: Path) -> tuple[str, IniFile]:
@@ -44,4 +45,5 @@ def _read_robot_names(path: Path) -> tuple[str, IniFile]:
 
 def _read_world_summary(path: Path) -> tuple[str, IniFile]:
     world, file = read_world(path)
+    # Only the scene loads meshes and textures, where most errors of a world file are.
     return f"{world.name}, {len(build_scene(world))} triangles", file

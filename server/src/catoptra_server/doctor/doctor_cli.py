@@ -1,4 +1,4 @@
-"""`catoptra-server doctor`: examine this machine, print what was found, say it in the status."""
+"""Command line of `catoptra-server doctor`: run the checks, print findings, set the exit status."""
 
 from __future__ import annotations
 
@@ -22,23 +22,25 @@ from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import run_in_subprocess
 
 _EXIT_STATUS_HELP = (
-    "status: 0 = all is well, 1 = it serves, with warnings, 2 = it cannot serve as asked"
+    "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start"
 )
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Examine; return 0 = all is well, 1 = it serves, with warnings, 2 = it cannot serve."""
+    """Run the checks; the exit status is that of the worst finding, as in the help text."""
     parsed = _build_parser().parse_args(arguments)
-    found = []
+    findings = []
+    # Printed one by one: a self-test takes seconds, and a check that hangs is the one after the
+    # last line.
     for finding in _run_checks(parsed):
-        found.append(finding)
+        findings.append(finding)
         if not parsed.json:
             print(finding, flush=True)
-    status = exit_status(found)
+    status = exit_status(findings)
     if parsed.json:
-        print(json.dumps({"status": status, "findings": [f.as_dict() for f in found]}, indent=2))
+        print(json.dumps({"status": status, "findings": [f.as_dict() for f in findings]}, indent=2))
     else:
-        print(_summarize(found))
+        print(_summarize(findings))
     return status
 
 
@@ -47,15 +49,16 @@ def _summarize(findings: Sequence[Finding]) -> str:
         sum(finding.level is level for finding in findings)
         for level in (Level.FAULT, Level.WARNING)
     )
-    can = "cannot serve as asked" if faults else "can serve"
-    return f"catoptra-server {can} (faults: {faults}, warnings: {warnings})"
+    verdict = "cannot start with these options" if faults else "can start"
+    return f"catoptra-server {verdict} (faults: {faults}, warnings: {warnings})"
 
 
 def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
-    """Yield every finding as soon as it is made."""
+    """Yield findings in an order in which an early one explains the later ones."""
     ports = {"control": parsed.control_port, "image": parsed.image_port}
-    if parsed.answers is not None:
-        yield from check_running_server(parsed.answers, ports)
+    # The containers' health check, every five seconds: two connections, and no library is loaded.
+    if parsed.probe is not None:
+        yield from check_running_server(parsed.probe, ports)
         return
     yield from check_python()
     yield from check_packages()
@@ -66,41 +69,44 @@ def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:
 
 
 def _check_configurations(robots: Sequence[str], worlds: Sequence[str]) -> Iterator[Finding]:
-    """Yield how the given files do; those that come with the server, if none is given."""
+    """Yield the findings of the named files or, without names, of all bundled ones."""
     try:
         robot_files = [find_configuration("robots", text) for text in robots]
         world_files = [find_configuration("worlds", text) for text in worlds]
     except CatoptraError as error:
-        yield fault("configurations", str(error), remedy="give the path of a file, or such a name")
+        yield fault(
+            "configurations", str(error), remedy="give the path of a file, or one of these names"
+        )
         return
     if not robots and not worlds:
         robot_files, world_files = [*bundled_files("robots")], [*bundled_files("worlds")]
-    words = map(str, (len(robot_files), *robot_files, *world_files))
-    answer = run_in_subprocess("configurations", *words)
-    if answer.error:
+    # In a process of its own, since meshes and textures load trimesh and Pillow.
+    arguments = map(str, (len(robot_files), *robot_files, *world_files))
+    result = run_in_subprocess("configurations", *arguments)
+    if result.error:
         remedy = "see the packages above"
-        yield fault("configurations", f"cannot be read: {answer.error}", remedy=remedy)
-    yield from map(finding_from_dict, answer.values.get("findings", ()))
+        yield fault("configurations", f"cannot be read: {result.error}", remedy=remedy)
+    yield from map(finding_from_dict, result.values.get("findings", ()))
 
 
 def _build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="catoptra-server doctor",
-        description="Say what this machine and these files can do, and what to do about the rest.",
+        description="Check whether the server can run on this machine with these files.",
         epilog=_EXIT_STATUS_HELP,
     )
     add = parser.add_argument
     add("--robot", action="append", default=[], metavar="FILE",
-        help="robot ini or name; again for more (default: all that are shipped)")  # fmt: skip
+        help="robot ini or name; again for more (default: all bundled ones)")  # fmt: skip
     add("--world", action="append", default=[], metavar="FILE", help="world ini or name, likewise")
     add("--renderer", choices=["auto", "trace", "raster"], default="auto",
-        help="what the server shall draw by; what it does not need is not tried")  # fmt: skip
-    add("--host", default="127.0.0.1", help="address that the server shall listen on")
+        help="renderer of the server; the other one is not checked")  # fmt: skip
+    add("--host", default="127.0.0.1", help="address on which the server will listen")
     add("--control-port", type=_parse_port, default=3000, metavar="PORT")
     add("--image-port", type=_parse_port, default=5003, metavar="PORT")
     add("--stream-port", type=_parse_port, default=5005, metavar="PORT")
-    add("--answers", metavar="HOST", help="examine nothing: ask only whether a server runs there")
-    add("--json", action="store_true", help="print one object for programs")
+    add("--probe", metavar="HOST", help="check only whether a server runs on this host")
+    add("--json", action="store_true", help="print one JSON object instead of lines")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""What a check found: a fact, or a problem and its remedy; together they make the exit status."""
+"""Findings of checks: a fact, or a problem with its remedy; the worst sets the exit status."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """How bad it is. A warning does not keep the server from serving; a fault does."""
+    """Severity: with a warning the server can start, with a fault not."""
 
     OK = "ok"
     WARNING = "warning"
@@ -17,15 +17,19 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the doctor's: what it is about, what is so, and what to do if it is a problem."""
+    """Result of one check, printed as one line."""
 
     level: Level
+    """Severity."""
     topic: str
+    """Subject, such as `packages` or `raster on device 0`."""
     message: str
+    """The observed state, or the problem."""
     remedy: str = ""
+    """A command or an action that solves the problem; empty for a fact."""
 
     def as_dict(self) -> dict[str, str]:
-        """Return the finding for JSON."""
+        """Values for JSON."""
         return asdict(self) | {"level": self.level.value}
 
     def __str__(self) -> str:
@@ -34,26 +38,26 @@ class Finding:
 
 
 def finding_from_dict(data: dict[str, str]) -> Finding:
-    """Return the finding that `as_dict` was made of."""
-    return Finding(Level(data["level"]), data["topic"], data["what"], data["remedy"])
+    """Finding from the values of `as_dict`."""
+    return Finding(Level(data["level"]), data["topic"], data["message"], data["remedy"])
 
 
 def ok(topic: str, message: str) -> Finding:
-    """Return a fact."""
+    """A fact."""
     return Finding(Level.OK, topic, message)
 
 
 def warning(topic: str, message: str, *, remedy: str) -> Finding:
-    """Return a problem that the server can live with."""
+    """A problem with which the server can start."""
     return Finding(Level.WARNING, topic, message, remedy)
 
 
 def fault(topic: str, message: str, *, remedy: str) -> Finding:
-    """Return a problem that keeps the server from serving as asked."""
+    """A problem that keeps the server from starting."""
     return Finding(Level.FAULT, topic, message, remedy)
 
 
 def exit_status(findings: Iterable[Finding]) -> int:
-    """Return 0 = all well, 1 = it serves, with warnings, 2 = it cannot serve as asked."""
+    """Exit status of the doctor: 2 with a fault, 1 with a warning, else 0."""
     levels = {finding.level for finding in findings}
     return 2 if Level.FAULT in levels else 1 if Level.WARNING in levels else 0

@@ -1,4 +1,4 @@
-"""Python and the packages: what is installed, against what the server's own metadata requires."""
+"""Check of Python and of the installed packages against the server's own metadata."""
 
 from __future__ import annotations
 
@@ -14,65 +14,83 @@ from catoptra_server.doctor.finding import Finding, fault, ok
 DISTRIBUTION = "catoptra-server"
 _MIN_PYTHON = (3, 11)
 _TOPIC = "packages"
-# As much of PEP 508 as the pyproject files use.
+# The part of PEP 508 that the pyproject files use. `packaging` has all of it, but is a package that
+# may be missing itself.
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*(?:(==|>=)\s*([\w.]+))?\s*(?:;(.*))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A package, and the version that it must have (==), or have at least (>=); "" = any."""
+    """A required package."""
 
     name: str
+    """Name of the distribution."""
     operator: str = ""
+    """`==` for this version, `>=` for at least this version, empty for any."""
     version: str = ""
+    """The version; empty without an operator."""
 
     def is_satisfied_by(self, version: str) -> bool:
-        """Return whether a version will do."""
-        wanted, found = parse_release(self.version), parse_release(version)
-        return found == wanted if self.operator == "==" else found >= wanted
+        """Whether an installed version meets the requirement."""
+        required, installed = parse_release(self.version), parse_release(version)
+        return installed == required if self.operator == "==" else installed >= required
 
     def __str__(self) -> str:
         return f"{self.name}{self.operator}{self.version}"
 
 
 def parse_release(version: str) -> tuple[int, ...]:
-    """Return a version's numbers without zeros at the end: (5,) of 5.0, (4, 4) of 4.4.post1."""
+    """Numbers of a version without trailing zeros: (5,) of 5.0, (4, 4) of 4.4.post1."""
     numbers = [int(n) for n in re.match(r"[\d.]*", version)[0].split(".") if n]  # type: ignore[index]
+    # 5.0 and 5.0.0 are the same release: PEP 440.
     while numbers and not numbers[-1]:
         numbers.pop()
     return tuple(numbers)
 
 
 def check_python(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Iterator[Finding]:
-    """Yield whether this Python will do."""
-    what = f"{'.'.join(map(str, version))} on {platform.machine()}, {platform.platform(terse=True)}"
+    """Yield whether the version of Python is supported."""
+    message = (
+        f"{'.'.join(map(str, version))} on {platform.machine()}, {platform.platform(terse=True)}"
+    )
     if version[:2] >= _MIN_PYTHON:
-        yield ok("python", what)
+        yield ok("python", message)
     else:
-        yield fault("python", what, remedy="install Python 3.11 or newer, and make .venv anew")
+        remedy = "install Python 3.11 or newer, and create .venv again"
+        yield fault("python", message, remedy=remedy)
 
 
 def check_packages(distribution: str = DISTRIBUTION) -> Iterator[Finding]:
-    """Yield what is missing or too old, or one line that lists what is there."""
+    """Yield the installed packages in one line, and each missing or outdated one."""
     try:
-        wanted = read_requirements(distribution)
+        requirements = read_requirements(distribution)
     except metadata.PackageNotFoundError:
+        # Importable all the same: the source folder is on PYTHONPATH, and nothing states the
+        # requirements.
         yield fault(
-            _TOPIC, f"{distribution} is not installed, only found", remedy="pip install ./server"
+            _TOPIC,
+            f"{distribution} is importable but not installed",
+            remedy="pip install ./server",
         )
         return
-    problems = [problem for requirement in wanted for problem in _check_requirement(requirement)]
-    there = [r for r in wanted if not any(True for _ in _check_requirement(r))]
-    if there:
-        listed = ", ".join(f"{r.name} {metadata.version(r.name)}" for r in there)
+    problems = [
+        problem for requirement in requirements for problem in _check_requirement(requirement)
+    ]
+    satisfied = [r for r in requirements if not any(True for _ in _check_requirement(r))]
+    if satisfied:
+        listed = ", ".join(f"{r.name} {metadata.version(r.name)}" for r in satisfied)
         yield ok(_TOPIC, f"{distribution} {metadata.version(distribution)} with {listed}")
     yield from problems
 
 
 def read_requirements(distribution: str) -> list[Requirement]:
-    """Return what a distribution requires, extras left out. Raises PackageNotFoundError."""
-    read = (_REQUIREMENT.fullmatch(line) for line in metadata.requires(distribution) or ())
-    found = (match for match in read if match and "extra" not in (match[4] or ""))
+    """Requirements of an installed distribution, without those of extras.
+
+    Raises:
+        importlib.metadata.PackageNotFoundError: if the distribution is not installed.
+    """
+    matches = (_REQUIREMENT.fullmatch(line) for line in metadata.requires(distribution) or ())
+    found = (match for match in matches if match and "extra" not in (match[4] or ""))
     return [Requirement(match[1], match[2] or "", match[3] or "") for match in found]
 
 
@@ -84,5 +102,5 @@ def _check_requirement(requirement: Requirement) -> Iterator[Finding]:
         yield fault(_TOPIC, f"{requirement.name} is not installed", remedy=remedy)
         return
     if not requirement.is_satisfied_by(version):
-        what = f"{requirement.name} is {version}, {requirement} is needed"
-        yield fault(_TOPIC, what, remedy=remedy)
+        message = f"{requirement.name} is {version}, {requirement} is required"
+        yield fault(_TOPIC, message, remedy=remedy)

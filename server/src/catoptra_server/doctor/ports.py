@@ -1,4 +1,4 @@
-"""Ports: whether the server's are free before it runs, and whether it answers while it does."""
+"""Check of ports: free before the server starts, or served while it runs."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ from collections.abc import Iterator, Mapping
 
 from catoptra_server.doctor.finding import Finding, fault, ok
 
+# First bytes of USARSim's greeting line, which the control port sends without a request.
 _GREETING = b"NFO"
 _TIMEOUT_S = 2.0
 
 
 def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield whether each port can be listened on; 0 stands for any free one. Names as --options."""
+    """Yield whether the server can listen on each port.
+
+    Args:
+        host: address on which the server will listen.
+        ports: port by the name of its option, such as control; 0 = any free one.
+    """
     problems = [
         problem for name, port in ports.items() for problem in _check_port(host, name, port)
     ]
@@ -24,32 +30,36 @@ def check_ports(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
 
 
 def _check_port(host: str, name: str, port: int) -> Iterator[Finding]:
+    # A real attempt, with SO_REUSEADDR as the server's own sockets have: a connection attempt would
+    # take a firewalled port for a free one.
     try:
         socket.create_server((host, port)).close()
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            remedy = f"end who listens there, or take another: --{name}-port 0 takes a free one"
+            remedy = f"end the program that listens there, or take a free port: --{name}-port 0"
         elif isinstance(error, PermissionError):
-            remedy = f"ports below 1024 are the system's: choose another --{name}-port"
+            remedy = f"ports below 1024 need privileges: choose another --{name}-port"
         else:
-            remedy = "--host takes an address of this machine: 127.0.0.1, or 0.0.0.0 for all"
+            remedy = "--host is an address of this machine: 127.0.0.1, or 0.0.0.0 for all"
         yield fault("ports", f"{name} port {port} on {host}: {_error_text(error)}", remedy=remedy)
 
 
 def check_running_server(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield whether a server that should be running does: it greets, and takes connections."""
+    """Yield whether a server accepts connections on each port and greets on the control port."""
     for name, port in ports.items():
         try:
             with socket.create_connection((host, port), timeout=_TIMEOUT_S) as connection:
                 if name == "control" and connection.recv(len(_GREETING)) != _GREETING:
-                    raise OSError("it does not greet as a server of USARSim's does")
+                    raise OSError("no USARSim greeting was received")
         except OSError as error:
-            remedy = "its log tells why it ended or stands still; start it again"
+            remedy = "the server's log has the reason; start the server again"
             yield fault(name, f"no server at {host}:{port}: {_error_text(error)}", remedy=remedy)
         else:
+            # The image port is silent until a request: an accepted connection has to do.
             yield ok(name, f"a server answers at {host}:{port}")
 
 
 def _error_text(error: Exception) -> str:
-    reason: str = getattr(error, "strerror", None) or str(error)
-    return reason
+    # strerror without the number in brackets; a timeout has none.
+    text: str = getattr(error, "strerror", None) or str(error)
+    return text

@@ -1,7 +1,7 @@
-"""Which renderers run here, on which devices, and how exact they are: a self-test each.
+"""Check of renderers: a self-test of trace, and one of raster on each EGL device.
 
-Every device is tried in a process of its own. Where there is no OpenGL that is a warning, not a
-fault: the server traces then, unless raster is asked for.
+Each runs in a process of its own. Missing OpenGL is a warning where `auto` falls back to trace, and
+a fault with `--renderer raster`.
 """
 
 from __future__ import annotations
@@ -15,19 +15,23 @@ from catoptra_server.doctor.finding import Finding, fault, ok, warning
 from catoptra_server.doctor.subprocess_check import CheckResult, run_in_subprocess
 
 OPENGL_PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
-# Where libglvnd, the libEGL that shares a machine among drivers, looks for them.
+# Folders in which libglvnd, the dispatching libEGL, searches for drivers.
 VENDOR_FOLDERS = (Path("/etc/glvnd/egl_vendor.d"), Path("/usr/share/glvnd/egl_vendor.d"))
 _VENDOR_VARIABLES = ("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS")
-_INSTALL_REMEDY = (
-    f"on Debian and Ubuntu install {OPENGL_PACKAGES}; or draw by trace, which needs none of them"
-)
+_INSTALL_REMEDY = f"install {OPENGL_PACKAGES} (Debian, Ubuntu); or start with --renderer trace"
 
 RunCheck = Callable[..., CheckResult]
 MakeFinding = Callable[[str, str, str], Finding]
 
 
 def check_renderers(renderer: str, run_check: RunCheck = run_in_subprocess) -> Iterator[Finding]:
-    """Yield how trace and raster do, as far as `auto`, `trace` or `raster` may take them."""
+    """Yield the results of the self-tests.
+
+    Args:
+        renderer: `auto`, `trace` or `raster`, as for the server; only the renderers that the server
+            may choose are checked.
+        run_check: runs a check in a process of its own.
+    """
     if renderer != "raster":
         yield _make_self_test_finding(
             "trace", "trace", run_check(*("self-test", "trace")), _make_fault, _REINSTALL_REMEDY
@@ -48,32 +52,35 @@ def _make_warning(topic: str, message: str, remedy: str) -> Finding:
 
 
 def _check_opengl(run_check: RunCheck, make_finding: MakeFinding) -> Iterator[Finding]:
-    """Yield what EGL offers, and how each device draws. The first is the one that serves."""
+    """Yield the devices of EGL, and the self-test of each. The server uses the first device."""
     listed = run_check("egl-devices")
     if listed.error:
-        what = f"raster cannot run: {listed.error}; {_describe_drivers()}"
-        yield make_finding("opengl", what, _INSTALL_REMEDY)
+        message = f"raster cannot run: {listed.error}; {_describe_drivers()}"
+        yield make_finding("opengl", message, _INSTALL_REMEDY)
         return
     devices = listed.values["devices"]
     if not devices:
-        what = f"raster cannot run: {LIBRARY} lists no device; {_describe_drivers()}"
-        yield make_finding("opengl", what, _INSTALL_REMEDY)
+        message = f"raster cannot run: {LIBRARY} lists no device; {_describe_drivers()}"
+        yield make_finding("opengl", message, _INSTALL_REMEDY)
         return
     yield ok("opengl", f"EGL devices: {', '.join(devices)}; {_describe_drivers()}")
     for number, device in enumerate(devices):
-        answer = run_check(
+        # glcontext, below moderngl, reads the variable. The server leaves it unset, which is device
+        # 0: problems of the other devices are warnings.
+        result = run_check(
             "self-test", "raster", environment={"GLCONTEXT_DEVICE_INDEX": f"{number}"}
         )
         topic = f"raster on device {number} ({device})"
         remedy = f"update the driver, or {_INSTALL_REMEDY}"
         yield _make_self_test_finding(
-            "raster", topic, answer, make_finding if number == 0 else _make_warning, remedy
+            "raster", topic, result, make_finding if number == 0 else _make_warning, remedy
         )
 
 
 def _describe_drivers() -> str:
-    """Return the drivers that libEGL would find, or that it is told to look elsewhere."""
+    """Drivers that libEGL finds: those of an environment variable, or of the vendor folders."""
     for variable in _VENDOR_VARIABLES:
+        # A variable set for another program is a frequent cause of `no device`.
         if variable in os.environ:
             return f"drivers are those of {variable}={os.environ[variable]}"
     names = [path.stem for folder in VENDOR_FOLDERS for path in sorted(folder.glob("*.json"))]
@@ -83,13 +90,15 @@ def _describe_drivers() -> str:
 def _make_self_test_finding(
     renderer: str, topic: str, result: CheckResult, make_finding: MakeFinding, remedy: str
 ) -> Finding:
-    """Return how the self-test of a renderer went."""
+    """Finding of a self-test: its error, a displacement beyond the bound, or the measurement."""
     if result.error:
         return make_finding(topic, f"the {renderer} renderer cannot run: {result.error}", remedy)
     error_px, bound_px = result.values["error_px"], result.values["bound_px"]
-    measured = f"a disc is {error_px:.3f} px from where the camera law puts it"
+    description = result.values["renderer"]
+    measured = f"a disc is displaced by {error_px:.3f} px from the camera model"
+    # Negated, so that the infinite error of a dark frame and NaN fail too.
     if not error_px <= bound_px:
-        what = f"{result.values['renderer']} draws wrongly: {measured}, at most {bound_px:.3f} px"
-        return make_finding(topic, what, f"{remedy}; and report this as a bug")
-    said = f"{result.values['renderer']}: {measured} (bound {bound_px:.3f}), "
-    return ok(topic, f"{said}drawn in {result.values['took_s']:.2f} s")
+        message = f"{description} renders wrongly: {measured}, the bound is {bound_px:.3f} px"
+        return make_finding(topic, message, f"{remedy}; and report this as a bug")
+    duration_s = result.values["duration_s"]
+    return ok(topic, f"{description}: {measured} (bound {bound_px:.3f}) in {duration_s:.2f} s")

@@ -1,7 +1,7 @@
-"""The self-test: a frame of bright discs, and how far they appear from where the law puts them.
+"""Self-test of a renderer: bright discs, and their displacement from the camera model in a frame.
 
-The renderer that draws it is the server's own, chosen as the server would. What is measured is held
-against the bound of the frame's plan.
+The renderer is chosen and the view is prepared as in the server. The largest displacement is
+compared with the error bound of the plan.
 """
 
 from __future__ import annotations
@@ -22,31 +22,37 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.planning.error_bound import error_bound
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.render_plan import PerPixel, RenderSettings, plan_from_settings
 from catoptra_server.render.renderer import Image
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Item, Material, Ring, World
 
-# The paper's mirror (K, C in metres) in a picture of its size; its rim at 120 degrees.
+# The paper's mirror (K, C in metres) at the paper's resolution, with the rim at 120 degrees.
 _CAMERA = camera_with_inscribed_rim(
     HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
-# A disc is 8 texels wide at least: of smaller things faces promise nothing.
+# A disc of 1.2 degrees has 8 texels across a face of 768: the bound holds for markers of that size.
 _RENDER_SETTINGS = RenderSettings(PerPixel(), samples=4, face_size_px=768, face_samples=4)
 _INCIDENCES_DEG = (20.0, 40.0, 60.0, 80.0, 100.0, 115.0)
-# Off the faces' middles and borders, and off each other's symmetry.
+# Off the centres and borders of faces, where an exchanged axis or face would go unnoticed.
 _BEARINGS_DEG = (3.0, 48.0, 93.0, 138.0, 183.0, 228.0, 273.0, 318.0)
 _DISTANCE_M = 2.0
 _DIAMETER_RAD = math.radians(1.2)
+# A disc's radius is 2 px at most, the bound below 1 px; the neighbouring discs are farther away.
 _SEARCH_RADIUS_PX = 5.0
 
 
 def run_self_test(renderer: str) -> dict[str, Any]:
-    """Draw by `trace` or `raster`; return who drew, the largest error, its bound, and the time.
+    """Render the discs with `trace` or `raster`, and measure their displacement.
 
-    Raises RendererUnavailableError where it cannot run.
+    Returns:
+        The renderer's description, error_px, bound_px and duration_s, for JSON.
+
+    Raises:
+        RendererUnavailableError: if the renderer cannot run on this machine.
     """
     begin_s = time.perf_counter()
     directions = _disc_directions()
@@ -55,38 +61,43 @@ def run_self_test(renderer: str) -> dict[str, Any]:
     plan = plan_from_settings(_RENDER_SETTINGS, _CAMERA, kind=choice.kind, reason="self-test")
     view = choice.renderer.prepare(_CAMERA, plan)
     rgb = view.render(CameraState(Pose.identity())).rgb
-    took_s = time.perf_counter() - begin_s
-    facts = {
+    # With the renderer's set-up, which is most of the time where drivers compile shaders.
+    duration_s = time.perf_counter() - begin_s
+    values = {
         "renderer": choice.renderer.describe(),
         "error_px": max_error_px(rgb, _CAMERA, directions),
         "bound_px": error_bound(_CAMERA, plan).marker_error_px,
-        "took_s": took_s,
+        "duration_s": duration_s,
     }
     view.close()
     choice.renderer.close()
-    return facts
+    return values
 
 
 def max_error_px(rgb: Image, camera: OmniCamera, directions: Floats) -> float:
-    """Return how far off the worst of the discs is; infinite if one of them is not to be seen.
+    """Largest displacement of a disc in the frame; infinite if a disc is not visible.
 
-    rgb: (h, w, 3). directions: (n, 3) unit, in the mirror frame.
+    Args:
+        rgb: (h, w, 3), sRGB bytes.
+        camera: the camera model.
+        directions: (n, 3) unit vectors of the discs' centres, mirror frame.
     """
-    places, _ = pixel_from_direction(camera, directions)
-    return max(float(np.hypot(*(_centroid(rgb, place) - place))) for place in places)
+    pixels, _ = pixel_from_direction(camera, directions)
+    return max(float(np.hypot(*(_centroid(rgb, pixel) - pixel))) for pixel in pixels)
 
 
 def _centroid(rgb: Image, pixel: Floats) -> Floats:
-    """Return the (2,) middle of the light around a (2,) place; infinite where it is dark."""
+    """Centroid (2,) of the light around a pixel (2,); infinite where the frame is dark."""
     first = np.maximum(np.floor(pixel - _SEARCH_RADIUS_PX).astype(int), 0)
     last = np.ceil(pixel + _SEARCH_RADIUS_PX).astype(int)
     window = rgb[first[1] : last[1], first[0] : last[0]]
+    # Weighted by linear light: sRGB bytes would overstate the dim pixels of a disc's border.
     light = linear_from_srgb(window / 255.0).sum(axis=-1)
     if not light.any():
         return np.full(2, np.inf)
     v, u = np.indices(light.shape) + 0.5
-    middle = np.array(((u * light).sum(), (v * light).sum())) / light.sum()
-    centroid: Floats = np.asarray(middle + first, np.float64)
+    in_window = np.array(((u * light).sum(), (v * light).sum())) / light.sum()
+    centroid: Floats = np.asarray(in_window + first, np.float64)
     return centroid
 
 
@@ -97,7 +108,7 @@ def _disc_directions() -> Floats:
 
 
 def _disc_world(directions: Floats) -> World:
-    """Return a black world with a white, unlit disc facing the viewpoint in each direction."""
+    """Black world with a white, unlit disc that faces the viewpoint in each direction."""
     disc = Ring(0.0, _DISTANCE_M * math.tan(0.5 * _DIAMETER_RAD), sectors=48)
     white = Material((1.0, 1.0, 1.0), unlit=True)
     items = tuple(Item(f"disc {n}", disc, _pose_facing(d), white) for n, d in enumerate(directions))
@@ -105,7 +116,8 @@ def _disc_world(directions: Floats) -> World:
 
 
 def _pose_facing(direction: Floats) -> Pose:
-    """Return the pose of a disc that looks back along a (3,) direction."""
+    """Pose of a disc whose normal points back along a direction (3,)."""
+    # The axis least parallel to the direction: the cross product stays away from zero.
     x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     x /= np.linalg.norm(x)
     rotation = np.stack((x, np.cross(direction, x), direction), axis=-1)
