@@ -42,8 +42,8 @@ def test_robot_when_its_file_names_no_effect_has_none() -> None:
 
 def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:
     found = read_settings(REAL).settings
-    assert [wish.effect.name for wish in found] == [kind.name for kind in EFFECT_TYPES]
-    modes = {wish.effect.name: wish.mode for wish in found}
+    assert [setting.effect.name for setting in found] == [kind.name for kind in EFFECT_TYPES]
+    modes = {setting.effect.name: setting.mode for setting in found}
     assert modes.pop("AutoExposure") is EffectMode.NEVER
     assert set(modes.values()) == {EffectMode.AUTO}
 
@@ -75,7 +75,7 @@ def test_threshold_when_given_is_the_users(tmp_path: Path) -> None:
         ("EffectThresholdPx=inf", "from 0 to 1000"),
     ],
 )
-def test_value_when_impossible_is_refused_by_its_key(
+def test_value_when_impossible_is_rejected_by_its_key(
     tmp_path: Path, line: str, expected: str
 ) -> None:
     with pytest.raises(ConfigError, match=expected) as error:
@@ -87,13 +87,13 @@ def test_value_when_impossible_is_refused_by_its_key(
 def test_page_of_configurations_names_every_effect_and_its_keys(kind: EffectType) -> None:
     page = (OMNI_ROBOT.parents[1] / "README.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{kind.name}` |"))
-    # `MisalignmentX`, `Y`: what a row repeats of a key may be left out.
-    told = row + (" the same FNumber PixelPitch FocusDistance" if "the same" in row else "")
+    # `MisalignmentX`, `Y`: the common beginning of keys may be left out after the first.
+    keys = row + (" the same FNumber PixelPitch FocusDistance" if "the same" in row else "")
     for parameter in kind.parameters:
-        assert re.search(rf"`?{parameter.key}\b", told) or f"`{parameter.key[12:]}`" in told
+        assert re.search(rf"`?{parameter.key}\b", keys) or f"`{parameter.key[12:]}`" in keys
 
 
 def test_page_of_effects_names_every_one_in_order() -> None:
     page = (OMNI_ROBOT.parents[2] / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
-    table = page[page.index("## The effects") : page.index("## Add one")]
+    table = page[page.index("## The effects") : page.index("## Add an effect")]
     assert re.findall(r"`([A-Z]\w+)`", table.split("|---|", 1)[1]) == [k.name for k in EFFECT_TYPES]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,21 @@ import pytest
 
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, float32_array
+from catoptra_server.effects.effect import (
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    float32_array,
+    is_image_effect,
+    is_scene_effect,
+)
+from helpers.configs import REPOSITORY
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
     IMAGE_EFFECTS,
     NOISE_SEED,
+    make_any_effect,
     make_effect,
     make_test_pattern,
 )
@@ -75,3 +85,19 @@ def test_wishes_when_equal_are_looked_up_by_each_other() -> None:
     )
     assert (one, hash(one)) == (other, hash(other))
     assert replace(one, threshold_px=2.0) != one
+
+
+def test_page_of_effects_has_the_folder_of_each() -> None:
+    page = (REPOSITORY / "docs" / "EFFECTS.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \|", page, re.MULTILINE)
+    folder_of = {name: folder for folder, names in rows for name in re.findall(r"`(\w+)`", names)}
+    for effect_type in EFFECT_TYPES:
+        module = type(make_any_effect(effect_type.name)).__module__
+        assert module.split(".")[-2] == folder_of[effect_type.name]
+
+
+@pytest.mark.parametrize("name", [effect_type.name for effect_type in EFFECT_TYPES])
+def test_effect_when_in_the_folder_scene_changes_the_scene(name: str) -> None:
+    effect = make_any_effect(name)
+    assert effect.changes_scene == (".effects.scene." in type(effect).__module__)
+    assert is_scene_effect(effect) is not is_image_effect(effect)

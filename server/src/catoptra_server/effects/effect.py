@@ -192,8 +192,8 @@ class EffectSettings:
         object.__setattr__(self, "_hash", hash(fields))
 
     def __hash__(self) -> int:
-        # Computed once: views and decisions are looked up by these settings in every frame, and
-        # hashing twenty dataclasses took longer than the decision.
+        # Computed once: settings are part of the key of every cached decision, and the hash of 22
+        # effects would take as long as all the rest of that lookup (9 microseconds).
         return self._hash
 
     def threshold(self, unit: str) -> float:

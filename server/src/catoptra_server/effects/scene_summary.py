@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from catoptra_server.scene.twist import AT_REST, Twist, Vector3
 
-# Rings of equal width from the image centre to the mirror's rim. Eight resolve the steep fall of
-# distances towards the robot's own surroundings; each costs a query of the distance bounds.
+# Rings of equal width from the image centre to the mirror's rim. Distances differ by ring, since the
+# floor below the robot is near and the surroundings at the rim are far.
 NUM_RINGS = 8
 
 

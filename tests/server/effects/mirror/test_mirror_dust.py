@@ -87,7 +87,9 @@ def test_marks_when_the_lens_is_open_are_blurred_and_keep_their_light() -> None:
 
 def test_marks_stay_where_they_are_in_every_exposure_and_differ_between_cameras() -> None:
     light = make_test_pattern(1.0)
-    later = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed(CAPTURE_CONTEXT.noise_seed.camera_key, 77))
+    later = replace(
+        CAPTURE_CONTEXT, noise_seed=NoiseSeed(CAPTURE_CONTEXT.noise_seed.camera_key, 77)
+    )
     other = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed((1, 1), CAPTURE_CONTEXT.noise_seed.tick))
     now = DUST.apply(light, CAMERA, CAPTURE_CONTEXT)
     np.testing.assert_array_equal(now, DUST.apply(light, CAMERA, later))

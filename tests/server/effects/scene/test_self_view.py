@@ -48,9 +48,7 @@ def test_robot_when_it_is_less_than_the_threshold_is_left_out(
 
 
 def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
-    assert SelfView().bound(SceneSummary(1.0), CAMERA).reason == (
-        "no part of the robot is in view"
-    )
+    assert SelfView().bound(SceneSummary(1.0), CAMERA).reason == ("no part of the robot is in view")
 
 
 def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass_by() -> None:

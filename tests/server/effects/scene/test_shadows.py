@@ -9,7 +9,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
-from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings, is_scene_effect
+from catoptra_server.effects.effect import (
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    is_scene_effect,
+)
 from catoptra_server.effects.effect_plan import plan_effects
 from catoptra_server.effects.scene.shadows import Shadows
 from catoptra_server.effects.scene_summary import SceneSummary, ShadowLoss
@@ -138,7 +143,9 @@ def test_shadows_change_the_scene_not_the_picture() -> None:
 
 
 def test_reason_when_told_says_how_much_light_can_be_hidden_or_why_none() -> None:
-    reason = Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
+    reason = (
+        Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
+    )
     assert "0.25" in reason
     assert "0.5" in reason
     assert "no object is in front" in Shadows().bound(SceneSummary(1.0), CAMERA).reason
