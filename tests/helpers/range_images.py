@@ -1,4 +1,4 @@
-"""How far away is what each pixel sees, as an effect is told it."""
+"""Ranges of all pixels as an effect receives them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ CAMERA_ABOVE_FLOOR = CameraState(Pose.from_rpy((0.0, 0.0, -VIEWPOINT_HEIGHT_M)))
 
 
 class RangeRecorder:
-    """An effect that changes nothing and keeps the ranges that it is told."""
+    """An effect that changes nothing and records its ranges."""
 
-    uses_range = True
+    needs_range = True
 
     def __init__(self, effect: ImageEffect) -> None:
         self._effect = effect
@@ -37,10 +37,10 @@ class RangeRecorder:
         return light
 
 
-def trace_ranges(world: World, exposure: CameraState) -> Ranges:
+def trace_ranges(world: World, camera_state: CameraState) -> Ranges:
     renderer = TraceRenderer(build_scene(world), world, threads=2)
-    asking = RangeRecorder(make_effect("Vignetting"))
-    renderer.prepare(CAMERA, make_plan(CAMERA)).render(exposure, (asking,))  # type: ignore[arg-type]
+    recorder = RangeRecorder(make_effect("Vignetting"))
+    renderer.prepare(CAMERA, make_plan(CAMERA)).render(camera_state, (recorder,))  # type: ignore[arg-type]
     renderer.close()
-    assert asking.range_m is not None
-    return asking.range_m
+    assert recorder.range_m is not None
+    return recorder.range_m

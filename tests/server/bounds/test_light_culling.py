@@ -10,6 +10,7 @@ from catoptra_server.bounds.light_culling import MAX_CULLED_GREY_LEVELS, cull_li
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.raster import RasterRenderer
 from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.scene import shading
 from catoptra_server.scene.colour import srgb_from_linear
 from catoptra_server.scene.dynamic_object import DynamicObject, build_object_mesh
 from catoptra_server.scene.primitives import box
@@ -34,49 +35,50 @@ OFF = PointLight((0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
 AT = CameraState(Pose.from_rpy((0.1, 0.2, -0.6)))
 
 
-def kept(*lights: Light) -> tuple[Light, ...]:
+def remaining_lights(*lights: Light) -> tuple[Light, ...]:
     return cull_lights(build_scene(make_world(floor_item())), lights)
 
 
 @pytest.mark.parametrize("light", [BELOW, FAR, DIM, UPWARD, OFF])
-def test_light_when_no_surface_would_miss_it_is_left_out_and_the_log_says_why(
+def test_light_without_visible_effect_is_culled_and_logged(
     light: Light, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO):
-        assert kept(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT,)
-    assert "is left out: it changes no surface by more than" in caplog.text
+        assert remaining_lights(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT,)
+    assert "is culled: no surface changes by more than" in caplog.text
 
 
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
-def test_light_when_a_surface_is_lit_by_it_stays(light: Light) -> None:
-    assert kept(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT, light)
+def test_light_that_lights_a_surface_stays(light: Light) -> None:
+    assert remaining_lights(DIM_HEMISPHERE_LIGHT, light) == (DIM_HEMISPHERE_LIGHT, light)
 
 
-def test_lights_when_dim_one_by_one_stay_where_all_together_are_noticed() -> None:
+def test_lights_that_are_invisible_alone_but_visible_together_stay() -> None:
     one = PointLight((0.0, 0.0, -1.0), (8e-5, 8e-5, 8e-5))
     many = tuple(PointLight((0.1 * n, 0.0, -1.0), one.intensity) for n in range(20))
-    assert kept(DIM_HEMISPHERE_LIGHT, one) == (DIM_HEMISPHERE_LIGHT,)
-    assert len(kept(DIM_HEMISPHERE_LIGHT, *many)) > 10
+    assert remaining_lights(DIM_HEMISPHERE_LIGHT, one) == (DIM_HEMISPHERE_LIGHT,)
+    assert len(remaining_lights(DIM_HEMISPHERE_LIGHT, *many)) > 10
 
 
-def test_picture_when_lights_are_left_out_changes_by_less_than_is_noticed() -> None:
+def test_image_without_culled_lights_changes_by_less_than_the_limit() -> None:
     world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, FAR, DIM, OFF))
     whole = build_scene(world)
     assert cull_lights(whole, world.lights) == (DIM_HEMISPHERE_LIGHT,)
     normals, points = np.tile((0.0, 0.0, -1.0), (100, 1)), np.zeros((100, 3))
     points[:, 0] = np.linspace(-2.0, 2.0, 100)
-    from catoptra_server.scene import shading
-
     sky = shading.facet_irradiance(world.lights, normals)
-    lamps = shading.point_irradiance(world.lights, points, normals)
-    change = 255.0 * (srgb_from_linear(0.5 * (sky + lamps)) - srgb_from_linear(0.5 * sky))
+    point = shading.point_irradiance(world.lights, points, normals)
+    change = 255.0 * (srgb_from_linear(0.5 * (sky + point)) - srgb_from_linear(0.5 * sky))
     assert 0.0 < change.max() < MAX_CULLED_GREY_LEVELS
 
 
-def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body_comes() -> None:
+def test_raster_builds_no_program_for_culled_point_lights_before_an_object_comes() -> None:
     device = device_or_skip()
     world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, DIM))
-    renderer = RasterRenderer(build_scene(world), world, device=device)
+    scene = build_scene(world)
+    renderer = RasterRenderer(
+        scene, world, device=device, scene_lights=cull_lights(scene, world.lights)
+    )
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(AT)
     assert not any("NUM_POINT_LIGHTS" in name for name in renderer.program_names)
@@ -89,8 +91,9 @@ def test_raster_when_lamps_reach_nothing_builds_no_program_for_them_until_a_body
     device.close()
 
 
-def test_trace_when_lamps_reach_nothing_computes_no_light_by_place() -> None:
+def test_trace_computes_no_light_per_sample_for_culled_point_lights() -> None:
     world = make_world(floor_item(), lights=(DIM_HEMISPHERE_LIGHT, BELOW, FAR))
-    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    scene = build_scene(world)
+    renderer = TraceRenderer(scene, world, threads=1, scene_lights=cull_lights(scene, world.lights))
     assert not renderer.has_varying_light
     renderer.close()

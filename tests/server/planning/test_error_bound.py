@@ -80,15 +80,15 @@ def test_marker_is_off_by_both_errors() -> None:
     assert whole.marker_error_px == whole.geometric.max_px + whole.sampling.centroid_error_px
 
 
-def test_bound_in_words_names_the_whole_its_parts_and_the_samples() -> None:
+def test_bound_when_printed_names_total_components_and_samples() -> None:
     text = str(make_bound(RASTER, Tessellation(16, 16)))
-    assert text.startswith("at most 7.9")
+    assert text.startswith("displaced by at most 7.9")
     assert "(polygons 7.3, faces 0.58, " in text
     assert "samples add 0.35 px" in text
-    assert text.endswith("texels a px, more than its taps see")
+    assert text.endswith("texels a px, undersampled")
 
 
-def test_bound_of_traced_exact_pictures_does_not_speak_of_texels() -> None:
+def test_bound_of_trace_when_printed_has_no_texels() -> None:
     assert "texels" not in str(make_bound(TRACE, PerPixel()))
 
 

@@ -89,8 +89,10 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
     bound = facet_error(camera, split)
     steps = module._grid_steps(len(module._distinct_triangles(camera, split)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
-    monkeypatch.setattr(module, "_steps_for", lambda triangles: 3 * steps)
-    monkeypatch.setattr(module, "_distinct_sectors", lambda camera, split: split.sectors)
+    monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
+    monkeypatch.setattr(
+        module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
+    )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
     finer = facet_error.__wrapped__(camera, split)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
@@ -99,7 +101,7 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
 
 
 def test_error_does_not_depend_on_how_the_image_is_turned() -> None:
-    turned = replace(CAMERA, up_azimuth_rad=0.7)
+    turned = replace(CAMERA, image_up_azimuth_rad=0.7)
     split = Tessellation(10, 6)
     assert facet_error(turned, split).max_px == pytest.approx(facet_error(CAMERA, split).max_px)
 

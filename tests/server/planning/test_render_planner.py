@@ -118,7 +118,7 @@ def test_numbers_when_a_dial_is_turned_do_not_count() -> None:
 
 def test_renderer_when_it_cannot_be_made_is_no_choice() -> None:
     class Absent(FakeCostMeasurement):
-        def make_raster(self) -> Any:
+        def create_raster(self) -> Any:
             raise RendererUnavailableError("no OpenGL", "install it")
 
     lab = Absent()

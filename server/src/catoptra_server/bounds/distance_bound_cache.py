@@ -1,8 +1,9 @@
-"""How near the scene is by ring of the image, found once for all viewpoints of a small box.
+"""Distance bounds of the static scene, by ring of the image, shared by all viewpoints of a cell.
 
-Boxes are cells of fixed grids, whatever was drawn before: a picture depends on its exposure alone.
-The largest cell counts that takes little of what its middle has in sight. Cells are lower than
-wide, for robots drive on floors: over an open one half a metre is not too much.
+Cells belong to fixed grids and do not depend on earlier frames: a frame follows from its camera
+state alone. Of four sizes the largest cell counts whose bound is little below that of its centre.
+Cells are lower than wide, since robots drive on floors: above an open floor, half a metre up or
+down would change the bound by far more than half a metre sideways.
 """
 
 from __future__ import annotations
@@ -20,44 +21,51 @@ from catoptra_server.bounds.ring_distance_bvh import RingDistanceBvh, ViewpointB
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.twist import Vector3
 
-# Largest first. Where even the least is too large, each viewpoint is asked for itself: smaller
-# boxes would be left from frame to frame.
+# Largest first. A viewpoint too near a surface for the smallest is evaluated on its own: a robot
+# would leave smaller cells in every frame.
 _CELL_SIDES_M = (0.5, 0.25, 0.125, 0.0625)
 _CELL_HEIGHT_FRACTION = 0.125  # of the side
-# What a box of viewpoints may take of what its middle has in sight.
+# A cell's bound may be this fraction of its centre's.
 _MIN_BOUND_FRACTION = 0.7
-# Rings that show nothing nearer than so many times what is nearest may take any.
+# A ring this many times farther than the nearest may lose any fraction: the nearest ring dominates
+# the criteria.
 _FAR_RATIO = 4.0
-# If more triangles than this have to be asked a box is too large.
+# A cell whose query opens more triangles than this counts as too large.
 _MAX_TRIANGLES = 2048
-# Axes are told to so many digits: within 1e-6 rad, a tenth of what boxes are padded by.
+# Within 1e-6 rad, a tenth of the padding of boxes.
 _AXIS_DIGITS = 6
-# 100 bytes each: a robot that drives needs five new ones a second.
+# 100 bytes an entry; a driving robot needs five new ones a second.
 _CACHE_SIZE = 4096
 
 RingDistances = tuple[float, ...]
 
 
 class DistanceBoundCache:
-    """A scene, as the viewpoints in it are surrounded by it."""
+    """Distance bounds of one scene."""
 
     def __init__(self, scene: SceneMesh) -> None:
         self._scene = scene
+        # Caches of bound methods, per instance: a cache on the class would keep scenes alive.
         self._cached_in_cell = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_in_cell)
         self._cached_at_point = lru_cache(maxsize=_CACHE_SIZE)(self._bounds_at_point)
 
     @cached_property
     def _bvh(self) -> RingDistanceBvh:
-        """Return the tree of boxes: a second's work for a million triangles, if asked for."""
+        """Bounding volume hierarchy: a second of work for a million triangles, so built on
+        demand."""
         return RingDistanceBvh(self._scene.corners, self._scene.normals)
 
     @property
     def num_evaluations(self) -> int:
-        """Return for how many viewpoints, and boxes of them, an answer was looked for so far."""
+        """Number of viewpoints and cells evaluated so far, for tests and measurements."""
         return self._cached_in_cell.cache_info().misses + self._cached_at_point.cache_info().misses
 
     def min_distances_m(self, world_from_mirror: Pose, camera: OmniCamera) -> RingDistances:
-        """Return the RINGS distances of a summary, rounded down."""
+        """Distance bound of each ring of the image, rounded down.
+
+        Args:
+            world_from_mirror: Pose of the mirror frame; its origin is the viewpoint.
+        """
         axis = mirror_axis(world_from_mirror)
         x, y, z = world_from_mirror.translation.tolist()
         for side in _CELL_SIDES_M:
@@ -68,48 +76,52 @@ class DistanceBoundCache:
         return self._cached_at_point(camera, axis, (x, y, z))
 
     def _bounds_at_point(self, camera: OmniCamera, axis: Vector3, point: Vector3) -> RingDistances:
-        seen = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
-        return round_outward.round_down(self._bvh.bounds(seen, image_rings(camera)).tolist())
+        viewpoint = ViewpointBox(np.array(point), np.zeros(3), rotation_to_axis(axis))
+        return round_outward.round_down(self._bvh.bounds(viewpoint, image_rings(camera)).tolist())
 
     def _bounds_in_cell(
         self, camera: OmniCamera, axis: Vector3, cell: tuple[int, int, int], side: float
     ) -> RingDistances | None:
-        """Return the distances of a cell, None if it is too large for them."""
-        rings, turn = image_rings(camera), rotation_to_axis(axis)
+        """Bounds of a cell; None for a cell too large for its surroundings."""
+        rings, rotation = image_rings(camera), rotation_to_axis(axis)
         sides = side * np.array((1.0, 1.0, _CELL_HEIGHT_FRACTION))
-        middle = sides * cell
-        at_middle = self._bvh.bounds(ViewpointBox(middle, np.zeros(3), turn), rings)
-        if at_middle.min() < side:
+        centre = sides * cell
+        at_centre = self._bvh.bounds(ViewpointBox(centre, np.zeros(3), rotation), rings)
+        # A surface nearer than a cell's side: some viewpoint of the cell could touch the surface.
+        if at_centre.min() < side:
             return None
-        enough = _MIN_BOUND_FRACTION * at_middle
-        box = ViewpointBox(middle, 0.5 * sides, turn)
-        nearest = self._bvh.bounds(box, rings, cutoff=enough, max_triangles=_MAX_TRIANGLES)
+        cutoff = _MIN_BOUND_FRACTION * at_centre
+        box = ViewpointBox(centre, 0.5 * sides, rotation)
+        nearest = self._bvh.bounds(box, rings, cutoff=cutoff, max_triangles=_MAX_TRIANGLES)
         is_far = nearest >= _FAR_RATIO * nearest.min()
-        is_fine = ((nearest >= enough) | is_far).all() and nearest.min() > 0.0
+        is_fine = ((nearest >= cutoff) | is_far).all() and nearest.min() > 0.0
         return round_outward.round_down(nearest.tolist()) if is_fine else None
 
 
 def mirror_axis(world_from_mirror: Pose) -> Vector3:
-    """Return the mirror's axis in the world, rounded: robots that stand upright have the same."""
+    """Mirror axis in the world, rounded, so that all upright robots share one."""
     x, y, z = world_from_mirror.rotation[:, 2].tolist()
-    # Adding 0 makes one zero of the two.
+    # -0.0 + 0.0 is 0.0: one cache key for both zeros.
     return round(x, _AXIS_DIGITS) + 0.0, round(y, _AXIS_DIGITS) + 0.0, round(z, _AXIS_DIGITS) + 0.0
 
 
 @lru_cache(maxsize=64)
 def rotation_to_axis(axis: Vector3) -> Floats:
-    """Return the (3, 3) rotation to axes whose z is an axis, turned as little as may be.
+    """Smallest (3, 3) rotation into axes whose z is a given axis.
 
-    So boxes along the world's axes stay what they are where the mirror's axis is upright.
+    The smallest one keeps world-aligned boxes aligned under an upright mirror, where bounds of
+    rotated boxes would be looser.
     """
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    # 1 / (1 + z) has a pole at the axis straight up, of a camera upside down: turn by half a
+    # revolution first.
     if z < 0.0:
         return np.array([1.0, -1.0, -1.0])[:, None] * _rotation_to_upward_axis(-x, -y, -z)
     return _rotation_to_upward_axis(x, y, z)
 
 
 def _rotation_to_upward_axis(x: float, y: float, z: float) -> Floats:
-    """Return the rotation about (y, -x, 0) that leads (x, y, z) to (0, 0, 1); z >= 0."""
+    """Rotation about (y, -x, 0) that takes (x, y, z) to (0, 0, 1); z >= 0."""
     c = 1.0 / (1.0 + z)
     return np.array(
         [[1.0 - c * x * x, -c * x * y, -x], [-c * x * y, 1.0 - c * y * y, -y], [x, y, z]]

@@ -1,9 +1,9 @@
-"""How near a box or a plane can be in each ring of the image: bounds by ring of equal image radius.
+"""Distance bounds of boxes and planes in the rings of an image, bands of equal image radius.
 
-A ring of the image is a band of incidence angles theta about the mirror's axis, whatever the
-azimuth. So a box counts as the ring-shaped body that it fills when it is turned about the axis: a
-rectangle of (rho, z), whose nearest point in a band is its nearest point to the viewpoint, if that
-lies in the band, or lies on one of the band's two borders. Everything is a lower bound.
+A ring of the image is a band of incidence angles theta about the mirror axis, at any azimuth. So a
+box counts as the solid of revolution that the box sweeps about the axis: a rectangle of (rho, z).
+The rectangle's nearest point within a band is its nearest point to the viewpoint, if in the band,
+or lies on one of the band's two borders. Every value is a lower bound.
 """
 
 from __future__ import annotations
@@ -17,25 +17,28 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.scene_summary import NUM_RINGS
 
-# Boxes grow by this share of their distance on all sides: what is just beside a ring counts for it,
-# since pictures are drawn with the precision of float32. At 640 px it is some 0.003 px.
+# Boxes grow by this fraction of their distance on all sides: frames are rendered in float32, so a
+# surface just beside a ring can appear in the ring. Some 0.003 px at 640 px.
 _RELATIVE_PADDING = 1e-5
-# Stands for a sine or cosine of 0: the axis and the horizon are borders of bands.
+# Replaces a sine or cosine of 0: axis and horizon are borders of bands.
 _MIN_DIVISOR = 1e-18
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageRings:
-    """The incidence angles between a camera's rings, (RINGS + 1,), from 0 to the rim."""
+    """Borders of a camera's rings, from the axis to the rim; (NUM_RINGS + 1,) each."""
 
     edges_rad: Floats
+    """Incidence angles."""
     inverse_sines: Floats
+    """1 / sin of them, finite on the axis."""
     inverse_cosines: Floats
+    """1 / cos of them, finite at the horizon."""
 
 
 @lru_cache(maxsize=16)
 def image_rings(camera: OmniCamera) -> ImageRings:
-    """Return the rings of a camera, by its law: polygons may show what is a ring's neighbour."""
+    """Rings of a camera by its exact projection; a mesh may show a direction in the next ring."""
     radius_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
     edges_rad = 2.0 * np.arctan(t)
@@ -48,9 +51,14 @@ def image_rings(camera: OmniCamera) -> ImageRings:
 
 
 def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
-    """Return (n, RINGS) distances within which a ring shows nothing of n boxes; inf: none of it.
+    """Distance within which each ring shows nothing of a box; inf: none of the box in the ring.
 
-    low, high: (n, 3) of the boxes, from the viewpoint, in axes whose z is the mirror's axis.
+    Args:
+        low: (n, 3) lower corners from the viewpoint, in axes whose z is the mirror axis.
+        high: (n, 3) upper corners.
+
+    Returns:
+        (n, NUM_RINGS) metres.
     """
     near = np.maximum(np.maximum(low, -high), 0.0)
     far = np.maximum(-low, high)
@@ -65,15 +73,17 @@ def box_distance_bounds(low: Floats, high: Floats, rings: ImageRings) -> Floats:
 def _rectangle_distance_bounds(
     rho: tuple[Floats, Floats], z: tuple[Floats, Floats], rings: ImageRings
 ) -> Floats:
-    """Return (n, RINGS) least distances of rectangles of (rho, z), each given from low to high."""
-    level = np.maximum(z[0], 0.0) + np.minimum(z[1], 0.0)  # the z that is nearest to 0
+    """(n, NUM_RINGS) distances of (rho, z) rectangles, each given from low to high."""
+    # The z of the rectangle nearest to 0.
+    level = np.maximum(z[0], 0.0) + np.minimum(z[1], 0.0)
     direct = np.hypot(rho[0], level)[:, None]
     theta = np.arctan2(rho[0], level)[:, None]
     edges = rings.edges_rad
     inside = (edges[:-1] <= theta) & (theta <= edges[1:])
-    one, other = (border[:, None] * rings.inverse_cosines for border in z)
-    enter = np.maximum(rho[0][:, None] * rings.inverse_sines, np.minimum(one, other))
-    leave = np.minimum(rho[1][:, None] * rings.inverse_sines, np.maximum(one, other))
+    # Along a border the ray is (r sin theta, r cos theta): r at the rectangle's four sides.
+    z_low, z_high = (border[:, None] * rings.inverse_cosines for border in z)
+    enter = np.maximum(rho[0][:, None] * rings.inverse_sines, np.minimum(z_low, z_high))
+    leave = np.minimum(rho[1][:, None] * rings.inverse_sines, np.maximum(z_low, z_high))
     enter = np.maximum(enter, 0.0)
     on_edge = np.where(enter <= leave, enter, np.inf)
     bounds: Floats = np.minimum(on_edge[:, :-1], on_edge[:, 1:])
@@ -81,14 +91,22 @@ def _rectangle_distance_bounds(
 
 
 def plane_distance_bounds(distance: Floats, cosine: Floats, rings: ImageRings) -> Floats:
-    """Return (n, RINGS) distances within which a ring shows nothing of what lies behind n planes.
+    """Distance within which each ring shows nothing that lies behind a plane.
 
-    distance: (n,) of the planes from the viewpoint, 0 where it may lie behind one itself. cosine:
-    (n,) of the angle between their normals, away from the viewpoint, and the axis.
+    Args:
+        distance: (n,) distances of the planes from the viewpoint; 0 for a viewpoint perhaps behind.
+        cosine: (n,) cosines of the angle between the axis and the normals away from the viewpoint.
+
+    Returns:
+        (n, NUM_RINGS) metres.
     """
+    # The point of a plane nearest along a ray at angle a from the normal is at d / cos a; a ring is
+    # a range of such angles.
     tilt = np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
     edges = rings.edges_rad
-    off = np.maximum(np.maximum(edges[:-1] - tilt, tilt - edges[1:]) - 2.0 * _RELATIVE_PADDING, 0.0)
-    facing = np.cos(off)
+    angle = np.maximum(
+        np.maximum(edges[:-1] - tilt, tilt - edges[1:]) - 2.0 * _RELATIVE_PADDING, 0.0
+    )
+    facing = np.cos(angle)
     bounds = np.where(facing > 0.0, distance[:, None] / np.maximum(facing, _MIN_DIVISOR), np.inf)
     return np.where(distance[:, None] > 0.0, (1.0 - _RELATIVE_PADDING) * bounds, 0.0)

@@ -1,4 +1,4 @@
-"""How far a picture changes where light is taken from surfaces: the worst of all, encoded."""
+"""Largest visible change by a loss of light: the worst of many surfaces, in encoded grey levels."""
 
 from __future__ import annotations
 
@@ -13,25 +13,32 @@ from catoptra_server.scene.colour import srgb_from_linear
 def max_visible_loss(
     lost_radiance: Floats, remaining_radiance: Floats, *, can_be_darker: Bools
 ) -> ShadowLoss:
-    """Return the row and colour of (n, 3) radiance that a loss changes most when encoded.
+    """Radiance and colour channel that a loss changes most when encoded to sRGB.
 
-    Where a texture can make it darker (n,), the change is greatest with what just reaches white.
+    Args:
+        lost_radiance: (n, 3) linear radiance that each surface loses.
+        remaining_radiance: (n, 3) radiance that remains.
+        can_be_darker: (n,) surfaces whose texture may scale both by any factor below one.
     """
     if not lost_radiance.any():
         return NO_SHADOW_LOSS
+    # Above white a loss is clipped away: of all scales of a textured surface, the one that just
+    # reaches white loses most.
     factor = np.where(
         can_be_darker[:, None], 1.0 / np.maximum(lost_radiance + remaining_radiance, 1.0), 1.0
     )
     lost_radiance, remaining_radiance = factor * lost_radiance, factor * remaining_radiance
+    # Encoded, not linear: sRGB is 13 times as steep in the dark as at white, so the largest linear
+    # loss is rarely the largest visible one.
     change = _encode_srgb(lost_radiance + remaining_radiance) - _encode_srgb(remaining_radiance)
     worst = np.unravel_index(int(np.argmax(change)), change.shape)
     return ShadowLoss(float(lost_radiance[worst]), float(remaining_radiance[worst]))
 
 
-def grey_level_change(shade: ShadowLoss) -> float:
-    """Return by how many grey levels a loss changes a picture."""
-    return grey_level(shade.remaining_radiance + shade.lost_radiance) - grey_level(
-        shade.remaining_radiance
+def grey_level_change(loss: ShadowLoss) -> float:
+    """Change of the encoded image by a loss, grey levels."""
+    return grey_level(loss.remaining_radiance + loss.lost_radiance) - grey_level(
+        loss.remaining_radiance
     )
 
 

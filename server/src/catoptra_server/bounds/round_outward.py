@@ -1,6 +1,7 @@
-"""Bounds rounded outward, to eighths of an octave, so that a robot that drives changes them rarely.
+"""Outward rounding of bounds to eighths of an octave.
 
-What is decided by them is then decided once for many frames. It costs at most 9 % of a bound.
+A driving robot then changes the bounds rarely, and a decision made from them holds for many frames.
+Rounding costs at most 9 % of a bound (2^(1/8) = 1.09).
 """
 
 from __future__ import annotations
@@ -12,24 +13,24 @@ from catoptra_server.scene.twist import Twist, Vector3
 
 _STEPS_PER_OCTAVE = 8
 _STEPS_PER_VECTOR = 16
-# A bound of no distance at all would leave quotients by it without a value.
+# Criteria divide by distances.
 MIN_DISTANCE_M = 1e-6
-# A nanometre a second is rounding; rounded up, its sign would make another bound of it.
+# Below a nanometre a second there is only rounding, whose changing sign would change the bound.
 _MIN_RATE = 1e-9
 
 
 def round_down(distances_m: Iterable[float]) -> tuple[float, ...]:
-    """Return distances rounded down, none below NEAREST_M."""
+    """Distances rounded down, none below MIN_DISTANCE_M."""
     return tuple(map(_round_value_down, distances_m))
 
 
 def round_away_from_zero(values: Iterable[float]) -> tuple[float, ...]:
-    """Return rates rounded away from zero."""
+    """Rates rounded away from zero."""
     return tuple(map(_round_value_away, values))
 
 
 def round_twist(twist: Twist) -> Twist:
-    """Return a motion with each component rounded away from zero, by a share of its vector."""
+    """Twist with each component rounded away from zero, in sixteenths of the vector's octave."""
     return Twist(_round_vector(twist.linear_m_s), _round_vector(twist.angular_rad_s))
 
 
@@ -37,6 +38,8 @@ def _round_vector(values: Vector3) -> Vector3:
     length = math.hypot(*values)
     if length < _MIN_RATE:
         return 0.0, 0.0, 0.0
+    # Steps of the whole vector, not of each component: a component near zero would otherwise pass
+    # through many octaves.
     step = math.ldexp(1.0, math.frexp(length)[1]) / _STEPS_PER_VECTOR
     x, y, z = (
         math.copysign(step * math.ceil(abs(v) / step), v) if abs(v) >= _MIN_RATE else 0.0

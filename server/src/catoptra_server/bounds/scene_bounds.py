@@ -1,4 +1,4 @@
-"""How far away anything of a scene can be: the box around it, and spheres around what moves."""
+"""Largest distance of any surface: a box around the scene, spheres around dynamic objects."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 
 
 class SceneBounds:
-    """The box around one scene."""
+    """Axis-aligned box around one scene."""
 
     def __init__(self, scene: SceneMesh) -> None:
-        places = scene.corners.reshape(-1, 3)
-        self._low = places.min(axis=0, initial=np.inf)
-        self._high = places.max(axis=0, initial=-np.inf)
+        points = scene.corners.reshape(-1, 3)
+        self._low = points.min(axis=0, initial=np.inf)
+        self._high = points.max(axis=0, initial=-np.inf)
 
     def max_distance_m(self, viewpoint: Floats, objects: tuple[DynamicObject, ...]) -> float:
-        """Return a distance from a (3,) viewpoint beyond which there is no surface."""
+        """Distance from a (3,) viewpoint beyond which there is no surface, rounded up."""
         of_scene = np.linalg.norm(np.maximum(viewpoint - self._low, self._high - viewpoint))
+        # An empty scene has an inverted, infinite box.
         farthest = float(of_scene) if np.isfinite(self._low).all() else 0.0
-        for body in objects:
-            middle_m = float(np.linalg.norm(body.centre - viewpoint))
-            farthest = max(farthest, middle_m + body.mesh.radius_m)
+        for dynamic_object in objects:
+            centre_m = float(np.linalg.norm(dynamic_object.centre - viewpoint))
+            farthest = max(farthest, centre_m + dynamic_object.mesh.radius_m)
         return round_outward.round_away_from_zero((farthest,))[0]

@@ -1,7 +1,8 @@
-"""What the exposures of one scene can show at most: what never changes is found only once.
+"""Summary of all bounds of a camera state, for the criteria of effects.
 
-Who asks for light alone pays for no distances. Distances, speeds and rates are rounded outward, so
-that frames of a robot that drives have the same summary for a while (`coarse`).
+Bounds of the static scene are computed once and on demand: a summary of radiance alone computes no
+distances. Distances, speeds and rates are rounded outward (`round_outward`), so that frames of a
+driving robot share a summary for a while.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from catoptra_server.scene.world_description import World
 
 
 class SceneSummarizer:
-    """The summaries of one world; every renderer has one."""
+    """Summaries of one world."""
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
@@ -42,54 +43,54 @@ class SceneSummarizer:
 
     @cached_property
     def max_radiance(self) -> float:
-        """Return the brightest light that the scene can show; found when it is first asked for."""
+        """Largest radiance of the scene."""
         return max_radiance(self._scene, self._world)
 
     def summarize_radiance(self) -> SceneSummary:
-        """Return what every exposure can show at most, as far as light goes."""
+        """Summary of the radiance alone, the same for every camera state."""
         return SceneSummary(self.max_radiance)
 
     def summarize(self, camera_state: CameraState, camera: OmniCamera) -> SceneSummary:
-        """Return what an exposure can show at most.
-
-        Its farthest distance is infinite: that no picture shows the background could be told of
-        closed rooms alone, and the shipped ones are made of walls that only touch.
-        """
-        own = bound_self_view(camera_state, camera)
+        """Summary of a camera state."""
+        ego_body = bound_self_view(camera_state, camera)
+        with_ego_body = _objects_with_ego_body(camera_state)
         summary = SceneSummary(
             self.max_radiance,
             self._distance_bounds.min_distances_m(camera_state.world_from_mirror, camera),
             max_distance_m=self._bounds.max_distance_m(
-                camera_state.world_from_mirror.translation, _objects_with_ego_body(camera_state)
+                camera_state.world_from_mirror.translation, with_ego_body
             ),
+            # Whether any pixel shows the background is not decided: only a closed room shows none,
+            # and walls of the bundled worlds merely touch.
             background_radiance=self._world.background,
             scene_twist=round_outward.round_twist(scene_twist_in_mirror(camera_state)),
-            ego_body_max_angle_rad=own.max_angle_rad,
-            ego_body_min_distances_m=own.min_distances_m,
+            ego_body_max_angle_rad=ego_body.max_angle_rad,
+            ego_body_min_distances_m=ego_body.min_distances_m,
             max_shadow_loss=self._shadows.darkest_shadow(camera_state.objects),
-            max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(
-                _objects_with_ego_body(camera_state)
-            ),
+            max_shadow_loss_with_ego_body=self._shadows.darkest_shadow(with_ego_body),
         )
-        return (
-            self._add_dynamic_objects(summary, camera_state, camera)
-            if camera_state.objects
-            else summary
-        )
+        if not camera_state.objects:
+            return summary
+        return self._add_dynamic_objects(summary, camera_state, camera)
 
     def _add_dynamic_objects(
         self, summary: SceneSummary, camera_state: CameraState, camera: OmniCamera
     ) -> SceneSummary:
         pose = camera_state.world_from_mirror
-        turn, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
-        around = self._object_bounds.bound(camera_state.objects, pose.translation, turn, rings)
-        nearest = map(
-            min, summary.min_distances_m, round_outward.round_down(around.min_distances_m.tolist())
+        rotation, rings = rotation_to_axis(mirror_axis(pose)), image_rings(camera)
+        proximity = self._object_bounds.bound(
+            camera_state.objects, pose.translation, rotation, rings
         )
-        passing = round_outward.round_away_from_zero(around.max_object_rates_rad_s.tolist())
+        # The static distances are rounded already; rounding twice would loosen them.
+        nearest = map(
+            min,
+            summary.min_distances_m,
+            round_outward.round_down(proximity.min_distances_m.tolist()),
+        )
+        passing = round_outward.round_away_from_zero(proximity.max_object_rates_rad_s.tolist())
         return replace(summary, min_distances_m=tuple(nearest), max_object_rates_rad_s=passing)
 
 
 def _objects_with_ego_body(camera_state: CameraState) -> tuple[DynamicObject, ...]:
-    own = () if camera_state.ego_body is None else (camera_state.ego_body,)
-    return (*camera_state.objects, *own)
+    ego_body = () if camera_state.ego_body is None else (camera_state.ego_body,)
+    return (*camera_state.objects, *ego_body)

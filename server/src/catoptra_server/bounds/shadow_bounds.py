@@ -1,10 +1,11 @@
-"""The most that shadows can take from a scene: found once, and for bodies where they come.
+"""Largest visible loss of light by shadows: of the static scene once, of dynamic objects in a
+frame.
 
-Of every triangle: what it has of lights that something could hide (`occluders`), point lights from
-the nearest place of its box, and what it has left without them. The triangle whose encoded light
-would change most speaks for all; textures may darken one by any factor. A body can hide any light
-from anything, and is white: it has at most what all lights give it, and at least the dimmer half of
-the sky.
+Each triangle has the irradiance of the lights that a surface could occlude (`shadow_candidates`),
+point lights from the nearest point of the triangle's box, and the irradiance that remains without
+them. The triangle whose encoded colour would change most decides; a texture may darken a triangle
+by any factor. A dynamic object can occlude any light from any surface, and counts as white: at most
+lit by all lights, at least by the dimmer half of the sky.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight, PointLight, World
 
-# As near as shading lets a light come, metres.
+# Shading clamps the distance of a point light to this as well, metres.
 _MIN_DISTANCE_M = 1e-3
 
 
 class ShadowBounds:
-    """What exposures of one world can lose."""
+    """Shadow losses of one world."""
 
     def __init__(self, scene: SceneMesh, world: World) -> None:
         self._scene = scene
@@ -38,7 +39,7 @@ class ShadowBounds:
         self._hemisphere_lights = shading.hemisphere_lights(world.lights)
 
     def darkest_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
-        """Return the darkest shadow that a scene and bodies could cast."""
+        """Largest visible loss by any shadow that the scene or dynamic objects could cast."""
         if not self._lights:
             return NO_SHADOW_LOSS
         if not objects:
@@ -47,33 +48,37 @@ class ShadowBounds:
 
     @cached_property
     def _static_shadow(self) -> ShadowLoss:
-        """Return what stands hides from what stands: half a second for a million triangles."""
+        """Loss by shadows of the static scene on itself: half a second for a million triangles."""
         lost = np.zeros_like(self._scene.albedo)
-        left = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        remaining = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
         for light in self._lights:
             irradiance = self._max_irradiance(light)
-            is_lost = shadow_candidates(self._scene, light)[:, None]
-            lost += np.where(is_lost, irradiance, 0.0)
+            can_be_lost = shadow_candidates(self._scene, light)[:, None]
+            lost += np.where(can_be_lost, irradiance, 0.0)
             if isinstance(light, DirectionalLight):
-                left += np.where(is_lost, 0.0, irradiance)
-        return self._max_loss(lost, left)
+                # A point light's irradiance is an upper bound, so only a directional light may
+                # count as remaining.
+                remaining += np.where(can_be_lost, 0.0, irradiance)
+        return self._max_loss(lost, remaining)
 
     @cached_property
     def _full_shadow(self) -> ShadowLoss:
-        left = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
+        """Loss of a scene whose every surface loses every light, as objects anywhere could
+        cause."""
+        remaining = shading.facet_irradiance(self._hemisphere_lights, self._scene.normals)
         lost: Floats = sum(
             (self._max_irradiance(light) for light in self._lights), np.zeros((1, 3))
         )
-        return self._max_loss(lost, left)
+        return self._max_loss(lost, remaining)
 
     def _max_irradiance(self, light: ShadowCastingLight) -> Floats:
-        """Return (n, 3): at most what a light gives each triangle."""
+        """(n, 3) largest irradiance by a light on each triangle."""
         if isinstance(light, PointLight):
             return max_point_irradiance(self._scene.corners, light)[0]
         return shading.facet_irradiance((light,), self._scene.normals)
 
     def _max_loss(self, lost_irradiance: Floats, remaining_irradiance: Floats) -> ShadowLoss:
-        """Return the loss of light that changes a triangle's picture most, of (n, 3) irradiance."""
+        """Most visible loss of any triangle, of (n, 3) irradiance."""
         lit = self._scene.albedo * ~self._scene.unlit[:, None]
         return max_visible_loss(
             lost_irradiance * lit,
@@ -82,19 +87,22 @@ class ShadowBounds:
         )
 
     def _object_shadow(self, objects: tuple[DynamicObject, ...]) -> ShadowLoss:
-        """Return what white bodies can lose, however they are turned."""
-        left, lost = np.zeros(3), np.zeros(3)
+        """Loss of white objects at any orientation."""
+        remaining, lost = np.zeros(3), np.zeros(3)
         for sky in self._hemisphere_lights:
-            left += np.minimum(sky.up_irradiance, sky.down_irradiance)
+            # The less remains, the steeper the sRGB curve: the smaller irradiance is the safe one.
+            remaining += np.minimum(sky.up_irradiance, sky.down_irradiance)
         for light in self._lights:
             if isinstance(light, PointLight):
+                # Rounded, so that a moving object changes the summary, and the decisions cached by
+                # it, rarely.
                 nearest = round_outward.round_down([_min_distance_m(light, objects)])[0]
                 lost += np.asarray(light.intensity) / max(nearest, _MIN_DISTANCE_M) ** 2
             else:
                 lost += np.asarray(light.irradiance)
-        return max_visible_loss(lost[None], left[None], can_be_darker=np.array([True]))
+        return max_visible_loss(lost[None], remaining[None], can_be_darker=np.array([True]))
 
 
 def _min_distance_m(light: PointLight, objects: tuple[DynamicObject, ...]) -> float:
-    at = np.asarray(light.position_m)
-    return min(float(np.linalg.norm(at - body.centre)) - body.mesh.radius_m for body in objects)
+    position = np.asarray(light.position_m)
+    return min(float(np.linalg.norm(position - one.centre)) - one.mesh.radius_m for one in objects)

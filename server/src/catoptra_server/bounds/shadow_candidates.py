@@ -1,10 +1,10 @@
-"""Which lights something could stand before, and which triangles could so lose their light.
+"""Triangles that could lie in a shadow: a necessary condition, computed without casting rays.
 
-A necessary condition, not a sufficient one: it may only err towards shadows. For a triangle R to be
-hidden from a light it has to face it; a corner of something has to lie in front of its plane; and
-the plane of some triangle T has to have the light on one side and a corner of such an R on the
-other. A floor, a body that is convex and alone, or a convex room around a lamp do not fulfil both.
-Corners are those of the scene where these are few, else those of its box, which reach farther.
+The condition errs towards shadows only. For a triangle R to be occluded from a light, R has to face
+the light; a corner of some caster has to lie in front of R's plane; and the plane of some caster T
+has to separate the light from a corner of such an R. A floor, a single convex object, or a convex
+room around a point light do not meet all three. Corners are those of the scene where few, otherwise
+those of the scene's box, which reaches farther.
 """
 
 from __future__ import annotations
@@ -19,50 +19,57 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.shading import ShadowCastingLight
 from catoptra_server.scene.world_description import DirectionalLight
 
-# Corners this near a plane lie in it: what is built of sums of float64 differs by less.
+# Corners this near a plane lie in the plane: sums of float64 coordinates differ by less.
 _IN_PLANE_M = 1e-6
-# Planes that a light lies in hide nothing from it.
+# A plane that contains the light occludes nothing: a distance, or a cosine for directional lights.
 _MIN_LIGHT_DISTANCE = 1e-9
-# So many products of planes and corners are a tenth of a second; beyond, a box stands for corners.
+# A tenth of a second; beyond, a box stands for the corners.
 _MAX_PRODUCTS = 10**7
 _NUM_PROBED_TRIANGLES = 500
 
 
 class ConvexBound(Protocol):
-    """Something that no point of what it stands for lies outside of."""
+    """Convex set that contains all points of a scene."""
 
     def support(self, normals: Floats) -> Floats:
-        """Return the (n,) greatest product of a point with each of (n, 3) normals."""
+        """(n,) largest products of a point of the set with each of (n, 3) normals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSet:
-    """The points themselves: (m, 3)."""
+    """The points themselves."""
 
     points: Floats
+    """(m, 3)."""
 
     def support(self, normals: Floats) -> Floats:
-        """Return the (n,) greatest product of a point with each of (n, 3) normals."""
+        """(n,) largest products of a point with each of (n, 3) normals."""
         farthest: Floats = (normals @ self.points.T).max(axis=1)
         return farthest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisAlignedBox:
-    """All points between two corners, (3,) each."""
+    """All points between two corners."""
 
     low: Floats
+    """(3,)."""
     high: Floats
+    """(3,)."""
 
     def support(self, normals: Floats) -> Floats:
-        """Return the (n,) greatest product of a point with each of (n, 3) normals."""
+        """(n,) largest products of a point with each of (n, 3) normals."""
         half = 0.5 * (self.high - self.low)
         farthest: Floats = normals @ (self.low + half) + np.abs(normals) @ half
         return farthest
 
 
 def make_bound(corners: Floats, *, num_planes: int) -> ConvexBound:
-    """Return what to ask, of so many planes, for (n, 3, 3) triangles; at least one triangle."""
+    """Convex bound of (n, 3, 3) triangles, at least one: their points, or a box for many.
+
+    Args:
+        num_planes: Number of normals that the bound will be multiplied with.
+    """
     points = corners.reshape(-1, 3)
     if num_planes * len(points) <= _MAX_PRODUCTS:
         return PointSet(np.unique(points, axis=0))
@@ -71,21 +78,21 @@ def make_bound(corners: Floats, *, num_planes: int) -> ConvexBound:
 
 
 def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
-    """Return (n,) which triangles a light reaches that something of the scene might hide it from.
-
-    Conservative: see above.
-    """
+    """(n,) triangles that the light faces and a surface of the scene might occlude."""
     none = np.zeros(len(scene), dtype=bool)
     casting = scene.corners[scene.casts_shadows]
     if not len(casting):
         return none
     facing = _signed_light_distances(scene, light) > 0.0
+    # Unlit and black surfaces look the same in a shadow.
     facing &= ~scene.unlit & scene.albedo.any(axis=-1)
     receivers = np.flatnonzero(facing)
-    hull = make_bound(casting, num_planes=len(receivers))
+    caster_bound = make_bound(casting, num_planes=len(receivers))
     normals = scene.normals[receivers]
-    beyond = hull.support(normals) - _plane_offsets(scene, receivers) > _IN_PLANE_M
-    receivers = receivers[beyond]
+    has_point_in_front = (
+        caster_bound.support(normals) - _plane_offsets(scene, receivers) > _IN_PLANE_M
+    )
+    receivers = receivers[has_point_in_front]
     if not len(receivers) or not _has_separating_plane(scene, light, scene.corners[receivers]):
         return none
     none[receivers] = True
@@ -93,31 +100,32 @@ def shadow_candidates(scene: SceneMesh, light: ShadowCastingLight) -> Bools:
 
 
 def _has_separating_plane(scene: SceneMesh, light: ShadowCastingLight, corners: Floats) -> bool:
-    """Return whether some caster's plane lies between a light and a corner of (k, 3, 3)."""
+    """Whether the plane of some caster separates the light from a corner of (k, 3, 3)."""
     casters = np.flatnonzero(scene.casts_shadows)
     height = _signed_light_distances(scene, light)[casters]
     casters, height = (
         casters[np.abs(height) > _MIN_LIGHT_DISTANCE],
         height[np.abs(height) > _MIN_LIGHT_DISTANCE],
     )
+    # Normals turned away from the light: a receiver's corner then lies in front of the plane.
     away = -np.sign(height)[:, None]
-    hull = make_bound(corners, num_planes=len(casters))
-    # In most scenes a few triangles show it.
+    receiver_bound = make_bound(corners, num_planes=len(casters))
+    # In most scenes a sample of the triangles already has such a plane.
     for part in (slice(None, None, 1 + len(casters) // _NUM_PROBED_TRIANGLES), slice(None)):
         normals = away[part] * scene.normals[casters[part]]
         offset = away[part, 0] * _plane_offsets(scene, casters[part])
-        if (hull.support(normals) - offset > _IN_PLANE_M).any():
+        if (receiver_bound.support(normals) - offset > _IN_PLANE_M).any():
             return True
     return False
 
 
 def _signed_light_distances(scene: SceneMesh, light: ShadowCastingLight) -> Floats:
-    """Return (n,) how far in front of each triangle's plane a light is; a sun's is a cosine."""
+    """(n,) signed distance of the light from each plane; a cosine for directional lights."""
     if isinstance(light, DirectionalLight):
         cosine: Floats = -(scene.normals @ np.asarray(light.direction))
         return cosine
-    at = np.asarray(light.position_m) - scene.corners[:, 0]
-    height: Floats = np.einsum("ni,ni->n", scene.normals, at)
+    to_light = np.asarray(light.position_m) - scene.corners[:, 0]
+    height: Floats = np.einsum("ni,ni->n", scene.normals, to_light)
     return height
 
 

@@ -1,8 +1,8 @@
-"""The brightest light that a scene can show: a bound, found once, for the criteria of effects.
+"""Upper bounds of radiance and irradiance in a scene.
 
-Facets count with all their light, textures as white, point lights from the nearest place of a
-facet's box. Robots count as white facets under sky and sun; one that is nearer to a lamp than every
-surface of the scene may be brighter than is said here.
+A facet counts with all its light, a texture as white, a point light from the nearest point of a
+facet's box. A robot counts as a white facet under hemisphere and directional lights; a robot nearer
+to a point light than every surface of the scene may exceed the bound.
 """
 
 from __future__ import annotations
@@ -19,21 +19,20 @@ from catoptra_server.scene.world_description import (
     World,
 )
 
-# As near as shading lets a light come, squared metres.
+# Shading clamps the squared distance of a point light to this as well.
 _MIN_DISTANCE_SQUARED_M2 = 1e-6
 
 
 def max_radiance(scene: SceneMesh, world: World) -> float:
-    """Return the brightest light of any colour: a tenth of a second for a million triangles."""
+    """Largest radiance in any colour channel: a tenth of a second for a million triangles."""
     radiance = facet_radiance(scene, world.lights) + _max_point_light_radiance(scene, world)
-    largest = max(
+    return max(
         *world.background, float(radiance.max(initial=0.0)), _max_white_facet_radiance(world)
     )
-    return largest
 
 
 def _max_point_light_radiance(scene: SceneMesh, world: World) -> Floats:
-    """Return (n, 3): at most what point lights add to each triangle."""
+    """(n, 3) largest radiance by point lights of each triangle."""
     total = np.zeros_like(scene.albedo)
     for light in point_lights(world.lights):
         total += max_point_irradiance(scene.corners, light)[0]
@@ -41,20 +40,26 @@ def _max_point_light_radiance(scene: SceneMesh, world: World) -> Floats:
 
 
 def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Floats]:
-    """Return (n, 3): at most what a point light gives triangles, and (n,) from how near, metres.
+    """Largest irradiance by a point light on triangles, at any orientation.
 
-    corners: (n, 3, 3). Near is the nearest place of a triangle's box.
+    Args:
+        corners: (n, 3, 3) metres.
+
+    Returns:
+        (n, 3) irradiance, and (n,) metres from the light to the nearest point of each triangle's
+            box.
     """
     low, high = corners.min(axis=1), corners.max(axis=1)
-    at = np.asarray(light.position_m)
-    outside = np.maximum(np.maximum(low - at, at - high), 0.0)
+    position = np.asarray(light.position_m)
+    # A box rather than the triangle: a tenth of the operations, and never farther.
+    outside = np.maximum(np.maximum(low - position, position - high), 0.0)
     squared = np.maximum(np.square(outside).sum(axis=-1), _MIN_DISTANCE_SQUARED_M2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]
     return irradiance, np.sqrt(squared)
 
 
 def _max_white_facet_radiance(world: World) -> float:
-    """Return at most what sky and sun give a white facet, however it is turned."""
+    """Largest radiance of a white facet under hemisphere and directional lights."""
     total = np.zeros(3)
     for light in world.lights:
         match light:

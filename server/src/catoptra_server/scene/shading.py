@@ -1,10 +1,11 @@
-"""The one lighting and texture model, in float64. Twin: glsl/include/point_irradiance.glsl.
+"""Lighting and texture model in float64, the reference of both renderers. Twin:
+glsl/include/point_irradiance.glsl.
 
 A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
-times irradiance, with 1 = a white facet at full scale. Hemisphere and directional light depend on
-the normal alone and so are computed once a triangle; point lights depend on the place and are
-computed per sample. Where there are shadows, so is the light of all that have a direction or a
-place, since it may be hidden. Textures repeat and are interpolated bilinearly in linear light.
+times irradiance, with 1 = a white facet at full scale. Hemisphere and directional lights depend on
+the normal alone, so their irradiance is computed once a triangle; a point light's depends on the
+position and is computed per sample. With shadows, directional lights are computed per sample as
+well, since they may be occluded. Textures repeat and are interpolated bilinearly in linear light.
 Encoding to sRGB comes last.
 """
 
@@ -23,33 +24,33 @@ from catoptra_server.scene.world_description import (
     PointLight,
 )
 
-# What something may stand before.
+# Lights that a surface can occlude.
 ShadowCastingLight = DirectionalLight | PointLight
 
 
 class LitFacets(Protocol):
-    """What light falls on: the triangles of a scene, or of a body where it stands."""
+    """Surfaces to be lit: the triangles of a scene, or of a dynamic object at its pose."""
 
     @property
     def normals(self) -> Floats:
-        """Return (n, 3) unit normals in the world frame."""
+        """(n, 3) unit normals, world frame."""
 
     @property
     def albedo(self) -> Floats:
-        """Return (n, 3) linear albedos."""
+        """(n, 3) linear albedos."""
 
     @property
     def unlit(self) -> Bools:
-        """Return (n,) which are shown at their albedo whatever the lights."""
+        """(n,) triangles shown at their albedo, whatever the lights."""
 
 
 def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
-    """Return (n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
+    """(n, 3) irradiance by hemisphere and directional lights on facets of (n, 3) normals."""
     total = np.zeros_like(normals)
     for light in lights:
         match light:
             case HemisphereLight(up, down):
-                # z points down: a facet that looks up has normal z = -1.
+                # z points down: an upward facet has normal z = -1.
                 upward = 0.5 * (1.0 - normals[:, 2:])
                 total += upward * np.asarray(up) + (1.0 - upward) * np.asarray(down)
             case DirectionalLight(direction, irradiance):
@@ -61,7 +62,7 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
 
 
 def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
-    """Return (n, 3) irradiance by point lights at (n, 3) places of (n, 3) normals.
+    """(n, 3) irradiance by point lights at (n, 3) points with (n, 3) normals.
 
     At the light itself, where the inverse square has no value, the irradiance is that of a
     millimetre.
@@ -69,6 +70,7 @@ def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -
     total = np.zeros_like(normals)
     for light in point_lights(lights):
         towards = np.asarray(light.position_m) - points
+        # Light and point may coincide where a lamp touches a surface.
         squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-6)
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals), 0.0) / np.sqrt(squared)
         total += (cosine / squared)[:, None] * np.asarray(light.intensity)
@@ -76,18 +78,18 @@ def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -
 
 
 def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
-    """Return the point lights among the lights."""
+    """Point lights among the lights."""
     return tuple(light for light in lights if isinstance(light, PointLight))
 
 
 def shadow_casting_lights(lights: Iterable[Light]) -> tuple[ShadowCastingLight, ...]:
-    """Return the lights that cast shadows: those with a direction first, then those at places."""
+    """Lights that cast shadows: directional lights first, then point lights."""
     suns = tuple(light for light in lights if isinstance(light, DirectionalLight))
     return (*suns, *point_lights(lights))
 
 
 def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
-    """Return the lights from everywhere, which nothing hides."""
+    """Hemisphere lights among the lights; no surface occludes them."""
     return tuple(light for light in lights if isinstance(light, HemisphereLight))
 
 
@@ -109,7 +111,7 @@ def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Float
 
 
 def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
-    """Return (n, 3) linear radiance of each triangle without texture and point lights."""
+    """(n, 3) linear radiance of each triangle without texture and point lights."""
     irradiance = facet_irradiance(lights, facets.normals)
     return facets.albedo * np.where(facets.unlit[:, None], 1.0, irradiance)
 
@@ -123,6 +125,7 @@ def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
     x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
     left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     fx, fy = (x - left)[:, None], (y - top)[:, None]
+    # Modulo before the lookup: the texel beyond the last column is the first.
     xa, xb, ya, yb = left % width, (left + 1) % width, top % height, (top + 1) % height
     upper = (1.0 - fx) * linear_texture[ya, xa] + fx * linear_texture[ya, xb]
     lower = (1.0 - fx) * linear_texture[yb, xa] + fx * linear_texture[yb, xb]

@@ -1,8 +1,8 @@
-"""Triangles in pieces that lie together, each with a box: of most scenes most is never looked at.
+"""Clusters of neighbouring triangles with their bounding boxes, for culling.
 
-Raster sends a face no chunk that it cannot see: without it five faces send five times the scene,
-and a frame of 60 000 or a million triangles takes a fifth longer on llvmpipe
-(tests/measurements/raster_faces.py). Summaries ask no chunk that is not near.
+Raster sends a face no cluster outside the face's view: without culling, five faces send five times
+the scene, and a frame of 60 000 or a million triangles takes a fifth longer on llvmpipe
+(tests/measurements/raster_faces.py). Distance bounds skip clusters that are far away.
 """
 
 from __future__ import annotations
@@ -16,37 +16,39 @@ from catoptra_protocol.optics.numerics import Bools, Floats
 
 Indices = npt.NDArray[np.intp]
 
-# From 32 to 1024 a frame differs by 5 % (tests/measurements/raster_faces.py); a million triangles
-# are then ten thousand boxes, a millisecond's work.
+# Between 32 and 1024 the time of a frame differs by 5 % (tests/measurements/raster_faces.py); a
+# million triangles are then ten thousand boxes, a millisecond to cull.
 TRIANGLES_PER_CLUSTER = 96
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleClusters:
-    """An order of triangles, group by group, cut into chunks.
-
-    order: (n,) triangle at each place. borders: (m + 1,) places where chunks begin and end.
-    low, high: (m, 3) corners of each chunk's box. group: (m,) the group of each chunk.
-    """
+    """Order of triangles, group by group, cut into m clusters."""
 
     order: Indices
+    """(n,) index of the triangle at each position."""
     offsets: Indices
+    """(m + 1,) positions at which clusters begin, and the end."""
     box_min: Floats
+    """(m, 3)."""
     box_max: Floats
+    """(m, 3)."""
     groups: Indices
+    """(m,) group of each cluster."""
 
     def distances(self, point: Floats) -> Floats:
-        """Return the (m,) distance from a (3,) point to each box, 0 inside."""
+        """(m,) distances from a (3,) point to each box, 0 inside."""
         outside = np.maximum(np.maximum(self.box_min - point, point - self.box_max), 0.0)
         distance: Floats = np.sqrt(np.square(outside).sum(axis=-1))
         return distance
 
     def in_front_of_planes(self, normals: Floats, point: Floats) -> Bools:
-        """Return (..., m) which boxes reach in front of all (..., p, 3) planes through a point."""
+        """(..., m) boxes that reach in front of all of (..., p, 3) planes through a point."""
         half = 0.5 * (self.box_max - self.box_min)
-        middle = 0.5 * (self.box_max + self.box_min) - point
+        centre = 0.5 * (self.box_max + self.box_min) - point
         flat = normals.reshape(-1, 3)
-        reach = flat @ middle.T + np.abs(flat) @ half.T
+        # Support of a box: its centre's product plus its half axes' absolute products.
+        reach = flat @ centre.T + np.abs(flat) @ half.T
         in_front = (reach >= 0.0).reshape(*normals.shape[:-1], len(half))
         return np.asarray(in_front.all(axis=-2))
 
@@ -54,7 +56,14 @@ class TriangleClusters:
 def make_clusters(
     corners: Floats, groups: Indices, *, size: int = TRIANGLES_PER_CLUSTER
 ) -> TriangleClusters:
-    """Return the chunks of (n, 3, 3) triangles of (n,) groups: neighbours in space together."""
+    """Cluster triangles so that neighbours in space share a box.
+
+    Args:
+        corners: (n, 3, 3).
+        groups: (n,) group of each triangle; no cluster has two.
+        size: Largest number of triangles in a cluster.
+    """
+    # Along a Morton curve: one sort, and boxes nearly as tight as a built tree's.
     order = np.lexsort((_morton_codes(corners.mean(axis=1)), groups))
     counts = np.bincount(groups[order]) if len(order) else np.zeros(0, dtype=np.intp)
     ends = np.cumsum(counts)
@@ -74,15 +83,15 @@ def make_clusters(
 
 
 def visible_runs(visible: Bools, offsets: Indices) -> list[tuple[int, int]]:
-    """Return (first, count) places of the triangles in unbroken runs of visible chunks."""
+    """(first, count) positions of the triangles in unbroken runs of visible clusters."""
     padded = np.concatenate(([False], visible, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
-    places = offsets[edges].reshape(-1, 2)
-    return [(int(start), int(stop - start)) for start, stop in places]
+    spans = offsets[edges].reshape(-1, 2)
+    return [(int(start), int(stop - start)) for start, stop in spans]
 
 
 def _morton_codes(points: Floats) -> npt.NDArray[np.uint64]:
-    """Return (n,) codes that sort (n, 3) points along a space-filling curve, 21 bits an axis."""
+    """(n,) codes that sort (n, 3) points along a space-filling curve, 21 bits an axis."""
     if not len(points):
         return np.zeros(0, dtype=np.uint64)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -93,7 +102,7 @@ def _morton_codes(points: Floats) -> npt.NDArray[np.uint64]:
     return codes
 
 
-# Each step halves the groups of bits and moves them apart, until two zeros follow every bit.
+# Each step halves the groups of bits and moves the halves apart, until two zeros follow every bit.
 _SPREAD_STEPS = (
     (32, 0x1F00000000FFFF),
     (16, 0x1F0000FF0000FF),
