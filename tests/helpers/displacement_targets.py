@@ -1,7 +1,7 @@
-"""Outlines of white things on black as a measure of where every pixel of a frame looks.
+"""White targets on black, whose outlines measure how far each pixel of a frame is displaced.
 
-A pixel that is lit beside all things, or dark on one, looks across an outline: it is displaced at
-least by its distance from there. Hundreds of pixels beside outlines come near the largest
+A pixel that is lit off all targets, or dark on one, shows a point across an outline: it is displaced
+at least by its distance from that outline. Hundreds of pixels beside outlines come near the largest
 displacement of all, and none of them can overstate it.
 """
 
@@ -38,19 +38,19 @@ _SMOOTH_FRACTION = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplacementTargets:
-    """Discs, or squares, each in a plane of its own, one unit ahead of the viewpoint.
-
-    axes: (n, 3, 3), columns ahead, right and down in the mirror frame. middle: (n, 2) of each thing
-    in its plane. half: (n,) radius or half a side.
-    """
+    """Discs, or squares, each in a plane of its own, one unit ahead of the viewpoint."""
 
     axes: Floats
+    """(n, 3, 3), columns ahead, right and down in the mirror frame."""
     centre: Floats
+    """(n, 2) centre of each target in its plane."""
     half_size: Floats
+    """(n,) radius or half a side."""
     is_round: bool
+    """Discs, or else squares."""
 
     def build_world(self, world_from_mirror: Pose) -> World:
-        """Return the world that shows them."""
+        """World of the targets."""
         items = tuple(
             Item(f"thing {i}", self._shape(i), world_from_mirror @ self._pose(i), _WHITE)
             for i in range(len(self.axes))
@@ -67,14 +67,14 @@ class DisplacementTargets:
         return Pose(np.roll(axes, -1, axis=1), axes @ (1.0, *self.centre[index]))
 
     def contains(self, directions: Floats) -> Bools:
-        """Return which of (m, 3) directions meet one."""
+        """(m,) whether each of (m, 3) directions hits a target."""
         ahead, right, down = (directions @ self.axes[:, :, axis].T for axis in range(3))
         aside = right - self.centre[:, 0] * ahead, down - self.centre[:, 1] * ahead
         far = np.hypot(*aside) if self.is_round else np.maximum(*np.abs(aside))
         return np.asarray((far < self.half_size * ahead).any(axis=-1))
 
     def outline_directions(self) -> tuple[Floats, Bools]:
-        """Return (n * places, 3) directions of all outlines, and which are far from corners."""
+        """(n * points, 3) directions of all outlines, and whether each is far from corners."""
         turn = 2.0 * math.pi * np.arange(_OUTLINE_POINTS) / _OUTLINE_POINTS
         circle = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
         smooth = np.ones(_OUTLINE_POINTS, dtype=np.bool_)
@@ -90,9 +90,9 @@ class DisplacementTargets:
 def scatter_discs(
     camera: OmniCamera, *, size_px: float, count: int, rng: np.random.Generator
 ) -> DisplacementTargets:
-    """Return discs of about one size in the image that do not touch, anywhere within the rim.
+    """Discs of about one size in the image that do not touch, anywhere within the rim.
 
-    size_px: across them where the image makes them thinnest.
+    size_px: their diameter in the image along the more compressed direction.
     """
     directions, half = _scatter(camera, size_px=size_px, count=count, rng=rng)
     return DisplacementTargets(_plane_axes(directions), np.zeros((len(half), 2)), half, True)
@@ -106,7 +106,7 @@ def scatter_squares(
     rng: np.random.Generator,
     turn_rad: float = 0.0,
 ) -> DisplacementTargets:
-    """Return squares likewise, in the planes of the cube's faces, turned from their texels."""
+    """Squares likewise, in the planes of the cube's faces, rotated from the texels."""
     directions, half = _scatter(camera, size_px=size_px, count=count, rng=rng)
     face = face_from_direction(directions)
     turn = rotation_from_rpy(turn_rad, 0.0, 0.0)
@@ -117,7 +117,7 @@ def scatter_squares(
 def _scatter(
     camera: OmniCamera, *, size_px: float, count: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Return (n, 3) directions and (n,) half sizes at unit distance; each place alike."""
+    """(n, 3) directions and (n,) half sizes at unit distance, evenly over the image."""
     radius_px = camera.rim_radius_px * np.sqrt(rng.uniform(0.0, 1.0, 60 * count))
     turn = rng.uniform(-math.pi, math.pi, 60 * count)
     circle = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
@@ -137,7 +137,7 @@ def _scatter(
 
 
 def _plane_axes(directions: Floats) -> Floats:
-    """Return (n, 3, 3) axes of planes across (n, 3) unit directions."""
+    """(n, 3, 3) axes of planes perpendicular to (n, 3) unit directions."""
     aside = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
     right = np.cross(aside, directions)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
@@ -145,10 +145,10 @@ def _plane_axes(directions: Floats) -> Floats:
 
 
 def max_displacement_px(camera: OmniCamera, image: Image, targets: DisplacementTargets) -> float:
-    """Return how far the farthest wrong pixel of a frame with one sample a pixel is displaced.
+    """Displacement of the farthest wrong pixel of a frame with one sample a pixel.
 
-    Not counted: pixels beside a corner, which texels round off. Beside polygons a frame is black:
-    what is missing there is displaced to the rim at most.
+    Pixels beside a corner do not count, since texels round corners off. Beside polygons a frame is
+    black: a missing target is displaced to the rim at most.
     """
     pixels = pixel_sample_positions(camera)[:, :, 0]
     directions, on_mirror = direction_from_pixel(camera, pixels)
@@ -165,7 +165,7 @@ def max_displacement_px(camera: OmniCamera, image: Image, targets: DisplacementT
 def _nearest(
     places: Floats, others: Floats
 ) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
-    """Return the (n,) distances of (n, 2) places to the nearest of (m, 2) others, and which it is.
+    """(n,) distances of (n, 2) points to the nearest of (m, 2) others, and the indices of these.
 
     In single precision, good to 1e-4 px here and twice as fast.
     """

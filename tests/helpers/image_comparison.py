@@ -1,4 +1,4 @@
-"""Comparing pictures away from their edges."""
+"""Comparing images away from their edges."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from catoptra_server.render.renderer import Image
 
 
 def level_differences(one: Image, other: Image) -> npt.NDArray[np.int64]:
-    """Return the (h, w) largest difference of the three channels, in grey levels."""
+    """(h, w) largest difference of the three channels, in grey levels."""
     difference: npt.NDArray[np.int64] = np.abs(one.astype(np.int64) - other).max(axis=-1)
     return difference
 
 
 def mask_away_from_edges(image: Image, *, contrast: int = 6) -> npt.NDArray[np.bool_]:
-    """Return (h, w) True where the 3 x 3 neighbours vary by less than `contrast` levels.
+    """(h, w) True where the 3 x 3 neighbours vary by less than `contrast` levels.
 
-    At an edge two renderers may honestly show either side: a sample's place is rounded, a cube
-    face is made of texels.
+    At an edge two renderers may both be right and show either side: a sample's position is rounded, a
+    cube face is made of texels.
     """
     padded = np.pad(image.astype(np.int64), ((1, 1), (1, 1), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))

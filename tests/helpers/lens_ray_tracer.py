@@ -1,9 +1,9 @@
-"""A mirror camera with a real aperture, ray by ray: what effects of the lens are measured by.
+"""An omnidirectional camera with a finite aperture, ray by ray: the reference for lens effects.
 
-Each ray leaves the thin lens at a point of its aperture towards the point that is sharp for the
-pixel, is reflected where it meets the mirror's surface, and sees the scene from there. Written from
-the surfaces' equations, as quadrics alpha r^2 + beta z^2 + gamma z + delta = 0 in the mirror frame;
-nothing is taken from the camera's law but the picture's scale.
+Each ray leaves the thin lens at a point of its aperture towards the point in focus for the pixel, is
+reflected at the mirror's surface, and continues into the scene. Written from the surfaces' equations,
+as quadrics alpha r^2 + beta z^2 + gamma z + delta = 0 in the mirror frame; only the image's scale
+comes from the camera model.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SAMPLES = 256
 
 @dataclass(frozen=True)
 class Quadric:
-    """alpha r^2 + beta z^2 + gamma z + delta = 0, on the side of z < `below_m`."""
+    """alpha r^2 + beta z^2 + gamma z + delta = 0, on the side of z < `max_z_m`."""
 
     alpha: float
     beta: float
@@ -40,7 +40,7 @@ class Quadric:
 
     @classmethod
     def from_mirror(cls, mirror: object) -> Quadric:
-        """Return a mirror's surface, from its equation."""
+        """A mirror's surface, from its equation."""
         if isinstance(mirror, HyperbolicMirror):
             k, c = mirror.k, mirror.c_m
             return cls(1.0 - 0.5 * k, 1.0, -c, c * c / (2.0 * k), 0.5 * c)
@@ -49,7 +49,7 @@ class Quadric:
         return cls(1.0, 0.0, 2.0 * p, -p * p, math.inf)
 
     def intersect(self, origin: Floats, direction: Floats) -> Floats:
-        """Return the (n, 3) points that rays meet first on that side; NaN for none."""
+        """(n, 3) first points of rays on that side; NaN for none."""
         flat_o, flat_d = origin[:, :2], direction[:, :2]
         o, d = origin[:, 2], direction[:, 2]
         a = self.alpha * (flat_d**2).sum(axis=1) + self.beta * d * d
@@ -66,7 +66,7 @@ class Quadric:
         return points
 
     def normal(self, point: Floats) -> Floats:
-        """Return (n, 3) unit normals."""
+        """(n, 3) unit normals."""
         gradient = np.column_stack(
             (self.alpha * point[:, :2], self.beta * point[:, 2] + 0.5 * self.gamma)
         )
@@ -75,16 +75,16 @@ class Quadric:
 
 
 class LensRays(Protocol):
-    """A lens: rays of pixels through a place of its aperture."""
+    """A lens: rays of pixels through a point of its aperture."""
 
     def __call__(self, offset_px: Floats, aperture_point: Floats) -> tuple[Floats, Floats]:
-        """Return (n, 3) origins and directions; (n, 2) px from the axis, place in a unit disc."""
+        """(n, 3) origins and directions; (n, 2) px from the axis, aperture point in a unit disc."""
 
 
 def pinhole_lens(
     camera: OmniCamera, focal_px: float, *, aperture_m: float, focus_m: float
 ) -> LensRays:
-    """Return a thin lens around the pinhole, of an aperture's diameter, sharp at a depth."""
+    """A thin lens around the pinhole, of an aperture's diameter, in focus at a depth."""
     pinhole = np.array((0.0, 0.0, camera.mirror.pinhole_distance_m))
 
     def rays(flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
@@ -97,7 +97,7 @@ def pinhole_lens(
 
 
 def telecentric_lens(px_per_m: float, *, slope: float, focus_height_m: float) -> LensRays:
-    """Return an orthographic lens, sharp at a height; slope: of its cones, half the width."""
+    """An orthographic lens in focus at a height; slope: half the width of its cones."""
 
     def rays(flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
         height = np.full(len(flat_px), focus_height_m)
@@ -117,9 +117,9 @@ def render_through_lens(
     stride_px: int = 1,
     max_radiance: float = 1.25,
 ) -> Floats:
-    """Return the (rows, columns, 3) linear light of pixels: means over square and aperture.
+    """(rows, columns, 3) linear light of pixels: means over pixel and aperture.
 
-    Of every n-th pixel in both directions. Black where a ray passes the mirror's rim.
+    Only every n-th pixel in both directions. Black where a ray misses the mirror within the rim.
     """
     scene = EmbreeScene(build_scene(world), world)
     scale = LinearScale.for_samples(1, max_radiance=max_radiance)
@@ -149,7 +149,7 @@ def render_through_lens(
 
 
 def _offset_from_axis_px(camera: OmniCamera, offset: Floats, stride_px: int) -> Floats:
-    """Return (n, 2) px from the axis, along x and y of the mirror frame, of places in pixels."""
+    """(n, 2) px from the axis, along x and y of the mirror frame, of positions in pixels."""
     du = np.arange(0, camera.width_px, stride_px) + offset[0] - camera.centre_px[0]
     dv = np.arange(0, camera.height_px, stride_px) + offset[1] - camera.centre_px[1]
     du, dv = (flat.reshape(-1) for flat in np.meshgrid(du, dv))
@@ -158,7 +158,7 @@ def _offset_from_axis_px(camera: OmniCamera, offset: Floats, stride_px: int) -> 
 
 
 def _quasirandom_samples() -> Iterator[tuple[Floats, Floats]]:
-    """Return places in the pixel and in the unit disc, evenly in all four dimensions.
+    """Yield points in the pixel and in the unit disc, evenly in all four dimensions.
 
     Additive recurrence by the root of x^5 = x + 1, Roberts 2018.
     """

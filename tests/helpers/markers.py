@@ -1,7 +1,7 @@
-"""Bright discs around the viewpoint, and where they are found in a picture.
+"""Bright discs around the viewpoint, and their positions in an image.
 
-The common measure of geometric accuracy: what a renderer shows of a disc has its intensity centroid
-where the camera law puts the disc's middle.
+The common measure of geometric accuracy: a disc's intensity centroid in the image lies at the pixel
+that the camera model gives for the disc's centre.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from catoptra_server.scene.world_description import Item, Material, Ring, World
 
 
 def marker_directions(incidence_deg: tuple[float, ...], bearings_deg: tuple[float, ...]) -> Floats:
-    """Return (n, 3) unit directions in the mirror frame: every incidence at every bearing."""
+    """(n, 3) unit directions in the mirror frame: every incidence at every bearing."""
     theta, gamma = np.meshgrid(np.radians(incidence_deg), np.radians(bearings_deg), indexing="ij")
     ring = np.sin(theta)
     directions = (ring * np.cos(gamma), ring * np.sin(gamma), np.cos(theta))
@@ -32,7 +32,7 @@ def marker_world(
     diameter_rad: float = math.radians(1.2),
     distance_m: float = 2.0,
 ) -> World:
-    """Return a black world with a white, unlit disc facing the viewpoint in each direction.
+    """A black world with a white, unlit disc facing the viewpoint in each direction.
 
     directions: (n, 3) unit, in the mirror frame.
     """
@@ -47,7 +47,7 @@ def marker_world(
 
 
 def _disc_pose(direction: Floats, distance_m: float) -> Pose:
-    """Return the pose, in the mirror frame, of a ring that looks back along a (3,) direction."""
+    """Pose, in the mirror frame, of a ring that faces back along a (3,) direction."""
     aside = np.eye(3)[int(np.argmin(np.abs(direction)))]
     x = np.cross(aside, direction)
     x /= np.linalg.norm(x)
@@ -56,10 +56,10 @@ def _disc_pose(direction: Floats, distance_m: float) -> Pose:
 
 
 def marker_centroid(image: Image, near_px: Floats, *, window_px: float = 5.0) -> Floats:
-    """Return the (2,) centroid (u, v) of the light within a square around a (2,) place.
+    """(2,) centroid (u, v) of the light within a square around a (2,) pixel position.
 
-    Light is linear: sRGB levels would weigh the dim pixels of a disc's edge too much. Raises
-    AssertionError where the square is dark.
+    Light is linear: sRGB levels would overweight the dim pixels of a disc's edge. Raises AssertionError
+    where the square is dark.
     """
     rows, columns = (_window(centre, window_px, size) for centre, size in _axes(image, near_px))
     light = linear_from_srgb(image[rows, columns] / 255.0).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""Exposures that really move, and what a camera with an endlessly fine clock makes of them."""
+"""Camera states in motion, and the mean of many sharp frames of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ START_POSES = {
 
 
 def load_world_setup(name: str) -> StartupConfig:
-    """Return the P2AT in a world that comes with the server."""
+    """The P2AT in a bundled world."""
     return read_startup_config(
         [find_configuration("robots", "p2at_omni")], find_configuration("worlds", name)
     )
@@ -41,14 +41,14 @@ def load_world_setup(name: str) -> StartupConfig:
 def driving_camera_state(
     start: Pose, speed_m_s: float, turn_deg_s: float, *bodies: DynamicObject
 ) -> CameraState:
-    """Return the exposure of a robot that drives ahead and turns."""
+    """Camera state of a robot that drives ahead and turns."""
     ahead = start.rotation @ np.array([speed_m_s, 0.0, 0.0])
     twist = Twist((*ahead.tolist(),), (0.0, 0.0, math.radians(turn_deg_s)))
     return CameraState(start, bodies, twist=twist)
 
 
 def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
-    """Return a body in front, to the right, that crosses the robot's way and turns."""
+    """An object ahead to the right that crosses the robot's path and turns."""
     place = start @ Pose.from_rpy((0.9, 0.5, 0.3))
     return replace(
         DYNAMIC_OBJECT, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
@@ -56,10 +56,10 @@ def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
 
 
 def displacements_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: Floats) -> Floats:
-    """Return (h, w, 2) px from each pixel to where the law shows, some seconds later, what it sees.
+    """(h, w, 2) displacement by the camera model, after some seconds, of the surface at each pixel.
 
-    twist: of what is seen, told at the viewpoint, mirror frame. range_m, time_s: broadcast to
-    (h, w). NaN where it leaves the mirror.
+    twist: of the surface relative to the viewpoint, mirror frame. range_m, time_s: broadcast to (h, w).
+    NaN where the surface leaves the mirror.
     """
     pixels = pixel_sample_positions(camera)[..., 0, :]
     directions, on_mirror = direction_from_pixel(camera, pixels)
@@ -75,14 +75,14 @@ def displacements_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: 
 
 
 def relative_twist(exposure: CameraState, body: DynamicObject) -> Twist:
-    """Return a body's motion as the camera sees it: told at the viewpoint, mirror frame."""
+    """An object's motion relative to the camera, at the viewpoint, mirror frame."""
     mirror = exposure.world_from_mirror
     theirs = body.twist.at_offset(mirror.translation - body.world_from_object.translation)
     return theirs.relative_to(exposure.twist).rotate(mirror.rotation.T)
 
 
 def camera_state_after(exposure: CameraState, time_s: float) -> CameraState:
-    """Return the exposure at another time, every pose moved as its twist says."""
+    """Camera state at another time, every pose moved by its twist."""
     bodies = (
         replace(body, world_from_object=_integrate_pose(body.world_from_object, body.twist, time_s))
         for body in exposure.objects
@@ -97,7 +97,7 @@ def _integrate_pose(pose: Pose, twist: Twist, time_s: float) -> Pose:
 
 
 def _rotation_from_vector(vector: Floats) -> Floats:
-    """Return the (3, 3) rotation about a vector by its length. Source: Rodrigues' formula."""
+    """(3, 3) rotation about a vector by its length. Source: Rodrigues' formula."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)

@@ -1,4 +1,4 @@
-"""OpenGL for tests: a device where there is one, else a skip that says why."""
+"""OpenGL for tests: a device, or else a skip with the reason."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from catoptra_server.render.raster.gl_device import GlDevice
 
 
 def device_or_skip() -> GlDevice:
-    """Return an OpenGL device of one's own; skip the test on a machine that has none."""
+    """Open an OpenGL device; skip the test on a machine without OpenGL."""
     try:
         return open_device()
     except OpenGLMissingError as error:

@@ -1,6 +1,6 @@
-"""A ray caster in float64 that tries every triangle: the judge of the trace renderer.
+"""A ray caster in float64 that tests every triangle: the reference of the trace renderer.
 
-Moeller & Trumbore 1997, and the shading model as it is written down.
+Moeller & Trumbore 1997, and the shading model by its formulas.
 """
 
 from __future__ import annotations
@@ -23,16 +23,18 @@ _NEAR_SURFACE_M = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceRadiance:
-    """What rays see: (n, 3) linear radiance, and which of the n are beyond doubt."""
+    """Radiance along rays."""
 
     radiance: Floats
+    """(n, 3) linear radiance."""
     is_certain: Bools
+    """(n,) False where float32 may hit another surface."""
 
 
 def cast_rays(
     scene: SceneMesh, world: World, origin: Floats, directions: Floats
 ) -> ReferenceRadiance:
-    """Return what (n, 3) directions from one origin (3,) see."""
+    """Radiance along (n, 3) directions from one origin (3,)."""
     distance, u, v = _distances(scene, origin, directions)
     triangle = np.argmin(distance, axis=1)
     rows = np.arange(len(directions))
@@ -47,7 +49,7 @@ def cast_rays(
 def _distances(
     scene: SceneMesh, origin: Floats, directions: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return (n, m) distances, inf where missed, and the barycentric (u, v) of each plane's hit."""
+    """(n, m) distances, inf for a miss, and the barycentric (u, v) of the hit of each plane."""
     a = scene.corners[:, 0]
     first, second = scene.corners[:, 1] - a, scene.corners[:, 2] - a
     p = np.cross(directions[:, None], second)
@@ -63,7 +65,7 @@ def _distances(
 
 
 def _is_certain(distance: Floats, u: Floats, v: Floats) -> Bools:
-    """Return (n,) whether no edge of a triangle in front, nor a second surface, is near."""
+    """(n,) whether no edge of a triangle in front, nor a second surface, is near."""
     nearest = distance.min(axis=1)
     edge = np.minimum(np.minimum(np.abs(u), np.abs(v)), np.abs(1.0 - u - v)) < _NEAR_EDGE
     around = (u > -_NEAR_EDGE) & (v > -_NEAR_EDGE) & (u + v < 1.0 + _NEAR_EDGE)

@@ -1,4 +1,4 @@
-"""What makes a renderer of one kind or the other."""
+"""The type of functions that create a renderer of either kind."""
 
 from __future__ import annotations
 

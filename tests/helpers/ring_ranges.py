@@ -1,4 +1,4 @@
-"""The least ranges that each ring of the image shows, of frames that trace draws."""
+"""The least range in each ring of the image, from frames of trace."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from helpers.range_images import trace_ranges
 
 
 def min_ring_ranges_m(world: World, exposure: CameraState) -> Floats:
-    """Return (RINGS,) ranges in metres; inf where a ring shows nothing."""
+    """(RINGS,) ranges, metres; inf for a ring without a surface."""
     pixels = pixel_sample_positions(CAMERA)[:, :, 0]
     on_mirror = direction_from_pixel(CAMERA, pixels)[1]
     radius = np.linalg.norm(pixels - np.array(CAMERA.centre_px), axis=-1) / CAMERA.rim_radius_px

@@ -1,6 +1,6 @@
 """GLSL functions evaluated by the device, one fragment an input: the float32 half of a twin test.
 
-The main function comes from `tests/twins/shaders/`, what it calls from the server's own files.
+The main function comes from `tests/twins/shaders/`, the functions under test from the server's files.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def evaluate_shader(
     define: Definitions = (),
     texture: moderngl.Texture | None = None,
 ) -> Floats:
-    """Return (n, 4) outputs of a main function for (n, <= 4) inputs `input_0`, `input_1`, ...
+    """(n, 4) outputs of a main function for (n, <= 4) inputs `input_0`, `input_1`, ...
 
-    texture: bound as `albedo_texture`. Everything goes through float32.
+    texture: bound as `albedo_texture`. All values pass through float32.
     """
     functions = load_source(include, define) if include else GLSL_VERSION
     program = context.program(

@@ -1,4 +1,4 @@
-"""Worlds with shadows, and float64 pictures of them by trying every triangle."""
+"""Worlds with shadows, and float64 images of them by testing every triangle."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ _SHADOW_BIAS_M = 1e-5
 
 
 def floor_item(size_m: float = 4.0, material: Material = GREY) -> Item:
-    """Return a floor at z = 0."""
+    """A floor at z = 0."""
     return Item("floor", Rectangle((size_m, size_m)), Pose.identity(), material)
 
 
 def box_item(x: float, y: float, z: float, size_m: tuple[float, float, float]) -> Item:
-    """Return a grey box."""
+    """A grey box."""
     return Item("box", Box(size_m), Pose.from_rpy((x, y, z), (0.0, 0.0, 0.4)), GREY)
 
 
 def make_world(
     *items: Item, lights: tuple[Light, ...] = (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT)
 ) -> World:
-    """Return a world of items under lights, with a dark background."""
+    """A world of items under lights, with a dark background."""
     return World("shadows", items, lights=lights, background=(0.1, 0.1, 0.1))
 
 
 def make_inward_facing_room(light: Light) -> World:
-    """Return an empty room of six faces that look inward, 4 x 4 x 2 m, with a light."""
+    """An empty room of six inward faces, 4 x 4 x 2 m, with one light."""
     half = 0.5 * np.pi
     faces = (
         ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -67,7 +67,7 @@ def make_inward_facing_room(light: Light) -> World:
 def reference_radiance(
     scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats
 ) -> tuple[Floats, Bools]:
-    """Return (n, 3) radiance of places on triangles without texture, and (n,) which are certain."""
+    """(n, 3) radiance of points on untextured triangles, and (n,) whether no edge is near."""
     sky = shading.facet_irradiance(shading.hemisphere_lights(world.lights), scene.normals[triangle])
     certain = np.ones(len(points), dtype=bool)
     total = sky.copy()
@@ -85,7 +85,7 @@ def reference_radiance(
 def _occlusion(
     scene: SceneMesh, points: Floats, towards: Floats, far: Floats
 ) -> tuple[Bools, Bools]:
-    """Return (n,) whether a triangle is met before a light, and whether an edge is near."""
+    """(n,) whether a triangle lies before a light, and whether an edge is near."""
     hidden, doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for corners in scene.corners[scene.casts_shadows]:
         a, first, second = corners[0], corners[1] - corners[0], corners[2] - corners[0]

@@ -1,4 +1,4 @@
-"""Small worlds that the renderers' tests share, and the cameras that look at them."""
+"""Small worlds that the renderers' tests share, and cameras in them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,10 @@ from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.render_plan import (
-    MirrorSurface,
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.world_description import (
     Box,
     Cylinder,
@@ -47,7 +43,7 @@ def make_test_world(
     lights: tuple[Light, ...] = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
     texture: Path | None = None,
 ) -> World:
-    """Return a floor with boxes and a post on it, under an open sky of constant radiance."""
+    """A floor with boxes and a post on it, under an open sky of constant radiance."""
     items = (
         Item(
             "floor", Rectangle((6, 4), (3, 2)), Pose.identity(), Material((0.3, 0.35, 0.3), texture)
@@ -81,7 +77,7 @@ def make_test_world(
 
 
 def translate_world(world: World, offset_m: tuple[float, float, float]) -> World:
-    """Return the world with all its items, not its lights, moved by an offset."""
+    """The world with all its items, not its lights, moved by an offset."""
     offset = Pose.from_rpy(offset_m)
     items = (replace(item, world_from_item=offset @ item.world_from_item) for item in world.items)
     return replace(world, items=tuple(items))
@@ -103,7 +99,7 @@ def write_smooth_texture(path: Path, *, size: int = 64) -> Path:
 def make_omni_camera(
     *, mirror: CentralMirror = PAPER_MIRROR, width_px: int = 200, rim_deg: float = 120.0
 ) -> OmniCamera:
-    """Return a square camera whose rim touches the image borders."""
+    """A square camera whose rim touches the image borders."""
     return camera_with_inscribed_rim(
         mirror, width_px=width_px, height_px=width_px, rim_rad=math.radians(rim_deg)
     )
@@ -117,6 +113,6 @@ def make_plan(
     face_size_px: int = 0,
     face_samples: int = 1,
 ) -> RenderPlan:
-    """Return a plan of explicit numbers for the raster renderer; trace ignores the faces."""
+    """A plan of explicit numbers for the raster renderer; trace ignores the faces."""
     wish = RenderSettings(surface, samples, face_size_px, face_samples)
     return plan_from_settings(wish, camera, kind=RendererKind.RASTER, reason="test")

@@ -1,4 +1,4 @@
-"""An OpenGL device a module (opening one takes a third of a second); renderers of either kind."""
+"""One OpenGL device a module (opening takes a third of a second); renderers of either kind."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def device() -> Iterator[GlDevice]:
 
 
 @pytest.fixture(params=["trace", "raster"])
-def make(request: pytest.FixtureRequest) -> Iterator[RendererFactory]:
+def make_renderer(request: pytest.FixtureRequest) -> Iterator[RendererFactory]:
     """Return what makes a renderer of either kind; trace's threads end with the test."""
     with ExitStack() as stack:
 
-        def trace(world: World) -> Renderer:
+        def make_trace(world: World) -> Renderer:
             renderer = TraceRenderer(build_scene(world), world, threads=2)
             stack.callback(renderer.close)
             return renderer
 
-        def raster(world: World) -> Renderer:
+        def make_raster(world: World) -> Renderer:
             device = request.getfixturevalue("device")
             return RasterRenderer(build_scene(world), world, device=device)
 
-        yield trace if request.param == "trace" else raster
+        yield make_trace if request.param == "trace" else make_raster

@@ -1,4 +1,4 @@
-"""Raster against trace: the same picture, and markers where the camera law puts them.
+"""Raster against trace: equal images, and markers at the camera model's pixels.
 
 Tolerances: two grey levels away from edges, one for each renderer's rounding (trace encodes through
 a table of 16 bits, raster stores light in 11 bits and encodes in float32). At an edge a pixel shows
@@ -45,7 +45,7 @@ from helpers.worlds import (
 )
 
 
-def both_pictures(
+def render_both(
     device: GlDevice, world: World, camera: OmniCamera, plan: RenderPlan
 ) -> tuple[Image, Image]:
     """Return the picture of an omnidirectional camera by raster and by trace."""
@@ -84,34 +84,36 @@ MIRRORS: dict[str, tuple[CentralMirror, float]] = {
 
 
 @pytest.mark.parametrize("name", MIRRORS)
-def test_exact_law_shows_what_trace_shows(device: GlDevice, name: str) -> None:
+def test_raster_by_camera_model_equals_trace(device: GlDevice, name: str) -> None:
     mirror, rim_deg = MIRRORS[name]
     camera = make_omni_camera(mirror=mirror, rim_deg=rim_deg)
-    assert_same(*both_pictures(device, make_test_world(), camera, make_plan(camera)))
+    assert_same(*render_both(device, make_test_world(), camera, make_plan(camera)))
 
 
 @pytest.mark.parametrize("samples", [2, 3])
 def test_samples_are_averaged_as_trace_does(device: GlDevice, samples: int) -> None:
     camera = make_omni_camera()
     plan = make_plan(camera, samples=samples, face_size_px=samples * 224)
-    assert_same(*both_pictures(device, make_test_world(), camera, plan), edges=0.1)
+    assert_same(*render_both(device, make_test_world(), camera, plan), edges=0.1)
 
 
 def test_rim_is_the_same_pixel_for_pixel(device: GlDevice) -> None:
     camera = make_omni_camera()
     world = World("white", (), background=(1.0, 1.0, 1.0))
-    raster, trace = both_pictures(device, world, camera, make_plan(camera, samples=2))
+    raster, trace = render_both(device, world, camera, make_plan(camera, samples=2))
     assert level_differences(raster, trace).max() <= 1
 
 
-def test_turned_image_off_centre_shows_what_trace_shows(device: GlDevice) -> None:
+def test_rotated_image_off_centre_equals_trace(device: GlDevice) -> None:
     camera = OmniCamera(HyperbolicMirror(11.546, 0.2), 210, 160, (98.4, 87.1), 55.0, 2.0, 0.7)
     for surface in (PerPixel(), Tessellation(12, 7)):
         plan = make_plan(camera, surface)
-        assert_same(*both_pictures(device, make_test_world(), camera, plan))
+        assert_same(*render_both(device, make_test_world(), camera, plan))
 
 
-def test_textures_and_point_lights_show_what_trace_shows(device: GlDevice, tmp_path: Path) -> None:
+def test_raster_with_textures_and_point_lights_equals_trace(
+    device: GlDevice, tmp_path: Path
+) -> None:
     camera = make_omni_camera()
     world = make_test_world(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
@@ -119,28 +121,28 @@ def test_textures_and_point_lights_show_what_trace_shows(device: GlDevice, tmp_p
     )
     plan = make_plan(camera, face_size_px=448)
     # One more level: the atlas is interpolated between texels of light that varies.
-    assert_same(*both_pictures(device, world, camera, plan), levels=3)
+    assert_same(*render_both(device, world, camera, plan), levels=3)
 
 
 @pytest.mark.parametrize("interpolation", list(Interpolation))
 @pytest.mark.parametrize("polygons", [16, 64, 256, 1024, 4096])
-def test_polygon_mirror_shows_what_trace_shows(
+def test_raster_by_mirror_mesh_equals_trace(
     device: GlDevice, polygons: int, interpolation: Interpolation
 ) -> None:
     camera = make_omni_camera()
     plan = make_plan(camera, tessellation_from_polygon_count(polygons, interpolation))
-    assert_same(*both_pictures(device, make_test_world(), camera, plan))
+    assert_same(*render_both(device, make_test_world(), camera, plan))
 
 
 def test_polygon_samples_are_averaged_as_trace_does(device: GlDevice) -> None:
     camera = make_omni_camera()
     plan = make_plan(camera, tessellation_from_polygon_count(256), samples=2, face_size_px=448)
-    assert_same(*both_pictures(device, make_test_world(), camera, plan), edges=0.1)
+    assert_same(*render_both(device, make_test_world(), camera, plan), edges=0.1)
 
 
 @pytest.mark.parametrize("face", list(Face))
 @pytest.mark.parametrize("samples", [1, 2])
-def test_single_face_shows_what_trace_shows(device: GlDevice, face: Face, samples: int) -> None:
+def test_single_face_equals_trace(device: GlDevice, face: Face, samples: int) -> None:
     camera = FaceCamera(face, 96)
     with _renderers(device, make_test_world()) as renderers:
         views = [renderer.prepare_face(camera, samples) for renderer in renderers]
@@ -170,9 +172,9 @@ def marker_errors(
     view = RasterRenderer(build_scene(world), world, device=device).prepare(camera, plan)
     image = view.render(CAMERA_STATE).rgb
     view.close()
-    places, seen = pixel_from_direction(camera, directions)
+    positions, seen = pixel_from_direction(camera, directions)
     assert seen.all()
-    return np.array([np.hypot(*(marker_centroid(image, at) - at)) for at in places])
+    return np.array([np.hypot(*(marker_centroid(image, at) - at)) for at in positions])
 
 
 def test_markers_appear_within_a_tenth_of_a_pixel(device: GlDevice) -> None:
@@ -182,7 +184,7 @@ def test_markers_appear_within_a_tenth_of_a_pixel(device: GlDevice) -> None:
 
 
 @pytest.mark.parametrize(("polygons", "largest_px"), [(1024, 2.03), (4096, 0.543)])
-def test_markers_on_polygons_are_off_as_the_reference_says(
+def test_markers_on_polygons_are_displaced_as_the_reference(
     device: GlDevice, polygons: int, largest_px: float
 ) -> None:
     # The derived table's column "uv"; 64 places come near the largest error of all.

@@ -1,8 +1,8 @@
 """A frame with every effect on: no seams where the faces of the cube meet, and counted resources.
 
-Both renderers receive a camera state that needs all effects at once: a camera that drives and turns,
-an object that crosses its path, shadows, fog, dust, noise. Trace has no faces; an image of raster
-that equals trace's has no seam.
+Both renderers receive a camera state that needs all effects at once: a camera that drives and
+turns, an object that crosses its path, shadows, fog, dust, noise. Trace has no faces; an image of
+raster that equals trace's has no seam.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ METERED = ("AutoExposure", "MirrorDust")
 SHOT = replace(DRIVING_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
 
 
-def pictures(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
+def render_both(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
     """Return the traced and the rastered picture behind a chain."""
     world = make_test_world()
     scene = build_scene(world)
@@ -61,7 +61,7 @@ def pictures(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, I
     return both
 
 
-def seams() -> npt.NDArray[np.bool_]:
+def find_seam_mask() -> npt.NDArray[np.bool_]:
     """Return (h, w) the pixels next to another face, within two of the border."""
     directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     face = face_from_direction(directions)
@@ -73,9 +73,9 @@ def seams() -> npt.NDArray[np.bool_]:
 
 
 def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
-    difference = level_differences(*pictures(device, CHAIN))
-    calm = mask_away_from_edges(pictures(device, ())[0])
-    seam = seams() & calm
+    difference = level_differences(*render_both(device, CHAIN))
+    calm = mask_away_from_edges(render_both(device, ())[0])
+    seam = find_seam_mask() & calm
     assert seam.sum() > 1000
     # A code of the converter more or less, rounded: one grey level.
     assert (difference[calm] > 1).mean() < 0.01
@@ -85,8 +85,8 @@ def test_frame_when_every_effect_is_on_has_no_seams(device: GlDevice) -> None:
     assert (difference > 4).mean() < 0.02
 
 
-def test_frame_when_drawn_again_has_the_same_bytes(device: GlDevice) -> None:
-    first, again = pictures(device, CHAIN), pictures(device, CHAIN)
+def test_frame_when_rendered_again_has_the_same_bytes(device: GlDevice) -> None:
+    first, again = render_both(device, CHAIN), render_both(device, CHAIN)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -1,10 +1,10 @@
-"""Defocus against a lens whose aperture is traced ray by ray, in the worlds that robots drive in.
+"""Defocus against a lens whose aperture is traced ray by ray, in the bundled worlds.
 
 256 rays a pixel, through as many points of the aperture and of the pixel; compared in encoded grey
-levels, as pictures of 640 px whose discs are up to 4 px wide: F/2 at a pitch of 4.2 um. Pixels that
-the rim's edge crosses are left out: the lens blurs that too, by a disc of its own, the effect does
-not. Where discs are narrower than two pixels, pictures of whole pixels cannot say as well where in
-a pixel an edge was: at F/4 the field's lines bring 1.3 grey levels.
+levels, as images of 640 px whose discs are up to 4 px wide: F/2 at a pitch of 4.2 um. Pixels that
+the rim's edge crosses are left out: the lens blurs the rim too, by a disc of its own, the effect
+does not. Where discs are narrower than two pixels, images of whole pixels cannot locate an edge
+within a pixel as well: at F/4 the field's lines bring 1.3 grey levels.
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ BOXES = ((0.12, 0.3, 0.02), (0.16, 1.7, -0.05), (0.22, 3.1, 0.08), (0.3, 4.6, -0
 
 
 @dataclass(frozen=True)
-class Place:
+class CameraSite:
     """A world with a camera in it."""
 
     world: World
-    exposure: CameraState
+    camera_state: CameraState
 
 
 @cache
-def place(name: str, *, things_near: bool) -> Place:
+def make_site(name: str, *, objects_near: bool) -> CameraSite:
     world, _ = read_world(find_configuration("worlds", name))
     near = tuple(_box(POSES[name], number) for number in range(len(BOXES)))
-    items = world.items + near if things_near else world.items
-    return Place(replace(world, items=items), CameraState(POSES[name]))
+    items = world.items + near if objects_near else world.items
+    return CameraSite(replace(world, items=items), CameraState(POSES[name]))
 
 
 def _box(pose: Pose, number: int) -> Item:
@@ -76,7 +76,7 @@ def _box(pose: Pose, number: int) -> Item:
     return Item(f"near{number}", Box((0.03, 0.08, 0.06)), at, Material(colour))
 
 
-def lens_of(camera: OmniCamera, aperture: Aperture) -> LensRays:
+def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
     """Return the thin lens of which the picture's scale is the image distance."""
     focal_px, sharp = 1.0 / inverse_focal_length(camera), lens_focus_coordinate(aperture, camera)
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
@@ -86,9 +86,9 @@ def lens_of(camera: OmniCamera, aperture: Aperture) -> LensRays:
 
 
 @cache
-def through_the_lens(name: str, *, things_near: bool) -> Floats:
-    seen = place(name, things_near=things_near)
-    lens = lens_of(CAMERA, LENS)
+def render_reference(name: str, *, objects_near: bool) -> Floats:
+    seen = make_site(name, objects_near=objects_near)
+    lens = make_lens(CAMERA, LENS)
     pose = seen.exposure.world_from_mirror
     return render_through_lens(lens, CAMERA, seen.world, pose, stride_px=EVERY_PX)
 
@@ -103,7 +103,7 @@ def rmse_levels(
     return float(np.sqrt(np.square(one - other)[inner].mean()))
 
 
-def traced(seen: Place, *effects: ImageEffect) -> Floats:
+def is_traced(seen: CameraSite, *effects: ImageEffect) -> Floats:
     renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=5))
     light = view.render_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX]
@@ -112,37 +112,39 @@ def traced(seen: Place, *effects: ImageEffect) -> Floats:
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_picture_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
-    expected = through_the_lens(name, things_near=False)
-    sharp, blurred = (traced(place(name, things_near=False), *e) for e in ((), (Defocus(LENS),)))
+def test_image_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
+    expected = render_reference(name, objects_near=False)
+    sharp, blurred = (
+        is_traced(make_site(name, objects_near=False), *e) for e in ((), (Defocus(LENS),))
+    )
     assert rmse_levels(blurred, expected) < 1.0
     assert rmse_levels(sharp, expected) > 2.0
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_picture_when_things_are_near_needs_their_depths(name: str) -> None:
-    expected = through_the_lens(name, things_near=True)
-    seen = place(name, things_near=True)
-    by_depth, fixed = (traced(seen, effect(LENS)) for effect in (DefocusByDepth, Defocus))
+def test_image_of_near_objects_needs_their_depths(name: str) -> None:
+    expected = render_reference(name, objects_near=True)
+    seen = make_site(name, objects_near=True)
+    by_depth, fixed = (is_traced(seen, effect(LENS)) for effect in (DefocusByDepth, Defocus))
     assert rmse_levels(by_depth, expected) < 1.0
     assert rmse_levels(by_depth, expected) < 0.95 * rmse_levels(fixed, expected)
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_raster_picture_when_blurred_equals_that_of_a_traced_aperture(
+def test_raster_image_when_blurred_equals_that_of_a_traced_aperture(
     device: GlDevice, name: str
 ) -> None:
-    seen = place(name, things_near=True)
+    seen = make_site(name, objects_near=True)
     renderer = RasterRenderer(build_scene(seen.world), seen.world, device=device)
     plan = make_plan(CAMERA, samples=4, face_size_px=2 * WIDTH_PX, face_samples=2)
     view = renderer.prepare(CAMERA, plan)
     blurred = view.render_linear(seen.exposure, (DefocusByDepth(LENS),))[::EVERY_PX, ::EVERY_PX]
     view.close()
-    expected = through_the_lens(name, things_near=True)
+    expected = render_reference(name, objects_near=True)
     assert rmse_levels(blurred.astype(np.float64), expected) < 1.0
 
 
-def test_telecentric_picture_when_blurred_equals_that_of_traced_cones() -> None:
+def test_telecentric_image_when_blurred_equals_that_of_traced_cones() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=WIDTH_PX, rim_deg=110.0)
     rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
     px_per_m = camera.rim_radius_px / rim_m
@@ -152,7 +154,7 @@ def test_telecentric_picture_when_blurred_equals_that_of_traced_cones() -> None:
         slope=0.5 * px_per_m * lens.pixel_pitch_m / lens.f_number,
         focus_height_m=lens_focus_coordinate(lens, camera),
     )
-    seen = place("corridor", things_near=False)
+    seen = make_site("corridor", objects_near=False)
     pose = seen.exposure.world_from_mirror
     expected = render_through_lens(rays, camera, seen.world, pose, stride_px=EVERY_PX)
     renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)

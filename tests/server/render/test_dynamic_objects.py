@@ -1,4 +1,4 @@
-"""Bodies in both renderers: the same picture, and each hides and is hidden as it should.
+"""Dynamic objects in both renderers: equal images, with correct occlusion both ways.
 
 Tolerances as in test_agreement.py.
 """
@@ -42,22 +42,24 @@ AHEAD = PerspectiveCamera(60, 60, math.radians(60.0))
 
 
 @contextmanager
-def both(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer, TraceRenderer]]:
+def make_both(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer, TraceRenderer]]:
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     yield RasterRenderer(scene, world, device=device), trace
     trace.close()
 
 
-def ahead(make: RendererFactory, world: World, *bodies: DynamicObject, at: Pose = HERE) -> Image:
+def render_ahead(
+    make_renderer: RendererFactory, world: World, *objects: DynamicObject, at: Pose = HERE
+) -> Image:
     """Return what a camera at a place sees of a world and of bodies."""
-    view = make(world).prepare_perspective(AHEAD, 1)
-    image = view.render(CameraState(at, bodies)).rgb
+    view = make_renderer(world).prepare_perspective(AHEAD, 1)
+    image = view.render(CameraState(at, objects)).rgb
     view.close()
     return image
 
 
-def world_of(*items: Item) -> World:
+def make_world(*items: Item) -> World:
     return World("boxes", items, lights=(HEMISPHERE_LIGHT,), background=(0.0, 0.0, 1.0))
 
 
@@ -72,10 +74,10 @@ def green_wall(x: float) -> Item:
 )
 def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[Light, ...]) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
-    exposure = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
+    camera_state = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
     plan = make_plan(camera, face_size_px=640)
-    with both(device, world) as renderers:
-        raster, trace = (r.prepare(camera, plan).render(exposure).rgb for r in renderers)
+    with make_both(device, world) as renderers:
+        raster, trace = (r.prepare(camera, plan).render(camera_state).rgb for r in renderers)
         without = renderers[1].prepare(camera, plan).render(CAMERA_STATE).rgb
     difference, smooth = level_differences(raster, trace), mask_away_from_edges(trace)
     on_bodies = level_differences(trace, without) > 0
@@ -86,40 +88,48 @@ def test_raster_shows_two_robots_as_trace_does(device: GlDevice, lights: tuple[L
     assert (difference > levels).mean() < 0.05
 
 
-def test_raster_shows_robots_in_a_flat_picture_as_trace_does(device: GlDevice) -> None:
+def test_raster_shows_robots_in_a_perspective_image_as_trace_does(device: GlDevice) -> None:
     world, camera = make_test_world(), PerspectiveCamera(320, 240, math.radians(100.0))
-    exposure = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
-    with both(device, world) as renderers:
-        raster, trace = (r.prepare_perspective(camera, 2).render(exposure).rgb for r in renderers)
+    camera_state = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
+    with make_both(device, world) as renderers:
+        raster, trace = (
+            r.prepare_perspective(camera, 2).render(camera_state).rgb for r in renderers
+        )
     # Samples stand in the same places: only what lies within a 256th of one may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
-def test_body_before_a_wall_hides_it(make: RendererFactory) -> None:
-    image = ahead(make, world_of(green_wall(2.0)), place_cube(1.0, 0.0, 0.0, size_m=0.2))
+def test_object_before_a_wall_occludes_the_wall(make_renderer: RendererFactory) -> None:
+    image = render_ahead(
+        make_renderer, make_world(green_wall(2.0)), place_cube(1.0, 0.0, 0.0, size_m=0.2)
+    )
     assert image[30, 30].tolist() == [255, 0, 0]
     assert image[30, 5].tolist() == [0, 255, 0]
 
 
-def test_wall_before_a_body_hides_it(make: RendererFactory) -> None:
-    image = ahead(make, world_of(green_wall(1.0)), place_cube(2.0, 0.0, 0.0, size_m=1.2))
+def test_wall_before_an_object_occludes_the_object(make_renderer: RendererFactory) -> None:
+    image = render_ahead(
+        make_renderer, make_world(green_wall(1.0)), place_cube(2.0, 0.0, 0.0, size_m=1.2)
+    )
     assert image[30, 30].tolist() == [0, 255, 0]
     assert image[18, 30].tolist() == [255, 0, 0], "what looks over the wall is seen"
 
 
 @pytest.mark.parametrize("first_is_nearer", [True, False])
-def test_nearer_of_two_bodies_hides_the_other(make: RendererFactory, first_is_nearer: bool) -> None:
+def test_nearer_of_two_objects_occludes_the_other(
+    make_renderer: RendererFactory, first_is_nearer: bool
+) -> None:
     near, far = (
         place_cube(1.0, 0.0, 0.0, size_m=0.2),
         DynamicObject(ROBOT_MESH, Pose.from_rpy((1.8, 0, 0.2))),
     )
-    bodies = (near, far) if first_is_nearer else (far, near)
-    assert ahead(make, world_of(), *bodies)[30, 30].tolist() == [255, 0, 0]
+    objects = (near, far) if first_is_nearer else (far, near)
+    assert render_ahead(make_renderer, make_world(), *objects)[30, 30].tolist() == [255, 0, 0]
 
 
-def test_body_follows_its_pose(make: RendererFactory) -> None:
-    world = world_of(green_wall(3.0))
-    view = make(world).prepare_perspective(AHEAD, 1)
+def test_object_follows_its_pose(make_renderer: RendererFactory) -> None:
+    world = make_world(green_wall(3.0))
+    view = make_renderer(world).prepare_perspective(AHEAD, 1)
     columns = []
     for y in (-0.3, 0.0, 0.3):
         image = view.render(CameraState(HERE, (place_cube(1.1, y, 0.0, size_m=0.2),))).rgb
@@ -129,42 +139,51 @@ def test_body_follows_its_pose(make: RendererFactory) -> None:
     assert columns == pytest.approx([30 - 15.6, 30, 30 + 15.6], abs=1.0)
 
 
-def test_body_is_lit_as_the_same_thing_in_the_scene(make: RendererFactory) -> None:
+def test_object_is_lit_as_the_same_mesh_in_the_scene(make_renderer: RendererFactory) -> None:
     box, look = Box((0.4, 0.5, 0.6)), Material((0.5, 0.4, 0.3))
     place = Pose.from_rpy((1.5, 0.1, 0.2), (0.2, 0.3, 0.7))
     lights = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
     fixed = World("fixed", (green_wall(4.0), Item("box", box, place, look)), lights=lights)
     empty = World("empty", (green_wall(4.0),), lights=lights)
     body = DynamicObject(build_object_mesh([(primitives.box(box), look)]), place)
-    difference = level_differences(ahead(make, fixed), ahead(make, empty, body))
+    difference = level_differences(
+        render_ahead(make_renderer, fixed), render_ahead(make_renderer, empty, body)
+    )
     assert (difference > 1).mean() < 0.002
 
 
-def test_body_that_touches_the_viewpoint_is_not_cut_away(make: RendererFactory) -> None:
+def test_object_that_touches_the_viewpoint_is_not_cut_away(make_renderer: RendererFactory) -> None:
     body = place_cube(0.51 + 0.005, 0.0, 0.0, size_m=1.0)
-    assert (ahead(make, world_of(green_wall(4.0)), body) == (255, 0, 0)).all()
+    assert (render_ahead(make_renderer, make_world(green_wall(4.0)), body) == (255, 0, 0)).all()
 
 
-def test_viewpoint_within_a_body_sees_it_from_inside(make: RendererFactory) -> None:
-    assert (ahead(make, world_of(), place_cube(0.1, 0.0, 0.0, size_m=1.0)) == (255, 0, 0)).all()
+def test_viewpoint_within_an_object_sees_it_from_inside(make_renderer: RendererFactory) -> None:
+    assert (
+        render_ahead(make_renderer, make_world(), place_cube(0.1, 0.0, 0.0, size_m=1.0))
+        == (255, 0, 0)
+    ).all()
 
 
-def test_body_beyond_the_scene_is_not_cut_away(make: RendererFactory) -> None:
+def test_object_beyond_the_scene_is_not_cut_away(make_renderer: RendererFactory) -> None:
     small = Item("near", Box((0.1, 0.1, 0.1)), Pose.from_rpy((0.5, 0.6, 0.0)), Material((0, 1, 0)))
-    image = ahead(make, world_of(small), place_cube(50.0, 0.0, 0.0, size_m=10.0))
+    image = render_ahead(make_renderer, make_world(small), place_cube(50.0, 0.0, 0.0, size_m=10.0))
     assert image[30, 30].tolist() == [255, 0, 0]
 
 
-def test_bodies_in_an_empty_world_far_from_zero_are_seen(make: RendererFactory) -> None:
+def test_objects_in_an_empty_world_far_from_zero_are_seen(make_renderer: RendererFactory) -> None:
     # Robots stay within a world's few hundred metres: there float32 resolves a tenth of a mm.
     far = (300.0, -200.0, 5.0)
-    image = ahead(make, world_of(), place_cube(301.0, -200.0, 5.0), at=Pose.from_rpy(far))
+    image = render_ahead(
+        make_renderer, make_world(), place_cube(301.0, -200.0, 5.0), at=Pose.from_rpy(far)
+    )
     assert image[30, 30].tolist() == [255, 0, 0]
 
 
-def test_picture_after_bodies_left_is_the_one_before_they_came(make: RendererFactory) -> None:
+def test_image_after_objects_left_is_the_one_before_they_came(
+    make_renderer: RendererFactory,
+) -> None:
     world = make_test_world()
-    view = make(world).prepare(make_omni_camera(), make_plan(make_omni_camera()))
+    view = make_renderer(world).prepare(make_omni_camera(), make_plan(make_omni_camera()))
     before = view.render(CAMERA_STATE).rgb
     assert (view.render(dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)).rgb != before).any()
     assert np.array_equal(view.render(CAMERA_STATE).rgb, before)

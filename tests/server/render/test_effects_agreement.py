@@ -1,8 +1,8 @@
-"""Both renderers show the same picture behind the same effects; flat fields have EMVA 1288's noise.
+"""Both renderers show the same image after the same effects; flat fields have EMVA 1288's noise.
 
-The tolerance of pictures is one grey level beside what the renderers differ by without effects: at
-edges, see test_agreement.py. Photon transfer is measured as a laboratory would: pairs of frames of
-an evenly lit world, the mean of each level against the variance of the difference of a pair.
+The tolerance of images is one grey level beside the renderers' difference without effects: at
+edges, see test_agreement.py. Photon transfer is measured as in a laboratory: pairs of frames of an
+evenly lit world, the mean of each level against the variance of the difference of a pair.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ FLAT = make_omni_camera(width_px=160)
 MIDDLE = (slice(40, 120), slice(40, 120))
 
 
-def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) -> None:
+def test_renderers_with_a_simulated_sensor_agree(device: GlDevice) -> None:
     world, plan = make_test_world(), make_plan(CAMERA, samples=2)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     raster = RasterRenderer(scene, world, device=device)
     calm = trace.prepare(CAMERA, plan).render(CAMERA_STATE).rgb
     view = raster.prepare(CAMERA, plan)
-    traced = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
-    difference = level_differences(view.render(CAMERA_STATE, SENSOR).rgb, traced)
+    trace_world = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
+    difference = level_differences(view.render(CAMERA_STATE, SENSOR).rgb, trace_world)
     smooth = mask_away_from_edges(calm)
     assert smooth.mean() > 0.5
     # One grey level: of the converter's codes either neighbour, rounded.
@@ -75,17 +75,20 @@ def test_renderers_when_the_sensor_is_simulated_show_the_same(device: GlDevice) 
 
 
 @pytest.mark.parametrize("density_per_m", [0.05, 0.6])
-def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per_m: float) -> None:
+def test_renderers_with_fog_agree(device: GlDevice, density_per_m: float) -> None:
     # By range, not by face: over the faces' borders too, with robots, and none of it by samples.
     world, camera = make_test_world(), make_omni_camera(width_px=300)
-    exposure, plan = replace(CAMERA_STATE, objects=TWO_ROBOTS), make_plan(camera, face_size_px=640)
+    camera_state, plan = (
+        replace(CAMERA_STATE, objects=TWO_ROBOTS),
+        make_plan(camera, face_size_px=640),
+    )
     fog = (make_effect("Fog", {"density_per_m": density_per_m, "blue": 0.8}),)
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     view = RasterRenderer(scene, world, device=device).prepare(camera, plan)
-    calm = trace.prepare(camera, plan).render(exposure).rgb
-    foggy = trace.prepare(camera, plan).render(exposure, fog).rgb
-    difference = level_differences(view.render(exposure, fog).rgb, foggy)
+    calm = trace.prepare(camera, plan).render(camera_state).rgb
+    foggy = trace.prepare(camera, plan).render(camera_state, fog).rgb
+    difference = level_differences(view.render(camera_state, fog).rgb, foggy)
     smooth = mask_away_from_edges(calm)
     assert (level_differences(calm, foggy) > 8).mean() > 0.5
     assert (difference[smooth] > 2).mean() < 1e-3
@@ -96,9 +99,7 @@ def test_renderers_when_there_is_fog_show_the_same(device: GlDevice, density_per
 
 @pytest.mark.parametrize("background", [0.5, 0.45])
 @pytest.mark.parametrize("step", range(-5, 0))
-def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
-    background: float, step: int
-) -> None:
+def test_fog_in_a_rendered_scene_stays_within_its_bound(background: float, step: int) -> None:
     black = Material((0.0, 0.0, 0.0), unlit=True)
     far = Item("far", Box((0.2, 3.0, 1.0)), Pose.from_rpy((-8.0, 0.5, -0.5)), black)
     world = World(
@@ -110,23 +111,23 @@ def test_fog_when_a_scene_is_really_drawn_keeps_its_criterions_word(
     trace = TraceRenderer(build_scene(world), world, threads=2)
     view = trace.prepare(CAMERA, make_plan(CAMERA))
     fog = make_effect("Fog", {"density_per_m": 10.0**step})
-    exposure = replace(CAMERA_STATE, objects=TWO_ROBOTS)
+    camera_state = replace(CAMERA_STATE, objects=TWO_ROBOTS)
     bound = fog.bound(
-        SceneSummarizer(build_scene(world), world).summarize(exposure, CAMERA), CAMERA
+        SceneSummarizer(build_scene(world), world).summarize(camera_state, CAMERA), CAMERA
     ).value
-    clear, foggy = (view.render_linear(exposure, effects) for effects in ((), (fog,)))
+    clear, foggy = (view.render_linear(camera_state, effects) for effects in ((), (fog,)))
     trace.close()
     change = 255.0 * np.abs(srgb_from_linear(foggy) - srgb_from_linear(clear)).max()
     assert change <= bound + 1e-3
     assert change > 0.25 if bound > 0.5 else change <= 0.5
 
 
-def traced(world: World, device: GlDevice) -> OmniView:
+def trace_world(world: World, device: GlDevice) -> OmniView:
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
 
-def rastered(world: World, device: GlDevice) -> OmniView:
+def rasterize_world(world: World, device: GlDevice) -> OmniView:
     renderer = RasterRenderer(build_scene(world), world, device=device)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
@@ -134,17 +135,17 @@ def rastered(world: World, device: GlDevice) -> OmniView:
 Prepare = Callable[[World, GlDevice], OmniView]
 
 
-def codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
+def measure_codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
     """Return the codes of the middle of a flat field: one exposure."""
-    exposure = replace(CAMERA_STATE, noise_seed=NoiseSeed((1, 2), index))
-    return STEPS * view.render_linear(exposure, chain)[MIDDLE].astype(np.float64)
+    camera_state = replace(CAMERA_STATE, noise_seed=NoiseSeed((1, 2), index))
+    return STEPS * view.render_linear(camera_state, chain)[MIDDLE].astype(np.float64)
 
 
-def flat_field(level: float) -> World:
+def make_flat_field(level: float) -> World:
     return World("flat", (), background=(level, level, level))
 
 
-@pytest.mark.parametrize("prepare", [traced, rastered])
+@pytest.mark.parametrize("prepare", [trace_world, rasterize_world])
 def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_sensor(
     device: GlDevice, prepare: Prepare
 ) -> None:
@@ -156,8 +157,8 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
     )
     means, variances = [], []
     for level in (0.0, 0.1, 0.3, 0.5, 0.7):
-        view = prepare(flat_field(level), device)
-        first, second = codes(view, chain, 1), codes(view, chain, 2)
+        view = prepare(make_flat_field(level), device)
+        first, second = measure_codes(view, chain, 1), measure_codes(view, chain, 2)
         view.close()
         means.append(0.5 * (first + second).mean())
         variances.append(0.5 * (first - second).var())
@@ -168,7 +169,7 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
     assert dark == pytest.approx((GAIN * 13.0) ** 2 + 1.0 / 12.0, abs=0.03 * variances[-1])
 
 
-@pytest.mark.parametrize("prepare", [traced, rastered])
+@pytest.mark.parametrize("prepare", [trace_world, rasterize_world])
 def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     device: GlDevice, prepare: Prepare
 ) -> None:
@@ -176,8 +177,8 @@ def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     noise = make_effect("ShotNoise", {"full_well_e": FULL_WELL})
     spreads = []
     for level in (0.0, 0.5):
-        view = prepare(flat_field(level), device)
-        exposed = [codes(view, (pattern, noise), index) for index in range(16)]
+        view = prepare(make_flat_field(level), device)
+        exposed = [measure_codes(view, (pattern, noise), index) for index in range(16)]
         spreads.append(np.mean(exposed, axis=0).std())
         view.close()
     dsnu_e = spreads[0] / GAIN

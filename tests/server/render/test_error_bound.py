@@ -55,11 +55,11 @@ LEVEL = CameraState(Pose.identity())
 Lens = tuple[CentralMirror, float, int]  # mirror, rim in degrees, image width
 
 
-def split(sectors: int, rings: int, way: str) -> Tessellation:
+def make_tessellation(sectors: int, rings: int, way: str) -> Tessellation:
     return Tessellation(sectors, rings, Interpolation(way))
 
 
-def plan_for(
+def make_bound_plan(
     camera: OmniCamera,
     surface: MirrorSurface,
     kind: RendererKind,
@@ -85,42 +85,42 @@ EXACT: list[Lens] = [
     (PARABOLIC, 135.0, 640),
 ]
 FACETED: list[tuple[Lens, Tessellation]] = [
-    ((PAPER_MIRROR, 120.0, 360), split(4, 4, "uv")),
-    ((PAPER_MIRROR, 120.0, 360), split(4, 4, "position")),
-    ((PAPER_MIRROR, 120.0, 360), split(32, 32, "uv")),
-    ((PAPER_MIRROR, 120.0, 360), split(64, 64, "uv")),
-    ((PAPER_MIRROR, 120.0, 1024), split(64, 64, "position")),
-    ((PAPER_MIRROR, 90.0, 90), split(16, 16, "uv")),
-    ((PAPER_MIRROR, 90.0, 200), split(64, 64, "position")),
-    ((PAPER_MIRROR, 150.0, 360), split(16, 16, "uv")),
-    ((PAPER_MIRROR, 150.0, 360), split(64, 64, "uv")),
-    ((PAPER_MIRROR, 150.0, 200), split(16, 4, "position")),
-    ((STRONG, 105.0, 200), split(16, 16, "position")),
-    ((STRONG, 105.0, 200), split(12, 7, "uv")),
-    ((NEARLY_PLANE, 100.0, 200), split(16, 16, "uv")),
-    ((NEARLY_PARABOLIC, 130.0, 200), split(5, 3, "uv")),
-    ((NEARLY_PARABOLIC, 130.0, 200), split(30, 9, "position")),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(4, 4, "uv")),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(4, 4, "position")),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(32, 32, "uv")),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(64, 64, "uv")),
+    ((PAPER_MIRROR, 120.0, 1024), make_tessellation(64, 64, "position")),
+    ((PAPER_MIRROR, 90.0, 90), make_tessellation(16, 16, "uv")),
+    ((PAPER_MIRROR, 90.0, 200), make_tessellation(64, 64, "position")),
+    ((PAPER_MIRROR, 150.0, 360), make_tessellation(16, 16, "uv")),
+    ((PAPER_MIRROR, 150.0, 360), make_tessellation(64, 64, "uv")),
+    ((PAPER_MIRROR, 150.0, 200), make_tessellation(16, 4, "position")),
+    ((STRONG, 105.0, 200), make_tessellation(16, 16, "position")),
+    ((STRONG, 105.0, 200), make_tessellation(12, 7, "uv")),
+    ((NEARLY_PLANE, 100.0, 200), make_tessellation(16, 16, "uv")),
+    ((NEARLY_PARABOLIC, 130.0, 200), make_tessellation(5, 3, "uv")),
+    ((NEARLY_PARABOLIC, 130.0, 200), make_tessellation(30, 9, "position")),
 ]
 
 
-def camera_of(lens: Lens) -> OmniCamera:
+def make_lens_camera(lens: Lens) -> OmniCamera:
     mirror, rim_deg, width_px = lens
     return make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
 
 
-def turned_and_back(samples: RaySamples, exposure: CameraState) -> Floats:
+def ray_directions(samples: RaySamples, camera_state: CameraState) -> Floats:
     """Return (n, 3) where the rays of a frame look, in the mirror frame: as the view turns them."""
-    rotation = exposure.world_from_mirror.rotation
+    rotation = camera_state.world_from_mirror.rotation
     turned = samples.directions @ rotation.T.astype(np.float32)
     directions: Floats = turned.astype(np.float64) @ rotation
     return directions
 
 
-def ray_errors_px(camera: OmniCamera, plan: RenderPlan, exposure: CameraState) -> Floats:
+def ray_errors_px(camera: OmniCamera, plan: RenderPlan, camera_state: CameraState) -> Floats:
     """Return (n,) displacements of the rays of one exposure that have a place in the image."""
     samples = omni_rays(camera, plan)
     pixels = pixel_sample_positions(camera).reshape(-1, 2)[samples.pixels]
-    error_px, known = displacement_px(camera, pixels, turned_and_back(samples, exposure))
+    error_px, known = displacement_px(camera, pixels, ray_directions(samples, camera_state))
     return error_px[known & samples.on_mirror]
 
 
@@ -135,8 +135,8 @@ def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
 
 @pytest.mark.parametrize("lens", EXACT, ids=str)
 def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Lens) -> None:
-    camera = camera_of(lens)
-    plan = plan_for(camera, PerPixel(), RendererKind.TRACE)
+    camera = make_lens_camera(lens)
+    plan = make_bound_plan(camera, PerPixel(), RendererKind.TRACE)
     rng = np.random.default_rng(1)
     turns = [CAMERA_STATE] + [
         CameraState(Pose.from_rpy((0, 0, 0), rng.uniform(-3, 3, 3))) for _ in range(5)
@@ -150,8 +150,8 @@ def test_bound_of_exact_rays_holds_for_any_turn_within_a_factor_of_two(lens: Len
 def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
     lens: Lens, surface: Tessellation
 ) -> None:
-    camera = camera_of(lens)
-    plan = plan_for(camera, surface, RendererKind.TRACE)
+    camera = make_lens_camera(lens)
+    plan = make_bound_plan(camera, surface, RendererKind.TRACE)
     errors_px = ray_errors_px(camera, plan, CAMERA_STATE)
     seen_px = max(errors_px.max(), widest_gap_px(camera, plan))
     bound = error_bound(camera, plan).geometric
@@ -164,7 +164,7 @@ def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
 def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:
     # The upper left quarter of a mirror off the centre, turned in the image.
     camera = OmniCamera(PAPER_MIRROR, 120, 90, (100.3, 80.2), 103.0, math.radians(120.0), 0.7)
-    plan = plan_for(camera, split(12, 12, "uv"), RendererKind.TRACE)
+    plan = make_bound_plan(camera, make_tessellation(12, 12, "uv"), RendererKind.TRACE)
     errors_px = ray_errors_px(camera, plan, CAMERA_STATE)
     bound = error_bound(camera, plan).geometric
     assert errors_px.max() <= bound.max_px <= 1.3 * errors_px.max()
@@ -174,14 +174,16 @@ def test_bound_of_a_part_of_the_mirror_is_that_of_the_part() -> None:
 # Frames.
 
 
-def frame(renderer: Renderer, camera: OmniCamera, plan: RenderPlan, exposure: CameraState) -> Image:
+def render_frame(
+    renderer: Renderer, camera: OmniCamera, plan: RenderPlan, camera_state: CameraState
+) -> Image:
     view = renderer.prepare(camera, plan)
-    image = view.render(exposure).rgb
+    image = view.render(camera_state).rgb
     view.close()
     return image
 
 
-def things(
+def iterate_targets(
     camera: OmniCamera, plan: RenderPlan, *, count: int
 ) -> Iterator[tuple[DisplacementTargets, CameraState]]:
     """Yield worlds of discs from a turned viewpoint, and of squares along the texels."""
@@ -200,14 +202,14 @@ def things(
 @pytest.mark.parametrize(
     ("lens", "surface"), [(EXACT[0], PerPixel()), FACETED[2], FACETED[7]], ids=str
 )
-def test_traced_frames_of_things_are_within_the_bound(lens: Lens, surface: MirrorSurface) -> None:
-    camera = camera_of(lens)
-    plan = plan_for(camera, surface, RendererKind.TRACE)
+def test_traced_frames_of_targets_are_within_the_bound(lens: Lens, surface: MirrorSurface) -> None:
+    camera = make_lens_camera(lens)
+    plan = make_bound_plan(camera, surface, RendererKind.TRACE)
     worst_px = 0.0
-    for targets, exposure in things(camera, plan, count=20):
-        world = targets.build_world(exposure.world_from_mirror)
+    for targets, camera_state in iterate_targets(camera, plan, count=20):
+        world = targets.build_world(camera_state.world_from_mirror)
         renderer = TraceRenderer(build_scene(world), world, threads=1)
-        image = frame(renderer, camera, plan, exposure)
+        image = render_frame(renderer, camera, plan, camera_state)
         renderer.close()
         worst_px = max(worst_px, max_displacement_px(camera, image, targets))
     assert worst_px <= error_bound(camera, plan).geometric.max_px
@@ -225,20 +227,20 @@ RASTER: list[tuple[Lens, MirrorSurface, int, int]] = [
     ((NEARLY_PLANE, 100.0, 360), PerPixel(), 720, 50),
     ((NEARLY_PARABOLIC, 130.0, 200), PerPixel(), 256, 40),
     ((PARABOLIC, 135.0, 200), PerPixel(), 0, 40),
-    ((PAPER_MIRROR, 120.0, 360), split(16, 16, "uv"), 0, 25),
-    ((PAPER_MIRROR, 90.0, 200), split(32, 32, "position"), 0, 40),
-    ((PAPER_MIRROR, 120.0, 360), split(64, 64, "uv"), 0, 40),
-    ((PAPER_MIRROR, 150.0, 200), split(64, 64, "position"), 0, 40),
-    ((STRONG, 105.0, 200), split(16, 4, "uv"), 0, 25),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(16, 16, "uv"), 0, 25),
+    ((PAPER_MIRROR, 90.0, 200), make_tessellation(32, 32, "position"), 0, 40),
+    ((PAPER_MIRROR, 120.0, 360), make_tessellation(64, 64, "uv"), 0, 40),
+    ((PAPER_MIRROR, 150.0, 200), make_tessellation(64, 64, "position"), 0, 40),
+    ((STRONG, 105.0, 200), make_tessellation(16, 4, "uv"), 0, 25),
 ]
 
 
-def largest_seen_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, count: int) -> float:
+def max_measured_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, count: int) -> float:
     worst_px = 0.0
-    for targets, exposure in things(camera, plan, count=count):
-        world = targets.build_world(exposure.world_from_mirror)
-        image = frame(
-            RasterRenderer(build_scene(world), world, device=device), camera, plan, exposure
+    for targets, camera_state in iterate_targets(camera, plan, count=count):
+        world = targets.build_world(camera_state.world_from_mirror)
+        image = render_frame(
+            RasterRenderer(build_scene(world), world, device=device), camera, plan, camera_state
         )
         worst_px = max(worst_px, max_displacement_px(camera, image, targets))
     return worst_px
@@ -248,9 +250,9 @@ def largest_seen_px(device: GlDevice, camera: OmniCamera, plan: RenderPlan, coun
 def test_bound_of_rastered_frames_holds_within_a_factor_of_two(
     device: GlDevice, lens: Lens, surface: MirrorSurface, size: int, count: int
 ) -> None:
-    camera = camera_of(lens)
-    plan = plan_for(camera, surface, RendererKind.RASTER, size=size)
-    seen_px = largest_seen_px(device, camera, plan, count)
+    camera = make_lens_camera(lens)
+    plan = make_bound_plan(camera, surface, RendererKind.RASTER, size=size)
+    seen_px = max_measured_px(device, camera, plan, count)
     assert seen_px <= error_bound(camera, plan).geometric.max_px <= 2.0 * seen_px
 
 
@@ -258,12 +260,12 @@ def test_bound_of_rastered_frames_holds_within_a_factor_of_two(
 def test_bound_of_faces_with_four_samples_holds_and_is_smaller(
     device: GlDevice, lens: Lens
 ) -> None:
-    camera = camera_of(lens)
-    one = plan_for(camera, PerPixel(), RendererKind.RASTER)
+    camera = make_lens_camera(lens)
+    one = make_bound_plan(camera, PerPixel(), RendererKind.RASTER)
     four = replace(one, face_samples=4)
     # Edges that rise by a third of their length are the worst for the pattern of four: that it
     # displaces them as far as said is searched in tests/server/planning/test_face_lookup_error.py.
-    seen_px = largest_seen_px(device, camera, four, 15)
+    seen_px = max_measured_px(device, camera, four, 15)
     bound_px = error_bound(camera, four).geometric.max_px
     assert seen_px <= bound_px < 0.7 * error_bound(camera, one).geometric.max_px
 
@@ -273,8 +275,8 @@ def test_bound_of_the_coarsest_rastered_polygons_holds(device: GlDevice, way: st
     # Errors are as large as the image there: no frame of things shows where each pixel looks, which
     # the same polygons' rays do above.
     camera = make_omni_camera(width_px=200)
-    plan = plan_for(camera, split(4, 4, way), RendererKind.RASTER)
-    seen_px = largest_seen_px(device, camera, plan, 12)
+    plan = make_bound_plan(camera, make_tessellation(4, 4, way), RendererKind.RASTER)
+    seen_px = max_measured_px(device, camera, plan, 12)
     assert 0.0 < seen_px <= error_bound(camera, plan).geometric.max_px
 
 
@@ -284,9 +286,9 @@ def test_bound_of_the_coarsest_rastered_polygons_holds(device: GlDevice, way: st
 def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
     """Return (n,) errors of the centroids of traced markers, in places all over a pixel."""
     rng = np.random.default_rng(3)
-    places = np.stack(np.meshgrid(*[np.arange(30.0, camera.width_px - 30.0, 8.0)] * 2), axis=-1)
-    places = places.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (places.size // 2, 2))
-    directions, _ = direction_from_pixel(camera, places)
+    positions = np.stack(np.meshgrid(*[np.arange(30.0, camera.width_px - 30.0, 8.0)] * 2), axis=-1)
+    positions = positions.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (positions.size // 2, 2))
+    directions, _ = direction_from_pixel(camera, positions)
     # Around the horizon: there a radian is h px, and nearly alike in all directions.
     level = np.abs(directions[:, 2]) < 0.12
     world = marker_world(
@@ -295,10 +297,10 @@ def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
         diameter_rad=1.15 / camera.horizon_radius_px,
     )
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    image = frame(renderer, camera, plan, CAMERA_STATE)
+    image = render_frame(renderer, camera, plan, CAMERA_STATE)
     renderer.close()
     # With one sample a pixel a disc of less than sqrt 2 px may fall between the samples.
-    found = [place for place in places[level] if _is_lit(image, place)]
+    found = [place for place in positions[level] if _is_lit(image, place)]
     centroids = [marker_centroid(image, place, window_px=2.0) for place in found]
     return np.linalg.norm(np.subtract(centroids, found), axis=1)
 
@@ -311,7 +313,7 @@ def _is_lit(image: Image, place: Floats) -> bool:
 @pytest.mark.parametrize("samples", [1, 2, 4, 8])
 def test_markers_of_a_pixel_are_measured_within_the_bound_and_its_half(samples: int) -> None:
     camera = make_omni_camera(width_px=360)
-    plan = plan_for(camera, PerPixel(), RendererKind.TRACE, samples=samples)
+    plan = make_bound_plan(camera, PerPixel(), RendererKind.TRACE, samples=samples)
     errors_px = centroid_errors_px(camera, plan)
     assert len(errors_px) > 100
     assert errors_px.max() <= error_bound(camera, plan).marker_error_px <= 2.0 * errors_px.max()
@@ -319,14 +321,14 @@ def test_markers_of_a_pixel_are_measured_within_the_bound_and_its_half(samples: 
 
 def test_markers_in_rastered_frames_are_measured_within_the_bound(device: GlDevice) -> None:
     camera = make_omni_camera(width_px=360)
-    plan = plan_for(camera, split(32, 32, "uv"), RendererKind.RASTER, samples=2)
+    plan = make_bound_plan(camera, make_tessellation(32, 32, "uv"), RendererKind.RASTER, samples=2)
     directions = marker_directions((50.0, 75.0, 90.0, 104.0), tuple(range(-180, 180, 24)))
     world = marker_world(
         directions, world_from_mirror=CAMERA_STATE.world_from_mirror, diameter_rad=math.radians(3.0)
     )
     renderer = RasterRenderer(build_scene(world), world, device=device)
-    image = frame(renderer, camera, plan, CAMERA_STATE)
-    places, _ = pixel_from_direction(camera, directions)
-    errors_px = [np.hypot(*(marker_centroid(image, at, window_px=7.0) - at)) for at in places]
+    image = render_frame(renderer, camera, plan, CAMERA_STATE)
+    positions, _ = pixel_from_direction(camera, directions)
+    errors_px = [np.hypot(*(marker_centroid(image, at, window_px=7.0) - at)) for at in positions]
     assert len(errors_px) == 60
     assert max(errors_px) <= error_bound(camera, plan).marker_error_px

@@ -44,31 +44,31 @@ FRAMES = 64
 
 
 @cache
-def setup(world: str) -> StartupConfig:
+def load_setup(world: str) -> StartupConfig:
     return load_world_setup(world)
 
 
-def traced(world: str) -> TraceRenderer:
-    return TraceRenderer(setup(world).scene, setup(world).world, threads=2)
+def trace_view(world: str) -> TraceRenderer:
+    return TraceRenderer(load_setup(world).scene, load_setup(world).world, threads=2)
 
 
-def rastered(world: str, device: GlDevice) -> RasterRenderer:
-    return RasterRenderer(setup(world).scene, setup(world).world, device=device)
+def raster_view(world: str, device: GlDevice) -> RasterRenderer:
+    return RasterRenderer(load_setup(world).scene, load_setup(world).world, device=device)
 
 
-def drive(start: Pose) -> CameraState:
+def driving_state(start: Pose) -> CameraState:
     return driving_camera_state(start, 0.5, 0.0)
 
 
-def turn(start: Pose) -> CameraState:
+def turning_state(start: Pose) -> CameraState:
     return driving_camera_state(start, 0.0, 60.0)
 
 
-def with_body(start: Pose) -> CameraState:
+def state_with_object(start: Pose) -> CameraState:
     return driving_camera_state(start, 0.5, 60.0, crossing_object(start))
 
 
-def spin(start: Pose) -> CameraState:
+def spinning_state(start: Pose) -> CameraState:
     return driving_camera_state(start, 0.5, 180.0)
 
 
@@ -77,49 +77,53 @@ Moving = Callable[[Pose], CameraState]
 
 @cache
 def summarizer(world: str) -> SceneSummarizer:
-    return SceneSummarizer(setup(world).scene, setup(world).world)
+    return SceneSummarizer(load_setup(world).scene, load_setup(world).world)
 
 
-def with_scene_effects(world: str, exposure: CameraState, *effects: Effect) -> CameraState:
+def with_scene_effects(world: str, camera_state: CameraState, *effects: Effect) -> CameraState:
     """Apply scene effects as the server does."""
     wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects))
-    summary = summarizer(world).summarize(exposure, CAMERA)
-    return apply_scene_effects(exposure, plan_effects(wishes, summary, CAMERA))
+    summary = summarizer(world).summarize(camera_state, CAMERA)
+    return apply_scene_effects(camera_state, plan_effects(wishes, summary, CAMERA))
 
 
-def assert_like_frames(world: str, view: OmniView, exposure: CameraState) -> None:
-    mean = average_frames(view, exposure, T_S, FRAMES)
-    sharp = view.render_linear(exposure).astype(np.float64)
-    long = with_scene_effects(world, exposure, MotionBlur(T_S))
+def assert_like_frames(world: str, view: OmniView, camera_state: CameraState) -> None:
+    mean = average_frames(view, camera_state, T_S, FRAMES)
+    sharp = view.render_linear(camera_state).astype(np.float64)
+    long = with_scene_effects(world, camera_state, MotionBlur(T_S))
     blurred = view.render_linear(long).astype(np.float64)
     assert rmse(blurred, mean) <= 1.0
     assert rmse(blurred, mean) < 0.5 * rmse(sharp, mean)
 
 
 @pytest.mark.parametrize("world", ["corridor", "four_legged_2006"])
-@pytest.mark.parametrize("moving", [drive, turn, with_body, spin])
+@pytest.mark.parametrize(
+    "moving", [driving_state, turning_state, state_with_object, spinning_state]
+)
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
-    renderer = traced(world)
+    renderer = trace_view(world)
     assert_like_frames(world, renderer.prepare(CAMERA, PLAN), moving(START_POSES[world]))
     renderer.close()
 
 
-def test_blur_when_just_called_for_changes_what_is_drawn() -> None:
-    renderer, start = traced("corridor"), START_POSES["corridor"]
+def test_blur_when_just_needed_changes_the_image() -> None:
+    renderer, start = trace_view("corridor"), START_POSES["corridor"]
     view = renderer.prepare(CAMERA, PLAN)
-    exposure = driving_camera_state(start, 0.0, 10.0)
-    staged_for = with_scene_effects("corridor", exposure, MotionBlur(T_S))
+    camera_state = driving_camera_state(start, 0.0, 10.0)
+    staged_for = with_scene_effects("corridor", camera_state, MotionBlur(T_S))
     assert staged_for.shutter is not None
     assert staged_for.shutter.num_time_samples == 2
-    assert rmse(view.render_linear(staged_for), view.render_linear(exposure)) > 0.02
+    assert rmse(view.render_linear(staged_for), view.render_linear(camera_state)) > 0.02
     renderer.close()
 
 
-@pytest.mark.parametrize(("world", "moving"), [("corridor", with_body), ("four_legged_2006", turn)])
+@pytest.mark.parametrize(
+    ("world", "moving"), [("corridor", state_with_object), ("four_legged_2006", turning_state)]
+)
 def test_blur_when_rastered_equals_the_mean_of_64_frames(
     device: GlDevice, world: str, moving: Moving
 ) -> None:
-    renderer = rastered(world, device)
+    renderer = raster_view(world, device)
     view = renderer.prepare(CAMERA, PLAN)
     assert_like_frames(world, view, moving(START_POSES[world]))
     view.close()
@@ -129,23 +133,26 @@ def test_blur_when_rastered_equals_the_mean_of_64_frames(
 ROWS = slice(2, None, 5)
 
 
-def rows_of_frames(view: OmniView, exposure: CameraState) -> Floats:
+def rows_of_frames(view: OmniView, camera_state: CameraState) -> Floats:
     """Return ROWS of the picture whose every row is that of the frame at its own time."""
     rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)
     frames = [
-        view.render_linear(camera_state_after(exposure, float(times_s[row])))[row] for row in rows
+        view.render_linear(camera_state_after(camera_state, float(times_s[row])))[row]
+        for row in rows
     ]
     return np.stack(frames).astype(np.float64)
 
 
-@pytest.mark.parametrize(("world", "moving"), [("corridor", turn), ("four_legged_2006", turn)])
+@pytest.mark.parametrize(
+    ("world", "moving"), [("corridor", turning_state), ("four_legged_2006", turning_state)]
+)
 def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Moving) -> None:
-    renderer, exposure = traced(world), moving(START_POSES[world])
+    renderer, camera_state = trace_view(world), moving(START_POSES[world])
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=6))
-    expected = rows_of_frames(view, exposure)
-    sharp = view.render_linear(exposure)[ROWS].astype(np.float64)
-    rolled = view.render_linear(with_scene_effects(world, exposure, RollingShutter(T_S)))[ROWS]
+    expected = rows_of_frames(view, camera_state)
+    sharp = view.render_linear(camera_state)[ROWS].astype(np.float64)
+    rolled = view.render_linear(with_scene_effects(world, camera_state, RollingShutter(T_S)))[ROWS]
     assert rmse(rolled.astype(np.float64), expected) <= 1.0
     assert rmse(rolled.astype(np.float64), expected) < 0.6 * rmse(sharp, expected)
     renderer.close()

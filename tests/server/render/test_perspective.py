@@ -1,4 +1,4 @@
-"""Ordinary cameras in both renderers: markers where the lens puts them, and the same picture."""
+"""Perspective cameras in both renderers: markers at the lens model's pixels, and equal images."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def test_markers_appear_within_a_tenth_of_a_pixel(
     )
     renderer = renderers(device, world)[kind]
     image = renderer.prepare_perspective(camera, 8).render(CAMERA_STATE).rgb
-    places, seen = camera.pixel_from_direction(directions)
+    positions, seen = camera.pixel_from_direction(directions)
     assert seen.all()
-    errors = [np.hypot(*(marker_centroid(image, at, window_px=13.0) - at)) for at in places]
+    errors = [np.hypot(*(marker_centroid(image, at, window_px=13.0) - at)) for at in positions]
     assert max(errors) < 0.1
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3])
-def test_raster_shows_what_trace_shows(device: GlDevice, samples: int) -> None:
+def test_raster_equals_trace(device: GlDevice, samples: int) -> None:
     world = make_test_world(lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT))
     raster, trace = (
         renderer.prepare_perspective(CAMERA, samples).render(CAMERA_STATE).rgb
@@ -89,7 +89,7 @@ def test_face_ahead_is_a_square_camera_of_90_degrees(device: GlDevice, kind: str
     assert np.array_equal(renderer.prepare_perspective(camera, 2).render(CAMERA_STATE).rgb, face)
 
 
-def test_raster_draws_one_viewport_and_no_mirror(device: GlDevice) -> None:
+def test_raster_renders_one_viewport_and_no_mirror(device: GlDevice) -> None:
     world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare_perspective(CAMERA, 2)
@@ -100,7 +100,7 @@ def test_raster_draws_one_viewport_and_no_mirror(device: GlDevice) -> None:
     view.close()
 
 
-def test_zoom_builds_no_program_and_draws_nothing_in_advance(device: GlDevice) -> None:
+def test_zoom_compiles_no_program_and_renders_nothing_in_advance(device: GlDevice) -> None:
     world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     renderer.prepare_perspective(CAMERA, 2).close()
@@ -111,7 +111,7 @@ def test_zoom_builds_no_program_and_draws_nothing_in_advance(device: GlDevice) -
     zoomed.close()
 
 
-def test_picture_beyond_the_device_is_refused(device: GlDevice) -> None:
+def test_image_beyond_the_device_is_rejected(device: GlDevice) -> None:
     world = make_test_world()
     renderer = RasterRenderer(build_scene(world), world, device=device)
     with pytest.raises(DomainError, match="too many"):

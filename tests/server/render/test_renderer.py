@@ -1,4 +1,4 @@
-"""What the protocol of renderers says without one."""
+"""The parts of the renderer protocol that need no renderer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.render.renderer import FaceCamera
 
 
-def test_exposure_has_no_bodies_unless_they_are_named() -> None:
+def test_camera_state_has_no_objects_by_default() -> None:
     assert CameraState(Pose.identity()).objects == ()
 
 

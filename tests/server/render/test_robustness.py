@@ -1,6 +1,6 @@
-"""Hard scenes and hard cameras in all renderers: walls that touch, no area, far worlds.
+"""Hard scenes and hard cameras in all renderers: touching walls, no area, far worlds.
 
-Trace is drawn both by all rays and by cells.
+Trace renders both by all rays and by cells.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ TEN_KM = (10_000.0, -7_000.0, 300.0)
 
 
 @pytest.fixture(params=WAYS)
-def draw(request: pytest.FixtureRequest) -> Iterator[Draw]:
+def render_world(request: pytest.FixtureRequest) -> Iterator[Draw]:
     """Return what draws a world with a camera, from a pose, in one of the ways."""
     with ExitStack() as stack:
 
-        def picture(
+        def render_image(
             world: World,
             camera: OmniCamera,
             pose: Pose = CAMERA_STATE.world_from_mirror,
-            split: Tessellation | None = None,
+            tessellation: Tessellation | None = None,
         ) -> Image:
-            plan = make_plan(camera, split) if split else make_plan(camera)
-            plan = replace(plan, stride_px=1 if split or request.param != "cells" else 4)
+            plan = make_plan(camera, tessellation) if tessellation else make_plan(camera)
+            plan = replace(plan, stride_px=1 if tessellation or request.param != "cells" else 4)
             scene = build_scene(world)
             if request.param == "raster":
                 device = request.getfixturevalue("device")
@@ -69,14 +69,14 @@ def draw(request: pytest.FixtureRequest) -> Iterator[Draw]:
             view.close()
             return image
 
-        yield picture
+        yield render_image
 
 
-def world_of(*items: Item) -> World:
+def make_world(*items: Item) -> World:
     return World("hard", items, lights=(HEMISPHERE_LIGHT,), background=BLUE)
 
 
-def mesh_of(folder: Path, text: str) -> Item:
+def make_mesh_item(folder: Path, text: str) -> Item:
     """Return a world's item of an OBJ file with this text."""
     path = folder / "hard.obj"
     path.write_text(text)
@@ -85,44 +85,48 @@ def mesh_of(folder: Path, text: str) -> Item:
 
 @pytest.mark.parametrize("gap_m", [0.002, 0.01, 0.05])
 def test_wall_when_it_nearly_touches_the_viewpoint_is_not_cut_away(
-    draw: Draw, gap_m: float
+    render_world: Draw, gap_m: float
 ) -> None:
     wall = Item("wall", Box((1.0, 4.0, 4.0)), Pose.from_rpy((0.5 + gap_m, 0.0, 0.0)), GREEN)
     camera = make_omni_camera(width_px=64, rim_deg=110.0)
-    image = draw(world_of(wall), camera, Pose.identity())
+    image = render_world(make_world(wall), camera, Pose.identity())
     # Forward is up: all directions with x > 0 within 89 degrees of the wall's middle meet it.
     ahead, behind = image[4:31, 32], image[33:60, 32]
     assert (ahead[:, 1] == 255).all()
     assert (behind[:, 2] == 255).all()
 
 
-def test_viewpoint_when_within_a_box_sees_only_its_inside(draw: Draw) -> None:
+def test_viewpoint_within_a_box_sees_only_its_inside(render_world: Draw) -> None:
     box = Item("box", Box((0.004, 0.004, 0.004)), Pose.identity(), GREEN)
     camera = make_omni_camera(width_px=48)
-    image = draw(world_of(box), camera, Pose.from_rpy((0.0002, 0.0001, 0.0003)))
-    disc = draw(World("empty", (), background=BLUE), camera)[..., 2] == 255
+    image = render_world(make_world(box), camera, Pose.from_rpy((0.0002, 0.0001, 0.0003)))
+    disc = render_world(World("empty", (), background=BLUE), camera)[..., 2] == 255
     assert (image[disc][:, 1] == 255).mean() > 0.99
 
 
-def test_triangles_when_without_area_change_nothing(draw: Draw, tmp_path: Path) -> None:
+def test_triangles_when_without_area_change_nothing(render_world: Draw, tmp_path: Path) -> None:
     whole = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n"
     needles = "v 5 5 -1\nf 1 1 2\nf 5 5 5\nf 1 2 1\n"
     camera = make_omni_camera(width_px=64)
     pose = Pose.from_rpy((0.1, 0.2, -0.5))
-    pure = draw(world_of(mesh_of(tmp_path, whole)), camera, pose)
-    assert np.array_equal(draw(world_of(mesh_of(tmp_path, whole + needles)), camera, pose), pure)
+    pure = render_world(make_world(make_mesh_item(tmp_path, whole)), camera, pose)
+    assert np.array_equal(
+        render_world(make_world(make_mesh_item(tmp_path, whole + needles)), camera, pose), pure
+    )
     assert (pure[..., 1] == 255).mean() > 0.05
 
 
-def test_triangles_when_thin_as_hairs_are_drawn_or_not_but_harm_nothing(
-    draw: Draw, tmp_path: Path
+def test_triangles_when_thin_as_hairs_are_rendered_or_not_but_harm_nothing(
+    render_world: Draw, tmp_path: Path
 ) -> None:
     points = np.random.default_rng(8).uniform(-1.0, 1.0, (60, 3))
     hairs = [f"v {x} {y} {z}\nv {x + 1e-9} {y} {z}\nv {x} {y} {z + 1}\n" for x, y, z in points]
     faces = [f"f {3 * i + 1} {3 * i + 2} {3 * i + 3}\n" for i in range(len(points))]
     camera = make_omni_camera(width_px=64)
-    with_hairs = draw(world_of(mesh_of(tmp_path, "".join(hairs + faces))), camera, Pose.identity())
-    empty = draw(World("empty", (), background=BLUE), camera)
+    with_hairs = render_world(
+        make_world(make_mesh_item(tmp_path, "".join(hairs + faces))), camera, Pose.identity()
+    )
+    empty = render_world(World("empty", (), background=BLUE), camera)
     # A hair is a nanometre wide: at most a few samples meet one.
     assert (level_differences(with_hairs, empty) > 0).mean() < 0.02
 
@@ -133,7 +137,7 @@ def test_triangles_when_thin_as_hairs_are_drawn_or_not_but_harm_nothing(
     ids=["sun", "lamp"],
 )
 def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
-    draw: Draw, lights: tuple[object, ...]
+    render_world: Draw, lights: tuple[object, ...]
 ) -> None:
     camera = make_omni_camera(width_px=96)
     offset = Pose.from_rpy(TEN_KM)
@@ -145,30 +149,32 @@ def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
         else light
         for light in near.lights
     )
-    here = draw(near, camera)
-    there = draw(replace(far, lights=shifted), camera, offset @ CAMERA_STATE.world_from_mirror)
+    here = render_world(near, camera)
+    there = render_world(
+        replace(far, lights=shifted), camera, offset @ CAMERA_STATE.world_from_mirror
+    )
     # Float64 keeps places to 2e-12 m there, and all float32 is relative to the world's middle:
     # only samples whose ray passes an edge within 1e-6 m may show its other side.
     assert (level_differences(here, there) > 1).mean() < 1e-3
 
 
 @pytest.mark.parametrize("c_m", [1e-3, 1e3])
-@pytest.mark.parametrize("split", [None, Tessellation(24, 10)], ids=["law", "polygons"])
-def test_mirror_when_of_a_millimetre_or_a_kilometre_shows_what_the_papers_does(
-    draw: Draw, c_m: float, split: Tessellation | None
+@pytest.mark.parametrize("tessellation", [None, Tessellation(24, 10)], ids=["law", "polygons"])
+def test_mirror_of_a_millimetre_or_a_kilometre_equals_the_papers(
+    render_world: Draw, c_m: float, tessellation: Tessellation | None
 ) -> None:
     usual, scaled = (
         make_omni_camera(width_px=96, mirror=HyperbolicMirror(11.546, c)) for c in (0.2321, c_m)
     )
     # A central mirror's picture does not depend on its size; polygons are looked up in float32.
-    here = draw(make_test_world(), usual, CAMERA_STATE.world_from_mirror, split)
-    there = draw(make_test_world(), scaled, CAMERA_STATE.world_from_mirror, split)
+    here = render_world(make_test_world(), usual, CAMERA_STATE.world_from_mirror, tessellation)
+    there = render_world(make_test_world(), scaled, CAMERA_STATE.world_from_mirror, tessellation)
     assert (level_differences(here, there) > 1).mean() < 2e-3
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 1), (1, 5), (7, 7), (9, 5), (101, 67)])
-def test_image_when_tiny_or_odd_is_drawn_to_its_last_pixel(
-    draw: Draw, size: tuple[int, int]
+def test_image_when_tiny_or_odd_is_rendered_to_its_last_pixel(
+    render_world: Draw, size: tuple[int, int]
 ) -> None:
     width, height = size
     radius = 0.5 * math.hypot(width, height)
@@ -178,22 +184,24 @@ def test_image_when_tiny_or_odd_is_drawn_to_its_last_pixel(
     camera = OmniCamera(
         mirror, width, height, (0.5 * width, 0.5 * height), 1.01 * radius / ratio, 2.0 / 3 * math.pi
     )
-    image = draw(World("empty", (), background=BLUE), camera)
+    image = render_world(World("empty", (), background=BLUE), camera)
     assert image.shape == (height, width, 3)
     assert (image == (0, 0, 255)).all()
 
 
-def test_image_when_of_one_pixel_shows_what_lies_under_the_viewpoint(draw: Draw) -> None:
+def test_image_of_one_pixel_shows_the_surface_under_the_viewpoint(render_world: Draw) -> None:
     floor = Item("floor", Box((4.0, 4.0, 0.1)), Pose.from_rpy((0.0, 0.0, 0.5)), GREEN)
     camera = make_omni_camera(width_px=1)
-    assert draw(world_of(floor), camera, Pose.identity()).tolist() == [[[0, 255, 0]]]
+    assert render_world(make_world(floor), camera, Pose.identity()).tolist() == [[[0, 255, 0]]]
 
 
-def test_robot_when_upside_down_sees_the_sky_where_the_floor_was(draw: Draw) -> None:
+def test_robot_when_upside_down_sees_the_sky_where_the_floor_was(render_world: Draw) -> None:
     floor = Item("floor", Box((40.0, 40.0, 0.1)), Pose.from_rpy((0.0, 0.0, 0.6)), GREEN)
     camera = make_omni_camera(width_px=65)
-    upright = draw(world_of(floor), camera, Pose.identity())
-    fallen = draw(world_of(floor), camera, Pose.from_rpy((0.0, 0.0, 0.0), (math.pi, 0.0, 0.0)))
+    upright = render_world(make_world(floor), camera, Pose.identity())
+    fallen = render_world(
+        make_world(floor), camera, Pose.from_rpy((0.0, 0.0, 0.0), (math.pi, 0.0, 0.0))
+    )
     assert upright[32, 32].tolist() == [0, 255, 0]
     assert fallen[32, 32].tolist() == [0, 0, 255]
     # The floor is now above the horizon: in the ring between the 90-degree circle and the rim.
@@ -202,19 +210,19 @@ def test_robot_when_upside_down_sees_the_sky_where_the_floor_was(draw: Draw) -> 
 
 
 @pytest.mark.parametrize("rim_deg", [170.0, 178.0, 179.9])
-def test_rim_when_next_to_the_antipode_is_drawn(draw: Draw, rim_deg: float) -> None:
+def test_rim_when_next_to_the_antipode_is_rendered(render_world: Draw, rim_deg: float) -> None:
     camera = make_omni_camera(width_px=64, mirror=ParabolicMirror(0.03), rim_deg=rim_deg)
-    image = draw(make_test_world(), camera)
+    image = render_world(make_test_world(), camera)
     assert (image[1:-1, 32] > 0).any(axis=-1).all()
 
 
-def test_rim_when_next_to_the_asymptote_of_nearly_a_plane_is_drawn(draw: Draw) -> None:
+def test_rim_when_next_to_the_asymptote_of_nearly_a_plane_is_rendered(render_world: Draw) -> None:
     camera = make_omni_camera(width_px=64, mirror=HyperbolicMirror(2.001, 0.2), rim_deg=91.28)
-    image = draw(make_test_world(), camera)
+    image = render_world(make_test_world(), camera)
     assert (image[1:-1, 32] > 0).any(axis=-1).all()
 
 
-def test_world_when_empty_is_its_background(draw: Draw) -> None:
-    image = draw(World("empty", (), background=BLUE), make_omni_camera(width_px=33))
+def test_world_when_empty_is_its_background(render_world: Draw) -> None:
+    image = render_world(World("empty", (), background=BLUE), make_omni_camera(width_px=33))
     assert image[16, 16].tolist() == [0, 0, 255]
     assert image[0, 0].tolist() == [0, 0, 0]

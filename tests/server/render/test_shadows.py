@@ -1,9 +1,9 @@
-"""Shadows in both renderers: the same as the float64 reference, and as each other.
+"""Shadows in both renderers: equal to the float64 reference, and to each other.
 
-The cameras look straight down or ahead with square pixels, so every pixel's middle is a known place
-of a known facet. Trace is compared ray by ray. Of raster nothing is compared within two texels of a
-shadow's outline: half a texel's diagonal of the map, and what slopes move casters back (see
-shadow_maps.SLOPE).
+The cameras look straight down or ahead with square pixels, so every pixel's centre is a known
+position on a known facet. Trace is compared ray by ray. Raster is not compared within two texels of
+a shadow's silhouette: half a texel's diagonal of the map, and the slope bias of casters (see
+shadow_maps.SLOPE_BIAS_TEXELS).
 """
 
 from __future__ import annotations
@@ -61,18 +61,18 @@ BOXES = make_world(
 )
 
 
-def shown(make: RendererFactory, world: World, exposure: CameraState) -> Image:
-    view = make(world).prepare_perspective(CAMERA, 1)
-    image = view.render(exposure).rgb
+def render(make_renderer: RendererFactory, world: World, camera_state: CameraState) -> Image:
+    view = make_renderer(world).prepare_perspective(CAMERA, 1)
+    image = view.render(camera_state).rgb
     view.close()
     return image
 
 
-def seen(at: Pose, *bodies: DynamicObject) -> CameraState:
-    return CameraState(at, bodies, has_shadows=True)
+def camera_ray_hits(at: Pose, *objects: DynamicObject) -> CameraState:
+    return CameraState(at, objects, has_shadows=True)
 
 
-def reference(world: World, at: Pose) -> tuple[Image, np.ndarray]:
+def reference_image(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     """Return what a camera shows by the float64 model, and (h, w) which pixels are certain."""
     scene = build_scene(world)
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
@@ -111,12 +111,14 @@ LIGHTS: dict[str, tuple[Light, ...]] = {
 
 @pytest.mark.parametrize("name", LIGHTS)
 def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
-    make: RendererFactory, name: str
+    make_renderer: RendererFactory, name: str
 ) -> None:
     world = dataclasses.replace(BOXES, lights=LIGHTS[name])
-    image = shown(make, world, seen(ABOVE))
-    expected, certain = reference(world, ABOVE)
-    without = shown(make, world, dataclasses.replace(seen(ABOVE), has_shadows=False))
+    image = render(make_renderer, world, camera_ray_hits(ABOVE))
+    expected, certain = reference_image(world, ABOVE)
+    without = render(
+        make_renderer, world, dataclasses.replace(camera_ray_hits(ABOVE), has_shadows=False)
+    )
     changed = level_differences(expected, without) > 5
     assert 300 < changed.sum() < 0.5 * changed.size
     # A pixel is 16 mm of the floor, texels are 3 mm: what is smooth is two texels from an outline.
@@ -127,55 +129,59 @@ def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
 
 @pytest.mark.parametrize("elevation_deg", [0.5, 3.0, 20.0, 90.0])
 @pytest.mark.parametrize("bearing_deg", [0.0, 31.0])
-def test_floor_when_the_sun_is_low_has_no_wrong_pixel(
-    make: RendererFactory, elevation_deg: float, bearing_deg: float
+def test_floor_when_the_directional_light_is_low_has_no_wrong_pixel(
+    make_renderer: RendererFactory, elevation_deg: float, bearing_deg: float
 ) -> None:
     e, b = math.radians(elevation_deg), math.radians(bearing_deg)
     low = (math.cos(e) * math.cos(b), math.cos(e) * math.sin(b), math.sin(e))
     world = make_world(
         floor_item(6.0), lights=(DIM_HEMISPHERE_LIGHT, DirectionalLight(low, (1.0 / low[2],) * 3))
     )
-    exposure = seen(ABOVE)
-    without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
-    assert level_differences(shown(make, world, exposure), without).max() <= 1
+    camera_state = camera_ray_hits(ABOVE)
+    without = render(make_renderer, world, dataclasses.replace(camera_state, has_shadows=False))
+    assert level_differences(render(make_renderer, world, camera_state), without).max() <= 1
 
 
 @pytest.mark.parametrize("height_m", [0.01, 0.3, 2.0])
-def test_walls_when_a_lamp_is_near_the_floor_of_an_empty_room_have_no_wrong_pixel(
-    make: RendererFactory, height_m: float
+def test_walls_when_a_point_light_is_near_the_floor_have_no_wrong_pixel(
+    make_renderer: RendererFactory, height_m: float
 ) -> None:
     world = make_inward_facing_room(PointLight((0.2, 0.3, -height_m), (0.5, 0.5, 0.5)))
     for turn in ((0.0, -0.5 * math.pi, 0.0), (0.0, 0.2, 0.4), (0.0, 0.2, 2.5)):
-        exposure = seen(Pose.from_rpy((0.05, 0.03, -1.5), turn))
-        without = shown(make, world, dataclasses.replace(exposure, has_shadows=False))
-        wrong = level_differences(shown(make, world, exposure), without) > 1
+        camera_state = camera_ray_hits(Pose.from_rpy((0.05, 0.03, -1.5), turn))
+        without = render(make_renderer, world, dataclasses.replace(camera_state, has_shadows=False))
+        wrong = level_differences(render(make_renderer, world, camera_state), without) > 1
         # Raster: a texel at the line where two walls meet may show the other wall.
         assert wrong.mean() < 1e-3
 
 
-def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(make: RendererFactory) -> None:
+def test_shadow_when_a_box_stands_on_the_floor_begins_at_the_box(
+    make_renderer: RendererFactory,
+) -> None:
     world = make_world(floor_item(), box_item(0.0, 0.0, -0.2, (0.4, 0.4, 0.4)))
-    image = shown(make, world, seen(ABOVE))
-    expected, certain = reference(world, ABOVE)
+    image = render(make_renderer, world, camera_ray_hits(ABOVE))
+    expected, certain = reference_image(world, ABOVE)
     wrong = (level_differences(image, expected) > 5) & certain
     # An outline is one pixel wide at most: a leak beside the box would be a line of its own.
     assert wrong.sum() < 40
 
 
-def test_body_when_it_stands_in_the_light_casts_the_shadow_of_the_same_thing_in_the_scene(
-    make: RendererFactory,
+def test_object_in_the_light_casts_the_shadow_of_the_same_mesh_in_the_scene(
+    make_renderer: RendererFactory,
 ) -> None:
     box, place = Box((0.3, 0.2, 0.3)), Pose.from_rpy((0.3, 0.1, -0.15), (0.0, 0.0, 0.4))
     for lights in LIGHTS.values():
         fixed = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=lights)
         body = DynamicObject(build_object_mesh([(primitives.box(box), GREY)]), place)
-        moving = shown(make, make_world(floor_item(), lights=lights), seen(ABOVE, body))
-        difference = level_differences(moving, shown(make, fixed, seen(ABOVE)))
+        moving = render(
+            make_renderer, make_world(floor_item(), lights=lights), camera_ray_hits(ABOVE, body)
+        )
+        difference = level_differences(moving, render(make_renderer, fixed, camera_ray_hits(ABOVE)))
         assert (difference > 1).mean() < 0.006
         assert (difference[mask_away_from_edges(moving)] > 1).mean() < 1e-3
 
 
-def test_body_when_in_the_shadow_of_the_scene_is_dark(make: RendererFactory) -> None:
+def test_object_in_the_shadow_of_the_scene_is_dark(make_renderer: RendererFactory) -> None:
     roof = box_item(0.0, 0.0, -0.9, (1.2, 1.2, 0.02))
     world = make_world(
         floor_item(),
@@ -186,35 +192,40 @@ def test_body_when_in_the_shadow_of_the_scene_is_dark(make: RendererFactory) -> 
         build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0))
     )
     at = Pose.from_rpy((0.0, 0.0, -0.6), (0.0, -0.5 * math.pi, 0.0))
-    dark, bright = (shown(make, world, e) for e in (seen(at, body), CameraState(at, (body,))))
-    middle = (CAMERA.height_px // 2, CAMERA.width_px // 2)
-    assert dark[middle].tolist() == [108] * 3, "0.5 * 0.3 of the sky, encoded"
-    assert bright[middle].tolist() == [170] * 3
+    dark, bright = (
+        render(make_renderer, world, e)
+        for e in (camera_ray_hits(at, body), CameraState(at, (body,)))
+    )
+    centre = (CAMERA.height_px // 2, CAMERA.width_px // 2)
+    assert dark[centre].tolist() == [108] * 3, "0.5 * 0.3 of the sky, encoded"
+    assert bright[centre].tolist() == [170] * 3
 
 
-def test_item_when_it_lets_light_through_casts_no_shadow(make: RendererFactory) -> None:
+def test_item_when_it_lets_light_through_casts_no_shadow(make_renderer: RendererFactory) -> None:
     glass = dataclasses.replace(box_item(0.3, 0.1, -0.4, (0.3, 0.2, 0.1)), casts_shadows=False)
     world = make_world(floor_item(), glass)
-    without = shown(make, world, CameraState(ABOVE))
-    assert level_differences(shown(make, world, seen(ABOVE)), without).max() <= 1
+    without = render(make_renderer, world, CameraState(ABOVE))
+    assert (
+        level_differences(render(make_renderer, world, camera_ray_hits(ABOVE)), without).max() <= 1
+    )
 
 
 @pytest.mark.parametrize("has_bodies", [False, True])
 @pytest.mark.parametrize(
     "lights", [(HEMISPHERE_LIGHT, ROOM_SUN), (HEMISPHERE_LIGHT, ROOM_SUN, ROOM_LAMP)]
 )
-def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
+def test_raster_of_shadows_in_a_mirror_equals_trace(
     device: GlDevice, lights: tuple[Light, ...], has_bodies: bool
 ) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera(width_px=300)
     scene = build_scene(world)
-    bodies = TWO_ROBOTS if has_bodies else ()
-    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=bodies)
+    objects = TWO_ROBOTS if has_bodies else ()
+    camera_state = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=objects)
     plan = make_plan(camera, face_size_px=640)
     trace = TraceRenderer(scene, world, threads=2)
     views = [r.prepare(camera, plan) for r in (RasterRenderer(scene, world, device=device), trace)]
-    raster_image, trace_image = (view.render(exposure).rgb for view in views)
-    without = views[1].render(dataclasses.replace(exposure, has_shadows=False)).rgb
+    raster_image, trace_image = (view.render(camera_state).rgb for view in views)
+    without = views[1].render(dataclasses.replace(camera_state, has_shadows=False)).rgb
     views[0].close()
     trace.close()
     assert (level_differences(trace_image, without) > 5).mean() > 0.01
@@ -227,8 +238,10 @@ def test_raster_when_a_mirror_looks_at_shadows_shows_what_trace_shows(
     assert (difference > levels).mean() < 0.05
 
 
-def test_frames_when_shadows_come_and_go_are_the_same_bytes_as_ever(make: RendererFactory) -> None:
-    view = make(BOXES).prepare(make_omni_camera(), make_plan(make_omni_camera()))
+def test_frames_when_shadows_come_and_go_are_the_same_bytes_as_ever(
+    make_renderer: RendererFactory,
+) -> None:
+    view = make_renderer(BOXES).prepare(make_omni_camera(), make_plan(make_omni_camera()))
     plain = CameraState(Pose.from_rpy((0.05, 0.03, -1.0)))
     before = view.render(plain).rgb
     shadowed = view.render(dataclasses.replace(plain, has_shadows=True)).rgb

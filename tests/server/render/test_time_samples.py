@@ -10,21 +10,21 @@ from helpers.effect_measurement import DRIVING_STATE
 from helpers.motion_reference import camera_state_after
 
 
-def test_exposure_without_a_shutter_is_its_only_instant() -> None:
-    ((instant, weights),) = sample_shutter(DRIVING_STATE, 3)
-    assert instant is DRIVING_STATE
+def test_camera_state_without_a_shutter_is_its_only_time_sample() -> None:
+    ((sharp_state, weights),) = sample_shutter(DRIVING_STATE, 3)
+    assert sharp_state is DRIVING_STATE
     assert weights.tolist() == [1.0, 1.0, 1.0]
 
 
-def test_instants_are_sharp_and_carried_by_every_motion() -> None:
+def test_time_samples_are_sharp_and_advanced_by_every_motion() -> None:
     lasting = replace(DRIVING_STATE, shutter=Shutter(0.04, 0.0, 3))
-    for (instant, _), time_s in zip(
+    for (sharp_state, _), time_s in zip(
         sample_shutter(lasting, 2), (-0.04 / 3, 0.0, 0.04 / 3), strict=True
     ):
         expected = camera_state_after(DRIVING_STATE, time_s)
-        assert instant.shutter is None
+        assert sharp_state.shutter is None
         pairs = zip(
-            (instant.world_from_mirror, instant.objects[0].world_from_object),
+            (sharp_state.world_from_mirror, sharp_state.objects[0].world_from_object),
             (expected.world_from_mirror, expected.objects[0].world_from_object),
             strict=True,
         )
@@ -33,7 +33,7 @@ def test_instants_are_sharp_and_carried_by_every_motion() -> None:
             np.testing.assert_allclose(pose.translation, other.translation, atol=1e-12)
 
 
-def test_instants_that_no_row_sees_are_left_out() -> None:
+def test_time_samples_without_weight_in_any_row_are_left_out() -> None:
     # Two rows in a readout of four slots without exposure: the middles of two slots.
     lasting = replace(DRIVING_STATE, shutter=Shutter(0.0, 0.04, 4))
     assert [weights.tolist() for _, weights in sample_shutter(lasting, 2)] == [
@@ -42,7 +42,7 @@ def test_instants_that_no_row_sees_are_left_out() -> None:
     ]
 
 
-def test_exposure_carried_by_no_time_stays() -> None:
+def test_camera_state_advanced_by_no_time_is_unchanged() -> None:
     same = advance(DRIVING_STATE, 0.0)
     np.testing.assert_array_equal(
         same.world_from_mirror.translation, DRIVING_STATE.world_from_mirror.translation

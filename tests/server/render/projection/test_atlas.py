@@ -18,12 +18,12 @@ from catoptra_server.render.projection.atlas import Atlas, pack_atlas
 from helpers.worlds import make_omni_camera
 
 
-def atlas(limit_deg: float, *, size: int = 64, max_texels: int = 16384) -> Atlas:
+def pack_uniform(limit_deg: float, *, size: int = 64, max_texels: int = 16384) -> Atlas:
     parts = regions_of_size(math.radians(limit_deg), size)
     return pack_atlas(parts, guard_texels=2, max_texels=max_texels)
 
 
-def dense_atlas(rim_deg: float) -> Atlas:
+def pack_dense(rim_deg: float) -> Atlas:
     camera = make_omni_camera(rim_deg=rim_deg)
     parts = regions_by_density(camera, camera.rim_rad, texels_per_px=1.0)
     return pack_atlas(parts, guard_texels=2, max_texels=16384)
@@ -41,20 +41,20 @@ def directions_up_to(limit_deg: float) -> Floats:
 @pytest.mark.parametrize(
     ("limit_deg", "cells"), [(30.0, 1), (44.0, 1), (46.0, 5), (120.0, 5), (125.0, 5)]
 )
-def test_faces_that_nothing_sees_have_no_cell(limit_deg: float, cells: int) -> None:
-    assert len(atlas(limit_deg).cells) == cells
+def test_faces_that_the_mirror_does_not_see_have_no_cell(limit_deg: float, cells: int) -> None:
+    assert len(pack_uniform(limit_deg).cells) == cells
 
 
 def test_rows_above_the_rim_have_no_texels() -> None:
     # t = -tan 30 deg sqrt 2 = -0.816: 26 of 32 rows above the horizon, 32 below, twice the guard.
-    side = next(cell for cell in atlas(120.0).cells if cell.region.face is Face.N)
+    side = next(cell for cell in pack_uniform(120.0).cells if cell.region.face is Face.N)
     assert side.height == math.ceil(32 * (1.0 + math.tan(math.radians(30.0)) * math.sqrt(2.0))) + 4
     assert side.width == 68
 
 
 @pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 120.0, 130.0, 150.0])
 def test_cells_do_not_overlap_and_waste_little_of_their_texture(rim_deg: float) -> None:
-    packed = dense_atlas(rim_deg)
+    packed = pack_dense(rim_deg)
     covered = np.zeros((packed.height, packed.width), dtype=int)
     for cell in packed.cells:
         covered[cell.y : cell.y + cell.height, cell.x : cell.x + cell.width] += 1
@@ -63,14 +63,14 @@ def test_cells_do_not_overlap_and_waste_little_of_their_texture(rim_deg: float) 
     assert covered.mean() > 0.8
 
 
-def test_cells_fill_a_texture_that_holds_few_in_a_row() -> None:
-    packed = atlas(130.0, max_texels=3 * 68)
+def test_cells_fill_a_texture_that_contains_few_in_a_row() -> None:
+    packed = pack_uniform(130.0, max_texels=3 * 68)
     assert (packed.height, packed.width) in ((2 * 68, 3 * 68), (3 * 68, 2 * 68))
 
 
 @pytest.mark.parametrize("rim_deg", [60.0, 100.0, 120.0, 130.0])
 def test_projection_puts_a_direction_on_its_texel(rim_deg: float) -> None:
-    packed = dense_atlas(rim_deg)
+    packed = pack_dense(rim_deg)
     rng = np.random.default_rng(3)
     for cell in packed.cells:
         window = cell.region.window
@@ -90,7 +90,7 @@ def test_projection_puts_a_direction_on_its_texel(rim_deg: float) -> None:
     "rim_deg", [30.0, 44.9, 45.1, 60.0, 89.0, 91.0, 120.0, 125.2, 125.3, 150.0]
 )
 def test_bilinear_look_up_of_any_direction_stays_in_one_cell(rim_deg: float) -> None:
-    packed = dense_atlas(rim_deg)
+    packed = pack_dense(rim_deg)
     texels = packed.texels_from_direction(directions_up_to(rim_deg))
     inside = np.zeros(len(texels), dtype=bool)
     for cell in packed.cells:
@@ -100,23 +100,23 @@ def test_bilinear_look_up_of_any_direction_stays_in_one_cell(rim_deg: float) -> 
     assert inside.all()
 
 
-def test_place_of_a_direction_is_on_the_face_that_the_cube_names() -> None:
-    packed = atlas(130.0)
+def test_coordinates_of_a_direction_are_on_the_face_of_the_cube() -> None:
+    packed = pack_uniform(130.0)
     directions = np.random.default_rng(5).normal(size=(2000, 3))
     face = face_from_direction(directions)
-    places = {cell.region.face: cell.texel_transform for cell in packed.cells}
-    middle, per_unit = np.split(np.array([places[Face(f)] for f in face]), 2, axis=-1)
-    expected = middle + face_coordinates(directions, face) * per_unit
+    positions = {cell.region.face: cell.texel_transform for cell in packed.cells}
+    centre, per_unit = np.split(np.array([positions[Face(f)] for f in face]), 2, axis=-1)
+    expected = centre + face_coordinates(directions, face) * per_unit
     assert packed.texels_from_direction(directions) == pytest.approx(expected, abs=1e-9)
 
 
-def test_spread_is_the_distance_of_the_farthest_corner_one_metre_ahead() -> None:
-    cell = atlas(130.0).cells[0]
+def test_max_depth_ratio_is_the_distance_of_the_farthest_corner_one_metre_ahead() -> None:
+    cell = pack_uniform(130.0).cells[0]
     edge = 1.0 + 2.0 * 2 / 64
     assert cell.max_depth_ratio == pytest.approx(math.sqrt(1.0 + 2.0 * edge**2))
 
 
 @pytest.mark.parametrize(("size", "limit"), [(17000, 16384), (9000, 16384)])
-def test_pack_when_the_device_is_too_small_says_its_limit(size: int, limit: int) -> None:
+def test_pack_when_the_device_is_too_small_reports_the_limit(size: int, limit: int) -> None:
     with pytest.raises(DomainError, match=str(limit)):
-        atlas(120.0, size=size, max_texels=limit)
+        pack_uniform(120.0, size=size, max_texels=limit)

@@ -17,13 +17,13 @@ from catoptra_server.scene.triangle_clusters import make_clusters
 SPREAD = math.sqrt(3.0)
 
 
-def near_and_far(corners: Floats, viewpoint: tuple[float, float, float]) -> DepthRange:
+def find_near_and_far(corners: Floats, viewpoint: tuple[float, float, float]) -> DepthRange:
     chunks = make_clusters(corners, np.zeros(len(corners), dtype=np.intp))
     surroundings = DepthRangeFinder(chunks, corners)
     return surroundings.find_range(np.asarray(viewpoint, dtype=np.float64), max_depth_ratio=SPREAD)
 
 
-def wall(turn_rad: float) -> Floats:
+def make_wall(turn_rad: float) -> Floats:
     """Return two triangles of an upright wall 4 m x 2 m through the origin, turned about z."""
     corners = np.array([[[-2, 0, -1], [2, 0, -1], [2, 0, 1]], [[-2, 0, -1], [2, 0, 1], [-2, 0, 1]]])
     c, s = math.cos(turn_rad), math.sin(turn_rad)
@@ -36,26 +36,26 @@ def test_near_plane_lies_before_a_wall_however_it_is_turned(
     turn_rad: float, distance: float
 ) -> None:
     place = (-distance * math.sin(turn_rad), distance * math.cos(turn_rad), 0.1)
-    depth = near_and_far(wall(turn_rad), place)
+    depth = find_near_and_far(make_wall(turn_rad), place)
     assert depth.near_m == pytest.approx(distance / SPREAD)
 
 
 def test_near_plane_in_the_open_is_as_far_as_it_is_of_use() -> None:
-    assert near_and_far(wall(0.0), (0.0, 3.0, 0.0)).near_m == MAX_NEAR_M
+    assert find_near_and_far(make_wall(0.0), (0.0, 3.0, 0.0)).near_m == MAX_NEAR_M
 
 
 def test_near_plane_in_a_surface_is_the_nearest() -> None:
-    assert near_and_far(wall(0.0), (0.0, 0.0, 0.0)).near_m == MIN_NEAR_M
+    assert find_near_and_far(make_wall(0.0), (0.0, 0.0, 0.0)).near_m == MIN_NEAR_M
 
 
-def test_far_plane_holds_the_farthest_corner() -> None:
-    depth = near_and_far(wall(0.0), (30.0, 40.0, 0.0))
+def test_far_plane_contains_the_farthest_corner() -> None:
+    depth = find_near_and_far(make_wall(0.0), (30.0, 40.0, 0.0))
     assert depth.far_m > math.hypot(32.0, 40.0, 1.0)
     assert depth.far_m < 1.02 * math.hypot(32.0, 40.0, 1.0)
 
 
 def test_range_of_an_empty_scene_is_a_range() -> None:
-    depth = near_and_far(np.zeros((0, 3, 3)), (0.0, 0.0, 0.0))
+    depth = find_near_and_far(np.zeros((0, 3, 3)), (0.0, 0.0, 0.0))
     assert 0.0 < depth.near_m < depth.far_m
 
 
@@ -66,16 +66,16 @@ def test_clip_depth_is_minus_w_and_w_on_the_planes() -> None:
     assert a * 50.0 + b == pytest.approx(50.0)
 
 
-def test_what_is_beside_the_scene_widens_the_range() -> None:
+def test_objects_beyond_the_scene_widen_the_range() -> None:
     at = np.array([0.0, 3.0, 0.0])
-    corners = wall(0.0)
+    corners = make_wall(0.0)
     surroundings = DepthRangeFinder(make_clusters(corners, np.zeros(2, dtype=np.intp)), corners)
     depth = surroundings.find_range(at, max_depth_ratio=SPREAD, object_distances_m=(0.05, 70.0))
     assert depth.near_m == pytest.approx(0.05 / SPREAD)
     assert depth.far_m > 70.0
 
 
-def test_what_is_beside_an_empty_scene_has_a_range_of_its_own() -> None:
+def test_objects_in_an_empty_scene_have_a_range_of_their_own() -> None:
     corners = np.zeros((0, 3, 3))
     surroundings = DepthRangeFinder(make_clusters(corners, np.zeros(0, dtype=np.intp)), corners)
     depth = surroundings.find_range(

@@ -24,7 +24,7 @@ def test_projection_puts_a_direction_on_its_pixel(turn: np.ndarray[tuple[int, in
     np.testing.assert_allclose(shown, pixel, atol=1e-10)
 
 
-def test_spread_is_the_corner_s_distance() -> None:
+def test_max_depth_ratio_is_the_corner_s() -> None:
     corner, _ = CAMERA.direction_from_pixel(np.array([0.0, 0.0]))
     assert make_lens_projection(CAMERA, 1, max_texels=4096).max_depth_ratio == pytest.approx(
         1.0 / corner[0]
@@ -37,6 +37,6 @@ def test_samples_make_the_texture_larger() -> None:
     assert cell.cells == (cell,)
 
 
-def test_texture_that_is_too_large_is_refused_with_the_limit() -> None:
+def test_texture_that_is_too_large_is_rejected_with_the_limit() -> None:
     with pytest.raises(DomainError, match="allows 959 px"):
         make_lens_projection(CAMERA, 3, max_texels=959)

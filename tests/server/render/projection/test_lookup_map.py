@@ -22,7 +22,7 @@ from helpers.worlds import make_omni_camera
 OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 90, 70, (41.3, 36.6), 24.0, 2.0, 0.4)
 
 
-def atlas_of(camera: OmniCamera) -> Atlas:
+def pack_camera_atlas(camera: OmniCamera) -> Atlas:
     return pack_atlas(regions_of_size(camera.rim_rad, 128), guard_texels=2, max_texels=4096)
 
 
@@ -31,7 +31,7 @@ def atlas_of(camera: OmniCamera) -> Atlas:
     "camera", [make_omni_camera(width_px=64), OFF_CENTRE], ids=["centred", "turned"]
 )
 def test_samples_stand_in_their_pixels_as_trace_has_them(camera: OmniCamera, samples: int) -> None:
-    atlas = atlas_of(camera)
+    atlas = pack_camera_atlas(camera)
     pixels = pixel_sample_positions(camera, samples)
     directions, seen = direction_from_pixel(camera, pixels)
     expected = atlas.texels_from_direction(directions) / (atlas.width, atlas.height)
@@ -41,18 +41,18 @@ def test_samples_stand_in_their_pixels_as_trace_has_them(camera: OmniCamera, sam
     assert np.array_equal(compute_lookup_map(camera, atlas, samples), grid.astype(np.float32))
 
 
-def test_only_samples_on_the_mirror_have_a_place() -> None:
+def test_only_samples_on_the_mirror_have_coordinates() -> None:
     camera = make_omni_camera(width_px=64)
-    places = compute_lookup_map(camera, atlas_of(camera), 2)
+    positions = compute_lookup_map(camera, pack_camera_atlas(camera), 2)
     _, seen = direction_from_pixel(camera, pixel_sample_positions(camera, 2))
-    assert (places[..., 0] >= 0.0).sum() == seen.sum()
-    assert (places <= 1.0).all()
-    assert (places[places[..., 0] < 0.0] == OUTSIDE_MIRROR).all()
+    assert (positions[..., 0] >= 0.0).sum() == seen.sum()
+    assert (positions <= 1.0).all()
+    assert (positions[positions[..., 0] < 0.0] == OUTSIDE_MIRROR).all()
 
 
-def test_axis_looks_at_the_middle_of_the_bottom() -> None:
+def test_axis_looks_at_the_centre_of_the_bottom() -> None:
     camera = make_omni_camera(width_px=64)
-    atlas = atlas_of(camera)
+    atlas = pack_camera_atlas(camera)
     bottom = atlas.texel_transforms()[4, :2] / (atlas.width, atlas.height)
     place = atlas_coordinates(camera, atlas, np.array([camera.centre_px]))
     assert place[0] == pytest.approx(bottom, abs=1e-7)

@@ -1,4 +1,4 @@
-"""Where casters land in shadow maps, in float64."""
+"""Positions of casters in shadow maps, in float64."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ CORNERS = RNG.uniform(-2.0, 2.0, (200, 3, 3))
 CASTERS = ShadowCasters.from_triangles(CORNERS, np.zeros((200, 3)), light_positions=(LAMP_AT,))
 
 
-def fitted(
+def fit(
     light: ShadowCastingLight, casters: ShadowCasters = CASTERS
 ) -> tuple[ShadowProjection, ...]:
     return fit_shadow_projections((light,), casters, origin=ORIGIN, side_texels=1024)
 
 
-def mapped(frame: ShadowProjection, points: Floats, viewpoint: Floats) -> Floats:
+def project(frame: ShadowProjection, points: Floats, viewpoint: Floats) -> Floats:
     """Return (n, 4): u, v, depth and w of points in the scene's frame, seen from a viewpoint."""
-    places = np.concatenate((points - viewpoint, np.ones((len(points), 1))), axis=-1)
-    clip = places @ frame.map_from_offset(viewpoint).T
+    positions = np.concatenate((points - viewpoint, np.ones((len(points), 1))), axis=-1)
+    clip = positions @ frame.map_from_offset(viewpoint).T
     return np.concatenate((clip[:, :3] / clip[:, 3:], clip[:, 3:]), axis=-1)
 
 
 @pytest.mark.parametrize(
     "direction", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)]
 )
-def test_sun_when_fitted_sees_all_casters_square_and_in_parallel(
+def test_directional_light_when_fitted_projects_all_casters_square_and_in_parallel(
     direction: tuple[float, float, float],
 ) -> None:
-    (frame,) = fitted(DirectionalLight(direction, (1.0, 1.0, 1.0)))
+    (frame,) = fit(DirectionalLight(direction, (1.0, 1.0, 1.0)))
     points, viewpoint = CORNERS.reshape(-1, 3), np.array((0.3, 0.2, -0.5))
-    at = mapped(frame, points, viewpoint)
+    at = project(frame, points, viewpoint)
     assert at[:, :3].min() > 0.0
     assert at[:, :3].max() < 1.0
-    along = mapped(frame, points + 0.05 * np.asarray(direction), viewpoint)
+    along = project(frame, points + 0.05 * np.asarray(direction), viewpoint)
     np.testing.assert_allclose(along[:, :2], at[:, :2], atol=1e-12)
     assert (along[:, 2] > at[:, 2]).all()
     # Across the light a metre is as long in both directions: half a texel's diagonal says which.
@@ -57,8 +57,10 @@ def test_sun_when_fitted_sees_all_casters_square_and_in_parallel(
     assert frame.half_texel_diagonal_m == pytest.approx(texel_m / np.sqrt(2.0))
 
 
-def test_lamp_when_fitted_sees_each_caster_in_the_face_that_the_shader_looks_into() -> None:
-    six = fitted(LAMP)
+def test_point_light_when_fitted_projects_each_caster_into_the_face_that_the_shader_samples() -> (
+    None
+):
+    six = fit(LAMP)
     points = CORNERS.reshape(-1, 3)
     from_lamp = points - LAMP_AT
     axis = np.abs(from_lamp).argmax(axis=1)
@@ -67,7 +69,7 @@ def test_lamp_when_fitted_sees_each_caster_in_the_face_that_the_shader_looks_int
     across = np.stack([from_lamp[np.arange(len(points)), (axis + k) % 3] for k in (1, 2)], axis=-1)
     for index, frame in enumerate(six):
         own = face == index
-        at = mapped(frame, points[own], np.zeros(3))
+        at = project(frame, points[own], np.zeros(3))
         np.testing.assert_allclose(at[:, 3], np.abs(forward[own]), atol=1e-12)
         expected = 0.5 + 0.5 * across[own] / np.abs(forward[own])[:, None]
         np.testing.assert_allclose(at[:, :2], expected, atol=1e-12)
@@ -77,11 +79,11 @@ def test_lamp_when_fitted_sees_each_caster_in_the_face_that_the_shader_looks_int
         assert at[:, 2].max() < 1.0
 
 
-def test_bodies_when_fitted_lie_within_their_map() -> None:
+def test_objects_when_fitted_lie_within_their_map() -> None:
     casters = ShadowCasters.from_objects(TWO_ROBOTS, origin=ORIGIN, light_positions=(LAMP_AT,))
-    (frame,) = fitted(DirectionalLight((0.6, 0.0, 0.8), (1.0, 1.0, 1.0)), casters)
+    (frame,) = fit(DirectionalLight((0.6, 0.0, 0.8), (1.0, 1.0, 1.0)), casters)
     for body in TWO_ROBOTS:
         corners = body.world_from_object.transform_points(body.mesh.corners).reshape(-1, 3) - ORIGIN
-        at = mapped(frame, corners, np.zeros(3))[:, :3]
+        at = project(frame, corners, np.zeros(3))[:, :3]
         assert ((at > 0.0) & (at < 1.0)).all()
     assert casters.min_distances_m[0] > 90.0

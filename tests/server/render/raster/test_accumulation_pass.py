@@ -16,28 +16,32 @@ from helpers.worlds import make_plan, make_test_world
 LASTING = replace(DRIVING_STATE, shutter=Shutter(0.04, 0.03, 5))
 
 
-def renderer_on(device: GlDevice) -> RasterRenderer:
+def make_renderer(device: GlDevice) -> RasterRenderer:
     return RasterRenderer(build_scene(make_test_world()), make_test_world(), device=device)
 
 
-def mean_of(view: object, exposure: CameraState) -> np.ndarray[tuple[int, int, int]]:
-    drawn = (
-        view.draw_linear(instant).astype(np.float64) * weights[:, None, None]  # type: ignore[attr-defined]
-        for instant, weights in sample_shutter(exposure, CAMERA.height_px)
+def mean_of_time_samples(
+    view: object, camera_state: CameraState
+) -> np.ndarray[tuple[int, int, int]]:
+    rendered = (
+        view.render_linear(sharp_state).astype(np.float64) * weights[:, None, None]  # type: ignore[attr-defined]
+        for sharp_state, weights in sample_shutter(camera_state, CAMERA.height_px)
     )
-    return sum(drawn, start=np.zeros((CAMERA.height_px, CAMERA.width_px, 3)))
+    return sum(rendered, start=np.zeros((CAMERA.height_px, CAMERA.width_px, 3)))
 
 
-def test_exposure_when_it_lasts_is_the_mean_of_its_instants_by_row(device: GlDevice) -> None:
-    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
-    np.testing.assert_allclose(view.render_linear(LASTING), mean_of(view, LASTING), atol=1e-6)
+def test_long_exposure_is_the_mean_of_its_time_samples_by_row(device: GlDevice) -> None:
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    np.testing.assert_allclose(
+        view.render_linear(LASTING), mean_of_time_samples(view, LASTING), atol=1e-6
+    )
     view.close()
 
 
-def test_view_when_an_exposure_lasts_has_one_stage_for_it_and_none_otherwise(
+def test_view_of_a_long_exposure_has_one_stage_for_it_and_none_otherwise(
     device: GlDevice,
 ) -> None:
-    renderer = renderer_on(device)
+    renderer = make_renderer(device)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(DRIVING_STATE)
     assert view.pass_names == ("faces", "mirror")

@@ -10,7 +10,7 @@ from catoptra_server.render.raster.atlas_lookup import atlas_definitions
 
 
 @pytest.mark.parametrize(("limit_deg", "compared"), [(125.0, 5), (126.0, 6)])
-def test_upward_face_is_compared_only_where_it_is_drawn(limit_deg: float, compared: int) -> None:
+def test_upward_face_is_compared_only_where_it_is_rendered(limit_deg: float, compared: int) -> None:
     parts = regions_of_size(math.radians(limit_deg), 32)
     atlas = pack_atlas(parts, guard_texels=2, max_texels=1024)
     assert atlas_definitions(atlas) == (("NUM_FACES", compared),)

@@ -1,4 +1,4 @@
-"""What raster does for bodies, counted: nothing without them, one buffer for all with them."""
+"""Raster's resources for dynamic objects, counted: none without objects, one buffer with them."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ WITH_ROBOTS = dataclasses.replace(CAMERA_STATE, objects=TWO_ROBOTS)
 ZERO = Pose.identity().translation
 
 
-def test_without_bodies_there_is_no_buffer_no_program_and_no_draw(
+def test_without_objects_there_is_no_buffer_no_program_and_no_draw(
     device: GlDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made: list[DynamicObjectBuffer] = []
+    created: list[DynamicObjectBuffer] = []
     original = DynamicObjectBuffer.upload
     monkeypatch.setattr(
         DynamicObjectBuffer,
         "upload",
-        lambda self, bodies: (made.append(self), original(self, bodies)),
+        lambda self, objects: (created.append(self), original(self, objects)),
     )
     empty = World("empty", ())
     renderer = RasterRenderer(build_scene(empty), empty, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(CAMERA_STATE)
-    assert [bodies.buffer_bytes for bodies in made] == [0] * len(made)
+    assert [objects.buffer_bytes for objects in created] == [0] * len(created)
     assert "face" not in renderer.program_names
     assert view.face_counts.num_draw_calls == 0
     view.render(WITH_ROBOTS)
-    assert made[-1].buffer_bytes > 0
+    assert created[-1].buffer_bytes > 0
     assert renderer.program_names[-1] == "face"
     view.close()
 
 
-def test_bodies_are_sent_to_the_faces_that_may_see_them(device: GlDevice) -> None:
+def test_objects_are_sent_to_the_faces_that_may_see_them(device: GlDevice) -> None:
     world = make_test_world()
     view = RasterRenderer(build_scene(world), world, device=device).prepare(
         make_omni_camera(), make_plan(make_omni_camera())
@@ -82,7 +82,7 @@ def test_buffer_grows_once_and_is_kept(device: GlDevice) -> None:
     view.close()
 
 
-def test_body_in_a_world_of_textures_only_gets_the_plain_program(
+def test_object_in_a_world_of_textures_only_gets_the_plain_program(
     device: GlDevice, tmp_path: Path
 ) -> None:
     textured = make_test_world(texture=write_smooth_texture(tmp_path / "waves.png"))
@@ -95,16 +95,16 @@ def test_body_in_a_world_of_textures_only_gets_the_plain_program(
     view.close()
 
 
-def test_reach_without_bodies_is_nothing() -> None:
+def test_distance_range_without_objects_is_empty() -> None:
     assert object_distance_range((), ZERO, 0.1) == (float("inf"), 0.0)
 
 
-def test_reach_of_a_near_body_is_its_nearest_triangle() -> None:
+def test_distance_range_of_a_near_object_begins_at_its_nearest_triangle() -> None:
     nearest, farthest = object_distance_range((place_cube(0.25, 0.0, 0.0),), ZERO, 0.1)
     assert nearest == pytest.approx(0.05)
     assert farthest >= 0.45
 
 
-def test_reach_of_a_far_body_is_its_sphere() -> None:
+def test_distance_range_of_a_far_object_is_that_of_its_sphere() -> None:
     nearest, _ = object_distance_range((place_cube(5.0, 0.0, 0.0),), ZERO, 0.1)
     assert nearest == pytest.approx(5.0 - 0.2 * 3**0.5)

@@ -59,7 +59,7 @@ def test_view_when_effects_run_has_a_pass_and_a_program_for_each(
     view.close()
 
 
-def test_view_when_no_effect_is_asked_for_has_what_it_always_had(renderer: RasterRenderer) -> None:
+def test_view_without_effects_has_the_usual_passes(renderer: RasterRenderer) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     view.render(CAMERA_STATE)
     assert view.pass_names == ("faces", "mirror")
@@ -67,37 +67,37 @@ def test_view_when_no_effect_is_asked_for_has_what_it_always_had(renderer: Raste
     view.close()
 
 
-@pytest.mark.parametrize(("count", "pictures"), [(0, 1), (1, 2), (2, 2), (7, 2)])
-def test_chain_however_long_has_two_pictures_at_most(
-    device: GlDevice, count: int, pictures: int
+@pytest.mark.parametrize(("count", "images"), [(0, 1), (1, 2), (2, 2), (7, 2)])
+def test_chain_however_long_has_two_images_at_most(
+    device: GlDevice, count: int, images: int
 ) -> None:
     context = device.context
     with context:
         target = context.framebuffer([context.renderbuffer((96, 96), 3)])
-        made = counted(context)
+        created = record_textures(context)
         effects = (make_effect("Vignetting"),) * count
         chain = EffectChain(context, ShaderPrograms(context), effects, CAMERA, target)
-        assert len(made) == pictures
+        assert len(created) == images
         chain.close()
 
 
-def counted(context: moderngl.Context) -> list[moderngl.Texture]:
+def record_textures(context: moderngl.Context) -> list[moderngl.Texture]:
     """Return a list that every texture made in a context from now on is put in."""
-    made: list[moderngl.Texture] = []
+    created: list[moderngl.Texture] = []
     make = type(context).texture
 
-    class Counting(type(context)):  # type: ignore[misc]
+    class RecordingContext(type(context)):  # type: ignore[misc]
         def texture(self, *arguments: object, **named: object) -> moderngl.Texture:
-            made.append(make(self, *arguments, **named))
-            return made[-1]
+            created.append(make(self, *arguments, **named))
+            return created[-1]
 
-    context.__class__ = Counting
-    return made
+    context.__class__ = RecordingContext
+    return created
 
 
 @pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
 @pytest.mark.parametrize("samples", [1, 2])
-def test_picture_when_no_effect_changes_it_is_the_usual_one(
+def test_image_when_no_effect_changes_it_is_the_usual_one(
     renderer: RasterRenderer, surface: MirrorSurface, samples: int
 ) -> None:
     plan = make_plan(CAMERA, surface, samples=samples)
@@ -108,7 +108,7 @@ def test_picture_when_no_effect_changes_it_is_the_usual_one(
     view.close()
 
 
-def test_frame_when_drawn_twice_has_the_same_bytes(renderer: RasterRenderer) -> None:
+def test_frame_when_rendered_twice_has_the_same_bytes(renderer: RasterRenderer) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     np.testing.assert_array_equal(
         view.render(CAMERA_STATE, NOISY).rgb, view.render(CAMERA_STATE, NOISY).rgb
@@ -137,9 +137,9 @@ def test_view_when_a_robot_stops_and_goes_builds_nothing_anew(renderer: RasterRe
     built: dict[bool, object] = {}
     faster = (0.0, *np.geomspace(0.03, 3.0, 9))
     for speed_m_s in (*faster, *reversed(faster)) * 3:
-        exposure = replace(CAMERA_STATE, twist=Twist((speed_m_s, 0.0, 0.0)))
-        plan = plan_effects(named, summaries.summarize(exposure, CAMERA), CAMERA)
-        lasting = apply_scene_effects(exposure, plan)
+        camera_state = replace(CAMERA_STATE, twist=Twist((speed_m_s, 0.0, 0.0)))
+        plan = plan_effects(named, summaries.summarize(camera_state, CAMERA), CAMERA)
+        lasting = apply_scene_effects(camera_state, plan)
         view.render(lasting, plan.image_effects)
         assert (
             built.setdefault(lasting.shutter is None, view.active_passes[-1])

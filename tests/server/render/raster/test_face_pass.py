@@ -29,12 +29,12 @@ def renderer(device: GlDevice) -> RasterRenderer:
     return RasterRenderer(build_scene(world), world, device=device)
 
 
-def counts(
-    renderer: RasterRenderer, rim_deg: float, exposure: CameraState = CAMERA_STATE
+def count_draws(
+    renderer: RasterRenderer, rim_deg: float, camera_state: CameraState = CAMERA_STATE
 ) -> DrawCounts:
     camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
     view = renderer.prepare(camera, make_plan(camera))
-    view.render(exposure)
+    view.render(camera_state)
     view.close()
     return view.face_counts
 
@@ -52,23 +52,21 @@ def counts(
         (150.0, 6),
     ],
 )
-def test_sixth_face_is_drawn_only_beyond_its_limit(
+def test_sixth_face_is_rendered_only_beyond_its_limit(
     renderer: RasterRenderer, rim_deg: float, cells: int
 ) -> None:
-    assert counts(renderer, rim_deg).num_cells == cells
+    assert count_draws(renderer, rim_deg).num_cells == cells
 
 
 @pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
-def test_only_texels_that_the_plan_gives_are_drawn(
-    renderer: RasterRenderer, rim_deg: float
-) -> None:
+def test_only_texels_of_the_plan_are_rendered(renderer: RasterRenderer, rim_deg: float) -> None:
     camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
     parts = make_plan(camera).face_regions
     # Whole texels, and the guard on both sides.
     around = 2 * GUARD_TEXELS + 1
     most = sum((part.size_texels[0] + around) * (part.size_texels[1] + around) for part in parts)
-    drawn = counts(renderer, rim_deg).num_texels
-    assert sum(part.num_texels for part in parts) < drawn <= most
+    rendered = count_draws(renderer, rim_deg).num_texels
+    assert sum(part.num_texels for part in parts) < rendered <= most
 
 
 @pytest.mark.parametrize("rim_deg", [60.0, 90.0, 100.0, 110.0, 120.0, 125.2, 135.0, 150.0])
@@ -79,10 +77,10 @@ def test_density_saves_a_fifth_of_the_texels_of_one_size(rim_deg: float) -> None
     assert texels < 0.8 * sum(part.num_texels for part in of_one_size)
 
 
-def test_side_faces_are_not_drawn_for_a_mirror_that_looks_down_only(
+def test_side_faces_are_not_rendered_for_a_mirror_that_looks_down_only(
     renderer: RasterRenderer,
 ) -> None:
-    assert counts(renderer, 40.0).num_cells == 1
+    assert count_draws(renderer, 40.0).num_cells == 1
 
 
 def test_lower_rim_costs_fewer_texels(renderer: RasterRenderer) -> None:
@@ -97,7 +95,7 @@ def test_lower_rim_costs_fewer_texels(renderer: RasterRenderer) -> None:
     assert of_rims == sorted(set(of_rims))
 
 
-def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) -> None:
+def test_face_without_surfaces_sends_no_triangles(renderer: RasterRenderer) -> None:
     above = renderer.prepare_face(FaceCamera(Face.U, 32), 1)
     image = above.render(CameraState(Pose.from_rpy((0.0, 0.0, -5.0))))
     assert above.face_counts.num_draw_calls == 0
@@ -108,29 +106,33 @@ def test_face_that_nothing_is_in_sends_no_triangles(renderer: RasterRenderer) ->
 @pytest.mark.parametrize(
     ("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1), ((3.0, 3.0, 0.0), 2)]
 )
-def test_cell_of_the_atlas_when_nothing_is_in_it_has_no_draw_call(
+def test_cell_without_surfaces_has_no_draw_call(
     device: GlDevice, at: tuple[float, float, float], faces: int
 ) -> None:
     post = Item("post", Box((0.2, 0.2, 0.2)), Pose.from_rpy(at), Material((0.5, 0.5, 0.5)))
     small = World("post", (post,), background=(0.2, 0.2, 0.2))
     renderer = RasterRenderer(build_scene(small), small, device=device)
-    drawn = counts(renderer, 120.0, CameraState(Pose.identity()))
-    assert (drawn.num_cells, drawn.num_draw_calls, drawn.num_triangles) == (5, faces, 12 * faces)
+    rendered = count_draws(renderer, 120.0, CameraState(Pose.identity()))
+    assert (rendered.num_cells, rendered.num_draw_calls, rendered.num_triangles) == (
+        5,
+        faces,
+        12 * faces,
+    )
 
 
 @pytest.mark.parametrize(("at", "faces"), [((3.0, 0.0, 0.0), 1), ((0.0, 0.0, 3.0), 1)])
-def test_cell_of_the_atlas_when_no_body_is_in_it_has_no_draw_call(
+def test_cell_without_objects_has_no_draw_call(
     device: GlDevice, at: tuple[float, float, float], faces: int
 ) -> None:
     empty = World("nothing", (), background=(0.2, 0.2, 0.2))
     renderer = RasterRenderer(build_scene(empty), empty, device=device)
     here = CameraState(Pose.identity())
-    assert counts(renderer, 120.0, here).num_draw_calls == 0
-    drawn = counts(renderer, 120.0, replace(here, objects=(place_cube(*at),)))
-    assert (drawn.num_draw_calls, drawn.num_triangles) == (faces, 12 * faces)
+    assert count_draws(renderer, 120.0, here).num_draw_calls == 0
+    rendered = count_draws(renderer, 120.0, replace(here, objects=(place_cube(*at),)))
+    assert (rendered.num_draw_calls, rendered.num_triangles) == (faces, 12 * faces)
 
 
-def test_more_samples_than_the_device_has_are_refused(renderer: RasterRenderer) -> None:
+def test_more_samples_than_the_device_has_are_rejected(renderer: RasterRenderer) -> None:
     camera = make_omni_camera(width_px=32)
     with pytest.raises(DomainError, match="samples a texel"):
         renderer.prepare(camera, make_plan(camera, face_samples=1024))

@@ -11,21 +11,21 @@ from catoptra_server.scene.world_description import PointLight
 LAMPS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
 
 
-def uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
+def make_uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
     viewpoint, origin = np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     return FrameUniforms.from_viewpoint(viewpoint, (1.0, -2.0), lights=lights, origin=origin)
 
 
-def test_lights_are_placed_relative_to_the_viewpoint() -> None:
-    assert uniforms(LAMPS).light_positions.tolist() == [[0.5, 1.0, 3.0]]
-    assert uniforms(()).light_positions.shape == (0, 3)
+def test_light_positions_are_relative_to_the_viewpoint() -> None:
+    assert make_uniforms(LAMPS).light_positions.tolist() == [[0.5, 1.0, 3.0]]
+    assert make_uniforms(()).light_positions.shape == (0, 3)
 
 
 @pytest.mark.parametrize("lights", [(), LAMPS])
-def test_programs_with_and_without_lights_take_them(
+def test_programs_with_and_without_lights_accept_their_uniforms(
     device: GlDevice, lights: tuple[PointLight, ...]
 ) -> None:
     define = (("NUM_POINT_LIGHTS", len(lights)),) if lights else ()
     program = ShaderPrograms(device.context).get(ProgramSpec("face", "face", define))
-    uniforms(lights).apply_to(program)
+    make_uniforms(lights).apply_to(program)
     assert program["depth_from_forward"].value == (1.0, -2.0)

@@ -20,7 +20,7 @@ def test_missing_library_is_named_with_the_packages_that_bring_it(
     assert caught.value.reason.startswith("libabsent.so.1 cannot be loaded")
 
 
-def test_context_that_cannot_be_made_is_told_with_the_reason(
+def test_context_that_cannot_be_created_is_reported_with_the_reason(
     device: GlDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "REQUIRED_VERSION", 990)
@@ -37,7 +37,7 @@ def test_context_that_cannot_be_made_is_told_with_the_reason(
         ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", False),
     ],
 )
-def test_software_is_told_by_the_renderers_name(
+def test_software_is_recognized_by_the_renderer_name(
     device: GlDevice, renderer: str, software: bool
 ) -> None:
     assert replace(device, renderer=renderer).is_software is software

@@ -21,7 +21,7 @@ TURNED = replace(
 
 
 @pytest.mark.parametrize("camera", [make_omni_camera(), TURNED], ids=["plain", "turned"])
-def test_corners_stand_on_the_pixels_of_the_law(camera: OmniCamera) -> None:
+def test_corners_project_to_the_pixels_of_the_camera_model(camera: OmniCamera) -> None:
     mesh = build_mirror_mesh(camera, Tessellation(12, 5))
     x, y, _, w = np.moveaxis(mirror_mesh_clip_positions(camera, mesh), -1, 0)
     u, v = 0.5 * (x / w + 1.0) * camera.width_px, 0.5 * (y / w + 1.0) * camera.height_px
@@ -30,7 +30,7 @@ def test_corners_stand_on_the_pixels_of_the_law(camera: OmniCamera) -> None:
     assert w == pytest.approx(camera.mirror.pinhole_distance_m - mesh.corners[..., 2])
 
 
-def test_orthographic_camera_has_no_polygon_mirror() -> None:
+def test_orthographic_camera_has_no_mirror_mesh() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03))
     mesh = build_mirror_mesh(camera, Tessellation(8, 8))
     with pytest.raises(DomainError, match="pinhole"):
@@ -40,17 +40,17 @@ def test_orthographic_camera_has_no_polygon_mirror() -> None:
 @pytest.mark.parametrize("interpolation", list(Interpolation))
 @pytest.mark.parametrize("sectors", [3, 4, 5, 8, 16])
 @pytest.mark.parametrize("rim_deg", [80.0, 100.0, 120.0, 140.0])
-def test_no_place_on_a_polygon_looks_higher_than_the_bound(
+def test_no_point_on_a_polygon_looks_higher_than_the_bound(
     interpolation: Interpolation, sectors: int, rim_deg: float
 ) -> None:
     camera = make_omni_camera(rim_deg=rim_deg)
-    split = Tessellation(sectors, 3, interpolation)
-    directions = build_mirror_mesh(camera, split).directions
+    tessellation = Tessellation(sectors, 3, interpolation)
+    directions = build_mirror_mesh(camera, tessellation).directions
     weights = np.random.default_rng(0).dirichlet((0.4, 0.4, 0.4), 400)
-    places = np.einsum("wc,nci->nwi", weights, directions)
-    incidence = np.arccos(places[..., 2] / np.linalg.norm(places, axis=-1))
-    assert incidence.max() <= max_incidence_rad(camera, split) + 1e-9
+    positions = np.einsum("wc,nci->nwi", weights, directions)
+    incidence = np.arccos(positions[..., 2] / np.linalg.norm(positions, axis=-1))
+    assert incidence.max() <= max_incidence_rad(camera, tessellation) + 1e-9
 
 
-def test_exact_law_looks_up_to_the_rim() -> None:
+def test_camera_model_looks_up_to_the_rim() -> None:
     assert max_incidence_rad(make_omni_camera(rim_deg=120.0), PerPixel()) == math.radians(120.0)

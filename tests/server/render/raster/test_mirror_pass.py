@@ -24,7 +24,7 @@ OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 4
 
 
 @pytest.mark.parametrize("camera", [make_omni_camera(), OFF_CENTRE], ids=["centred", "off centre"])
-def test_polygon_holds_every_sample_that_sees_the_mirror(camera: OmniCamera) -> None:
+def test_polygon_contains_every_sample_that_sees_the_mirror(camera: OmniCamera) -> None:
     size = np.array((camera.width_px, camera.height_px))
     corners = 0.5 * (rim_polygon(camera) + 1.0) * size
     along = np.roll(corners, -1, axis=0) - corners
@@ -36,7 +36,7 @@ def test_polygon_holds_every_sample_that_sees_the_mirror(camera: OmniCamera) -> 
     assert (beyond <= 0.0).all()
 
 
-def test_more_samples_than_a_texture_holds_are_refused(device: GlDevice) -> None:
+def test_more_samples_than_a_texture_contains_are_rejected(device: GlDevice) -> None:
     camera = make_omni_camera(width_px=1100)
     renderer = RasterRenderer(build_scene(World("empty", ())), World("empty", ()), device=device)
     with pytest.raises(DomainError, match=r"16\^2 samples of 1100 x 1100 px are too many"):

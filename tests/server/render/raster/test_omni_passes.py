@@ -1,4 +1,4 @@
-"""The passes of a frame follow from effects and shutter: none exists that the frame does not need."""
+"""The passes of a frame follow from effects and shutter; passes without a use do not exist."""
 
 from __future__ import annotations
 

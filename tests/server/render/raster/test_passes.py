@@ -19,9 +19,9 @@ def test_average_is_taken_in_linear_light_and_encoded(device: GlDevice, samples:
     context = device.context
     size = (samples * WIDTH, samples * HEIGHT)
     light = np.random.default_rng(0).uniform(0.0, 1.0, (size[1], size[0], 4)).astype(np.float16)
-    picture = context.texture(size, 4, light.tobytes(), dtype=LINEAR_DTYPE)
+    image = context.texture(size, 4, light.tobytes(), dtype=LINEAR_DTYPE)
     output = OutputImage(context, WIDTH, HEIGHT)
-    AveragePass(context, ShaderPrograms(context), picture, samples, output.target).draw(EXPOSURE)
+    AveragePass(context, ShaderPrograms(context), image, samples, output.target).draw(EXPOSURE)
     blocks = light.astype(np.float64).reshape(HEIGHT, samples, WIDTH, samples, 4)
     expected = 255.0 * srgb_from_linear(blocks.mean(axis=(1, 3))[..., :3])
     assert np.abs(output.read() - expected).max() < 0.52  # half a level and the shader's pow
@@ -31,13 +31,13 @@ def test_light_beyond_white_counts_in_the_average(device: GlDevice) -> None:
     context = device.context
     light = np.zeros((2, 2, 4), dtype=np.float16)
     light[0, 0] = 4.0
-    picture = context.texture((2, 2), 4, light.tobytes(), dtype=LINEAR_DTYPE)
+    image = context.texture((2, 2), 4, light.tobytes(), dtype=LINEAR_DTYPE)
     output = OutputImage(context, 1, 1)
-    AveragePass(context, ShaderPrograms(context), picture, 2, output.target).draw(EXPOSURE)
+    AveragePass(context, ShaderPrograms(context), image, 2, output.target).draw(EXPOSURE)
     assert output.read().tolist() == [[[255, 255, 255]]]
 
 
-def test_picture_that_was_read_is_its_own_and_read_only(device: GlDevice) -> None:
+def test_image_when_read_is_a_read_only_copy(device: GlDevice) -> None:
     output = OutputImage(device.context, WIDTH, HEIGHT)
     output.target.clear(1.0, 0.0, 0.0)
     red = output.read()
@@ -48,7 +48,7 @@ def test_picture_that_was_read_is_its_own_and_read_only(device: GlDevice) -> Non
     output.close()
 
 
-def test_row_zero_of_the_target_is_the_top_of_the_picture(device: GlDevice) -> None:
+def test_row_zero_of_the_target_is_the_top_of_the_image(device: GlDevice) -> None:
     output = OutputImage(device.context, WIDTH, HEIGHT)
     output.target.clear()
     output.target.clear(1.0, 1.0, 1.0, viewport=(0, 0, WIDTH, 1))

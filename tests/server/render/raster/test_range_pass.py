@@ -1,4 +1,4 @@
-"""What each pixel sees, found by both renderers, against each other and against a law."""
+"""The range of each pixel by both renderers, against each other and against geometry."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, 
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def rastered(world: World, exposure: CameraState, device: GlDevice) -> Ranges:
+def measure_ranges(world: World, camera_state: CameraState, device: GlDevice) -> Ranges:
     with device.context as context:
         programs = ShaderPrograms(context)
         scene = SceneBuffers(context, programs, build_scene(world), world)
         atlas = pack_atlas(
             make_plan(CAMERA).face_regions, guard_texels=GUARD_TEXELS, max_texels=4096
         )
-        places = make_lookup_texture(context, CAMERA, atlas, 1)
-        step = RangePass(context, programs, scene, atlas, CAMERA, places)
-        step.draw(exposure)
+        positions = make_lookup_texture(context, CAMERA, atlas, 1)
+        step = RangePass(context, programs, scene, atlas, CAMERA, positions)
+        step.draw(camera_state)
         seen = step.read()
         step.close()
         scene.close()
     return seen
 
 
-def test_range_when_over_a_level_floor_is_that_of_the_law(device: GlDevice) -> None:
+def test_range_over_a_level_floor_is_that_of_the_camera_model(device: GlDevice) -> None:
     directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     down = directions[..., 2]
     near = on_mirror & (down > 0.1)
-    seen = rastered(FLOOR, CAMERA_ABOVE_FLOOR, device)
+    seen = measure_ranges(FLOOR, CAMERA_ABOVE_FLOOR, device)
     assert not np.isfinite(seen[~on_mirror | (down < 0.0)]).any()
     ratio = seen[near] * down[near] / VIEWPOINT_HEIGHT_M
     # Half a texel of an atlas of a texel a pixel, where the floor is seen at six degrees.
@@ -52,11 +52,11 @@ def test_range_when_over_a_level_floor_is_that_of_the_law(device: GlDevice) -> N
     assert np.median(np.abs(ratio - 1.0)) < 0.01
 
 
-def test_renderers_when_a_body_is_in_view_see_as_far_at_the_same_pixels(device: GlDevice) -> None:
-    exposure = replace(CAMERA_STATE, objects=(DYNAMIC_OBJECT,))
+def test_renderers_when_an_object_is_in_view_measure_equal_ranges(device: GlDevice) -> None:
+    camera_state = replace(CAMERA_STATE, objects=(DYNAMIC_OBJECT,))
     trace, raster = (
-        trace_ranges(make_test_world(), exposure),
-        rastered(make_test_world(), exposure, device),
+        trace_ranges(make_test_world(), camera_state),
+        measure_ranges(make_test_world(), camera_state, device),
     )
     with np.errstate(invalid="ignore"):
         close = np.isclose(trace, raster, rtol=0.05)
@@ -74,16 +74,16 @@ def test_pass_when_no_effect_uses_range_does_not_exist(device: GlDevice) -> None
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
-def test_bodies_when_they_come_and_go_are_seen_before_the_floor(
+def test_objects_when_they_come_and_go_are_visible_before_the_floor(
     count: int, device: GlDevice
 ) -> None:
-    bodies = (
+    objects = (
         DYNAMIC_OBJECT,
         replace(DYNAMIC_OBJECT, world_from_object=Pose.from_rpy((-1.0, -0.5, -0.3))),
     )[:count]
     alone, seen = (
-        rastered(FLOOR, CAMERA_ABOVE_FLOOR, device),
-        rastered(FLOOR, replace(CAMERA_ABOVE_FLOOR, objects=bodies), device),
+        measure_ranges(FLOOR, CAMERA_ABOVE_FLOOR, device),
+        measure_ranges(FLOOR, replace(CAMERA_ABOVE_FLOOR, objects=objects), device),
     )
     assert (seen <= alone).all()
     nearer = (seen < alone).sum()

@@ -39,33 +39,35 @@ def renderer(device: GlDevice) -> RasterRenderer:
     return RasterRenderer(build_scene(world), world, device=device)
 
 
-def picture(device: GlDevice, world: World, exposure: CameraState) -> Image:
+def render_image(device: GlDevice, world: World, camera_state: CameraState) -> Image:
     view = RasterRenderer(build_scene(world), world, device=device).prepare(
         CAMERA, make_plan(CAMERA)
     )
-    image = view.render(exposure).rgb
+    image = view.render(camera_state).rgb
     view.close()
     return image
 
 
-def box_at(x: float, y: float, z: float, *, size: float = 0.4) -> World:
+def make_box(x: float, y: float, z: float, *, size: float = 0.4) -> World:
     red = Material((1.0, 0.0, 0.0), unlit=True)
     item = Item("box", Box((size, size, size)), Pose.from_rpy((x, y, z)), red)
     return World("box", (item,), lights=(HEMISPHERE_LIGHT,), background=(0.0, 0.0, 1.0))
 
 
-def red_middle(image: Image) -> tuple[float, float]:
+def red_centroid(image: Image) -> tuple[float, float]:
     rows, columns = np.nonzero(image[..., 0] > 128)
     return float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
 
 
 @pytest.mark.parametrize("place", [(2.0, 0.0, 0.0), (0.0, -2.0, 0.3), (-1.0, 1.0, 0.5)])
-def test_thing_appears_mirrored_where_the_law_puts_it(
+def test_object_appears_mirrored_at_the_camera_model_s_pixel(
     device: GlDevice, place: tuple[float, float, float]
 ) -> None:
     expected, _ = pixel_from_direction(CAMERA, np.array(place))
     # A box is no point: its middle in the picture is within two pixels of its centre's.
-    assert red_middle(picture(device, box_at(*place), HERE)) == pytest.approx(expected, abs=2.0)
+    assert red_centroid(render_image(device, make_box(*place), HERE)) == pytest.approx(
+        expected, abs=2.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -88,12 +90,12 @@ def test_view_has_the_passes_that_its_plan_needs_and_times_each(
 
 def test_programs_are_shared_by_views_of_one_kind(renderer: RasterRenderer) -> None:
     first = renderer.prepare(CAMERA, make_plan(CAMERA))
-    picture = first.render(CAMERA_STATE).rgb
+    render_image = first.render(CAMERA_STATE).rgb
     built = renderer.program_names
     second = renderer.prepare(
         make_omni_camera(width_px=64), make_plan(make_omni_camera(width_px=64))
     )
-    assert picture.shape != second.render(CAMERA_STATE).rgb.shape
+    assert render_image.shape != second.render(CAMERA_STATE).rgb.shape
     assert renderer.program_names == built
     first.close()
     second.close()
@@ -120,7 +122,7 @@ def test_same_exposure_gives_the_same_bytes(renderer: RasterRenderer) -> None:
     view.close()
 
 
-def test_polygons_of_an_orthographic_camera_are_refused(renderer: RasterRenderer) -> None:
+def test_polygons_of_an_orthographic_camera_are_rejected(renderer: RasterRenderer) -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03))
     with pytest.raises(DomainError, match="pinhole"):
         renderer.prepare(camera, make_plan(camera, Tessellation(8, 8)))
@@ -130,8 +132,8 @@ def test_world_far_from_the_origin_looks_the_same(device: GlDevice) -> None:
     away = (2.0e6, -1.0e6, 300.0)
     there = CameraState(Pose.from_rpy(away) @ CAMERA_STATE.world_from_mirror)
     near, far = (
-        picture(device, make_test_world(), CAMERA_STATE),
-        picture(device, translate_world(make_test_world(), away), there),
+        render_image(device, make_test_world(), CAMERA_STATE),
+        render_image(device, translate_world(make_test_world(), away), there),
     )
     # Poses themselves are rounded to 2e-10 m out there: only edges may jump, by a pixel.
     assert (level_differences(near, far) > 1).mean() < 0.002
@@ -144,7 +146,7 @@ def test_wall_that_touches_the_viewpoint_is_not_cut_away(device: GlDevice) -> No
         Pose.from_rpy((0.06, 0.0, 0.0)),
         Material((1, 0, 0), unlit=True),
     )
-    image = picture(device, World("wall", (wall,)), HERE)
+    image = render_image(device, World("wall", (wall,)), HERE)
     assert (image[30, 60] == (255, 0, 0)).all(), "ahead is up in the picture"
     assert (image[90, 60] == 0).all()
 
@@ -156,33 +158,35 @@ def test_lines_a_millimetre_above_the_floor_do_not_flicker(device: GlDevice) -> 
     paint = Item(
         "paint", Box((60, 60, 0.1)), Pose.from_rpy((0, 0, 0.649)), Material((1, 0, 0), unlit=True)
     )
-    image = picture(device, World("floor", (paint, floor)), HERE)
+    image = render_image(device, World("floor", (paint, floor)), HERE)
     assert not (image[..., 1] > 0).any()
 
 
-def test_inside_of_a_box_is_drawn_too(device: GlDevice) -> None:
-    image = picture(device, box_at(0.0, 0.0, 0.0, size=3.0), HERE)
+def test_inside_of_a_box_is_rendered_too(device: GlDevice) -> None:
+    image = render_image(device, make_box(0.0, 0.0, 0.0, size=3.0), HERE)
     assert (image[60, 60] == (255, 0, 0)).all()
 
 
 def test_empty_world_shows_the_background_on_the_mirror_only(device: GlDevice) -> None:
-    image = picture(device, World("empty", (), background=(1.0, 1.0, 1.0)), HERE)
+    image = render_image(device, World("empty", (), background=(1.0, 1.0, 1.0)), HERE)
     assert (image[60, 60] == 255).all()
     assert (image[0, 0] == 0).all()
 
 
 def test_scenes_of_one_device_keep_apart(device: GlDevice) -> None:
-    blue = replace(box_at(2.0, 0.0, 0.0), items=())
-    assert (picture(device, blue, HERE)[60, 60] == (0, 0, 255)).all()
-    assert (picture(device, box_at(0.0, 0.0, 2.0, size=2.0), HERE)[60, 60] == (255, 0, 0)).all()
+    blue = replace(make_box(2.0, 0.0, 0.0), items=())
+    assert (render_image(device, blue, HERE)[60, 60] == (0, 0, 255)).all()
+    assert (
+        render_image(device, make_box(0.0, 0.0, 2.0, size=2.0), HERE)[60, 60] == (255, 0, 0)
+    ).all()
 
 
-def test_renderer_says_what_draws(renderer: RasterRenderer) -> None:
+def test_renderer_describes_its_device(renderer: RasterRenderer) -> None:
     assert "OpenGL" in renderer.describe()
     assert "triangles" in renderer.describe()
 
 
-def test_renderer_is_refused_in_another_thread(renderer: RasterRenderer) -> None:
+def test_renderer_is_rejected_in_another_thread(renderer: RasterRenderer) -> None:
     errors: list[AssertionError] = []
 
     def prepare() -> None:

@@ -12,14 +12,14 @@ from helpers.effect_measurement import CAMERA, make_effect
 from helpers.worlds import CAMERA_STATE, make_plan, make_test_world
 
 
-def renderer_on(device: GlDevice) -> RasterRenderer:
+def make_renderer(device: GlDevice) -> RasterRenderer:
     world = make_test_world()
     return RasterRenderer(build_scene(world), world, device=device)
 
 
-def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
+def test_linear_image_when_read_is_the_encoded_one(device: GlDevice) -> None:
     effects = (make_effect("Vignetting"),)
-    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
     light, rgb = view.render_linear(CAMERA_STATE, effects), view.render(CAMERA_STATE, effects).rgb
     assert (light.dtype, light.shape) == (np.float32, rgb.shape)
     # Half a level is rounding, the rest the shader's square roots.
@@ -28,18 +28,18 @@ def test_linear_picture_when_read_is_what_was_encoded(device: GlDevice) -> None:
     view.close()
 
 
-def test_view_when_drawn_by_another_thread_says_so(device: GlDevice) -> None:
-    view = renderer_on(device).prepare(CAMERA, make_plan(CAMERA))
-    said: list[str] = []
+def test_view_when_rendered_by_another_thread_raises(device: GlDevice) -> None:
+    view = make_renderer(device).prepare(CAMERA, make_plan(CAMERA))
+    errors: list[str] = []
 
     def draw() -> None:
         try:
             view.render(CAMERA_STATE)
         except AssertionError as error:
-            said.append(str(error))
+            errors.append(str(error))
 
     thread = threading.Thread(target=draw)
     thread.start()
     thread.join()
-    assert said == ["a view belongs to its renderer's thread"]
+    assert errors == ["a view belongs to its renderer's thread"]
     view.close()

@@ -18,7 +18,7 @@ from helpers.worlds import (
 )
 
 
-def test_look_when_light_varies_by_place_alone_has_the_programs_that_need_normals(
+def test_batches_when_light_varies_by_position_have_the_programs_that_need_normals(
     device: GlDevice, tmp_path: Path
 ) -> None:
     world = make_test_world(

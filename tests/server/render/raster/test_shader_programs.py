@@ -30,7 +30,7 @@ def test_shader_file_says_what_it_provides_and_names_its_twin(path: Path) -> Non
         resolve_name(name.rstrip("."))  # raises where the twin does not exist
 
 
-def test_source_puts_version_and_definitions_first() -> None:
+def test_source_begins_with_version_and_definitions() -> None:
     lines = load_source("average.frag", (("SAMPLES", 3),)).splitlines()
     assert lines[:2] == ["#version 330 core", "#define SAMPLES 3"]
 

@@ -1,4 +1,4 @@
-"""The depths that lights see, and what is not drawn where nothing casts shadows."""
+"""Depths in shadow maps, and the resources that exist without any shadow caster."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def shadow_programs(renderer: RasterRenderer) -> list[str]:
     return [name for name in renderer.program_names if "shadow" in name or "SHADOWS" in name]
 
 
-def test_exposures_when_without_shadows_build_nothing_for_them(device: GlDevice) -> None:
+def test_camera_states_without_shadows_build_nothing_for_them(device: GlDevice) -> None:
     renderer = RasterRenderer(build_scene(WORLD), WORLD, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     view.render(AT)
@@ -52,12 +52,13 @@ def test_exposures_when_without_shadows_build_nothing_for_them(device: GlDevice)
     view.render(dataclasses.replace(AT, has_shadows=True))
     assert shadow_programs(renderer) == [
         "shadow",
-        "face SHADOWS=1 MAP_COLUMNS=3 NUM_SHADOWED_DIRECTIONAL_LIGHTS=1 NUM_SHADOWED_POINT_LIGHTS=1",
+        "face SHADOWS=1 MAP_COLUMNS=3"
+        " NUM_SHADOWED_DIRECTIONAL_LIGHTS=1 NUM_SHADOWED_POINT_LIGHTS=1",
     ]
     view.close()
 
 
-def test_world_when_no_light_casts_shadows_builds_nothing_for_them(device: GlDevice) -> None:
+def test_world_without_shadow_casting_lights_builds_nothing_for_them(device: GlDevice) -> None:
     world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT,))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
@@ -66,7 +67,7 @@ def test_world_when_no_light_casts_shadows_builds_nothing_for_them(device: GlDev
     view.close()
 
 
-def maps_of(device: GlDevice, world: World) -> ShadowMaps:
+def make_maps(device: GlDevice, world: World) -> ShadowMaps:
     lights = shading.shadow_casting_lights(world.lights)
     scene = build_scene(world)
     return ShadowMaps(
@@ -74,9 +75,9 @@ def maps_of(device: GlDevice, world: World) -> ShadowMaps:
     )
 
 
-def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice) -> None:
+def test_maps_when_a_program_samples_them_are_defined_by_number(device: GlDevice) -> None:
     with device.context:
-        maps = maps_of(device, WORLD)
+        maps = make_maps(device, WORLD)
         assert maps.definitions == (
             ("SHADOWS", 1),
             ("MAP_COLUMNS", 3),
@@ -97,20 +98,22 @@ def test_maps_when_a_program_looks_into_them_are_told_by_number(device: GlDevice
     ],
     ids=["suns", "lamps"],
 )
-def test_maps_when_lights_are_too_many_are_refused_by_number(
+def test_maps_when_lights_are_too_many_are_rejected_by_number(
     device: GlDevice, lights: tuple[Light, ...]
 ) -> None:
     with pytest.raises(DomainError, match=r"at most 8 directional and 40 point lights.*trace"):
-        maps_of(device, dataclasses.replace(WORLD, lights=lights))
+        make_maps(device, dataclasses.replace(WORLD, lights=lights))
 
 
-def test_lights_when_as_many_as_are_allowed_are_drawn(device: GlDevice) -> None:
-    suns = [
+def test_lights_when_as_many_as_are_allowed_are_rendered(device: GlDevice) -> None:
+    lights = [
         DirectionalLight((0.6 * np.cos(a), 0.6 * np.sin(a), 0.8), (0.05,) * 3)
         for a in np.linspace(0.0, 5.0, MAX_SHADOWED_DIRECTIONAL_LIGHTS)
     ]
-    lamps = [dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)] * MAX_SHADOWED_POINT_LIGHTS
-    world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT, *suns, *lamps))
+    point_lights = [
+        dataclasses.replace(POINT_LIGHT, intensity=(0.01,) * 3)
+    ] * MAX_SHADOWED_POINT_LIGHTS
+    world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT, *lights, *point_lights))
     renderer = RasterRenderer(build_scene(world), world, device=device)
     view = renderer.prepare(make_omni_camera(), make_plan(make_omni_camera()))
     lit = view.render(AT).rgb.astype(int)

@@ -18,7 +18,7 @@ PLAIN = CameraState(Pose.from_rpy((0.0, 0.0, -1.0)), TWO_ROBOTS)
 SHADOWED = dataclasses.replace(PLAIN, has_shadows=True)
 
 
-def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
+def test_scene_without_and_with_shadows_has_two_sets_of_batches_each_built_once(
     device: GlDevice,
 ) -> None:
     buffers = SceneBuffers(
@@ -31,7 +31,7 @@ def test_scene_when_lit_without_and_with_shadows_is_two_looks_each_made_once(
     buffers.close()
 
 
-def test_scene_when_no_light_can_be_hidden_has_one_look(device: GlDevice) -> None:
+def test_scene_without_shadow_casting_lights_has_one_set_of_batches(device: GlDevice) -> None:
     world = dataclasses.replace(WORLD, lights=(DIM_HEMISPHERE_LIGHT,))
     buffers = SceneBuffers(
         device.context, ShaderPrograms(device.context), build_scene(world), world
@@ -40,7 +40,9 @@ def test_scene_when_no_light_can_be_hidden_has_one_look(device: GlDevice) -> Non
     buffers.close()
 
 
-def test_bodies_when_shadowed_are_drawn_by_a_program_that_knows_shadows(device: GlDevice) -> None:
+def test_objects_when_shadowed_are_rendered_by_a_program_that_knows_shadows(
+    device: GlDevice,
+) -> None:
     programs = ShaderPrograms(device.context)
     buffers = SceneBuffers(device.context, programs, build_scene(WORLD), WORLD)
     scene = buffers.with_lighting(SHADOWED)

@@ -19,11 +19,11 @@ GRID = CellGrid.from_camera(CAMERA, omni_rays(CAMERA, make_plan(CAMERA)), side_p
 POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
-def covered(centre: Floats, radius_m: float) -> Floats:
+def find_covered(centre: Floats, radius_m: float) -> Floats:
     """Return the cells (rows, columns) that a sphere in the mirror frame covers."""
-    middle, radius = POSE.transform_points(np.atleast_2d(centre)), np.array([radius_m])
+    centre, radius = POSE.transform_points(np.atleast_2d(centre)), np.array([radius_m])
     cells = covered_cells(
-        middle, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID
+        centre, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID
     )
     return cells.reshape(GRID.rows, GRID.columns)
 
@@ -38,13 +38,13 @@ def test_cells_that_a_sphere_s_points_are_seen_in_are_covered(seed: int) -> None
         points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
         pixels, seen = pixel_from_direction(CAMERA, centre + points)
         column, row = np.floor(pixels[seen] / 4.0).astype(int).T
-        assert covered(centre, radius)[row, column].all()
+        assert find_covered(centre, radius)[row, column].all()
 
 
-def test_sphere_when_small_covers_few_cells_and_when_unseen_none() -> None:
-    assert 1 <= covered(np.array([1.0, 0.3, 0.2]), 0.01).sum() <= 4
-    assert covered(np.array([0.1, 0.1, -1.0]), 0.05).sum() == 0
+def test_sphere_when_small_covers_few_cells_and_when_invisible_none() -> None:
+    assert 1 <= find_covered(np.array([1.0, 0.3, 0.2]), 0.01).sum() <= 4
+    assert find_covered(np.array([0.1, 0.1, -1.0]), 0.05).sum() == 0
 
 
 def test_sphere_when_around_the_viewpoint_covers_all() -> None:
-    assert covered(np.array([0.1, 0.0, 0.0]), 0.2).all()
+    assert find_covered(np.array([0.1, 0.0, 0.0]), 0.2).all()

@@ -1,4 +1,5 @@
-"""What trace does for bodies, counted: nothing without them, one scene a mesh with them."""
+"""Resources of trace for dynamic objects, counted: none without, one scene a mesh with objects.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ SCALE = SrgbScale.for_samples(1)
 ZERO = np.zeros(3)
 
 
-def test_no_body_commits_no_scene_and_asks_no_second_ray(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_objects_no_scene_is_committed_and_no_second_ray_traced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def fail(*args: object) -> None:
         raise AssertionError("nothing moves: nothing is asked")
 
@@ -51,7 +54,7 @@ def test_robots_of_one_class_are_committed_once_for_all_frames() -> None:
     renderer.close()
 
 
-def test_only_rays_within_the_cone_are_asked() -> None:
+def test_only_rays_within_the_cone_are_tested() -> None:
     (placed,) = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(
         (place_cube(3.0, 0.0, 0.0),), ZERO, SCALE
     )
@@ -61,7 +64,7 @@ def test_only_rays_within_the_cone_are_asked() -> None:
     assert distance == pytest.approx([2.8])
 
 
-def test_cone_holds_every_ray_that_meets_the_body() -> None:
+def test_cone_contains_every_ray_that_hits_the_object() -> None:
     rng = np.random.default_rng(6)
     directions = rng.normal(size=(20_000, 3))
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
@@ -76,7 +79,7 @@ def test_cone_holds_every_ray_that_meets_the_body() -> None:
 
 
 @pytest.mark.parametrize("height_m", [0.25, 0.45, 0.8])
-def test_cone_when_the_body_is_around_the_pole_below_holds_every_ray_that_meets_it(
+def test_cone_when_the_object_is_around_the_pole_below_contains_every_ray_that_hits_it(
     height_m: float,
 ) -> None:
     rng = np.random.default_rng(7)
@@ -96,7 +99,7 @@ def test_cone_when_the_body_is_around_the_pole_below_holds_every_ray_that_meets_
     assert np.array_equal(rays, all_rays)
 
 
-def test_cone_when_the_body_is_near_is_no_wider_than_its_corners() -> None:
+def test_cone_when_the_object_is_near_is_no_wider_than_its_corners() -> None:
     mesh = build_ego_body_mesh(
         P2AT, OmniCameraTower(make_omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543)))
     )
@@ -106,7 +109,7 @@ def test_cone_when_the_body_is_near_is_no_wider_than_its_corners() -> None:
     assert np.degrees(np.arccos(placed.cone_cosine)) == pytest.approx(46.7, abs=0.1)
 
 
-def test_ray_that_something_stopped_before_meets_nothing() -> None:
+def test_ray_that_ends_before_an_object_hits_nothing() -> None:
     (placed,) = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(
         (place_cube(3.0, 0.0, 0.0),), ZERO, SCALE
     )
@@ -115,9 +118,9 @@ def test_ray_that_something_stopped_before_meets_nothing() -> None:
     assert len(rays) == 0
 
 
-def test_hits_are_the_nearest_of_all_bodies() -> None:
-    bodies = (place_cube(3.0, 0.0, 0.0), place_cube(2.0, 0.0, 0.0), place_cube(4.0, 0.0, 0.0))
-    placed = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(bodies, ZERO, SCALE)
+def test_hits_are_the_nearest_of_all_objects() -> None:
+    objects = (place_cube(3.0, 0.0, 0.0), place_cube(2.0, 0.0, 0.0), place_cube(4.0, 0.0, 0.0))
+    placed = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(objects, ZERO, SCALE)
     directions = np.array([[1, 0, 0], [0, 0, 1]], dtype=np.float32)
     rays, distance, light = intersect_objects(placed, directions, SCALE)
     assert rays.tolist() == [0]
@@ -125,7 +128,7 @@ def test_hits_are_the_nearest_of_all_bodies() -> None:
     assert SCALE.unpack(light).tolist() == [[255, 0, 0]]
 
 
-def test_body_at_the_viewpoint_has_no_cone() -> None:
+def test_object_at_the_viewpoint_has_no_cone() -> None:
     body = dataclasses.replace(TWO_ROBOTS[0], world_from_object=Pose.identity())
     (placed,) = EmbreeObjectScenes((HEMISPHERE_LIGHT,)).place_objects(
         (body,), ROBOT_MESH.centre, SCALE

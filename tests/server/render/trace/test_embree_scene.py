@@ -1,4 +1,4 @@
-"""What single rays meet, and the light they bring back."""
+"""Hits of single rays, and the radiance of the surfaces hit."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ SKY = HemisphereLight((0.5, 0.5, 0.5), (0.0, 0.0, 0.0))
 DOWN = (0.0, 0.0, 1.0)
 
 
-def floor_world(material: Material, *lights: Light) -> World:
+def make_floor_world(material: Material, *lights: Light) -> World:
     """Return a floor of 2 x 2 m, 1 m below the origin, under a blue background."""
     floor = Item("floor", Rectangle((2.0, 2.0)), Pose.from_rpy((0.0, 0.0, 1.0)), material)
     return World("w", (floor,), lights=lights, background=(0.0, 0.0, 1.0))
 
 
-def colours(
+def trace_colours(
     world: World, *rays: tuple[tuple[float, float, float], tuple[float, float, float]]
 ) -> list[list[int]]:
     """Return the colours that rays (origin, direction) bring back."""
@@ -50,23 +50,23 @@ def colours(
     return found
 
 
-def test_ray_when_it_meets_a_surface_brings_its_light_and_else_the_background() -> None:
-    world = floor_world(Material((1.0, 0.0, 0.0)), SKY)
+def test_ray_has_the_radiance_of_the_surface_hit_or_the_background() -> None:
+    world = make_floor_world(Material((1.0, 0.0, 0.0)), SKY)
     rays = [((0, 0, 0), DOWN), ((5, 0, 0), DOWN), ((0, 0, 0), (0.0, 0.0, -1.0))]
-    assert colours(world, *rays) == [[188, 0, 0], [0, 0, 255], [0, 0, 255]]
+    assert trace_colours(world, *rays) == [[188, 0, 0], [0, 0, 255], [0, 0, 255]]
 
 
-def test_surface_when_unlit_brings_its_albedo_whatever_the_lights() -> None:
-    lamp = PointLight((0.0, 0.0, 0.0), (9.0, 9.0, 9.0))
-    world = floor_world(Material((0.5, 0.0, 0.0), unlit=True), SKY, lamp)
-    assert colours(world, ((0, 0, 0), DOWN)) == [[188, 0, 0]]
+def test_surface_when_unlit_shows_its_albedo_under_any_light() -> None:
+    point_light = PointLight((0.0, 0.0, 0.0), (9.0, 9.0, 9.0))
+    world = make_floor_world(Material((0.5, 0.0, 0.0), unlit=True), SKY, point_light)
+    assert trace_colours(world, ((0, 0, 0), DOWN)) == [[188, 0, 0]]
 
 
-def test_lamp_when_above_lights_by_the_place_that_is_hit() -> None:
-    lamp = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-    world = floor_world(Material((0.5, 0.5, 0.5)), lamp)
-    middle, aside = colours(world, ((0, 0, 0), DOWN), ((1 - 1e-3, 0, 0), DOWN))
-    assert middle == [188, 188, 188]
+def test_point_light_when_above_lights_by_the_position_of_the_hit() -> None:
+    point_light = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    world = make_floor_world(Material((0.5, 0.5, 0.5)), point_light)
+    centre, aside = trace_colours(world, ((0, 0, 0), DOWN), ((1 - 1e-3, 0, 0), DOWN))
+    assert centre == [188, 188, 188]
     # 0.5 / 2 * cos 45 degrees = 0.1768 of full light.
     assert aside == [117, 117, 117]
 
@@ -80,19 +80,19 @@ def test_lamp_when_above_lights_by_the_place_that_is_hit() -> None:
         (-0.5, 0.5, [255, 255, 255]),
     ],
 )
-def test_texture_when_on_the_floor_lies_as_it_is_seen_from_above(
+def test_texture_on_the_floor_is_upright_from_above(
     tmp_path: Path, x: float, y: float, colour: list[int]
 ) -> None:
     make_quadrant_image().save(tmp_path / "q.png")
-    picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png", unlit=True)
-    assert colours(floor_world(picture), ((x, y, 0), DOWN)) == [colour]
+    image = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png", unlit=True)
+    assert trace_colours(make_floor_world(image), ((x, y, 0), DOWN)) == [colour]
 
 
 def test_scene_when_it_has_no_triangles_is_all_background() -> None:
     world = World("w", (), background=(1.0, 1.0, 1.0))
-    assert colours(world, ((0, 0, 0), DOWN), ((1e5, 0, 0), DOWN)) == 2 * [[255, 255, 255]]
+    assert trace_colours(world, ((0, 0, 0), DOWN), ((1e5, 0, 0), DOWN)) == 2 * [[255, 255, 255]]
 
 
-def test_surface_when_seen_from_behind_is_seen_all_the_same() -> None:
-    world = floor_world(Material((1.0, 0.0, 0.0), unlit=True))
-    assert colours(world, ((0, 0, 5), (0.0, 0.0, -1.0))) == [[255, 0, 0]]
+def test_surface_from_behind_is_visible_too() -> None:
+    world = make_floor_world(Material((1.0, 0.0, 0.0), unlit=True))
+    assert trace_colours(world, ((0, 0, 5), (0.0, 0.0, -1.0))) == [[255, 0, 0]]

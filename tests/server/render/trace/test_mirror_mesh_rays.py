@@ -1,4 +1,4 @@
-"""The polygon mirror's rays; how far they are off is measured in tests/server/figures."""
+"""The rays of the mirror mesh; their error is measured in tests/studies/camera_figures."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def test_directions_when_valid_are_unit_and_else_the_axis() -> None:
     np.testing.assert_array_equal(directions[~valid], np.tile([0.0, 0.0, 1.0], ((~valid).sum(), 1)))
 
 
-def test_directions_when_of_very_many_polygons_are_the_law_s() -> None:
-    split = Tessellation(1024, 256, Interpolation.POSITION)
-    directions, valid = mirror_mesh_directions(CAMERA, split, PIXELS)
+def test_directions_of_very_many_polygons_are_the_camera_model_s() -> None:
+    tessellation = Tessellation(1024, 256, Interpolation.POSITION)
+    directions, valid = mirror_mesh_directions(CAMERA, tessellation, PIXELS)
     exact, _ = direction_from_pixel(CAMERA, PIXELS)
     # Derived: an error of order 1 / N; 0.0912 degrees at N = 4096 is 2.5e-5 rad here.
     assert np.abs(directions - exact)[valid].max() < 2.5e-5
 
 
-def test_mirror_when_without_a_pinhole_is_refused() -> None:
+def test_mirror_when_without_a_pinhole_is_rejected() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.05))
     with pytest.raises(DomainError, match="pinhole"):
         mirror_mesh_directions(camera, Tessellation(8, 8), PIXELS)

@@ -31,7 +31,7 @@ def renderer() -> Iterator[TraceRenderer]:
 
 @pytest.mark.parametrize("surface", [PerPixel(), Tessellation(16, 16)])
 @pytest.mark.parametrize("samples", [1, 2])
-def test_picture_when_no_effect_changes_it_is_the_usual_one(
+def test_image_when_no_effect_changes_it_is_the_usual_one(
     renderer: TraceRenderer, surface: MirrorSurface, samples: int
 ) -> None:
     plan = make_plan(CAMERA, surface, samples=samples)
@@ -45,7 +45,7 @@ def test_picture_when_no_effect_changes_it_is_the_usual_one(
     assert np.median(difference) == 0
 
 
-def test_picture_when_effects_run_is_what_they_make_of_the_linear_one(
+def test_image_with_effects_is_their_result_on_the_linear_image(
     renderer: TraceRenderer,
 ) -> None:
     plan = make_plan(CAMERA, samples=2)
@@ -53,18 +53,18 @@ def test_picture_when_effects_run_is_what_they_make_of_the_linear_one(
     light = view.render_linear(CAMERA_STATE).astype(np.float64)
     for effect in CHAIN:
         light = effect.apply(light, CAMERA, CaptureContext(CAMERA_STATE.noise_seed))
-    drawn = view.render_linear(CAMERA_STATE, CHAIN)
-    np.testing.assert_allclose(drawn, light, atol=1e-6)
+    rendered = view.render_linear(CAMERA_STATE, CHAIN)
+    np.testing.assert_allclose(rendered, light, atol=1e-6)
 
 
-def test_stages_when_timed_are_called_as_the_effects(renderer: TraceRenderer) -> None:
+def test_stages_when_timed_have_the_effects_names(renderer: TraceRenderer) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
     stages = tuple(view.render(CAMERA_STATE, CHAIN).stage_ms)
     assert stages == ("cells", "trace", "Vignetting", "ShotNoise", "Bayer", "encode")
     view.close()
 
 
-def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
+def test_frame_when_rendered_twice_has_the_same_bytes_and_the_next_one_others(
     renderer: TraceRenderer,
 ) -> None:
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
@@ -75,7 +75,7 @@ def test_frame_when_drawn_twice_has_the_same_bytes_and_the_next_one_others(
     assert (first != later).mean() > 0.3
 
 
-def test_light_when_brighter_than_white_is_handed_over_as_it_is() -> None:
+def test_light_brighter_than_white_is_passed_on_unchanged() -> None:
     world = World("glare", (), background=(4.0, 2.0, 0.5))
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     light = renderer.prepare(CAMERA, make_plan(CAMERA)).render_linear(CAMERA_STATE)

@@ -10,7 +10,7 @@ from catoptra_server.scene.colour import linear_from_srgb
 from catoptra_server.scene.shading import sample_texture
 
 
-def differences(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def twin_differences(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Return how far the padded texture is from the reference at (n, 2) float32 coordinates."""
     uv = uv.astype(np.float32)
     value = PaddedTexture.from_image(texture).sample(uv[:, 0], uv[:, 1]).T
@@ -23,10 +23,12 @@ def test_texture_when_looked_up_anywhere_is_its_twin(shape: tuple[int, int]) -> 
     texture = random.integers(0, 256, (*shape, 3), dtype=np.uint8)
     uv = random.uniform(-3.0, 3.0, (2000, 2))
     # float32 places a coordinate of 3 to 2e-7, 4e-6 of a texel here; contrast is 1 at most.
-    assert differences(texture, uv).max() < 1e-5
+    assert twin_differences(texture, uv).max() < 1e-5
 
 
 @pytest.mark.parametrize("edge", [0.0, 1.0, -1.0, 1.0 - 6e-8, -1e-9, 1e-9, 0.5])
 def test_texture_when_at_a_border_is_its_twin(edge: float) -> None:
     texture = np.random.default_rng(2).integers(0, 256, (4, 6, 3), dtype=np.uint8)
-    assert differences(texture, np.array([[edge, 0.3], [0.3, edge], [edge, edge]])).max() < 1e-5
+    assert (
+        twin_differences(texture, np.array([[edge, 0.3], [0.3, edge], [edge, edge]])).max() < 1e-5
+    )

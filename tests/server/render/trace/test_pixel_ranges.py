@@ -7,7 +7,7 @@ from helpers.effect_measurement import CAMERA
 from helpers.range_images import CAMERA_ABOVE_FLOOR, FLOOR, VIEWPOINT_HEIGHT_M, trace_ranges
 
 
-def test_range_when_over_a_level_floor_is_that_of_the_law() -> None:
+def test_range_over_a_level_floor_is_that_of_the_camera_model() -> None:
     directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     down = directions[..., 2]
     near = on_mirror & (down > 0.1)

@@ -1,4 +1,4 @@
-"""The table of the camera law against the law."""
+"""The table of the camera model against the model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES = ["the paper's", "strongly curved", "parabolic", "turned"]
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
-def test_pixel_when_looked_up_is_the_law_s(camera: OmniCamera) -> None:
+def test_pixel_when_looked_up_is_the_camera_model_s(camera: OmniCamera) -> None:
     rng = np.random.default_rng(1)
     directions, seen = direction_from_pixel(camera, rng.uniform(0.0, camera.width_px, (50_000, 2)))
     directions = np.concatenate((directions[seen], [[0.0, 0.0, 1.0]]))
@@ -49,7 +49,7 @@ def test_pixel_when_beyond_the_rim_is_beside_the_mirror(camera: OmniCamera) -> N
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
-def test_magnification_bounds_what_a_small_turn_moves(camera: OmniCamera) -> None:
+def test_magnification_bounds_the_displacement_by_a_small_rotation(camera: OmniCamera) -> None:
     rng = np.random.default_rng(2)
     pixels = rng.uniform(0.0, camera.width_px, (5_000, 2))
     here, seen = direction_from_pixel(camera, pixels)

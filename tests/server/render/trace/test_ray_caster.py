@@ -23,7 +23,7 @@ def test_distances_when_in_a_room_are_exact_and_no_ray_slips_out() -> None:
     np.testing.assert_allclose(caster.distances(origins, directions), exact, atol=1e-4)
 
 
-def test_distances_when_nothing_is_met_are_infinite() -> None:
+def test_distances_when_rays_miss_are_infinite() -> None:
     directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     outside = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -9.0]])
     caster = EmbreeRayCaster(build_scene(make_room_world()))
@@ -48,7 +48,7 @@ def test_hits_when_in_a_room_have_the_distances_and_normals_of_its_walls() -> No
     assert (np.abs(np.sum(normals * inward, axis=1)) > 0.999).mean() > 0.998
 
 
-def test_hits_when_nothing_is_met_are_infinite_and_without_normal() -> None:
+def test_hits_when_rays_miss_are_infinite_and_without_normal() -> None:
     outside, up = np.array([[0.0, 0.0, -9.0]]), np.array([[0.0, 0.0, -1.0]])
     for world in (make_room_world(), World("empty", ())):
         distances, normals = EmbreeRayCaster(build_scene(world)).closest_hits(outside, up)

@@ -1,4 +1,4 @@
-"""Which rays a camera sends out."""
+"""The rays of cameras."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CAMERA = make_omni_camera(width_px=40)
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_rays_when_of_the_law_are_those_of_the_disc_s_pixels(samples: int) -> None:
+def test_rays_of_the_camera_model_are_those_of_the_disc_s_pixels(samples: int) -> None:
     rays = omni_rays(CAMERA, make_plan(CAMERA, samples=samples))
     assert (rays.width_px, rays.height_px, rays.samples_per_pixel) == (40, 40, samples**2)
     assert len(rays.directions) == len(rays.on_mirror) == len(rays.pixels) * samples**2
@@ -26,7 +26,7 @@ def test_rays_when_of_the_law_are_those_of_the_disc_s_pixels(samples: int) -> No
     assert (rays.on_mirror.reshape(-1, samples**2).any(axis=1)).all()
 
 
-def test_ray_when_of_a_pixel_is_the_law_s() -> None:
+def test_ray_of_a_pixel_is_the_camera_model_s() -> None:
     rays = omni_rays(CAMERA, make_plan(CAMERA))
     rows, columns = np.divmod(rays.pixels, 40)
     expected, _ = direction_from_pixel(CAMERA, np.stack((columns + 0.5, rows + 0.5), axis=-1))
@@ -34,7 +34,7 @@ def test_ray_when_of_a_pixel_is_the_law_s() -> None:
     assert rays.directions.dtype == np.float32
 
 
-def test_rays_when_of_polygons_leave_out_what_they_do_not_cover() -> None:
+def test_rays_of_polygons_leave_out_uncovered_pixels() -> None:
     exact = omni_rays(CAMERA, make_plan(CAMERA))
     polygons = omni_rays(CAMERA, make_plan(CAMERA, tessellation_from_polygon_count(16)))
     # Derived: four sectors cover 0.634 of the disc.
@@ -58,7 +58,7 @@ def test_samples_when_of_a_face_lie_inside_their_pixel() -> None:
     np.testing.assert_allclose(first.mean(axis=0), (-0.5, -0.5), atol=1e-6)
 
 
-def test_rays_when_of_a_lens_are_the_law_s_at_every_pixel() -> None:
+def test_rays_of_a_lens_are_the_lens_model_s_at_every_pixel() -> None:
     camera = PerspectiveCamera(5, 3, 1.2)
     rays = lens_rays(camera, 2)
     assert (rays.width_px, rays.height_px, rays.samples_per_pixel) == (5, 3, 4)

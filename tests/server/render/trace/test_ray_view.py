@@ -1,4 +1,4 @@
-"""Rays in chunks: each pixel once, and the same picture as all rays together."""
+"""Rays in chunks: each pixel once, and the same image as all rays together."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def test_rays_when_there_are_none_are_no_chunks() -> None:
     assert split_rays(rays.select(np.zeros(len(rays.pixels), dtype=bool))) == []
 
 
-def test_picture_when_drawn_is_that_of_all_rays_at_once() -> None:
+def test_image_when_rendered_is_that_of_all_rays_at_once() -> None:
     world = make_test_world()
     rays = omni_rays(CAMERA, make_plan(CAMERA, samples=2))
-    scene, bodies = EmbreeScene(build_scene(world), world), EmbreeObjectScenes(world.lights)
-    colours = UnshadowedShader(scene, bodies, SrgbScale.for_samples(4))
+    scene, objects = EmbreeScene(build_scene(world), world), EmbreeObjectScenes(world.lights)
+    colours = UnshadowedShader(scene, objects, SrgbScale.for_samples(4))
     with ThreadPoolExecutor(2) as pool:
         image = RayView(colours, rays, pool).render(CAMERA_STATE).rgb
     off = np.flatnonzero(~rays.on_mirror)

@@ -1,4 +1,4 @@
-"""Rays to lights: from just before a facet, past what lets light through, to the light."""
+"""Rays to lights: from just before a facet, past triangles that cast no shadow, to the light."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ PLACES = np.array(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
 UP = np.tile((0.0, 0.0, -1.0), (2, 1))
 
 
-def irradiance(world: World, places: Floats = PLACES, *bodies: DynamicObject) -> list[float]:
+def irradiance(world: World, positions: Floats = PLACES, *objects: DynamicObject) -> list[float]:
     scene = build_scene(world)
     embree = EmbreeScene(scene, world)
     rays = ShadowRays(make_occlusion_query(embree, scene), embree.origin, world.lights)
-    placed = EmbreeObjectScenes(()).place_objects(bodies, np.zeros(3), SrgbScale.for_samples(1))
-    found: list[float] = rays.irradiance(places - embree.origin, UP, placed)[:, 0].tolist()
+    placed = EmbreeObjectScenes(()).place_objects(objects, np.zeros(3), SrgbScale.for_samples(1))
+    found: list[float] = rays.irradiance(positions - embree.origin, UP, placed)[:, 0].tolist()
     return found
 
 
-def test_place_when_a_table_stands_above_sees_no_sun_and_another_does() -> None:
+def test_point_under_a_table_is_shadowed_and_another_is_not() -> None:
     assert irradiance(make_world(floor_item(), TABLE, lights=(NOON,))) == [0.0, 0.5]
 
 
-def test_place_when_the_table_is_beyond_the_lamp_sees_it() -> None:
+def test_point_when_the_table_is_beyond_the_point_light_is_lit() -> None:
     above = box_item(0.0, 0.0, -1.5, (0.4, 0.4, 0.02))
     assert irradiance(make_world(floor_item(), above, lights=(LAMP,)))[0] == pytest.approx(
         0.5, rel=1e-4
@@ -48,14 +48,14 @@ def test_place_when_the_table_is_beyond_the_lamp_sees_it() -> None:
     assert irradiance(make_world(floor_item(), TABLE, lights=(LAMP,)))[0] == 0.0
 
 
-def test_place_when_what_is_above_lets_light_through_sees_the_sun() -> None:
+def test_point_under_an_item_without_shadow_is_lit() -> None:
     glass = dataclasses.replace(TABLE, casts_shadows=False)
     assert irradiance(make_world(floor_item(), glass, lights=(NOON,))) == [0.5, 0.5]
     clear = dataclasses.replace(floor_item(), casts_shadows=False)
     assert irradiance(make_world(clear, lights=(NOON,))) == [0.5, 0.5]
 
 
-def test_place_when_a_body_stands_above_sees_no_sun() -> None:
+def test_point_under_an_object_is_shadowed_from_the_directional_light() -> None:
     mesh = build_object_mesh([(box(Box((0.4, 0.4, 0.02))), GREY)])
     body = DynamicObject(mesh, Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.2, 0.3)))
     assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, body) == [0.0, 0.5]
@@ -64,9 +64,9 @@ def test_place_when_a_body_stands_above_sees_no_sun() -> None:
 
 
 @pytest.mark.parametrize("far_m", [0.0, 1e4])
-def test_facet_when_places_are_rounded_does_not_hide_its_own_light(far_m: float) -> None:
+def test_facet_when_positions_are_rounded_does_not_shadow_itself(far_m: float) -> None:
     low = DirectionalLight((0.9999, 0.0, 0.01414), (70.7, 70.7, 70.7))
     world = translate_world(make_world(floor_item(20.0), lights=(low,)), (far_m, 0.0, far_m))
-    places = np.random.default_rng(2).uniform(-10.0, 10.0, (2, 3)) * (1.0, 1.0, 0.0)
-    places = np.add(places, (far_m, 0.0, far_m)).astype(np.float32).astype(np.float64)
-    assert irradiance(world, places) == pytest.approx([1.0, 1.0], rel=1e-3)
+    positions = np.random.default_rng(2).uniform(-10.0, 10.0, (2, 3)) * (1.0, 1.0, 0.0)
+    positions = np.add(positions, (far_m, 0.0, far_m)).astype(np.float32).astype(np.float64)
+    assert irradiance(world, positions) == pytest.approx([1.0, 1.0], rel=1e-3)

@@ -36,32 +36,34 @@ from helpers.worlds import (
 NONE = np.zeros(0, dtype=np.intp)
 
 
-def colours_of(world: World) -> tuple[ShadowedShader, UnshadowedShader]:
+def render_colours(world: World) -> tuple[ShadowedShader, UnshadowedShader]:
     scene = build_scene(world)
-    embree, bodies = EmbreeScene(scene, world), EmbreeObjectScenes(world.lights)
+    embree, objects = EmbreeScene(scene, world), EmbreeObjectScenes(world.lights)
     scale = SrgbScale.for_samples(1)
     lit = ShadowReceivers(embree, scene, world)
-    return ShadowedShader(embree, bodies, scale, lit), UnshadowedShader(embree, bodies, scale)
+    return ShadowedShader(embree, objects, scale, lit), UnshadowedShader(embree, objects, scale)
 
 
-def test_light_when_nothing_is_hidden_is_that_without_shadows(tmp_path: Path) -> None:
+def test_light_when_nothing_is_occluded_is_that_without_shadows(tmp_path: Path) -> None:
     look = Material((0.5, 0.5, 0.5), write_smooth_texture(tmp_path / "waves.png"))
     world = make_world(
         floor_item(material=look), lights=(DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
     )
     rays = np.random.default_rng(1).normal(size=(2000, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True)
+    camera_state = dataclasses.replace(CAMERA_STATE, has_shadows=True)
     found = [
-        colours.shade_rays(rays, colours.transform_view(exposure), off_mirror=NONE).astype(int)
-        for colours in colours_of(world)
+        colours.shade_rays(rays, colours.transform_view(camera_state), off_mirror=NONE).astype(int)
+        for colours in render_colours(world)
     ]
     # The lights are added in another order.
     assert np.abs(found[0] - found[1]).max() <= 1
 
 
-def test_light_when_facets_are_turned_away_or_shine_themselves_does_not_vary() -> None:
-    shadowed, plain = colours_of(make_world(floor_item(), box_item(0, 0, -0.2, (0.2, 0.2, 0.2))))
+def test_light_when_facets_are_turned_away_or_unlit_does_not_vary() -> None:
+    shadowed, plain = render_colours(
+        make_world(floor_item(), box_item(0, 0, -0.2, (0.2, 0.2, 0.2)))
+    )
     normals = shadowed.scene.intersect  # the same scene: one commit serves both
     assert normals == plain.scene.intersect
     triangles = np.arange(-1, 14, dtype=np.int32)
@@ -80,12 +82,12 @@ def test_light_when_facets_are_turned_away_or_shine_themselves_does_not_vary() -
 def test_cells_when_filled_show_the_shadows_of_all_rays(lights: tuple, stride_px: int) -> None:
     world, camera = make_test_world(lights=lights), make_omni_camera()
     renderer = TraceRenderer(build_scene(world), world, threads=1)
-    exposure = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=TWO_ROBOTS)
+    camera_state = dataclasses.replace(CAMERA_STATE, has_shadows=True, objects=TWO_ROBOTS)
     plans = [
         dataclasses.replace(make_plan(camera, samples=2), stride_px=stride)
         for stride in (1, stride_px)
     ]
-    whole, filled = (renderer.prepare(camera, plan).render(exposure).rgb for plan in plans)
+    whole, filled = (renderer.prepare(camera, plan).render(camera_state).rgb for plan in plans)
     renderer.close()
     difference = level_differences(whole, filled)
     # Places of filled cells are computed on planes: a ray at a shadow's outline may go either way.

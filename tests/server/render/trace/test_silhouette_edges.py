@@ -1,4 +1,4 @@
-"""Lines through a picture, and the cells that they pass."""
+"""Edges through an image, and the cells that they cross."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ LAW = ProjectionTable.from_camera(CAMERA)
 POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
-def grid_of(side_px: int = 4) -> CellGrid:
+def make_grid(side_px: int = 4) -> CellGrid:
     return CellGrid.from_camera(CAMERA, omni_rays(CAMERA, make_plan(CAMERA)), side_px=side_px)
 
 
-def passed(ends: Floats, grid: CellGrid, *, plane: tuple[float, float, float] = (0, 0, 0)) -> set:
+def find_crossed(
+    ends: Floats, grid: CellGrid, *, plane: tuple[float, float, float] = (0, 0, 0)
+) -> set:
     """Return the cells that lines, given in the mirror frame, pass in front of m . d = 1 / far."""
     outlines = SilhouetteEdges(POSE.transform_points(ends), LAW, grid)
     vectors = np.tile(np.float32(plane), (grid.rows * grid.columns, 1))
     return set(outlines.find_cells(POSE, vectors).tolist())
 
 
-def seen_cells(ends: Floats, grid: CellGrid) -> set[int]:
+def sample_cells(ends: Floats, grid: CellGrid) -> set[int]:
     """Return the cells of many points of a line, as the law has them."""
     along = np.linspace(0.0, 1.0, 20_001)[:, None]
     pixels, seen = pixel_from_direction(CAMERA, ends[0] + along * (ends[1] - ends[0]))
@@ -41,36 +43,36 @@ def seen_cells(ends: Floats, grid: CellGrid) -> set[int]:
 
 @pytest.mark.parametrize("side_px", [2, 4, 9])
 @pytest.mark.parametrize("seed", range(5))
-def test_cells_that_a_line_is_seen_in_are_passed_and_few_others(seed: int, side_px: int) -> None:
+def test_cells_that_an_edge_crosses_are_found_and_few_others(seed: int, side_px: int) -> None:
     rng = np.random.default_rng(seed)
-    grid = grid_of(side_px)
+    grid = make_grid(side_px)
     for _ in range(20):
         ends = rng.normal(size=(2, 3)) * rng.uniform(0.1, 10.0, (2, 1))
-        expected = seen_cells(ends, grid)
-        found = passed(ends[None], grid)
+        expected = sample_cells(ends, grid)
+        found = find_crossed(ends[None], grid)
         assert expected <= found
         assert len(found) <= 3 * len(expected) + 12
 
 
-def test_line_when_of_no_length_or_through_the_viewpoint_is_no_error() -> None:
+def test_edge_when_of_no_length_or_through_the_viewpoint_is_no_error() -> None:
     point = np.array([[[1.0, 0.2, 0.3], [1.0, 0.2, 0.3]]])
     through = np.array([[[1.0, 0.0, 0.5], [-1.0, 0.0, -0.5]], [[0, 0, 0], [0, 0, 1.0]]])
-    assert seen_cells(point[0], grid_of()) <= passed(point, grid_of())
-    passed(through, grid_of())
+    assert sample_cells(point[0], make_grid()) <= find_crossed(point, make_grid())
+    find_crossed(through, make_grid())
 
 
 @pytest.mark.parametrize(("far_m", "is_hidden"), [(0.999, True), (1.0, False), (1.001, False)])
-def test_line_when_behind_a_plane_is_not_passed(far_m: float, is_hidden: bool) -> None:
+def test_edge_when_behind_a_plane_crosses_no_cell(far_m: float, is_hidden: bool) -> None:
     # A line on the plane x = 1 m; what lies in x = far hides it, or does not.
     ends = np.array([[[1.0, -0.5, 0.2], [1.0, 0.5, 0.6]]])
-    assert (not passed(ends, grid_of(), plane=(1.0 / far_m, 0.0, 0.0))) == is_hidden
+    assert (not find_crossed(ends, make_grid(), plane=(1.0 / far_m, 0.0, 0.0))) == is_hidden
 
 
-def test_line_when_it_comes_out_of_a_plane_is_passed_from_there_on() -> None:
+def test_edge_when_it_leaves_a_plane_crosses_cells_from_there_on() -> None:
     ends = np.array([[[2.0, -0.8, 0.5], [0.5, 0.4, 0.5]]])
     whole = ends[0]
     share = (2.0 - 1.0) / 1.5
     out = np.array([whole[0] + share * (whole[1] - whole[0]), whole[1]])
-    found = passed(ends, grid_of(), plane=(1.0, 0.0, 0.0))
-    assert seen_cells(out, grid_of()) <= found
-    assert len(found) < len(passed(ends, grid_of()))
+    found = find_crossed(ends, make_grid(), plane=(1.0, 0.0, 0.0))
+    assert sample_cells(out, make_grid()) <= found
+    assert len(found) < len(find_crossed(ends, make_grid()))

@@ -1,4 +1,4 @@
-"""Triangles joined to surfaces, their outlines, and spheres around all that is small."""
+"""Triangles joined to surfaces, the surfaces' edges, and spheres around all small triangles."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ GREY = Material((0.5, 0.5, 0.5))
 AT = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, 1.0))
 
 
-def scene_of(*shapes: Shape, material: Material = GREY) -> SceneMesh:
+def make_scene(*shapes: Shape, material: Material = GREY) -> SceneMesh:
     items = tuple(Item(f"i{n}", shape, AT, material) for n, shape in enumerate(shapes))
     return build_scene(World("w", items))
 
 
-def test_box_when_joined_has_six_surfaces_and_twelve_outlines() -> None:
-    surfaces = find_surfaces(scene_of(Box((1.0, 2.0, 3.0))))
+def test_box_when_joined_has_six_surfaces_and_twelve_edges() -> None:
+    surfaces = find_surfaces(make_scene(Box((1.0, 2.0, 3.0))))
     assert len(surfaces.triangle) == 2 + 6
     lengths = np.linalg.norm(np.diff(surfaces.edges, axis=1)[:, 0], axis=-1)
     np.testing.assert_allclose(np.sort(lengths), np.repeat([1.0, 2.0, 3.0], 4))
@@ -46,14 +46,14 @@ def test_box_when_joined_has_six_surfaces_and_twelve_outlines() -> None:
     assert surfaces.of_triangle[-1] == BACKGROUND
 
 
-def test_curved_thing_when_joined_keeps_the_edges_between_its_facets() -> None:
-    surfaces = find_surfaces(scene_of(Cylinder(0.5, 1.0)))
+def test_curved_surface_when_joined_keeps_the_edges_between_its_facets() -> None:
+    surfaces = find_surfaces(make_scene(Cylinder(0.5, 1.0)))
     facets = len(surfaces.triangle) - 2 - 2
     assert len(surfaces.edges) == 3 * facets
 
 
 def test_neighbours_when_of_two_colours_are_two_surfaces() -> None:
-    scene = scene_of(Rectangle((1.0, 1.0)))
+    scene = make_scene(Rectangle((1.0, 1.0)))
     albedo = scene.albedo.copy()
     albedo[1] = 0.7
     assert len(find_surfaces(scene).triangle) == 2 + 1
@@ -68,7 +68,7 @@ def test_neighbours_when_their_texture_does_not_go_on_are_two_surfaces(
     tmp_path: Path, shift: float, count: int
 ) -> None:
     material = Material((1.0, 1.0, 1.0), write_smooth_texture(tmp_path / "t.png"))
-    scene = scene_of(Rectangle((1.0, 2.0), (3.0, 2.0)), material=material)
+    scene = make_scene(Rectangle((1.0, 2.0), (3.0, 2.0)), material=material)
     uv = scene.uv.copy()
     uv[1] += shift
     assert len(find_surfaces(replace(scene, uv=uv)).triangle) == 2 + count
@@ -76,14 +76,14 @@ def test_neighbours_when_their_texture_does_not_go_on_are_two_surfaces(
 
 def test_uv_of_a_plane_is_that_of_its_corners(tmp_path: Path) -> None:
     material = Material((1.0, 1.0, 1.0), write_smooth_texture(tmp_path / "t.png"))
-    scene = scene_of(Box((1.0, 2.0, 3.0)), material=material)
+    scene = make_scene(Box((1.0, 2.0, 3.0)), material=material)
     offset, gradient = uv_planes(scene, np.arange(len(scene)))
     found = np.einsum("nci,nki->nck", scene.corners, gradient) + offset[:, None]
     np.testing.assert_allclose(found, scene.uv, atol=1e-12)
 
 
 def test_small_triangles_when_many_lie_in_spheres_and_large_ones_do_not() -> None:
-    scene = scene_of(SphereBand(0.2, 0.0, 3.1, 80, 40), Rectangle((5.0, 5.0)))
+    scene = make_scene(SphereBand(0.2, 0.0, 3.1, 80, 40), Rectangle((5.0, 5.0)))
     assert len(scene) > 4000
     surfaces = find_surfaces(scene)
     large = surfaces.of_triangle[:-1] != NO_SURFACE

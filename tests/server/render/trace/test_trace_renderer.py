@@ -1,4 +1,4 @@
-"""The trace renderer against the camera law, a float64 ray caster and itself."""
+"""The trace renderer against the camera model, a float64 ray caster and itself."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 
 
 @contextmanager
-def renderer_of(world: World, *, threads: int = 1) -> Iterator[TraceRenderer]:
+def make_renderer(world: World, *, threads: int = 1) -> Iterator[TraceRenderer]:
     renderer = TraceRenderer(build_scene(world), world, threads=threads)
     yield renderer
     renderer.close()
 
 
-def picture(
+def render_image(
     world: World,
     camera: OmniCamera,
     plan: RenderPlan | None = None,
     *,
-    exposure: CameraState = CAMERA_STATE,
+    camera_state: CameraState = CAMERA_STATE,
     threads: int = 1,
 ) -> Image:
-    with renderer_of(world, threads=threads) as renderer:
-        return renderer.prepare(camera, plan or make_plan(camera)).render(exposure).rgb
+    with make_renderer(world, threads=threads) as renderer:
+        return renderer.prepare(camera, plan or make_plan(camera)).render(camera_state).rgb
 
 
 # Geometry.
@@ -69,35 +69,35 @@ def picture(
     [HyperbolicMirror(11.546, 0.2321), HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
     ids=["the paper's", "strongly curved", "parabolic"],
 )
-def test_marker_when_drawn_is_within_a_tenth_of_a_pixel_of_its_place(mirror: CentralMirror) -> None:
+def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(mirror: CentralMirror) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360)
     incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)
     directions = marker_directions(incidence, tuple(range(-180, 180, 24)))
     world = marker_world(directions, world_from_mirror=CAMERA_STATE.world_from_mirror)
     # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 find their middle to 0.1 px.
-    image = picture(world, camera, make_plan(camera, samples=6))
-    places, seen = pixel_from_direction(camera, directions)
+    image = render_image(world, camera, make_plan(camera, samples=6))
+    positions, seen = pixel_from_direction(camera, directions)
     assert seen.all()
     # 3 px: the markers at 20 degrees are 7 px apart.
-    errors = [np.hypot(*(marker_centroid(image, at, window_px=3.0) - at)) for at in places]
+    errors = [np.hypot(*(marker_centroid(image, at, window_px=3.0) - at)) for at in positions]
     assert len(errors) == 120
     assert max(errors) < 0.1
 
 
-def test_picture_when_something_is_on_the_left_shows_it_on_the_right() -> None:
+def test_image_of_an_object_on_the_left_shows_it_on_the_right() -> None:
     wall = Item("left", Box((4.0, 1.0, 4.0)), Pose.from_rpy((0.0, -2.0, 0.0)), WHITE)
     at = CameraState(Pose.identity())
-    image = picture(World("w", (wall,)), make_omni_camera(width_px=100), exposure=at)
+    image = render_image(World("w", (wall,)), make_omni_camera(width_px=100), camera_state=at)
     assert image[50, 80:].mean() > 100
     assert image[50, :50].max() == 0
 
 
 @pytest.mark.parametrize("face", list(Face))
-def test_face_when_drawn_sees_what_is_in_front_of_it_alone(face: Face) -> None:
+def test_face_when_rendered_shows_surfaces_in_front_alone(face: Face) -> None:
     around = {Face.N: (2, 0, 0), Face.E: (0, 2, 0), Face.S: (-2, 0, 0), Face.W: (0, -2, 0)}
     place = {**around, Face.C: (0, 0, 2), Face.U: (0, 0, -2)}[face]
     world = World("w", (Item("box", Box((1.0, 1.0, 1.0)), Pose.from_rpy(place), WHITE),))
-    with renderer_of(world) as renderer:
+    with make_renderer(world) as renderer:
         seen = [
             renderer.prepare_face(FaceCamera(f, 9), 1)
             .render(CameraState(Pose.identity()))
@@ -111,7 +111,7 @@ def test_face_when_drawn_sees_what_is_in_front_of_it_alone(face: Face) -> None:
 
 
 @pytest.mark.parametrize("samples", [1, 2])
-def test_picture_when_textured_and_lamp_lit_is_that_of_the_float64_caster(
+def test_image_with_texture_and_point_light_is_that_of_the_float64_caster(
     tmp_path: Path, samples: int
 ) -> None:
     camera = make_omni_camera(width_px=56)
@@ -119,7 +119,7 @@ def test_picture_when_textured_and_lamp_lit_is_that_of_the_float64_caster(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
         texture=write_smooth_texture(tmp_path / "waves.png"),
     )
-    image = picture(world, camera, make_plan(camera, samples=samples))
+    image = render_image(world, camera, make_plan(camera, samples=samples))
     grid = pixel_sample_positions(camera, samples)
     local, on_mirror = direction_from_pixel(camera, grid)
     pose = CAMERA_STATE.world_from_mirror
@@ -138,7 +138,7 @@ def test_picture_when_textured_and_lamp_lit_is_that_of_the_float64_caster(
 def test_samples_when_half_are_white_average_in_linear_light() -> None:
     # A white wall fills the right half of the one pixel.
     wall = Item("wall", Box((0.1, 2.0, 4.0)), Pose.from_rpy((1.0, 1.0, 0.0)), WHITE)
-    with renderer_of(World("w", (wall,))) as renderer:
+    with make_renderer(World("w", (wall,))) as renderer:
         view = renderer.prepare_face(FaceCamera(Face.N, 1), 4)
         rgb = view.render(CameraState(Pose.identity())).rgb
     assert rgb.tolist() == [[[188, 188, 188]]]  # half the light, not half of 255
@@ -146,7 +146,7 @@ def test_samples_when_half_are_white_average_in_linear_light() -> None:
 
 def test_rim_when_sampled_fades_into_black() -> None:
     camera = make_omni_camera(width_px=40)
-    image = picture(
+    image = render_image(
         World("w", (), background=(1.0, 1.0, 1.0)), camera, make_plan(camera, samples=4)
     )
     levels = np.unique(image)
@@ -157,7 +157,7 @@ def test_rim_when_sampled_fades_into_black() -> None:
 
 def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it() -> None:
     camera = make_omni_camera(width_px=40)
-    image = picture(World("w", (), background=(1.0, 0.0, 0.2159)), camera)
+    image = render_image(World("w", (), background=(1.0, 0.0, 0.2159)), camera)
     _, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
     np.testing.assert_array_equal(image[~seen], 0)
     np.testing.assert_array_equal(image[seen], np.tile([255, 0, 128], (seen.sum(), 1)))
@@ -166,8 +166,8 @@ def test_world_when_empty_is_its_background_on_the_mirror_and_black_beside_it() 
 def test_mirror_when_of_few_polygons_shows_nothing_beyond_them() -> None:
     camera = make_omni_camera(width_px=60)
     world = World("w", (), background=(1.0, 1.0, 1.0))
-    image = picture(world, camera, make_plan(camera, tessellation_from_polygon_count(16)))
-    exact = picture(world, camera)
+    image = render_image(world, camera, make_plan(camera, tessellation_from_polygon_count(16)))
+    exact = render_image(world, camera)
     assert image.any(axis=-1).sum() / exact.any(axis=-1).sum() == pytest.approx(0.634, abs=0.02)
 
 
@@ -175,7 +175,7 @@ def test_mirror_when_of_few_polygons_shows_nothing_beyond_them() -> None:
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_picture_when_drawn_by_more_threads_has_the_same_bytes(
+def test_image_when_rendered_by_more_threads_has_the_same_bytes(
     tmp_path: Path, samples: int
 ) -> None:
     camera = make_omni_camera(width_px=90)
@@ -184,13 +184,13 @@ def test_picture_when_drawn_by_more_threads_has_the_same_bytes(
         texture=write_smooth_texture(tmp_path / "waves.png"),
     )
     plan = make_plan(camera, samples=samples)
-    pictures = [picture(world, camera, plan, threads=threads) for threads in (1, 2, 5)]
-    assert pictures[0].tobytes() == pictures[1].tobytes() == pictures[2].tobytes()
+    images = [render_image(world, camera, plan, threads=threads) for threads in (1, 2, 5)]
+    assert images[0].tobytes() == images[1].tobytes() == images[2].tobytes()
 
 
-def test_picture_when_drawn_again_is_the_same_and_read_only() -> None:
+def test_image_when_rendered_again_is_the_same_and_read_only() -> None:
     camera = make_omni_camera(width_px=60)
-    with renderer_of(make_test_world()) as renderer:
+    with make_renderer(make_test_world()) as renderer:
         view = renderer.prepare(camera, make_plan(camera))
         one, _, again = (
             view.render(e) for e in (CAMERA_STATE, CameraState(Pose.identity()), CAMERA_STATE)
@@ -211,20 +211,20 @@ def test_world_when_far_from_its_origin_looks_the_same(far_m: float) -> None:
         for item in near.items
     )
     far = World("far", items, lights=near.lights, background=near.background)
-    image = picture(near, camera)
-    exposure = CameraState(moved @ CAMERA_STATE.world_from_mirror)
-    other = picture(far, camera, exposure=exposure)
+    image = render_image(near, camera)
+    camera_state = CameraState(moved @ CAMERA_STATE.world_from_mirror)
+    other = render_image(far, camera, camera_state=camera_state)
     # Rays through the very edges may go either way.
     assert (image != other).any(axis=-1).mean() < 2e-3
 
 
-def test_view_when_inside_an_object_or_on_a_surface_is_drawn() -> None:
+def test_view_when_inside_an_object_or_on_a_surface_is_rendered() -> None:
     camera = make_omni_camera(width_px=30)
     floor = Item("floor", Rectangle((4.0, 4.0)), Pose.identity(), WHITE)
-    image = picture(World("w", (floor,)), camera, exposure=CameraState(Pose.identity()))
+    image = render_image(World("w", (floor,)), camera, camera_state=CameraState(Pose.identity()))
     assert image.shape == (30, 30, 3)
 
 
-def test_describe_when_asked_names_library_threads_and_triangles() -> None:
-    with renderer_of(make_test_world(), threads=2) as renderer:
+def test_description_names_library_threads_and_triangles() -> None:
+    with make_renderer(make_test_world(), threads=2) as renderer:
         assert renderer.describe() == "trace: Embree, 2 threads, 230 triangles"
