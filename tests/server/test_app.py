@@ -1,4 +1,4 @@
-"""The application in this process: set-up, signals, and what happens when its thread fails."""
+"""The server in this process: start, signals, and the failure of a thread."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from catoptra_server import app
 from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.render.render_plan import RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.simulation import ClockMode
 from helpers.configs import Edit, write_edited_copy, write_small_world
-from helpers.loopback import HOST, run_scenario
+from helpers.deadline import Deadline
+from helpers.loopback import DEADLINE_S, HOST, run_scenario
 from helpers.robots import FakeView
 from helpers.server_process import write_small_robot
 
 
-def options_of(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Options:
+def make_options(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Options:
     return Options(
         robot_files=(write_small_robot(folder),),
         world_file=write_small_world(folder),
@@ -34,13 +35,13 @@ def options_of(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Option
     )
 
 
-async def served(options: Options, visit: Callable[[ListeningAddress], Awaitable[None]]) -> None:
-    """Serve until a visitor has done what it does and sent SIGTERM."""
-    where: asyncio.Future[ListeningAddress] = asyncio.get_running_loop().create_future()
-    server = asyncio.create_task(serve(options, where.set_result))
-    await asyncio.wait({server, where}, return_when=asyncio.FIRST_COMPLETED)
-    if where.done():
-        await visit(where.result())
+async def serve_for(options: Options, visit: Callable[[ListeningAddress], Awaitable[None]]) -> None:
+    """Serve until a visitor has returned and a signal has ended the server."""
+    listening: asyncio.Future[ListeningAddress] = asyncio.get_running_loop().create_future()
+    server = asyncio.create_task(serve(options, listening.set_result))
+    await asyncio.wait({server, listening}, return_when=asyncio.FIRST_COMPLETED)
+    if listening.done():
+        await visit(listening.result())
     await server
 
 
@@ -49,19 +50,19 @@ async def served(options: Options, visit: Callable[[ListeningAddress], Awaitable
 def test_server_when_signalled_ends_also_with_clients_connected(
     tmp_path: Path, number: signal.Signals, clock: ClockMode
 ) -> None:
-    async def visit(where: ListeningAddress) -> None:
-        reader, writer = await asyncio.open_connection(HOST, where.control_port)
-        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
+    async def visit(address: ListeningAddress) -> None:
+        reader, writer = await asyncio.open_connection(HOST, address.control_port)
+        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
         writer.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
-        asking.write(100 * b"OK")
+        requests.write(100 * b"OK")
         await viewer.readexactly(5)
         signal.raise_signal(number)
         while await reader.read(1000):
-            pass  # up to the end that the server makes
+            pass  # until the server closes the connection
         writer.close()
-        asking.close()
+        requests.close()
 
-    run_scenario(served(options_of(tmp_path, clock=clock), visit))
+    run_scenario(serve_for(make_options(tmp_path, clock=clock), visit))
 
 
 class _FailingView(FakeView):
@@ -70,7 +71,7 @@ class _FailingView(FakeView):
 
 
 class _FakeRenderer:
-    """A renderer of one view; remembers whether it was closed."""
+    """A renderer of one view, which records its end."""
 
     def __init__(self, view: FakeView) -> None:
         self.view = view
@@ -93,97 +94,98 @@ def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRender
     return renderer
 
 
-def test_server_when_its_simulation_fails_ends_and_says_why(
+def test_server_when_its_renderer_fails_ends_with_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(where: ListeningAddress) -> None:
-        _, controller = await asyncio.open_connection(HOST, where.control_port)
+    async def visit(address: ListeningAddress) -> None:
+        _, controller = await asyncio.open_connection(HOST, address.control_port)
         controller.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
-        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
-        asking.write(b"OK")
+        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
+        requests.write(b"OK")
         while await viewer.read(100):
-            asking.write(b"OK")  # black pictures until the robot is there
-        asking.close()
+            requests.write(b"OK")  # black frames until the robot is spawned
+        requests.close()
         controller.close()
 
     renderer = use_renderer(monkeypatch, _FailingView())
     with pytest.raises(DomainError, match="the lamp is broken"):
-        run_scenario(served(options_of(tmp_path), visit))
+        run_scenario(serve_for(make_options(tmp_path), visit))
     assert renderer.closed
 
 
 def test_renderer_when_the_server_ends_is_closed_with_its_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(where: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     renderer = use_renderer(monkeypatch, FakeView())
-    run_scenario(served(options_of(tmp_path), visit))
+    run_scenario(serve_for(make_options(tmp_path), visit))
     assert renderer.closed
     assert renderer.view.is_closed
 
 
-def test_renderer_when_it_cannot_be_had_ends_the_start(
+def test_server_when_no_renderer_can_run_does_not_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*args: object, **kwargs: object) -> RendererChoice:
+    def reject(*args: object, **kwargs: object) -> RendererChoice:
         raise DomainError("no renderer today")
 
-    async def visit(where: ListeningAddress) -> None:
-        raise AssertionError("nothing was to listen")
+    async def visit(address: ListeningAddress) -> None:
+        raise AssertionError("the server listens without a renderer")
 
-    monkeypatch.setattr(app, "choose_renderer", refuse)
+    monkeypatch.setattr(app, "choose_renderer", reject)
     with pytest.raises(DomainError, match="no renderer today"):
-        run_scenario(served(options_of(tmp_path), visit))
+        run_scenario(serve_for(make_options(tmp_path), visit))
 
 
-def test_robot_when_it_has_no_camera_is_served_and_seen_black(tmp_path: Path) -> None:
-    async def visit(where: ListeningAddress) -> None:
-        viewer, asking = await asyncio.open_connection(HOST, where.image_port)
-        asking.write(b"OK")
+def test_robot_when_it_has_no_camera_is_served_with_black_frames(tmp_path: Path) -> None:
+    async def visit(address: ListeningAddress) -> None:
+        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
+        requests.write(b"OK")
         assert (await viewer.readexactly(5))[:1] == b"\x02"
-        asking.close()
+        requests.close()
         signal.raise_signal(signal.SIGTERM)
 
-    options = options_of(tmp_path)
+    options = make_options(tmp_path)
     blind = write_edited_copy(
         options.robot_files[0], tmp_path, Edit('ItemName="OmniCam",', 'ItemName="",')
     )
     assert blind == options.robot_files[0]
-    run_scenario(served(options, visit))
+    run_scenario(serve_for(options, visit))
 
 
 def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
-    async def visit(where: ListeningAddress) -> None:
-        assert where.image_port is None
-        assert where.control_port
+    async def visit(address: ListeningAddress) -> None:
+        assert address.image_port is None
+        assert address.control_port
         signal.raise_signal(signal.SIGTERM)
 
-    options = options_of(tmp_path)
+    options = make_options(tmp_path)
     said = ServerOptions(control_port=0, has_images=False)
-    run_scenario(served(dataclasses.replace(options, server_options=said, stream_port=0), visit))
+    run_scenario(serve_for(dataclasses.replace(options, server_options=said, stream_port=0), visit))
 
 
-def test_controllers_when_there_are_enough_are_sent_away_until_one_leaves(tmp_path: Path) -> None:
-    async def visit(where: ListeningAddress) -> None:
-        first = await asyncio.open_connection(HOST, where.control_port)
+def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_path: Path) -> None:
+    async def visit(address: ListeningAddress) -> None:
+        first = await asyncio.open_connection(HOST, address.control_port)
         assert (await first[0].readline()).startswith(b"NFO ")
-        second = await asyncio.open_connection(HOST, where.control_port)
+        second = await asyncio.open_connection(HOST, address.control_port)
         assert await second[0].read() == b""
         first[1].close()
-        while not await greets(where.control_port):
-            pass
+        deadline = Deadline("greeting after a disconnect", DEADLINE_S)
+        while not await receives_greeting(address.control_port):
+            deadline.check()
         second[1].close()
         signal.raise_signal(signal.SIGTERM)
 
     ini = tmp_path / "server.ini"
     ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")
-    run_scenario(served(dataclasses.replace(options_of(tmp_path), server_file=ini), visit))
+    run_scenario(serve_for(dataclasses.replace(make_options(tmp_path), server_file=ini), visit))
 
 
-async def greets(port: int) -> bool:
-    """Return whether a new connection is greeted."""
+async def receives_greeting(port: int) -> bool:
+    """Whether a new connection receives the greeting."""
     reader, writer = await asyncio.open_connection(HOST, port)
     line = await reader.readline()
     writer.close()

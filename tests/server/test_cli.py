@@ -1,4 +1,4 @@
-"""The command line, in this process: what does not start ends with 2 and says why."""
+"""The command line in this process: a failed start ends with status 2 and the reason."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from helpers.server_process import write_small_robot
 FREE_PORTS = ("--control-port", "0", "--image-port", "0")
 
 
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Return what a server that does not start says, one line on stderr."""
+def start_error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a server that does not start."""
     assert main([*arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    line, end, rest = said.err.partition("\n")
+    output = capsys.readouterr()
+    assert output.out == ""
+    line, end, rest = output.err.partition("\n")
     assert (end, rest) == ("\n", "")
     assert line.startswith("catoptra-server: ")
     return line.removeprefix("catoptra-server: ")
 
 
-def test_robot_when_broken_is_refused_with_its_line(
+def test_robot_when_broken_is_rejected_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
-    said = refusal(capsys, "--robot", str(path), "--world", str(FIELD))
+    line = start_error(capsys, "--robot", str(path), "--world", str(FIELD))
     assert (
-        said
+        line
         == f"{path}:{find_line_number(path, 'C=two')}: C='two': expected a number of at least 0"
     )
 
@@ -60,36 +60,36 @@ def test_robot_when_broken_is_refused_with_its_line(
     ],
     ids=["missing", "empty", "garbage", "cut off"],
 )
-def test_mesh_when_it_cannot_be_read_is_refused(
+def test_mesh_when_unreadable_is_rejected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, expected: str
 ) -> None:
     if content is not None:
         (tmp_path / "m.glb").write_bytes(content)
     world = write_small_world(tmp_path, "Meshes=(File=m.glb)")
-    said = refusal(capsys, "--robot", str(OMNI_ROBOT), "--world", str(world))
-    assert str(tmp_path) in said
-    assert "m.glb" in said
-    assert f"expected {expected}" in said
+    line = start_error(capsys, "--robot", str(OMNI_ROBOT), "--world", str(world))
+    assert str(tmp_path) in line
+    assert "m.glb" in line
+    assert f"expected {expected}" in line
 
 
 @pytest.mark.parametrize("option", ["--robot", "--world"])
-def test_file_when_missing_is_refused(
+def test_file_when_missing_is_rejected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
 ) -> None:
     files = {"--robot": str(OMNI_ROBOT), "--world": str(FIELD), option: str(tmp_path / "no.ini")}
-    said = refusal(capsys, *(part for pair in files.items() for part in pair))
-    assert said.startswith(f"{tmp_path / 'no.ini'}: file=")
-    assert "a readable ini file" in said
+    line = start_error(capsys, *(part for pair in files.items() for part in pair))
+    assert line.startswith(f"{tmp_path / 'no.ini'}: file=")
+    assert "a readable ini file" in line
 
 
 @pytest.mark.parametrize("option", ["--control-port", "--image-port"])
-def test_port_when_in_use_is_refused_with_a_remedy(
+def test_port_when_in_use_is_rejected_with_a_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = str(occupied.getsockname()[1])
         ports = {"--control-port": "0", "--image-port": "0", option: port}
-        said = refusal(
+        line = start_error(
             capsys,
             *(
                 "--robot",
@@ -100,22 +100,22 @@ def test_port_when_in_use_is_refused_with_a_remedy(
             *("--renderer", "trace", "--threads", "1"),
             *(part for pair in ports.items() for part in pair),
         )
-    assert "address already in use" in said
-    assert port in said
-    assert "--control-port 0 --image-port 0 take free ones" in said
+    assert "address already in use" in line
+    assert port in line
+    assert "--control-port 0 --image-port 0 take free ones" in line
 
 
-def test_raster_when_there_is_no_opengl_is_refused_with_the_packages(
+def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gl_device, "EGL_LIBRARY", "libabsent.so.1")
-    said = refusal(
+    line = start_error(
         capsys,
         *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
         *("--renderer", "raster", *FREE_PORTS),
     )
-    assert "libabsent.so.1 cannot be loaded" in said
-    assert "install libgl1 libegl1 libgl1-mesa-dri" in said
+    assert "libabsent.so.1 cannot be loaded" in line
+    assert "install libgl1 libegl1 libgl1-mesa-dri" in line
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_raster_when_there_is_no_opengl_is_refused_with_the_packages(
         ("--robot", "x", "--world", "y", "--multi-view", "300x1:320x240"),
     ],
 )
-def test_arguments_when_wrong_are_refused_with_usage(
+def test_arguments_when_wrong_are_rejected_with_usage(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -146,24 +146,24 @@ def test_arguments_when_wrong_are_refused_with_usage(
     assert "usage: catoptra-server" in capsys.readouterr().err
 
 
-def test_help_when_asked_for_names_every_option(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_when_printed_names_every_option(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     for option in ("--robot", "--world", "--host", "--renderer", "--clock", "--seed"):
-        assert option in said
+        assert option in text
 
 
-def test_server_when_it_listens_prints_where_and_ends_with_0(
+def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def announce_and_end(listening: object) -> None:
-        announce(listening)  # type: ignore[arg-type] # it is what it was
+    def print_and_end(address: ListeningAddress) -> None:
+        print_addresses(address)
         signal.raise_signal(signal.SIGTERM)
 
-    announce = module._print_addresses
-    monkeypatch.setattr(module, "_announce", announce_and_end)
+    print_addresses = module._print_addresses
+    monkeypatch.setattr(module, "_print_addresses", print_and_end)
     status = main(
         [
             *(
@@ -175,24 +175,24 @@ def test_server_when_it_listens_prints_where_and_ends_with_0(
             *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
         ]
     )
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     assert status == 0
-    assert said.startswith("listening control=127.0.0.1:")
-    assert said.count("\n") == 1
+    assert text.startswith("listening control=127.0.0.1:")
+    assert text.count("\n") == 1
 
 
-def options_of(*arguments: str) -> Options:
-    """Return what a command line of two files and these arguments says."""
+def parse_options(*arguments: str) -> Options:
+    """Options of a command line with two files and these arguments."""
     parsed = module._build_parser().parse_args(["--robot", "r.ini", "--world", "w.ini", *arguments])
     return module._make_options(parsed)[0]
 
 
-def test_command_line_when_it_says_nothing_leaves_the_say_to_files() -> None:
-    assert options_of().server_options == {}
+def test_command_line_without_options_leaves_all_to_files() -> None:
+    assert parse_options().server_options == {}
 
 
-def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
-    options = options_of(
+def test_command_line_with_server_options_is_read() -> None:
+    options = parse_options(
         *("--image-port", "7", "--image-type", "raw", "--no-legacy-images", "--frame-skip", "6"),
         *("--multi-view", "4x1:320x240", "--server-ini", "s.ini"),
     )
@@ -207,10 +207,10 @@ def test_command_line_when_it_speaks_of_the_server_is_understood() -> None:
     )
 
 
-def test_command_line_when_it_turns_a_dial_counts_more_than_files() -> None:
-    options = options_of("--max-error-px", "0.5", "--budget-ms", "0")
+def test_command_line_with_an_accuracy_target_is_read() -> None:
+    options = parse_options("--max-error-px", "0.5", "--budget-ms", "0")
     assert (options.max_error_px, options.budget_ms) == (0.5, 0.0)
-    assert options_of().max_error_px is None
+    assert parse_options().max_error_px is None
 
 
 def test_image_port_when_there_is_none_is_announced_as_off(

@@ -1,4 +1,4 @@
-"""Streams depend on seed, names and index alone."""
+"""Random numbers depend on seed, names and index alone."""
 
 from __future__ import annotations
 
@@ -8,22 +8,24 @@ import pytest
 from catoptra_server.random_sources import RandomSource
 
 
-def drawn(stream: RandomSource, index: int, count: int = 4) -> list[float]:
-    return list(stream.generator(index).standard_normal(count))
+def normal_variates(source: RandomSource, index: int, count: int = 4) -> list[float]:
+    return list(source.generator(index).standard_normal(count))
 
 
-def test_stream_when_asked_again_repeats_itself() -> None:
-    stream = RandomSource.from_names(7, "R1", "Odometry")
-    assert drawn(stream, 3) == drawn(stream, 3)
-    assert drawn(RandomSource.from_names(7, "R1", "Odometry"), 3) == drawn(stream, 3)
+def test_source_when_used_again_repeats_itself() -> None:
+    source = RandomSource.from_names(7, "R1", "Odometry")
+    assert normal_variates(source, 3) == normal_variates(source, 3)
+    assert normal_variates(RandomSource.from_names(7, "R1", "Odometry"), 3) == normal_variates(
+        source, 3
+    )
 
 
-def test_stream_when_drawn_from_elsewhere_is_not_disturbed() -> None:
-    stream = RandomSource.from_names(7, "R1", "Odometry")
-    before = drawn(stream, 3)
-    drawn(stream, 2, 1000)
+def test_source_when_others_are_used_is_unchanged() -> None:
+    source = RandomSource.from_names(7, "R1", "Odometry")
+    before = normal_variates(source, 3)
+    normal_variates(source, 2, 1000)
     np.random.default_rng().standard_normal(10)
-    assert drawn(stream, 3) == before
+    assert normal_variates(source, 3) == before
 
 
 @pytest.mark.parametrize(
@@ -37,13 +39,15 @@ def test_stream_when_drawn_from_elsewhere_is_not_disturbed() -> None:
         RandomSource.from_names(7),
     ],
 )
-def test_stream_when_of_another_seed_or_name_is_another(other: RandomSource) -> None:
-    assert drawn(other, 3) != drawn(RandomSource.from_names(7, "R1", "Odometry"), 3)
+def test_source_of_another_seed_or_name_differs(other: RandomSource) -> None:
+    assert normal_variates(other, 3) != normal_variates(
+        RandomSource.from_names(7, "R1", "Odometry"), 3
+    )
 
 
 def test_indices_when_neighbours_are_independent() -> None:
-    stream = RandomSource.from_names(1, "x")
-    table = np.array([drawn(stream, index, 8) for index in range(2000)])
+    source = RandomSource.from_names(1, "x")
+    table = np.array([normal_variates(source, index, 8) for index in range(2000)])
     lag_one = np.corrcoef(table[:-1].ravel(), table[1:].ravel())[0, 1]
     # 16 000 pairs: a correlation of independent numbers is below 4 / sqrt(16 000).
     assert abs(lag_one) < 0.032
@@ -51,5 +55,5 @@ def test_indices_when_neighbours_are_independent() -> None:
 
 
 @pytest.mark.parametrize("index", [0, 2**32, 2**63])
-def test_index_when_large_is_taken(index: int) -> None:
-    assert np.isfinite(drawn(RandomSource.from_names(1, "x"), index)).all()
+def test_index_when_large_is_valid(index: int) -> None:
+    assert np.isfinite(normal_variates(RandomSource.from_names(1, "x"), index)).all()

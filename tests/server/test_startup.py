@@ -1,4 +1,4 @@
-"""What is read before anything runs, and who has the last word on the server itself."""
+"""Files that are read at start, and the precedence of their options for the server."""
 
 from __future__ import annotations
 
@@ -18,32 +18,34 @@ from helpers.robots import SCANNER, make_p2at, make_walled_world
 from helpers.server_process import write_small_robot
 
 
-def with_server(robot: Path, *lines: str) -> Path:
+def add_image_server(robot: Path, *lines: str) -> Path:
     """Add lines of the image server to a robot's file."""
     section = "\n".join(("", "[USARBotAPI.UPISImageServer]", *lines))
     robot.write_text(robot.read_text(encoding="utf-8") + section, encoding="utf-8")
     return robot
 
 
-def test_setup_when_keys_mean_nothing_warns_with_their_lines(
+def test_startup_with_unknown_keys_warns_with_their_lines(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     world = write_small_world(tmp_path, "Colour=(R=1)")
     with caplog.at_level(logging.WARNING):
-        setup = read_startup_config([write_small_robot(tmp_path)], world)
-    assert f"{world}:3: key Colour is not known here and has no effect" in caplog.text
-    assert len(setup.scene) == 12
+        startup = read_startup_config([write_small_robot(tmp_path)], world)
+    assert f"{world}:3: key Colour is unknown and has no effect" in caplog.text
+    assert len(startup.scene) == 12
 
 
-def test_setup_when_a_file_is_broken_raises_before_anything_listens(tmp_path: Path) -> None:
+def test_startup_with_a_broken_file_raises(tmp_path: Path) -> None:
     with pytest.raises(ConfigError):
         read_startup_config([write_small_robot(tmp_path)], write_small_world(tmp_path, "Boxes=1"))
 
 
-def test_setup_when_several_files_speak_of_the_server_believes_its_own(
+def test_startup_with_server_options_in_two_files_prefers_the_server_s_own(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    robot = with_server(write_small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256")
+    robot = add_image_server(
+        write_small_robot(tmp_path), "FrameSkip=3", "ListenPort=7", "Colours=256"
+    )
     server = tmp_path / "server.ini"
     server.write_text("[USARBotAPI.UPISImageServer]\nListenPort=8\n")
     with caplog.at_level(logging.WARNING):
@@ -51,10 +53,10 @@ def test_setup_when_several_files_speak_of_the_server_believes_its_own(
             read_startup_config([robot], write_small_world(tmp_path), server).server_options
         )
     assert (settings.image_port, settings.frame_skip, settings.control_port) == (8, 3, 3000)
-    assert caplog.text.count("key Colours is not known here") == 1
+    assert caplog.text.count("key Colours is unknown") == 1
 
 
-def test_setup_when_the_server_s_own_file_says_nothing_of_it_warns(
+def test_startup_with_a_server_file_without_such_sections_warns(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     server = tmp_path / "server.ini"
@@ -66,19 +68,19 @@ def test_setup_when_the_server_s_own_file_says_nothing_of_it_warns(
             ).server_options
             == {}
         )
-    assert f"{server} says nothing of the server" in caplog.text
+    assert f"{server} has no settings of the server" in caplog.text
 
 
-def setup_of(robot: RobotDescription) -> StartupConfig:
+def make_startup(robot: RobotDescription) -> StartupConfig:
     world = make_walled_world()
     return StartupConfig((robot,), world, build_scene(world))
 
 
 @pytest.mark.parametrize("sensors", [(), (SCANNER,)])
-def test_ray_caster_when_asked_measures_whether_sensors_do_or_not(
+def test_ray_caster_casts_rays_with_and_without_range_sensors(
     sensors: tuple[SensorDescription, ...],
 ) -> None:
-    caster = create_ray_caster(setup_of(make_p2at(sensors=sensors)))
+    caster = create_ray_caster(make_startup(make_p2at(sensors=sensors)))
     origins, ahead = np.array([[0.0, 0.0, -0.5]]), np.array([[1.0, 0.0, 0.0]])
     assert caster.distances(origins, ahead) == pytest.approx([50.0])
     distances, normals = caster.closest_hits(origins, ahead)

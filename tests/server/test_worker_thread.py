@@ -1,4 +1,4 @@
-"""A thread's start can be awaited, its failure is told, its end is waited for."""
+"""Worker threads: start and end are awaited, a failure is reported."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Callable
 import pytest
 
 from catoptra_server.worker_thread import WorkerThread
-from helpers.loopback import run_scenario
+from helpers.loopback import DEADLINE_S, run_scenario
 
 
 class Work:
-    """Runs until stopped; fails before or after it is ready, if told to."""
+    """Work that runs until stopped, or fails before or after it is ready."""
 
     def __init__(self, *, fails: str = "") -> None:
         self._fails = fails
@@ -26,7 +26,7 @@ class Work:
         ready()
         if self._fails == "after":
             raise ValueError("broken")
-        self._stopped.wait()
+        assert self._stopped.wait(DEADLINE_S), "the work was not stopped"
         self.has_ended = True
 
     def stop(self) -> None:
@@ -34,34 +34,34 @@ class Work:
 
 
 def test_worker_when_stopped_has_ended() -> None:
-    async def scene() -> None:
+    async def scenario() -> None:
         work = Work()
         worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
         await worker.start()
         await worker.stop()
         assert work.has_ended
 
-    run_scenario(scene())
+    run_scenario(scenario())
 
 
-def test_worker_when_it_cannot_start_says_why() -> None:
-    async def scene() -> None:
+def test_worker_when_its_start_fails_raises_the_error() -> None:
+    async def scenario() -> None:
         work = Work(fails="before")
         worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
         with pytest.raises(ValueError, match="broken"):
             await worker.start()
 
-    run_scenario(scene())
+    run_scenario(scenario())
 
 
-def test_worker_when_it_fails_later_tells_at_once_and_when_stopped() -> None:
-    async def scene() -> None:
-        told = asyncio.Event()
+def test_worker_when_it_fails_later_reports_at_once_and_when_stopped() -> None:
+    async def scenario() -> None:
+        failed = asyncio.Event()
         work = Work(fails="after")
-        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=told.set)
+        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=failed.set)
         await worker.start()
-        await told.wait()
+        await failed.wait()
         with pytest.raises(ValueError, match="broken"):
             await worker.stop()
 
-    run_scenario(scene())
+    run_scenario(scenario())

@@ -1,4 +1,4 @@
-"""Configurations by name: every shipped file is found, and a wrong name is answered with all."""
+"""Configurations by name: every bundled file is found, and a wrong name lists them all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS, WORLDS
 
 
 @pytest.mark.parametrize(("kind", "folder"), [("robots", ROBOTS), ("worlds", WORLDS)])
-def test_shipped_files_when_listed_are_those_of_the_repository(
+def test_bundled_files_when_listed_are_those_of_the_repository(
     kind: FileKind, folder: Path
 ) -> None:
     names = [path.name for path in bundled_files(kind)]
@@ -23,12 +23,12 @@ def test_shipped_files_when_listed_are_those_of_the_repository(
 @pytest.mark.parametrize(
     ("kind", "name", "file"), [("robots", "p2at_omni", OMNI_ROBOT), ("worlds", FIELD.stem, FIELD)]
 )
-def test_name_when_shipped_is_the_file(kind: FileKind, name: str, file: Path) -> None:
+def test_name_when_bundled_is_the_file(kind: FileKind, name: str, file: Path) -> None:
     assert find_configuration(kind, name).resolve() == file
 
 
 @pytest.mark.parametrize("text", ["mine.ini", "folder/mine", "folder/mine.ini"])
-def test_path_when_given_is_taken_as_it_is(text: str) -> None:
+def test_path_when_given_is_returned_unchanged(text: str) -> None:
     assert find_configuration("robots", text) == Path(text)
 
 
@@ -40,6 +40,6 @@ def test_name_when_a_file_of_that_name_is_here_is_that_file(
     assert find_configuration("robots", "p2at_omni") == Path("p2at_omni")
 
 
-def test_name_when_unknown_is_answered_with_those_that_are_there() -> None:
-    with pytest.raises(ConfigError, match=r"robots that come with the server: .*p2at_omni,"):
+def test_name_when_unknown_lists_the_bundled_ones() -> None:
+    with pytest.raises(ConfigError, match=r"bundled robots: .*p2at_omni,"):
         find_configuration("robots", "p2atomni")

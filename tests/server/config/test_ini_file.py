@@ -23,7 +23,7 @@ def test_section_when_repeated_is_one_with_all_lines(tmp_path: Path) -> None:
     assert [struct.get_int("N") for struct in file.get_section("A").get_structs("L")] == [1, 2]
 
 
-def test_section_when_absent_is_empty_and_complains_of_the_file(tmp_path: Path) -> None:
+def test_section_when_absent_is_empty_and_its_errors_name_the_file(tmp_path: Path) -> None:
     path = write_file(tmp_path, "x.ini", "[A]")
     file = IniFile(path)
     assert not file.has_section("B")
@@ -47,7 +47,7 @@ def test_file_when_an_inherited_value_is_wrong_names_the_base(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("second", ["x.ini", "y.ini"])
-def test_file_when_based_on_itself_in_a_loop_is_refused(tmp_path: Path, second: str) -> None:
+def test_file_when_based_on_itself_in_a_loop_is_rejected(tmp_path: Path, second: str) -> None:
     write_file(tmp_path, "y.ini", "[Configuration]", "BasedOn=x.ini")
     path = write_file(tmp_path, "x.ini", "[Configuration]", f"BasedOn={second}")
     with pytest.raises(ConfigError, match=r":2: Configuration\.BasedOn=.*not based on this"):

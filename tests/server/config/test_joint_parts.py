@@ -83,7 +83,7 @@ def test_places_when_in_unreal_units_become_metres(tmp_path: Path) -> None:
         (HINGE.format("FR", "") + HINGE.format("fr", ""), "no other joint"),
     ],
 )
-def test_joint_when_it_makes_no_sense_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+def test_joint_when_impossible_is_rejected(tmp_path: Path, text: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         read(tmp_path, text)
 

@@ -1,4 +1,4 @@
-"""The paper's three groups of elements: read from the shipped file, refused where they disagree."""
+"""The paper's three groups of elements: read from the bundled file, rejected if inconsistent."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_capture_camera_when_turned_by_quarters_is_up_exactly(
     assert camera.camera.image_up_azimuth_rad == up_azimuth_rad
 
 
-def test_capture_camera_when_turned_by_an_odd_angle_keeps_it(tmp_path: Path) -> None:
+def test_capture_camera_when_turned_by_any_angle_keeps_the_angle(tmp_path: Path) -> None:
     edit = Edit(CAPTURE, CAPTURE.replace("3.1416", "2.6416"))
     camera = read_camera(write_edited_copy(OMNI_ROBOT, tmp_path, edit))
     assert camera.camera.image_up_azimuth_rad == pytest.approx(2.6416 - math.pi, abs=1e-5)
@@ -118,13 +118,13 @@ def test_texture_clients_when_a_sixth_is_written_are_six(tmp_path: Path) -> None
     assert camera.render_settings.face_size_px == 512
 
 
-def test_trace_when_its_rays_are_told_apart_has_them_so(tmp_path: Path) -> None:
+def test_stride_when_written_is_read(tmp_path: Path) -> None:
     assert read_camera(OMNI_ROBOT).render_settings.stride_px == 0
     every = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("Samples=2", "TraceStride=1"))
     assert read_camera(every).render_settings.stride_px == 1
 
 
-def test_dial_when_it_is_written_is_read(tmp_path: Path) -> None:
+def test_accuracy_target_when_written_is_read(tmp_path: Path) -> None:
     assert read_camera(OMNI_ROBOT).render_settings.accuracy_target == AccuracyTarget()
     edit = Edit("Samples=2", "Samples=2\nMaxErrorPx=0.5\nBudgetMs=20")
     assert read_camera(
@@ -181,7 +181,7 @@ def test_camera_when_broken_names_file_line_key_and_expectation(
     assert expected in error.expected
 
 
-def test_virtual_camera_when_not_of_90_degrees_is_refused(tmp_path: Path) -> None:
+def test_texture_client_when_not_of_90_degrees_is_rejected(tmp_path: Path) -> None:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit(CLIENT_W, CLIENT_W.replace("=90", "=100")))
     with pytest.raises(ConfigError, match=r"TextureClientW\.FOV='100': expected 90") as caught:
         read_robot(path)
@@ -204,7 +204,7 @@ def test_mirror_when_a_constant_is_missing_names_its_section(
     assert caught.value.location.line == find_line_number(path, "[Catoptra.HyperbolicMirror]")
 
 
-def test_capture_camera_when_missing_names_what_it_hangs_on(tmp_path: Path) -> None:
+def test_capture_camera_when_missing_names_its_parent(tmp_path: Path) -> None:
     lines = OMNI_ROBOT.read_text(encoding="utf-8").splitlines()
     path = tmp_path / "robot.ini"
     path.write_text("\n".join(line for line in lines if not line.startswith("Cameras=")))

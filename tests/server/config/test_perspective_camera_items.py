@@ -1,4 +1,4 @@
-"""Ordinary cameras of robot files."""
+"""Perspective cameras of robot files."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ def test_camera_when_of_the_p2at_sits_on_its_pan_tilt() -> None:
     assert camera.mount.parent == "CameraTilt"
 
 
-def test_camera_when_it_is_the_omni_camera_s_is_no_ordinary_one() -> None:
+def test_camera_when_part_of_the_omni_camera_is_no_perspective_one() -> None:
     assert read_robot(ROBOTS / "omni_p2dx.ini")[0].perspective_cameras == ()

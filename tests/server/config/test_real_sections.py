@@ -1,4 +1,4 @@
-"""Sections of USARSim's own files load unchanged; what means nothing here is reported once."""
+"""Sections of USARSim's own files load unchanged; keys without effect are reported once."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def ignored_classes(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [r.message.partition(": ")[2] for r in caplog.records if r.levelname == "WARNING"]
 
 
-def test_udk_when_loaded_reports_only_what_means_nothing(
+def test_udk_when_loaded_reports_only_keys_without_effect(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     _, file = read("udk.ini")
     # Physics of the part, numbers that UDK's source does not configure, and the near plane.
     assert unknown_keys(file) == ["Weight", "Sigma", "Mean", "Mass", "CameraNearPlane"]
     assert ignored_classes(caplog) == [
-        "class USARSensor.Battery is not known here: battery has no effect"
+        "class USARSensor.Battery is unknown: item battery has no effect"
     ]
 
 
@@ -64,7 +64,7 @@ def test_udk_when_loaded_has_all_parts_with_their_sections_numbers() -> None:
     ]
 
 
-def test_ut2004_when_loaded_reports_only_what_means_nothing(
+def test_ut2004_when_loaded_reports_only_keys_without_effect(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     robot, file = read("ut2004.ini")
@@ -73,7 +73,7 @@ def test_ut2004_when_loaded_reports_only_what_means_nothing(
         *("bDebug", "Weight", "Payload", "ChassisMass", "MotorTorque", "MotorSpeed"),
     ]
     assert ignored_classes(caplog) == [
-        "class USARBot.RangeScanner3D is not known here: TarantulaRangeScanner3D has no effect"
+        "class USARBot.RangeScanner3D is unknown: item TarantulaRangeScanner3D has no effect"
     ]
     assert [sensor.name for sensor in robot.sensors] == ["Scanner1", "F1"]
     assert (robot.omni_camera, robot.chassis_joints) == (None, None)

@@ -1,4 +1,4 @@
-"""Robot files: what the shipped one means, and what is said of broken ones."""
+"""Robot files: the bundled one as described, and the errors of broken ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_file(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.ini")), ids=lambda path: path.name)
-def test_shipped_robot_when_read_is_known_to_the_last_key(path: Path) -> None:
+def test_bundled_robot_when_read_has_no_unknown_key(path: Path) -> None:
     robot, file = read_robot(path)
     assert (robot.omni_camera is not None) == ("omni" in path.name)
     assert file.unknown_entries() == []
@@ -41,7 +41,7 @@ def test_p2at_when_read_has_the_reference_base() -> None:
     robot, _ = read_robot(OMNI_ROBOT)
     drive = robot.drive
     assert (robot.class_name, robot.model_name) == ("USARBot.OmniP2AT", "OmniP2AT")
-    # What a real UT2004 server told of its P2AT.
+    # As a real UT2004 server reported its P2AT.
     assert (drive.wheel_radius_m, drive.wheel_separation_m) == (0.13, 0.4712)
     assert (drive.wheel_base_m, drive.dimensions_m) == (0.2884, (0.5238, 0.4968, 0.2913))
     assert (drive.mass_kg, drive.max_speed_rad_s, drive.max_torque) == (14.0, 5.385, 60.0)
@@ -118,7 +118,7 @@ def test_robot_when_a_key_is_missing_names_its_section(tmp_path: Path, key: str)
         read_robot(write_file(tmp_path, "\n".join(lines)))
 
 
-def test_file_when_it_has_no_robot_says_what_one_looks_like(tmp_path: Path) -> None:
+def test_file_when_it_has_no_robot_describes_one(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"robot\.ini: USARBot\.X\.SteeringType=.*SkidSteered"):
         read_robot(write_file(tmp_path, "[A.B]\nK=1\n"))
 
@@ -140,7 +140,7 @@ def test_file_when_it_holds_several_robots_gives_all_its_own_first(tmp_path: Pat
         ("[usarbot.p3at]\nmsgTimer=.1", 0.098, 0.36, 11.9, 1.3, (0.508, 0.497, 0.277)),
     ],
 )
-def test_base_when_the_section_is_silent_is_that_of_the_class(
+def test_base_when_the_section_has_no_keys_is_that_of_the_class(
     tmp_path: Path,
     text: str,
     wheel_m: float,
@@ -158,7 +158,7 @@ def test_base_when_the_section_is_silent_is_that_of_the_class(
     )
 
 
-def test_p3at_when_asked_reports_the_dimensions_of_udk(tmp_path: Path) -> None:
+def test_p3at_when_read_has_the_dimensions_of_udk(tmp_path: Path) -> None:
     drive = read_robot(ROBOTS / "p3at_udk.ini")[0].drive
     assert drive.dimensions_m == (0.248, 0.36, 0.0)
 
@@ -170,5 +170,5 @@ def test_classes_when_unknown_are_reported_and_the_rest_is_read(
     robot, _ = read_robot(write_file(tmp_path, BARE + item))
     assert robot.sensors == ()
     assert [record.message.partition(": ")[2] for record in caplog.records] == [
-        "class USARBot.Sniffer is not known here: CO2 has no effect"
+        "class USARBot.Sniffer is unknown: item CO2 has no effect"
     ]

@@ -1,4 +1,4 @@
-"""Typed values, and complaints that name file, line, key, value and expectation."""
+"""Typed values, and errors that name file, line, key, value and the expected form."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_number_when_written_as_in_real_files_is_read(text: str, value: float) -
 
 
 @pytest.mark.parametrize("text", ["", "abc", "nan", "inf", "-inf", "+inf", "1e999", "1,5", "f"])
-def test_number_when_it_is_none_names_everything(text: str) -> None:
+def test_number_when_malformed_names_file_line_key_and_value(text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         make_section(f"K={text}").get_float("K")
     error = caught.value
@@ -42,7 +42,7 @@ def test_number_when_out_of_bounds_states_them(text: str, expected: str) -> None
 
 @pytest.mark.parametrize(
     ("bounds", "expected"),
-    [({"at_least": 1.0}, "of at least 1"), ({"at_most": 1.0}, "of at most 1")],
+    [({"min_value": 1.0}, "of at least 1"), ({"max_value": 1.0}, "of at most 1")],
 )
 def test_number_when_missing_states_its_bounds(bounds: dict[str, float], expected: str) -> None:
     with pytest.raises(ConfigError, match=rf"x.ini:1: A.B.K=''.*{expected}; it is missing"):
@@ -58,7 +58,7 @@ def test_number_when_repeated_is_the_last() -> None:
 
 
 @pytest.mark.parametrize("text", ["1.5", "-1", "9", "x"])
-def test_integer_when_it_is_none_is_refused(text: str) -> None:
+def test_integer_when_malformed_is_rejected(text: str) -> None:
     with pytest.raises(ConfigError, match="a whole number from 0 to 8"):
         make_section(f"K={text}").get_int("K", max_value=8)
 
@@ -74,7 +74,7 @@ def test_boolean_when_in_any_case_is_read(text: str, value: bool) -> None:
     assert make_section(f"K={text}").get_bool("K", not value) is value
 
 
-def test_boolean_when_it_is_none_is_refused() -> None:
+def test_boolean_when_malformed_is_rejected() -> None:
     with pytest.raises(ConfigError, match="true or false"):
         make_section("K=yes").get_bool("K", False)
 
@@ -93,7 +93,7 @@ def test_vector_when_members_are_missing_takes_0_for_them() -> None:
 
 
 @pytest.mark.parametrize("text", ["1,2,3", "(X=1", "(X=a)"])
-def test_vector_when_it_is_none_is_refused_with_its_line(text: str) -> None:
+def test_vector_when_malformed_is_rejected_with_its_line(text: str) -> None:
     with pytest.raises(ConfigError, match=r"x\.ini:2"):
         make_section(f"K={text}").get_vector("K")
 
@@ -104,12 +104,12 @@ def test_vector_when_a_member_is_out_of_bounds_names_the_member() -> None:
 
 
 @pytest.mark.parametrize("name", ["P2AT", "R1_left", "naïve", "a|b~c", "x" * 256])
-def test_word_when_the_wire_can_carry_it_is_read(name: str) -> None:
+def test_wire_name_when_valid_is_read(name: str) -> None:
     assert make_section(f'K="{name}"').get_wire_name("K") == name
 
 
 @pytest.mark.parametrize("name", ["", "two words", "a{b", "a}b", "a\tb", "€", "x" * 257])
-def test_word_when_the_wire_cannot_carry_it_is_refused(name: str) -> None:
+def test_wire_name_when_invalid_is_rejected(name: str) -> None:
     assert not is_wire_name(name)
     with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*one word"):
         make_section(f'K="{name}"').get_wire_name("K")
@@ -122,7 +122,7 @@ def test_file_when_it_exists_is_found_beside_the_ini(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.png", ".", "a\0b"])
-def test_file_when_it_does_not_exist_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+def test_file_when_absent_is_rejected_with_its_line(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"x\.ini:2: A\.B\.K=.*a file that exists"):
         make_section(f"K={name}").get_path("K", tmp_path)
 
@@ -157,42 +157,42 @@ def test_list_when_changed_by_prefixes_follows_unreal(
         (("L=(A=1)",), ("M=1",), [1]),
     ],
 )
-def test_overlay_when_derived_lines_have_prefixes_changes_the_base(
+def test_overrides_when_derived_lines_have_prefixes_changes_the_base(
     base: tuple[str, ...], derived: tuple[str, ...], values: list[int]
 ) -> None:
-    settings = make_section(*base)
-    settings.apply_overrides(make_section(*derived))
-    assert [struct.get_int("A") for struct in settings.get_structs("L")] == values
+    section = make_section(*base)
+    section.apply_overrides(make_section(*derived))
+    assert [struct.get_int("A") for struct in section.get_structs("L")] == values
 
 
-def test_unknown_when_keys_and_members_were_not_asked_for_lists_them() -> None:
-    settings = make_section("A=1", "B=2", "S=(X=1,W=2)")
-    settings.get_float("A")
-    settings.get_vector("S")
-    assert [entry.key for entry in settings.unknown_entries()] == ["B", "W"]
+def test_unknown_when_keys_and_members_were_not_read_lists_them() -> None:
+    section = make_section("A=1", "B=2", "S=(X=1,W=2)")
+    section.get_float("A")
+    section.get_vector("S")
+    assert [entry.key for entry in section.unknown_entries()] == ["B", "W"]
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "read",
     [
-        lambda s: s.text("A"),
-        lambda s: s.integer("A"),
-        lambda s: s.boolean("A", True),
-        lambda s: s.choice("A", ["1"]),
-        lambda s: s.word("A"),
+        lambda s: s.get_str("A"),
+        lambda s: s.get_int("A"),
+        lambda s: s.get_bool("A", True),
+        lambda s: s.get_choice("A", ["1"]),
+        lambda s: s.get_wire_name("A"),
     ],
 )
-def test_unknown_when_a_key_was_asked_for_leaves_it_out(
-    ask: Callable[[SectionReader], object],
+def test_unknown_when_a_key_was_read_omits_the_key(
+    read: Callable[[SectionReader], object],
 ) -> None:
-    settings = make_section("A=1")
-    ask(settings)
-    assert settings.unknown_entries() == []
+    section = make_section("A=1")
+    read(section)
+    assert section.unknown_entries() == []
 
 
-def test_keys_when_passed_over_are_not_reported() -> None:
-    settings = make_section("A=1", "B=2")
-    settings.get_float("A")
-    assert [entry.key for entry in settings.unknown_entries()] == ["B"]
-    settings.ignore_all()
-    assert settings.unknown_entries() == []
+def test_keys_when_ignored_are_not_reported() -> None:
+    section = make_section("A=1", "B=2")
+    section.get_float("A")
+    assert [entry.key for entry in section.unknown_entries()] == ["B"]
+    section.ignore_all()
+    assert section.unknown_entries() == []

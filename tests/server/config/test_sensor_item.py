@@ -1,4 +1,4 @@
-"""What all sensors of a file have in common: period, bounds, time stamps."""
+"""Keys that all sensors of a file share: period, bounds, time stamps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_interval_when_configured_is_the_class_s_and_else_a_fifth_of_a_second() 
     assert (make_item("ScanInterval=.1").interval_s, make_item().interval_s) == (0.1, 0.2)
 
 
-def test_number_when_negative_is_refused() -> None:
+def test_number_when_negative_is_rejected() -> None:
     with pytest.raises(ConfigError, match="MaxRange"):
         make_item("MaxRange=-1").get_float("MaxRange", 4.0)
 

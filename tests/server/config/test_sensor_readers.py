@@ -56,7 +56,7 @@ def test_scanner_when_of_the_real_udk_line_has_its_class_s_numbers(tmp_path: Pat
     assert (scanner.max_range_m, scanner.mount.position_m) == (20.0, (0.2085, 0.0, -0.2))
 
 
-def test_scanner_when_its_line_would_be_too_long_for_clients_is_refused(tmp_path: Path) -> None:
+def test_scanner_when_its_line_would_be_too_long_for_clients_is_rejected(tmp_path: Path) -> None:
     item = "Sensors=(ItemClass=class'USARBot.RangeScanner',ItemName=\"S\")"
     with pytest.raises(ConfigError, match="Resolution"):
         read(tmp_path, item, "[USARBot.RangeScanner]\nResolution=0.001\n")
@@ -101,7 +101,7 @@ def test_p2at_when_read_has_the_sixteen_sonars_of_the_reference() -> None:
     assert sonars[1].mount.rotation_rad == (0.0, 0.0, -0.8727)
 
 
-def test_tachometer_when_of_the_real_line_tells_four_wheels(tmp_path: Path) -> None:
+def test_tachometer_when_of_the_real_line_has_four_wheels(tmp_path: Path) -> None:
     item = "AddParts=(ItemClass=class'USARSensor.Tachometer',ItemName=\"TachTest\",Position=(X=0))"
     assert read(tmp_path, item) == TachometerDescription("TachTest", 0.2, Mount(), num_wheels=4)
     two = read(tmp_path, item, "[USARSensor.Tachometer]\nScanInterval=0.5\nWheels=2\n")
@@ -115,7 +115,7 @@ def test_ins_when_of_the_real_section_has_its_precision(tmp_path: Path) -> None:
     assert (ins.precision, ins.has_timestamp) == (1000.0, False)
 
 
-def test_scanner_when_of_the_real_section_turns_as_it_says(tmp_path: Path) -> None:
+def test_scanner_when_of_the_real_section_has_its_axes(tmp_path: Path) -> None:
     item = "AddParts=(ItemClass=class'USARSensor.RangeScanner',ItemName=\"S\")"
     scanner = read(tmp_path, item, "[USARSensor.RangeScanner]\nbPitch=true\nbYaw=false\n")
     assert isinstance(scanner, RangeScannerDescription)
@@ -141,10 +141,10 @@ def test_ground_truth_when_not_fixed_to_the_platform_is_of_the_sensor(tmp_path: 
 
 
 @pytest.mark.parametrize("class_", ["Odometry", "Encoder", "Touch", "INS", "GPS"])
-@pytest.mark.parametrize("is_timed", [True, False])
+@pytest.mark.parametrize("has_timestamp", [True, False])
 def test_time_stamp_when_configured_is_of_its_class(
-    tmp_path: Path, class_: str, is_timed: bool
+    tmp_path: Path, class_: str, has_timestamp: bool
 ) -> None:
     item = f"AddParts=(ItemClass=class'USARSensor.{class_}',ItemName=\"S\")"
-    sensor = read(tmp_path, item, f"[USARSensor.{class_}]\nbWithTimeStamp={is_timed}\n")
-    assert sensor.has_timestamp is is_timed  # type: ignore[union-attr] # these classes have it
+    sensor = read(tmp_path, item, f"[USARSensor.{class_}]\nbWithTimeStamp={has_timestamp}\n")
+    assert sensor.has_timestamp is has_timestamp  # type: ignore[union-attr] # these classes have it

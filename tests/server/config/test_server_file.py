@@ -44,7 +44,7 @@ def write_file(folder: Path, text: str) -> IniFile:
     return IniFile(path)
 
 
-def test_server_when_udk_s_own_sections_are_read_says_all_of_it(tmp_path: Path) -> None:
+def test_options_when_of_udk_s_own_sections_are_complete(tmp_path: Path) -> None:
     file = write_file(tmp_path, UDK)
     assert read_server_options(file) == ServerOptions(
         control_port=3000,
@@ -59,7 +59,7 @@ def test_server_when_udk_s_own_sections_are_read_says_all_of_it(tmp_path: Path) 
     assert not file.unknown_entries()
 
 
-def test_server_when_a_file_does_not_speak_of_it_says_nothing(tmp_path: Path) -> None:
+def test_options_when_a_file_has_no_such_section_are_empty(tmp_path: Path) -> None:
     assert read_server_options(write_file(tmp_path, "[USARBot.P2AT]\n")) == ServerOptions()
 
 
@@ -68,7 +68,7 @@ def test_server_when_a_file_does_not_speak_of_it_says_nothing(tmp_path: Path) ->
     [("fair", ImageType.FAIR), ("SUPER", ImageType.SUPER), ("5", ImageType.BAD),
      ("", ImageType.NORMAL)],
 )  # fmt: skip
-def test_image_type_when_a_tag_a_number_or_empty_is_understood(
+def test_image_type_when_a_tag_a_number_or_empty_is_read(
     tmp_path: Path, text: str, expected: ImageType
 ) -> None:
     file = write_file(tmp_path, f"[USARBotAPI.UPISImageServer]\nImageType={text}\n")
@@ -89,7 +89,7 @@ def test_image_type_when_a_tag_a_number_or_empty_is_understood(
         ("MultiView", "CameraTileX=300", "smaller or fewer tiles: a picture of 96000 x 480 px"),
     ],
 )
-def test_value_when_it_makes_no_sense_is_refused_with_file_line_and_key(
+def test_value_when_impossible_is_rejected_with_file_line_and_key(
     tmp_path: Path, section: str, line: str, expected: str
 ) -> None:
     file = write_file(tmp_path, f"[USARBotAPI.{section}]\n{line}\n")
@@ -100,25 +100,23 @@ def test_value_when_it_makes_no_sense_is_refused_with_file_line_and_key(
 
 
 @pytest.mark.parametrize("section", ["BotServer", "UPISImageServer", "MultiView"])
-def test_key_when_it_means_nothing_is_reported_also_where_it_is_the_only_one(
-    tmp_path: Path, section: str
-) -> None:
+def test_key_when_unknown_is_reported_also_as_the_only_one(tmp_path: Path, section: str) -> None:
     file = write_file(tmp_path, f"[USARBotAPI.{section}]\nListenPorts=1\n")
     read_server_options(file)
     assert [entry.key for entry in file.unknown_entries()] == ["ListenPorts"]
 
 
-def test_tiles_when_partly_told_are_udk_s_for_the_rest(tmp_path: Path) -> None:
+def test_tiles_when_partly_stated_are_udk_s_for_the_rest(tmp_path: Path) -> None:
     file = write_file(tmp_path, "[USARBotAPI.MultiView]\nCameraTileX=4\nCameraTileY=1\n")
     assert read_server_options(file) == ServerOptions(
         multi_view=multi_view_layout(4, 1, width_px=320, height_px=240)
     )
 
 
-def test_settings_when_nobody_speaks_are_the_usual_ones() -> None:
+def test_settings_without_any_option_are_the_defaults() -> None:
     assert resolve_settings(ServerOptions(), ServerOptions()) == ServerSettings()
 
 
-def test_settings_when_several_speak_are_the_last_one_s() -> None:
+def test_settings_when_stated_twice_are_those_of_the_last_layer() -> None:
     first, last = ServerOptions(image_port=1, frame_skip=2), ServerOptions(image_port=3)
     assert resolve_settings(first, last) == ServerSettings(image_port=3, frame_skip=2)

@@ -1,4 +1,4 @@
-"""The grammar of Unreal's ini files, with the oddities that real ones have."""
+"""The grammar of Unreal's ini files, with the oddities of real ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from catoptra_server.config.unreal_ini import (
 
 
 def parse_entries(*lines: str) -> list[tuple[str, str, str]]:
-    """Return (operator, key, value) of the lines of one section."""
+    """(operator, key, value) of the lines of one section."""
     (section,) = parse_sections("\n".join(("[A.B]", *lines)), file="x.ini")
     return [(entry.operator, entry.key, entry.value) for entry in section.entries]
 
@@ -47,7 +47,7 @@ def test_entry_when_written_as_in_real_files_is_read(
     assert parse_entries(line) == [expected]
 
 
-def test_comments_and_blank_lines_are_nothing() -> None:
+def test_comments_and_blank_lines_are_no_entries() -> None:
     assert parse_entries("", "; a comment", "   ", ";Key=value") == []
 
 
@@ -125,7 +125,7 @@ def test_struct_when_unbalanced_or_unnamed_is_none(value: str) -> None:
         ("it's", "it's"),
     ],
 )
-def test_plain_text_when_quoted_or_referenced_is_what_is_inside(value: str, text: str) -> None:
+def test_value_when_quoted_or_a_reference_is_unquoted(value: str, text: str) -> None:
     assert unquote(value) == text
 
 
@@ -142,7 +142,7 @@ def test_file_when_not_utf_8_names_the_line_of_the_byte(tmp_path: Path) -> None:
         read_sections(path)
 
 
-def test_file_when_of_5_mb_is_refused_unread(tmp_path: Path) -> None:
+def test_file_when_of_5_mb_is_rejected_unread(tmp_path: Path) -> None:
     path = tmp_path / "x.ini"
     path.write_bytes(b";" * 5_000_000)
     with pytest.raises(ConfigError, match=r"5000000 bytes.*at most 4 MiB"):
@@ -150,7 +150,7 @@ def test_file_when_of_5_mb_is_refused_unread(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.ini", ".", "a\0b"])
-def test_file_when_it_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
+def test_file_when_unreadable_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="a readable ini file"):
         read_sections(tmp_path / name)
 
@@ -165,10 +165,10 @@ def keys_or_error(text: str) -> tuple[list[str], ConfigError | None]:
 
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.text(alphabet=st.sampled_from("[]()=,;\"'+-.! \n\raK1\u00e9"), max_size=60))
-def test_text_when_arbitrary_is_read_or_refused_with_a_line(text: str) -> None:
-    keys, refused = keys_or_error(text)
+def test_text_when_arbitrary_is_read_or_rejected_with_a_line(text: str) -> None:
+    keys, error = keys_or_error(text)
     assert all(keys)
-    assert refused is None or refused.location.line >= 1
+    assert error is None or error.location.line >= 1
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)

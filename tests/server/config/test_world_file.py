@@ -1,4 +1,4 @@
-"""World files: the shipped ones, each kind of line, and what is said of broken ones."""
+"""World files: the bundled ones, each kind of line, and the errors of broken ones."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def read_world_text(folder: Path, *lines: str) -> World:
 
 
 @pytest.mark.parametrize("path", sorted(WORLDS.glob("*.ini")), ids=lambda path: path.name)
-def test_shipped_world_when_read_is_known_to_the_last_key(path: Path) -> None:
+def test_bundled_world_when_read_has_no_unknown_key(path: Path) -> None:
     world, file = read_world(path)
     assert file.unknown_entries() == []
     scene = build_scene(world)
@@ -94,7 +94,7 @@ def test_item_when_placed_has_pose_colour_and_name(tmp_path: Path) -> None:
     assert not item.casts_shadows
 
 
-def test_mesh_when_it_says_nothing_of_its_look_keeps_its_own(tmp_path: Path) -> None:
+def test_mesh_when_no_material_is_stated_keeps_its_own(tmp_path: Path) -> None:
     (tmp_path / "m.stl").touch()
     item = read_world_text(tmp_path, "Meshes=(File=m.stl,Scale=0.01,Up=Y)").items[-1]
     assert item.shape == MeshFile(tmp_path / "m.stl", 0.01, "y")
@@ -115,7 +115,7 @@ def test_lights_when_written_are_linear_light_times_brightness(tmp_path: Path) -
     )
 
 
-def test_start_when_written_is_a_place(tmp_path: Path) -> None:
+def test_start_when_written_is_a_pose(tmp_path: Path) -> None:
     line = 'PlayerStarts=(Tag="A",Location=(X=1,Y=2,Z=3),Rotation=(Z=1.5))'
     assert read_world_text(tmp_path, line).starts == (
         StartPlace("A", (1.0, 2.0, 3.0), (0.0, 0.0, 1.5)),
@@ -154,8 +154,8 @@ def test_name_when_missing_is_the_file_s(tmp_path: Path) -> None:
         ('PlayerStarts=(Tag="a}",Location=(X=0))', "PlayerStarts.Tag", "one word"),
         ("PlayerStarts=(Location=(X=0))", "PlayerStarts.Tag", "missing"),
         ('PlayerStarts=(Tag="A")', "PlayerStarts.Location", "missing"),
-        ('Name="a {b}"', "Catoptra.World.Name", "what can be sent"),
-        ('Name="€uro"', "Catoptra.World.Name", "what can be sent"),
+        ('Name="a {b}"', "Catoptra.World.Name", "clients can receive"),
+        ('Name="€uro"', "Catoptra.World.Name", "clients can receive"),
         ('Name="' + 5000 * "x" + '"', "Catoptra.World.Name", "at most 4095"),
         ("Background=(R=-1)", "R", "from 0 to 255"),
     ],
@@ -180,21 +180,21 @@ def test_starts_when_sixty_fit_a_line_of_the_protocol(tmp_path: Path) -> None:
     assert len(line_from_report(StartPoses(tuple(poses)))) <= 4095
 
 
-def test_starts_when_too_many_for_a_line_are_refused(tmp_path: Path) -> None:
+def test_starts_when_too_many_for_a_line_are_rejected(tmp_path: Path) -> None:
     lines = [f"PlayerStarts=(Tag=Start{i},Location=(X=0))" for i in range(90)]
     with pytest.raises(ConfigError, match=r"PlayerStarts=.*at most 4095"):
         read_world_text(tmp_path, *lines)
 
 
 @pytest.mark.parametrize("text", ["", "[Other]\nK=1\n"])
-def test_file_when_it_has_no_world_asks_for_the_section(tmp_path: Path, text: str) -> None:
+def test_file_when_it_has_no_world_names_the_section(tmp_path: Path, text: str) -> None:
     path = tmp_path / "world.ini"
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"world\.ini: .*a section \[Catoptra\.World\]"):
         read_world(path)
 
 
-def test_world_when_there_is_nothing_to_see_is_refused(tmp_path: Path) -> None:
+def test_world_when_nothing_is_visible_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "world.ini"
     path.write_text("[Catoptra.World]\nName=Void\n")
     with pytest.raises(ConfigError, match=r"world\.ini:1: .*at least one thing to see"):
@@ -235,15 +235,15 @@ def world_or_error(path: Path) -> tuple[World | None, ConfigError | None]:
 
 @settings(derandomize=True, max_examples=150, deadline=None)
 @given(st.lists(st.tuples(_KEYS, _VALUES), max_size=4))
-def test_world_when_arbitrary_is_read_or_refused(
+def test_world_when_arbitrary_is_read_or_rejected(
     tmp_path_factory: pytest.TempPathFactory, lines: list[tuple[str, str]]
 ) -> None:
     path = write_small_world(
         tmp_path_factory.getbasetemp(), *(f"{key}={value}" for key, value in lines)
     )
-    world, refused = world_or_error(path)
+    world, error = world_or_error(path)
     assert world is None or np.isfinite(build_scene(world).corners).all()
-    assert refused is None or str(path) in str(refused)
+    assert error is None or str(path) in str(error)
 
 
 def test_targets_of_sensors_when_listed_are_read(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Configuration files as the doctor sees them: well, broken, misspelt."""
+"""The doctor's check of configuration files: valid, broken, misspelt."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from catoptra_server.doctor.finding import Level
 from helpers.configs import OMNI_ROBOT, Edit, find_line_number, write_edited_copy, write_small_world
 
 
-def test_shipped_files_when_examined_are_well() -> None:
+def test_bundled_files_when_checked_have_no_problem() -> None:
     found = list(check_configurations(bundled_files("robots"), bundled_files("worlds")))
     assert [f for f in found if f.level is not Level.OK] == []
     assert len(found) == len(bundled_files("robots")) + len(bundled_files("worlds"))

@@ -1,4 +1,4 @@
-"""The doctor as a whole, with each fault that it claims to find, and its exit status."""
+"""The doctor as a whole: each kind of fault is found, and sets the exit status."""
 
 from __future__ import annotations
 
@@ -14,32 +14,34 @@ from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 
 FREE_PORTS = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
-# What takes long is asked for once.
+# One renderer and one file: the slow checks run in one test only.
 FAST_CHECKS = (*FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omni")
 
 
 def run_doctor(
     capsys: pytest.CaptureFixture[str], *arguments: str
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Return the status, and the findings that are problems."""
+    """Exit status, and the findings that are problems."""
     status = main([*arguments, "--json"])
     document = json.loads(capsys.readouterr().out)
     assert document["status"] == status
     problems = [f for f in document["findings"] if f["level"] != "ok"]
-    assert all(f["remedy"] and "\n" not in f["what"] + f["remedy"] for f in problems)
+    assert all(f["remedy"] and "\n" not in f["message"] + f["remedy"] for f in problems)
     return status, [f for f in problems if f["topic"] != "threads"]
 
 
-def test_machine_when_raster_and_trace_run_is_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_machine_when_raster_and_trace_run_has_no_problem(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     device_or_skip().close()
     assert run_doctor(capsys, *FREE_PORTS, "--world", "corridor")[1] == []
 
 
-def test_lines_when_printed_end_with_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_when_printed_end_with_a_summary(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(FAST_CHECKS) in (0, 1)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("ok       python: 3.")
-    assert lines[-1].startswith("catoptra-server can serve (faults: 0")
+    assert lines[-1].startswith("catoptra-server can start (faults: 0")
 
 
 def test_opengl_when_its_library_is_broken_is_found(
@@ -49,7 +51,7 @@ def test_opengl_when_its_library_is_broken_is_found(
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
     status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "raster", "--robot", "p2at")
     assert status == 2
-    assert "libEGL.so.1 cannot be loaded" in found["what"]
+    assert "libEGL.so.1 cannot be loaded" in found["message"]
     assert "libegl1" in found["remedy"]
 
 
@@ -57,7 +59,7 @@ def test_file_when_broken_is_found(capsys: pytest.CaptureFixture[str], tmp_path:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
     status, (found,) = run_doctor(capsys, *FREE_PORTS, "--renderer", "trace", "--robot", str(path))
     assert status == 2
-    assert "C='two'" in found["what"]
+    assert "C='two'" in found["message"]
 
 
 def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,7 +67,7 @@ def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -
         capsys, *FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omin"
     )
     assert status == 2
-    assert "p2at_omni" in found["what"]
+    assert "p2at_omni" in found["message"]
 
 
 def test_port_when_taken_is_found(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,7 +87,7 @@ def test_package_when_too_old_is_found(
     monkeypatch.syspath_prepend(str(tmp_path))
     status, (found,) = run_doctor(capsys, *FAST_CHECKS)
     assert status == 2
-    assert "numpy is 1.26.4, numpy>=2.0 is needed" in found["what"]
+    assert "numpy is 1.26.4, numpy>=2.0 is required" in found["message"]
 
 
 def test_library_when_it_cannot_be_imported_is_found(
@@ -96,18 +98,18 @@ def test_library_when_it_cannot_be_imported_is_found(
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     status, (found,) = run_doctor(capsys, *FAST_CHECKS)
     assert status == 2
-    assert "embreex is broken" in found["what"]
+    assert "embreex is broken" in found["message"]
 
 
 def test_server_when_none_answers_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket() as held:
-        held.bind(("127.0.0.1", 0))
-        port = str(held.getsockname()[1])
-        asked = ("--answers", "127.0.0.1", "--control-port", port, "--image-port", port)
-        status, found = run_doctor(capsys, *asked)
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = str(unused.getsockname()[1])
+        options = ("--probe", "127.0.0.1", "--control-port", port, "--image-port", port)
+        status, found = run_doctor(capsys, *options)
     assert (status, [f["topic"] for f in found]) == (2, ["control", "image"])
 
 
-def test_port_when_it_is_none_is_refused() -> None:
+def test_port_when_out_of_range_is_rejected() -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["--control-port", "65536"])

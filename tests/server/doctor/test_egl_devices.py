@@ -1,4 +1,4 @@
-"""The devices that EGL lists on this machine, and the libraries that are none."""
+"""EGL's devices on this machine, and libraries that cannot be loaded."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from helpers.opengl import device_or_skip
 
 def test_devices_when_there_is_opengl_are_listed() -> None:
     device_or_skip().close()
-    answer = run_in_subprocess("egl-devices")
-    assert answer.error == ""
-    assert answer.values["devices"]
+    result = run_in_subprocess("egl-devices")
+    assert result.error == ""
+    assert result.values["devices"]
 
 
 def test_library_when_it_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,17 +25,17 @@ def test_library_when_it_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPat
         module.list_egl_devices()
 
 
-def test_library_when_broken_is_found_by_the_process_that_asks(tmp_path: Path) -> None:
+def test_library_when_broken_is_reported_by_the_child_process(tmp_path: Path) -> None:
     (tmp_path / "libEGL.so.1").touch()
-    answer = run_in_subprocess("egl-devices", environment={"LD_LIBRARY_PATH": str(tmp_path)})
-    assert "libEGL.so.1 cannot be loaded" in answer.error
+    result = run_in_subprocess("egl-devices", environment={"LD_LIBRARY_PATH": str(tmp_path)})
+    assert "libEGL.so.1 cannot be loaded" in result.error
 
 
-def test_drivers_when_there_are_none_are_missed(tmp_path: Path) -> None:
+def test_drivers_when_absent_leave_no_device(tmp_path: Path) -> None:
     device_or_skip().close()
-    answer = run_in_subprocess(
+    result = run_in_subprocess(
         "egl-devices", environment={"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
     )
-    if not answer.error and answer.values["devices"]:
+    if not result.error and result.values["devices"]:
         pytest.skip("needs libglvnd: this libEGL is a driver itself")
-    assert not answer.values.get("devices")
+    assert not result.values.get("devices")

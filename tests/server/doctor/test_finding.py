@@ -1,4 +1,4 @@
-"""Findings: one line each with its remedy, and the exit status that they make together."""
+"""Findings: one line each with its remedy, and the exit status of several."""
 
 from __future__ import annotations
 

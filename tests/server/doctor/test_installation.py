@@ -1,4 +1,4 @@
-"""Packages and versions, held against metadata of distributions that a test makes."""
+"""Packages and versions, against metadata of distributions that a test writes."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def install_package(folder: Path, name: str, version: str, *requires: str) -> No
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder of distributions that Python looks into first."""
+    """Folder of distributions that Python searches first."""
     monkeypatch.syspath_prepend(str(tmp_path))
     return tmp_path
 
 
 def problems(distribution: str) -> list[Finding]:
-    """Return what is wrong with a distribution's requirements."""
+    """Problems of a distribution's requirements."""
     return [f for f in check_packages(distribution) if f.level is not Level.OK]
 
 
-def test_package_when_too_old_is_named_with_what_is_needed(site: Path) -> None:
+def test_package_when_too_old_is_named_with_the_required_version(site: Path) -> None:
     install_package(site, "whole", "1.0", "part>=2.1")
     install_package(site, "part", "2.0.9")
     (problem,) = problems("whole")
-    assert problem.message == "part is 2.0.9, part>=2.1 is needed"
+    assert problem.message == "part is 2.0.9, part>=2.1 is required"
     assert problem.remedy == "pip install 'part>=2.1'"
 
 
@@ -50,7 +50,7 @@ def test_package_when_missing_is_named(site: Path) -> None:
     assert problem.message == "never-there is not installed"
 
 
-def test_packages_when_all_will_do_are_listed(site: Path) -> None:
+def test_packages_when_all_satisfy_are_listed(site: Path) -> None:
     install_package(site, "whole", "1.0", "part>=2.1", "exact==3.0", 'never; extra == "more"')
     install_package(site, "part", "10.0")
     install_package(site, "exact", "3.0")
@@ -61,7 +61,7 @@ def test_distribution_when_not_installed_is_a_fault() -> None:
     assert exit_status(check_packages("never-there")) == 2
 
 
-def test_this_installation_when_examined_is_well() -> None:
+def test_this_installation_when_checked_has_no_problem() -> None:
     assert exit_status(check_packages()) == 0
     assert Requirement("numpy", ">=", "2.0") in read_requirements("catoptra-server")
 

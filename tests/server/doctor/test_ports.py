@@ -1,4 +1,4 @@
-"""Ports that are taken and free, and servers that answer or do not."""
+"""Occupied and free ports, and servers that greet or do not."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ HOST = "127.0.0.1"
 
 @pytest.fixture
 def occupied_port() -> Iterator[int]:
-    """Return a port on which somebody listens who says nothing."""
+    """A port on which a silent program listens."""
     with socket.create_server((HOST, 0)) as listener:
         yield listener.getsockname()[1]
 
 
-def test_ports_when_any_free_ones_are_asked_for_are_well() -> None:
+def test_ports_when_any_free_ones_will_do_have_no_problem() -> None:
     (found,) = check_ports(HOST, {"control": 0, "image": 0})
     assert found.level is Level.OK
 
 
-def test_port_when_taken_is_a_fault_that_names_the_option(taken: int) -> None:
-    (found,) = check_ports(HOST, {"control": 0, "image": taken})
+def test_port_when_taken_is_a_fault_that_names_the_option(occupied_port: int) -> None:
+    (found,) = check_ports(HOST, {"control": 0, "image": occupied_port})
     assert found.level is Level.FAULT
-    assert f"image port {taken}" in found.message
+    assert f"image port {occupied_port}" in found.message
     assert "--image-port" in found.remedy
 
 
 def test_address_when_not_of_this_machine_is_a_fault_that_names_the_option() -> None:
-    (found,) = check_ports("192.0.2.1", {"control": 0})  # RFC 5737: nobody's
+    (found,) = check_ports("192.0.2.1", {"control": 0})  # RFC 5737: no machine's
     assert "--host" in found.remedy
 
 
-def test_server_when_it_greets_answers() -> None:
+def test_server_when_it_greets_is_found() -> None:
     with serve_script(lambda connection: connection.sendall(b"NFO {Gametype x}\r\n")) as port:
         (found,) = check_running_server(HOST, {"control": port})
     assert found.level is Level.OK
 
 
-def test_server_when_another_protocol_speaks_does_not_answer() -> None:
+def test_server_when_its_greeting_is_of_another_protocol_is_a_fault() -> None:
     with serve_script(lambda connection: connection.sendall(b"SSH-2.0\r\n")) as port:
         (found,) = check_running_server(HOST, {"control": port})
     assert found.level is Level.FAULT
 
 
-def test_server_when_nobody_listens_does_not_answer() -> None:
-    with socket.socket() as held:
-        held.bind((HOST, 0))
-        port = held.getsockname()[1]
+def test_server_when_no_program_listens_is_a_fault() -> None:
+    with socket.socket() as unused:
+        unused.bind((HOST, 0))
+        port = unused.getsockname()[1]
         assert exit_status(check_running_server(HOST, {"control": port, "image": port})) == 2

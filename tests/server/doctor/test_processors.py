@@ -1,4 +1,4 @@
-"""Processors, and the limits that containers set."""
+"""Processors, and the limits of containers."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def test_limit_when_there_is_no_file_is_none(tmp_path: Path) -> None:
     assert read_cpu_limit(tmp_path / "none") is None
 
 
-def test_threads_when_limited_to_fewer_are_warned_of(tmp_path: Path) -> None:
+def test_threads_when_more_than_the_limit_are_a_warning(tmp_path: Path) -> None:
     (tmp_path / "cpu.max").write_text("150000 100000")
     (found,) = check_processors(8, tmp_path / "cpu.max")
     assert (found.level, found.remedy) == (Level.WARNING, "--threads 1")
 
 
-def test_threads_when_unlimited_are_well(tmp_path: Path) -> None:
+def test_threads_when_unlimited_are_no_problem(tmp_path: Path) -> None:
     (found,) = check_processors(8, tmp_path / "none")
     assert (found.level, found.message) == (Level.OK, "8 processors")

@@ -1,4 +1,4 @@
-"""What the doctor says of renderers, by what the processes that try them answer."""
+"""The doctor's findings on renderers, by the results of their child processes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import CheckResult
 
 GOOD_RESULT = CheckResult(
-    {"renderer": "a renderer", "error_px": 0.05, "bound_px": 0.2, "took_s": 1.0}
+    {"renderer": "a renderer", "error_px": 0.05, "bound_px": 0.2, "duration_s": 1.0}
 )
 WRONG_RESULT = CheckResult(
-    {"renderer": "a renderer", "error_px": 2.5, "bound_px": 0.2, "took_s": 1.0}
+    {"renderer": "a renderer", "error_px": 2.5, "bound_px": 0.2, "duration_s": 1.0}
 )
 DARK_RESULT = CheckResult(
-    {"renderer": "a renderer", "error_px": float("inf"), "bound_px": 0.2, "took_s": 1.0}
+    {"renderer": "a renderer", "error_px": float("inf"), "bound_px": 0.2, "duration_s": 1.0}
 )
-CRASHED_RESULT = CheckResult(error="it crashed (SIGSEGV)")
+CRASHED_RESULT = CheckResult(error="crashed (SIGSEGV)")
 
 
 def fake_run_check(
@@ -28,15 +28,15 @@ def fake_run_check(
     trace: CheckResult = GOOD_RESULT,
     raster: tuple[CheckResult, ...] = (GOOD_RESULT,),
 ) -> Callable[..., CheckResult]:
-    """Return who answers so; raster by the number of the device that is asked for."""
+    """A `run_in_subprocess` with these results; raster's by the number of the device."""
 
-    def run_check(*words: str, environment: Mapping[str, str] | None = None) -> CheckResult:
-        match words:
+    def run_check(*arguments: str, environment: Mapping[str, str] | None = None) -> CheckResult:
+        match arguments:
             case ("egl-devices",):
                 return devices
             case ("self-test", "trace"):
                 return trace
-        assert words == ("self-test", "raster")
+        assert arguments == ("self-test", "raster")
         return raster[int((environment or {})["GLCONTEXT_DEVICE_INDEX"])]
 
     return run_check
@@ -47,50 +47,50 @@ TWO = CheckResult({"devices": ["/dev/dri/card0", "software"]})
 
 
 def problems(renderer: str, run_check: Callable[..., CheckResult]) -> list[Finding]:
-    """Return what is not well."""
+    """Findings that are problems."""
     return [f for f in check_renderers(renderer, run_check) if f.level is not Level.OK]
 
 
 @pytest.mark.parametrize("renderer", ["auto", "trace", "raster"])
-def test_renderers_when_all_draw_are_well(renderer: str) -> None:
+def test_renderers_when_all_run_have_no_problem(renderer: str) -> None:
     assert problems(renderer, fake_run_check(devices=ONE)) == []
 
 
 @pytest.mark.parametrize(
-    ("devices", "said"),
+    ("devices", "reason"),
     [
         (CheckResult(error="libEGL.so.1 cannot be loaded"), "libEGL.so.1 cannot be loaded"),
-        (CheckResult(error="it crashed (SIGSEGV)"), "it crashed (SIGSEGV)"),
+        (CheckResult(error="crashed (SIGSEGV)"), "crashed (SIGSEGV)"),
         (CheckResult({"devices": []}), "lists no device"),
     ],
     ids=["no libEGL", "crash", "no driver"],
 )
 @pytest.mark.parametrize(("renderer", "status"), [("auto", 1), ("raster", 2), ("trace", 0)])
-def test_opengl_when_missing_is_as_bad_as_it_is_needed(
-    devices: CheckResult, said: str, renderer: str, status: int
+def test_opengl_when_missing_is_a_fault_only_for_raster(
+    devices: CheckResult, reason: str, renderer: str, status: int
 ) -> None:
     found = problems(renderer, fake_run_check(devices=devices))
     assert exit_status(found) == status
-    assert all(said in f.message and "libegl1" in f.remedy for f in found)
+    assert all(reason in f.message and "libegl1" in f.remedy for f in found)
 
 
 @pytest.mark.parametrize(
-    "answer", [CRASHED_RESULT, WRONG_RESULT, DARK_RESULT], ids=["crash", "wrong", "blind"]
+    "result", [CRASHED_RESULT, WRONG_RESULT, DARK_RESULT], ids=["crash", "wrong", "dark"]
 )
-def test_device_when_it_fails_alone_is_the_only_problem(answer: CheckResult) -> None:
-    found = problems("raster", fake_run_check(devices=TWO, raster=(GOOD_RESULT, answer)))
+def test_device_when_it_fails_alone_is_the_only_problem(result: CheckResult) -> None:
+    found = problems("raster", fake_run_check(devices=TWO, raster=(GOOD_RESULT, result)))
     assert [(f.level, f.topic) for f in found] == [(Level.WARNING, "raster on device 1 (software)")]
 
 
 @pytest.mark.parametrize(
-    "answer", [CRASHED_RESULT, WRONG_RESULT, DARK_RESULT], ids=["crash", "wrong", "blind"]
+    "result", [CRASHED_RESULT, WRONG_RESULT, DARK_RESULT], ids=["crash", "wrong", "dark"]
 )
-def test_device_when_the_first_fails_is_a_fault_where_raster_is_asked_for(
-    answer: CheckResult,
+def test_device_when_the_first_fails_is_a_fault_for_raster_alone(
+    result: CheckResult,
 ) -> None:
-    ask = fake_run_check(devices=ONE, raster=(answer,))
-    assert exit_status(problems("raster", ask)) == 2
-    assert exit_status(problems("auto", ask)) == 1
+    run_check = fake_run_check(devices=ONE, raster=(result,))
+    assert exit_status(problems("raster", run_check)) == 2
+    assert exit_status(problems("auto", run_check)) == 1
 
 
 def test_trace_when_it_cannot_run_is_a_fault() -> None:

@@ -1,4 +1,4 @@
-"""Processes that answer, and those that crash, hang or chatter instead."""
+"""Child processes with a result, and others that crash, hang or print instead."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from catoptra_server.doctor.subprocess_check import CheckResult, run_command
 
 
 def run_code(code: str, *, timeout_s: float = 30.0) -> CheckResult:
-    """Return the answer of a piece of Python."""
+    """Result of a process that runs a piece of Python."""
     return run_command([sys.executable, "-c", code], timeout_s=timeout_s)
 
 
-def test_answer_when_a_driver_chatters_before_is_the_last_line() -> None:
+def test_result_when_a_driver_prints_before_is_the_last_line() -> None:
     assert run_code("print('libEGL warning: x'); print('{\"a\": 1}')") == CheckResult({"a": 1})
 
 
 @pytest.mark.parametrize(
-    ("code", "trouble"),
+    ("code", "error"),
     [
-        ("import os; os.abort()", "it crashed (SIGABRT)"),
-        ("import os; os.kill(os.getpid(), 11)", "it crashed (SIGSEGV)"),
+        ("import os; os.abort()", "crashed (SIGABRT)"),
+        ("import os; os.kill(os.getpid(), 11)", "crashed (SIGSEGV)"),
         ("import sys; sys.exit('no library')", "no library"),
-        ("import sys; sys.exit(3)", "it ended with 3"),
-        ("print('hello')", "it said nothing that can be read: 'hello'"),
-        ("print('[1]')", "it said nothing that can be read: '[1]'"),
-        ("", "it said nothing that can be read: ''"),
+        ("import sys; sys.exit(3)", "exit status 3"),
+        ("print('hello')", "the output is no JSON object: 'hello'"),
+        ("print('[1]')", "the output is no JSON object: '[1]'"),
+        ("", "the output is no JSON object: ''"),
     ],
 )
-def test_trouble_when_a_process_fails_is_told(code: str, trouble: str) -> None:
-    assert run_code(code) == CheckResult(error=trouble)
+def test_error_when_a_process_fails_has_the_reason(code: str, error: str) -> None:
+    assert run_code(code) == CheckResult(error=error)
 
 
-def test_process_when_it_hangs_is_ended() -> None:
+def test_process_when_it_hangs_is_stopped_at_the_timeout() -> None:
     hanging = run_code("import threading; threading.Event().wait()", timeout_s=0.5)
-    assert hanging.error == "it did not end within 0.5 s"
+    assert hanging.error == "no result within 0.5 s"
