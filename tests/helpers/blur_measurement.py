@@ -1,4 +1,4 @@
-"""How wide an effect spreads light: measured in pictures of the coordinates themselves."""
+"""Diameters of an effect's discs, measured in images of the pixel coordinates themselves."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from catoptra_server.effects.effect import ImageEffect
 def measure_blur_diameters_px(
     effect: ImageEffect, camera: OmniCamera, capture: CaptureContext
 ) -> Floats:
-    """Return the (h, w) diameter of the disc that each pixel is the mean of, by its variance.
+    """Diameter of the disc whose mean each pixel is, (h, w), by the variance.
 
     A uniform disc of diameter d has the variance d^2 / 16 along each axis, and the mean of u^2 is
-    that plus the squared mean of u: so the picture u, u^2, 0 tells it of each pixel.
+    that plus the squared mean of u: the image (u, u^2, 0) has both moments of each pixel.
     """
     v, u = np.mgrid[: camera.height_px, : camera.width_px].astype(np.float64)
     variances = []
@@ -27,14 +27,14 @@ def measure_blur_diameters_px(
 
 
 def inner_pixels(camera: OmniCamera, margin_px: float) -> np.ndarray[tuple[int, int]]:
-    """Return the (h, w) pixels that are so far from the rim."""
+    """Pixels, (h, w), at least a margin inside the rim."""
     u = np.arange(camera.width_px) + 0.5 - camera.centre_px[0]
     v = np.arange(camera.height_px) + 0.5 - camera.centre_px[1]
     return np.hypot(u[None, :], v[:, None]) < camera.rim_radius_px - margin_px
 
 
 def make_point_source(camera: OmniCamera, row: int, column: int) -> Floats:
-    """Return a black picture with one pixel of light 1."""
-    light = np.zeros((camera.height_px, camera.width_px, 3))
-    light[row, column] = 1.0
-    return light
+    """Black image with one pixel of radiance 1."""
+    image = np.zeros((camera.height_px, camera.width_px, 3))
+    image[row, column] = 1.0
+    return image

@@ -1,4 +1,4 @@
-"""How far an effect moves what a picture shows: read off pictures of their own coordinates."""
+"""Displacements by an effect, measured in images of the pixel coordinates themselves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THRESHOLD_PX = 0.5
 
 
 def add_margin(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
-    """Return the camera in a larger picture, so that nothing is read from beyond its border."""
+    """Camera in a larger image, so that nothing is read from outside."""
     return replace(
         camera,
         width_px=camera.width_px + 2 * margin_px,
@@ -30,22 +30,22 @@ def add_margin(camera: OmniCamera = CAMERA, margin_px: int = 12) -> OmniCamera:
 
 
 def measure_displacement_px(effect: ImageEffect, camera: OmniCamera) -> Floats:
-    """Return (h, w, 3) px between each pixel of the mirror and where its light comes from.
+    """Displacement, (h, w, 3) px, of each pixel of the mirror from the origin of its light.
 
-    0 for what the effect leaves black, and beside the mirror.
+    0 in pixels that the effect leaves black, and outside the mirror.
     """
     pixels = pixel_sample_positions(camera)[:, :, 0]
     on_mirror = direction_from_pixel(camera, pixels)[1]
-    light = effect.apply(np.ones((*on_mirror.shape, 3)), camera, CAPTURE_CONTEXT)
-    moved = np.zeros_like(light)
+    image = effect.apply(np.ones((*on_mirror.shape, 3)), camera, CAPTURE_CONTEXT)
+    moved = np.zeros_like(image)
     for axis in (0, 1):
         ramp = np.repeat(pixels[..., axis, None], 3, axis=-1)
         moved = np.hypot(moved, effect.apply(ramp, camera, CAPTURE_CONTEXT) - ramp)
-    return np.where((light > 0.0) & on_mirror[..., None], moved, 0.0)
+    return np.where((image > 0.0) & on_mirror[..., None], moved, 0.0)
 
 
 def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
-    """Assert that the criterion calls an effect needless, and that nothing moves far."""
+    """Assert that the criterion leaves an effect out, and that displacements are small."""
     bound = effect.bound(SceneSummary(1.0), camera)
     assert effect.unit == PIXELS
     assert bound.value <= THRESHOLD_PX
@@ -53,7 +53,7 @@ def assert_displacement_negligible(effect: ImageEffect, camera: OmniCamera) -> N
 
 
 def assert_displacement_not_negligible(effect: ImageEffect, camera: OmniCamera) -> None:
-    """Assert that the criterion calls for an effect, that something moves, within its bound."""
+    """Assert that the criterion enables an effect with a displacement within the bound."""
     bound = effect.bound(SceneSummary(1.0), camera)
     assert effect.unit == PIXELS
     assert bound.value > THRESHOLD_PX

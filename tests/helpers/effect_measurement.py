@@ -116,7 +116,7 @@ def assert_effect_negligible(
 def assert_effect_not_negligible(
     effect: ImageEffect, max_radiance: float = 1.0, camera: OmniCamera = CAMERA
 ) -> None:
-    """Assert that the criterion enables an effect, that the change is visible and below the bound."""
+    """Assert that the criterion enables an effect with a visible change below the bound."""
     bound = effect.bound(SceneSummary(max_radiance), camera)
     assert bound.value > THRESHOLD
     assert bound.reason

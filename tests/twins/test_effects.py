@@ -1,4 +1,4 @@
-"""Every effect's shader against its float64 reference, on a picture that both are given."""
+"""Every effect's shader against its float64 reference, on one image."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ LIGHT = make_test_pattern(2.0).astype(np.float32)
 
 
 def uploaded(context: moderngl.Context) -> LinearImageTarget:
-    picture = LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
+    image = LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
     opaque = np.ones((*LIGHT.shape[:2], 4), dtype=np.float32)
     opaque[..., :3] = LIGHT
-    picture.texture.write(opaque.tobytes())
-    return picture
+    image.texture.write(opaque.tobytes())
+    return image
 
 
 class UploadedRange:
-    """The same ranges that the references are given."""
+    """Ranges of the references, as a texture."""
 
     def __init__(self, context: moderngl.Context) -> None:
         size = (CAMERA.width_px, CAMERA.height_px)
@@ -68,7 +68,7 @@ def shaded(
     return read
 
 
-# Beside the defaults, numbers with which an effect does something.
+# Parameters with which an effect changes the image, where the defaults do not.
 CHANGES: dict[str, dict[str, float]] = {
     "Defocus": {"f_number": 1.0, "pixel_pitch_m": 3e-5},
     "DefocusByDepth": {"f_number": 0.8, "pixel_pitch_m": 3e-5},
@@ -87,14 +87,14 @@ def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> No
     reference = make_effect(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE_CONTEXT)
     assert np.abs(reference - LIGHT).max() > 1e-4
     difference = np.abs(shaded(context, name, changes) - reference)
-    if name == "Quantisation":  # a value at the border between two codes may become either
+    if name == "Quantisation":  # a value on the border of two codes may round either way
         assert (difference > 1e-5).mean() < 1e-3
         difference = np.minimum(difference, np.abs(difference - 1.0 / 4095.0))
-    # Some roundings of float32 of light up to 2; gains of auto-exposure multiply them.
+    # Some roundings of float32 at radiances up to 2, multiplied by the gain of auto-exposure.
     assert difference.max() < 3e-6
 
 
-def test_normal_numbers_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
+def test_normal_variates_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
     source, target = (
         uploaded(context),
         LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px),

@@ -1,4 +1,4 @@
-"""The table of effects, and what holds for all of them."""
+"""The table of effects, and properties of all effects."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_table_names_each_effect_once_as_it_names_itself() -> None:
         assert kind.factory(**{p.field: p.default for p in kind.parameters}).name == kind.name
 
 
-def test_table_when_read_has_what_changes_the_scene_before_what_changes_its_picture() -> None:
+def test_table_when_read_has_what_changes_the_scene_before_what_changes_its_image() -> None:
     names = [kind.name for kind in EFFECT_TYPES]
     assert names[len(names) - len(IMAGE_EFFECTS) :] == IMAGE_EFFECTS
 
@@ -51,22 +51,22 @@ def test_default_when_checked_lies_within_its_range(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_effect_when_applied_leaves_its_picture_alone_and_keeps_its_type(name: str) -> None:
-    effect, light = make_effect(name), make_test_pattern(2.0).astype(np.float32)
-    before = light.copy()
-    after = effect.apply(light, CAMERA, CAPTURE_CONTEXT)
+def test_effect_when_applied_leaves_its_image_alone_and_keeps_its_type(name: str) -> None:
+    effect, image = make_effect(name), make_test_pattern(2.0).astype(np.float32)
+    before = image.copy()
+    after = effect.apply(image, CAMERA, CAPTURE_CONTEXT)
     assert after.dtype == np.float32
-    assert after.shape == light.shape
-    np.testing.assert_array_equal(light, before)
+    assert after.shape == image.shape
+    np.testing.assert_array_equal(image, before)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_float32_when_compared_with_the_reference_agrees(name: str) -> None:
-    effect, light = make_effect(name), make_test_pattern(2.0).astype(np.float32)
-    reference = effect.apply(light.astype(np.float64), CAMERA, CAPTURE_CONTEXT)
-    # A code of the converter at most, elsewhere float32.
+    effect, image = make_effect(name), make_test_pattern(2.0).astype(np.float32)
+    reference = effect.apply(image.astype(np.float64), CAMERA, CAPTURE_CONTEXT)
+    # At most one code of the converter, elsewhere the rounding of float32.
     limit = 1.01 / 4095.0 if name == "Quantisation" else 1e-5
-    assert np.abs(effect.apply(light, CAMERA, CAPTURE_CONTEXT) - reference).max() < limit
+    assert np.abs(effect.apply(image, CAMERA, CAPTURE_CONTEXT) - reference).max() < limit
 
 
 def test_effects_are_hashable_so_that_decisions_can_be_kept() -> None:
@@ -78,7 +78,7 @@ def test_uniform_when_made_is_float32() -> None:
     assert float32_array(0.5, 2.0).dtype == np.float32
 
 
-def test_wishes_when_equal_are_looked_up_by_each_other() -> None:
+def test_settings_when_equal_are_looked_up_by_each_other() -> None:
     one, other = (
         EffectSettings((EffectSetting(make_effect("Bayer"), EffectMode.AUTO),), 0.25)
         for _ in range(2)

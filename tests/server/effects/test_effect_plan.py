@@ -71,7 +71,7 @@ def test_threshold_when_the_user_moves_it_decides() -> None:
     ).image_effects == (FINE,)
 
 
-def test_threshold_when_in_pixels_decides_on_what_is_told_in_pixels() -> None:
+def test_threshold_when_in_pixels_decides_on_what_is_bounded_in_pixels() -> None:
     passing = replace(
         DAYLIGHT, min_distances_m=(1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0))
     )

@@ -46,7 +46,7 @@ def test_square_when_beyond_the_border_is_cut() -> None:
 
 @pytest.mark.parametrize("cover", [1e-6, 1e-3, 0.05])
 @pytest.mark.parametrize("diameter_m", [3e-5, 2e-4, 1e-3])
-def test_grains_when_made_cover_their_share_and_have_their_mean(
+def test_particles_when_made_have_the_configured_coverage_and_mean(
     cover: float, diameter_m: float
 ) -> None:
     sizes = Contaminants(cover, diameter_m, 0, 0.01, 1e-4).particle_diameters_m(
@@ -57,7 +57,7 @@ def test_grains_when_made_cover_their_share_and_have_their_mean(
         assert sizes.mean() == pytest.approx(diameter_m, rel=0.02)
 
 
-def test_grains_when_there_would_be_too_many_are_larger() -> None:
+def test_particles_when_there_would_be_too_many_are_larger() -> None:
     sizes = Contaminants(0.2, 1e-6, 0, 0.01, 1e-4).particle_diameters_m(SURFACE_TABLE.area_m2)
     assert len(sizes) == 2**19
     assert 0.25 * math.pi * np.square(sizes).sum() == pytest.approx(0.2 * SURFACE_TABLE.area_m2)
@@ -70,14 +70,14 @@ def test_mirror_when_clean_has_no_cells() -> None:
 
 
 def single_particle() -> tuple[ContaminantCells, Floats]:
-    """Return a grain of 4 mm as its cells, and (n, 2) px of its points seen by the pinhole."""
+    """Cells of a particle of 4 mm, and (n, 2) px of its points projected from the pinhole."""
     diameter = 4e-3
     cover = 0.25 * math.pi * diameter**2 / SURFACE_TABLE.area_m2
     cells = particle_cells(
         Contaminants(cover, 1.0, 0, 0.01, 1e-4), CAMERA, SURFACE_TABLE, NOISE_KEY
     )
-    share, turn, _ = (float(word[0] + 0.5) / 2.0**32 for word in pcg3d(*np.split(NOISE_KEY, 3)))
-    r = float(SURFACE_TABLE.r_from_area_fraction(np.array(share)))
+    fraction, turn, _ = (float(word[0] + 0.5) / 2.0**32 for word in pcg3d(*np.split(NOISE_KEY, 3)))
+    r = float(SURFACE_TABLE.r_from_area_fraction(np.array(fraction)))
     t = np.interp(
         r, SURFACE_TABLE.r_m, np.linspace(0.0, CAMERA.rim_t, len(SURFACE_TABLE.r_m))
     ) + np.array([0, 1e-6])
@@ -88,17 +88,17 @@ def single_particle() -> tuple[ContaminantCells, Floats]:
     inside = np.hypot(x, y) <= 0.5 * diameter
     places = np.array([r0, 0.0, z0]) + x[inside][:, None] * outward
     places[:, 1] += y[inside]
-    seen = 1086.096 * places[:, :2] / (0.2321 - places[:, 2:])
+    projected = 1086.096 * places[:, :2] / (0.2321 - places[:, 2:])
     cosine, sine = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
-    return cells, seen @ np.array([[cosine, sine], [-sine, cosine]]) + 180.0
+    return cells, projected @ np.array([[cosine, sine], [-sine, cosine]]) + 180.0
 
 
-def test_grain_when_seen_is_the_disc_on_the_surface_in_perspective() -> None:
-    cells, seen = single_particle()
+def test_particle_when_seen_is_the_disc_on_the_surface_in_perspective() -> None:
+    cells, projected = single_particle()
     places = np.stack((cells.u, cells.v), axis=-1)
-    # To the first order in a grain's size: a twentieth of the mirror.
-    np.testing.assert_allclose(places.mean(axis=0), seen.mean(axis=0), atol=0.2)
-    expected = np.cov(seen.T)
+    # To the first order in the particle's size: a twentieth of the mirror.
+    np.testing.assert_allclose(places.mean(axis=0), projected.mean(axis=0), atol=0.2)
+    expected = np.cov(projected.T)
     np.testing.assert_allclose(np.cov(places.T), expected, atol=0.03 * np.trace(expected))
     # Moments of an even ellipse: the root of their determinant over pi / 4, 4 pi times as much.
     area = 4.0 * math.pi * math.sqrt(np.linalg.det(expected))
@@ -108,7 +108,7 @@ def test_grain_when_seen_is_the_disc_on_the_surface_in_perspective() -> None:
     assert covered.max() == 1.0
 
 
-def test_grains_when_many_lie_all_over_the_surface_alike() -> None:
+def test_particles_when_many_lie_all_over_the_surface_alike() -> None:
     cells = particle_cells(
         Contaminants(0.01, 3e-5, 0, 0.01, 1e-4), CAMERA, SURFACE_TABLE, NOISE_KEY
     )
@@ -119,13 +119,13 @@ def test_grains_when_many_lie_all_over_the_surface_alike() -> None:
         rim_px = float(
             np.interp(within, SURFACE_TABLE.area_fraction, SURFACE_TABLE.image_radius_px)
         )
-        # What a cell covers of the surface, not of the picture.
+        # Area of a cell on the surface, not in the image.
         _, along, across = SURFACE_TABLE.interpolate(
             np.interp(radius_px, SURFACE_TABLE.image_radius_px, SURFACE_TABLE.r_m)
         )
         on_surface = area / (along * across)
-        share = on_surface[radius_px < rim_px].sum() / on_surface.sum()
-        assert share == pytest.approx(within, abs=0.02)
+        fraction = on_surface[radius_px < rim_px].sum() / on_surface.sum()
+        assert fraction == pytest.approx(within, abs=0.02)
     right = area[cells.u > 180.0].sum() / area.sum()
     assert right == pytest.approx(0.5, abs=0.02)
 
@@ -149,7 +149,7 @@ def test_scratch_when_seen_is_as_long_and_wide_as_it_is() -> None:
     assert length == pytest.approx(0.01 * math.log(2.0))
     assert in_plan.sum() == pytest.approx(length * 3e-4, rel=1e-5)
     assert along == pytest.approx(length, rel=1e-2)
-    # Of some rows of cells the middles spread a little less than the whole.
+    # The centres of a few rows of cells spread a little less than the cells.
     assert width == pytest.approx(3e-4, rel=0.05)
 
 
@@ -160,7 +160,7 @@ def test_scratches_when_longer_than_the_mirror_end_at_its_rim() -> None:
 
 
 @pytest.mark.parametrize("cells_of", [particle_cells, scratch_cells])
-def test_places_are_the_same_for_the_same_key_and_others_for_another(
+def test_positions_are_the_same_for_the_same_key_and_others_for_another(
     cells_of: type[particle_cells],
 ) -> None:
     again = cells_of(CONTAMINANTS, CAMERA, SURFACE_TABLE, NOISE_KEY.copy())

@@ -13,7 +13,7 @@ from catoptra_server.effects.kernels.disc_kernel import (
 )
 from catoptra_server.effects.kernels.symmetric_kernels import offset_pairs, pair_multiplicities
 
-# Between rows of the table, on them, and where kernels begin to reach another pixel.
+# Between rows of the table, on rows, and where kernels begin to reach another pixel.
 DIAMETERS = [0.0, 0.05, 0.5, 1.0, math.sqrt(2.0), 1.7, 2.0, 3.3, 5.0, 8.0]
 
 
@@ -27,41 +27,41 @@ def disc_kernel(diameter_px: float, max_diameter_px: float = 8.0) -> tuple[Float
 def test_kernel_of_a_disc_has_its_variance_all_its_light_and_no_negative_weight(
     diameter_px: float,
 ) -> None:
-    weights, reach = disc_kernel(diameter_px)
-    along = np.array([0.5 * (i * i + j * j) for i, j in offset_pairs(reach)]) * pair_multiplicities(
-        reach
-    )
-    assert weights @ pair_multiplicities(reach) == pytest.approx(1.0, abs=1e-13)
+    weights, half_width = disc_kernel(diameter_px)
+    along = np.array(
+        [0.5 * (i * i + j * j) for i, j in offset_pairs(half_width)]
+    ) * pair_multiplicities(half_width)
+    assert weights @ pair_multiplicities(half_width) == pytest.approx(1.0, abs=1e-13)
     assert 4.0 * math.sqrt(weights @ along) == pytest.approx(diameter_px, abs=1e-7)
     assert weights.min() >= 0.0
 
 
-def test_sharp_point_when_gathered_stays_as_it_is() -> None:
+def test_sharp_point_when_convolved_stays_as_it_is() -> None:
     weights, _ = disc_kernel(0.0)
     assert weights[0] == 1.0
     assert not weights[1:].any()
 
 
-def test_shares_of_a_discs_area_are_those_counted_on_a_fine_grid() -> None:
-    reach, fine = 3, 400
-    at = (np.arange((2 * reach + 1) * fine) + 0.5) / fine - reach - 0.5
+def test_fractions_of_a_discs_area_are_those_counted_on_a_fine_grid() -> None:
+    half_width, fine = 3, 400
+    at = (np.arange((2 * half_width + 1) * fine) + 0.5) / fine - half_width - 0.5
     for diameter in (1.0, 2.3, 5.1):
         disc = np.hypot(at[:, None], at) <= 0.5 * diameter
-        counted = disc.reshape(2 * reach + 1, fine, 2 * reach + 1, fine).mean(axis=(1, 3))
+        counted = disc.reshape(2 * half_width + 1, fine, 2 * half_width + 1, fine).mean(axis=(1, 3))
         counted /= 0.25 * math.pi * diameter**2
-        shares = disc_area_fractions(np.array([diameter]), reach)[0]
-        for share, (i, j) in zip(shares, offset_pairs(reach), strict=True):
-            assert share == pytest.approx(counted[reach + j, reach + i], abs=3e-4)
+        shares = disc_area_fractions(np.array([diameter]), half_width)[0]
+        for fraction, (i, j) in zip(shares, offset_pairs(half_width), strict=True):
+            assert fraction == pytest.approx(counted[half_width + j, half_width + i], abs=3e-4)
 
 
 def test_wide_disc_when_its_kernel_is_made_is_even_within_and_nothing_outside() -> None:
-    weights, reach = disc_kernel(8.0)
-    shares = dict(zip(offset_pairs(reach), weights, strict=True))
+    weights, half_width = disc_kernel(8.0)
+    shares = dict(zip(offset_pairs(half_width), weights, strict=True))
     assert shares[0, 0] == shares[2, 1] == pytest.approx(1.0 / (0.25 * math.pi * 64.0), rel=0.05)
     assert shares[4, 4] == 0.0
 
 
-def test_reach_when_only_narrow_discs_are_used_is_theirs() -> None:
+def test_half_width_when_only_narrow_discs_are_used_is_theirs() -> None:
     table = disc_kernel_table(8.0)
     assert table.half_width_px == 4
     assert table.half_width_up_to_row(float(table_row(np.array(1.5)))) == 1
@@ -78,7 +78,7 @@ def test_row_when_beyond_the_table_is_its_last() -> None:
     )
 
 
-def test_texture_when_asked_twice_is_the_same_array() -> None:
+def test_texture_when_computed_twice_is_the_same_array() -> None:
     table = disc_kernel_table(3.0)
     assert table.to_texture() is table.to_texture()
     np.testing.assert_array_equal(table.to_texture()[..., 0], table.weights.astype(np.float32))

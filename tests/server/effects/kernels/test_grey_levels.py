@@ -14,20 +14,23 @@ LIGHT = np.concatenate((np.geomspace(1e-6, 20.0, 40001), [1.0]))
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.01, 0.5, 0.95, 0.9999, 1.0, 1.0001, 1.1, 3.0, 100.0])
-@pytest.mark.parametrize("largest", [1e-4, 0.02, 0.5, 1.0, 20.0])
-def test_change_by_gain_is_the_largest_of_all_greys(gain: float, largest: float) -> None:
-    light = np.append(LIGHT[LIGHT <= largest], largest)
-    changes = 255.0 * np.abs(srgb_from_linear(gain * light) - srgb_from_linear(light))
-    assert changes.max() == pytest.approx(max_change_by_gain(gain, largest), rel=2e-3, abs=2e-3)
+@pytest.mark.parametrize("max_radiance", [1e-4, 0.02, 0.5, 1.0, 20.0])
+def test_change_by_gain_is_the_largest_of_all_greys(gain: float, max_radiance: float) -> None:
+    radiance = np.append(LIGHT[LIGHT <= max_radiance], max_radiance)
+    changes = 255.0 * np.abs(srgb_from_linear(gain * radiance) - srgb_from_linear(radiance))
+    assert changes.max() == pytest.approx(
+        max_change_by_gain(gain, max_radiance), rel=2e-3, abs=2e-3
+    )
 
 
-@pytest.mark.parametrize("largest", [1e-4, 0.02, 1.0, 20.0])
-def test_change_by_offset_is_the_largest_of_all_greys(largest: float) -> None:
-    light = np.append(LIGHT[LIGHT <= largest], largest)
+@pytest.mark.parametrize("max_radiance", [1e-4, 0.02, 1.0, 20.0])
+def test_change_by_offset_is_the_largest_of_all_greys(max_radiance: float) -> None:
+    radiance = np.append(LIGHT[LIGHT <= max_radiance], max_radiance)
     for offset in (0.003, -0.003):
-        changes = 255.0 * np.abs(srgb_from_linear(light + offset) - srgb_from_linear(light))
+        changes = 255.0 * np.abs(srgb_from_linear(radiance + offset) - srgb_from_linear(radiance))
         assert (
-            changes.max() <= max_change_by_offset(lambda x: np.full_like(x, 0.003), largest) + 1e-3
+            changes.max()
+            <= max_change_by_offset(lambda x: np.full_like(x, 0.003), max_radiance) + 1e-3
         )
 
 

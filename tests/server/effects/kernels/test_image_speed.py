@@ -32,12 +32,12 @@ MOTIONS = {
 }
 
 
-# So short that a way is straight, so long that its px have digits.
+# So short that displacements are straight, so long that they have digits in px.
 _TIME_STEP_S = 1e-5
 
 
 def measure_speeds(camera: OmniCamera, twist: Twist) -> tuple[Floats, Floats]:
-    """Return (h, w) px/s of a scene that is as near as the summary says, and the ring."""
+    """Speed of each pixel, (h, w) px/s, at the summary's minimum distances, and its ring."""
     off = np.linalg.norm(pixel_sample_positions(camera)[..., 0, :] - camera.centre_px, axis=-1)
     ring = np.minimum((off / camera.rim_radius_px * NUM_RINGS).astype(np.intp), NUM_RINGS - 1)
     range_m = np.array(NEAREST_M)[ring]
@@ -53,9 +53,9 @@ def test_speeds_when_a_scene_is_as_near_as_it_may_be_are_bounds_and_tight(
     camera: OmniCamera, twist: Twist
 ) -> None:
     bounds = max_speeds_px_s(SceneSummary(1.0, NEAREST_M, scene_twist=twist), camera)
-    seen, ring = measure_speeds(camera, twist)
-    assert (seen <= bounds[ring] * (1.0 + 1e-6) + 1e-6).all()
-    assert bounds.max() < 1.7 * seen.max()
+    measured, ring = measure_speeds(camera, twist)
+    assert (measured <= bounds[ring] * (1.0 + 1e-6) + 1e-6).all()
+    assert bounds.max() < 1.7 * measured.max()
 
 
 def test_passing_bodies_when_they_come_add_their_rate() -> None:
@@ -67,7 +67,7 @@ def test_passing_bodies_when_they_come_add_their_rate() -> None:
 
 
 def test_reference_camera_when_it_drives_past_a_wall_has_the_known_blur() -> None:
-    # Of a rim of 180 px: 8 mm before pixels of 7.4 um.
+    # With a rim of 180 px: 8 mm in front of pixels of 7.4 um.
     camera = make_omni_camera(width_px=360)
     wall = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((-0.5, 0.0, 0.0)))
     assert max_displacement(wall, camera, 1.0 / 30.0).value == pytest.approx(3.5, abs=0.1)

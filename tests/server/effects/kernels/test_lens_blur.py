@@ -1,4 +1,4 @@
-"""The closed forms, against a thin lens and a mirror that are traced or differenced."""
+"""The closed forms against a thin lens and a mirror, traced or differenced."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from helpers.lens_ray_tracer import Quadric
 from helpers.worlds import PAPER_MIRROR, make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)
-# 8 mm focused at 268 mm has its image at 8.246 mm: so many 7.4 um pixels.
+# 8 mm focused at 268 mm has its image at 8.246 mm: in pixels of 7.4 um.
 PITCH_M = 7.4e-6
 EIGHT_MM_LENS_CAMERA = make_omni_camera(width_px=360)
 EIGHT_MM_LENS_CAMERA = replace(
@@ -52,7 +52,7 @@ def infinity_diameters_px(aperture: Aperture, camera: OmniCamera) -> Floats:
     )
 
 
-def test_focal_length_when_focused_is_that_of_the_lens_which_makes_the_picture() -> None:
+def test_focal_length_when_focused_is_that_of_the_lens_which_makes_the_image() -> None:
     focal_m = 1.0 / (
         inverse_focal_length(EIGHT_MM_LENS_CAMERA) / PITCH_M
         + lens_focus_coordinate(lens(4.0), EIGHT_MM_LENS_CAMERA)
@@ -86,7 +86,7 @@ def test_disc_of_what_is_near_differs_from_infinitys(distance_m: float, added_px
 
 
 def test_lens_when_focused_at_the_scene_spreads_what_the_mirror_shows_over_16_px() -> None:
-    # 8 mm lens, 360 px picture: (f / N) f_px (1 / 0.2326 m - 1 / 2 m).
+    # 8 mm lens, 360 px image: (f / N) f_px (1 / 0.2326 m - 1 / 2 m).
     assert infinity_diameters_px(lens(2.0, 2.0), CAMERA).max() == pytest.approx(16.5, abs=0.1)
 
 
@@ -102,7 +102,7 @@ def test_focus_when_best_is_268_mm_and_no_other_has_a_smaller_largest_disc() -> 
 def test_virtual_image_when_rays_are_traced_lies_where_they_meet(
     rim_share: float, distance_m: float
 ) -> None:
-    """Both in the plane of the axis and across it: there is no astigmatism."""
+    """In the plane of the axis and across: without astigmatism both agree."""
     t = np.array([max(rim_share, 1e-3) * CAMERA.rim_t])
     expected = virtual_image_depth_m(CAMERA, t, np.array(distance_m))
     for turn in (np.array((1.0, 0.0, 0.0)), np.array((0.0, 1.0, 0.0))):
@@ -111,7 +111,7 @@ def test_virtual_image_when_rays_are_traced_lies_where_they_meet(
 
 
 def trace_depth_m(t: float, distance_m: float, ray_offset: Floats) -> float:
-    """Return the depth at which the reflections of two neighbouring rays of a point meet."""
+    """Depth at which the reflections of two neighbouring rays of a point intersect."""
     (r,), (z,) = PAPER_MIRROR.surface_point(np.array([t]))
     mirror, pinhole = (
         Quadric.from_mirror(PAPER_MIRROR),
@@ -126,15 +126,15 @@ def trace_depth_m(t: float, distance_m: float, ray_offset: Floats) -> float:
     else:
         starts = [point + distance_m * outward] * 2
         ways = [point + sign * half_m - starts[0] for sign in (1.0, -1.0)]
-    met = mirror.intersect(np.array(starts), np.array(ways))
-    normal = mirror.normal(met)
-    way = np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True)
-    away = way - 2.0 * (way * normal).sum(axis=1, keepdims=True) * normal
-    return float(pinhole[2] - closest_approach_height(met, away))
+    hit = mirror.intersect(np.array(starts), np.array(ways))
+    normal = mirror.normal(hit)
+    direction = np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True)
+    away = direction - 2.0 * (direction * normal).sum(axis=1, keepdims=True) * normal
+    return float(pinhole[2] - closest_approach_height(hit, away))
 
 
 def closest_approach_height(start: Floats, direction: Floats) -> float:
-    """Return the height of the middle between two lines where they are nearest."""
+    """Height of the midpoint between two lines at their closest approach."""
     across = direction[0] @ direction[1]
     apart = start[1] - start[0]
     first, second = apart @ direction[0], apart @ direction[1]
@@ -157,7 +157,7 @@ def test_orthographic_lens_when_focused_best_spreads_by_the_depth_of_the_image()
 
 
 def test_orthographic_lens_when_a_thing_is_near_sees_it_as_a_mirror_of_power_1_over_rho() -> None:
-    law = circle_of_confusion(lens(4.0), TELECENTRIC, sample_radii_px(TELECENTRIC))
+    circle = circle_of_confusion(lens(4.0), TELECENTRIC, sample_radii_px(TELECENTRIC))
     t = TELECENTRIC.mirror.t_from_radius_ratio(
         sample_radii_px(TELECENTRIC) / TELECENTRIC.horizon_radius_px
     )
@@ -165,31 +165,31 @@ def test_orthographic_lens_when_a_thing_is_near_sees_it_as_a_mirror_of_power_1_o
     gain = PITCH_M / 4.0 * (TELECENTRIC.horizon_radius_px / 0.03) ** 2
     # 1/s' = 1/D + 1/rho; infinity's is at rho.
     nearer = rho - 1.0 / (1.0 / (0.2 - rho) + 1.0 / rho)
-    np.testing.assert_allclose(law.near_term_px(np.array(0.2)), gain * nearer, rtol=1e-9)
+    np.testing.assert_allclose(circle.near_term_px(np.array(0.2)), gain * nearer, rtol=1e-9)
 
 
 @pytest.mark.parametrize("camera", [CAMERA, TELECENTRIC])
 def test_largest_disc_of_all_is_that_of_what_touches_the_mirror(camera: OmniCamera) -> None:
-    law = circle_of_confusion(lens(2.0), camera, sample_radii_px(camera))
+    circle = circle_of_confusion(lens(2.0), camera, sample_radii_px(camera))
     for range_m in (0.08, 0.2, 1.0, math.inf):
-        assert law.diameter_px(np.array(range_m)).max() <= max_diameter_px(lens(2.0), camera)
+        assert circle.diameter_px(np.array(range_m)).max() <= max_diameter_px(lens(2.0), camera)
 
 
 def test_range_within_the_mirror_when_asked_gives_a_finite_disc() -> None:
-    law = circle_of_confusion(lens(2.0), CAMERA, sample_radii_px(CAMERA))
-    assert np.isfinite(law.diameter_px(np.array(0.0))).all()
+    circle = circle_of_confusion(lens(2.0), CAMERA, sample_radii_px(CAMERA))
+    assert np.isfinite(circle.diameter_px(np.array(0.0))).all()
 
 
 def test_pixels_law_is_that_of_their_radius_and_beyond_the_rim_the_rims() -> None:
-    law = circle_of_confusion_map(lens(2.0), CAMERA)
+    circle = circle_of_confusion_map(lens(2.0), CAMERA)
     at_rim = circle_of_confusion(
         lens(2.0), CAMERA, np.array([CAMERA.rim_radius_px])
     ).infinity_diameter_px[0]
-    assert law.infinity_diameter_px[0, 0] == at_rim
+    assert circle.infinity_diameter_px[0, 0] == at_rim
     there = circle_of_confusion(
         lens(2.0), CAMERA, np.array([math.hypot(0.5, 100.5)])
     ).infinity_diameter_px[0]
-    assert law.infinity_diameter_px[180, 280] == pytest.approx(there, rel=1e-12)
+    assert circle.infinity_diameter_px[180, 280] == pytest.approx(there, rel=1e-12)
 
 
 def test_whole_pixels_when_their_corners_are_asked_are_all_on_the_mirror() -> None:

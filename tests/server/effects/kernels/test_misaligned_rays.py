@@ -1,5 +1,5 @@
-"""Rays of a displaced pinhole, against a caster of its own: Eq. 1 itself, met by bisection, with
-normals by differencing, and Embree for what the reflected rays see.
+"""Rays of a displaced pinhole against a separate caster: Eq. 1 itself, intersected by bisection,
+with normals by differencing, and Embree for the reflected rays.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ POSE_OFFSETS = (
 
 
 def surface_residual(mirror: HyperbolicMirror, points: Floats) -> Floats:
-    """Return Eq. 1 of (n, 3) places, 0 on the mirror, over 0 between its sheet and the other."""
+    """Residual of Eq. 1 at (n, 3) points: 0 on the mirror, positive between both sheets."""
     x, y, z = points.T
     c, k = mirror.c_m, mirror.k
     height = 0.5 * c - z
@@ -49,9 +49,9 @@ def surface_residual(mirror: HyperbolicMirror, points: Floats) -> Floats:
 def cast_rays(
     camera: OmniCamera, pose_offset: CameraPoseOffset, pixels: Floats
 ) -> tuple[Floats, ...]:
-    """Return where (n, 2) pixels' rays meet the mirror, how they go on, and how far from the axis.
+    """Points of (n, 2) pixels' rays on the mirror, reflected directions, distances from the axis.
 
-    The camera of `CAMERA`: forward is up in the picture.
+    Of `CAMERA`: forward is up in the image.
     """
     mirror = camera.mirror
     assert isinstance(mirror, HyperbolicMirror)
@@ -67,15 +67,15 @@ def cast_rays(
         middle = 0.5 * (near + far)
         before = surface_residual(mirror, pinhole + middle[:, None] * rays) > 0.0
         near, far = np.where(before, middle, near), np.where(before, far, middle)
-    met = pinhole + near[:, None] * rays
+    hit = pinhole + near[:, None] * rays
     step = 1e-6 * np.eye(3)
     slope = np.stack(
-        [surface_residual(mirror, met + s) - surface_residual(mirror, met - s) for s in step],
+        [surface_residual(mirror, hit + s) - surface_residual(mirror, hit - s) for s in step],
         axis=-1,
     )
     normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
     on = rays - 2.0 * np.einsum("ni,ni->n", rays, normal)[:, None] * normal
-    return met, on / np.linalg.norm(on, axis=-1, keepdims=True), np.hypot(*met.T[:2])
+    return hit, on / np.linalg.norm(on, axis=-1, keepdims=True), np.hypot(*hit.T[:2])
 
 
 def all_pixel_centres(camera: OmniCamera) -> Floats:
@@ -87,29 +87,30 @@ def test_rays_are_those_of_eq_1_with_normals_by_differencing(
     displacement: CameraPoseOffset,
 ) -> None:
     pixels = all_pixel_centres(CAMERA)
-    place, on, axis_m = cast_rays(CAMERA, displacement, pixels)
+    point, on, axis_m = cast_rays(CAMERA, displacement, pixels)
     reflected = reflect_rays(CAMERA, displacement, pixels)
     rim_m = float(CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))[0])
     certain = np.abs(axis_m - rim_m) > 1e-9
     np.testing.assert_array_equal(reflected.is_hit[certain], (axis_m < rim_m)[certain])
-    met = reflected.is_hit
-    assert met.mean() > 0.4
-    np.testing.assert_allclose(reflected.point_m[met], place[met], atol=1e-12)
+    hit = reflected.is_hit
+    assert hit.mean() > 0.4
+    np.testing.assert_allclose(reflected.point_m[hit], point[hit], atol=1e-12)
     unit = reflected.direction / np.linalg.norm(reflected.direction, axis=-1, keepdims=True)
     # Differences over a micrometre of numbers of some decimetres.
-    np.testing.assert_allclose(unit[met], on[met], atol=1e-9)
+    np.testing.assert_allclose(unit[hit], on[hit], atol=1e-9)
 
 
 def embree_lookup_px(pose_offset: CameraPoseOffset) -> tuple[Floats, Floats, Bools]:
-    """Return (n, 2) px where the ideal camera shows what the displaced one sees in a room, how far
-    away that is, and where both see the mirror.
+    """Pixels, (n, 2), of the aligned camera for the displaced camera's view of a room.
+
+    Then the distances of the points in view, and the validity: both cameras see the mirror.
     """
-    place, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
+    point, on, axis_m = cast_rays(CAMERA, pose_offset, all_pixel_centres(CAMERA))
     scene = EmbreeScene(build_scene(make_test_world()), make_test_world())
     pose = CAMERA_STATE.world_from_mirror
-    origins = (pose.transform_points(place) - scene.origin).astype(np.float32)
+    origins = (pose.transform_points(point) - scene.origin).astype(np.float32)
     far = scene.distances(origins, pose.rotate_directions(on).astype(np.float32)).astype(np.float64)
-    towards = np.where(np.isfinite(far)[:, None], place + np.minimum(far, 1e6)[:, None] * on, on)
+    towards = np.where(np.isfinite(far)[:, None], point + np.minimum(far, 1e6)[:, None] * on, on)
     ideal, shown = pixel_from_direction(CAMERA, towards)
     rim_m = float(CAMERA.mirror.surface_point(np.array(CAMERA.rim_t))[0])
     distance = np.where(np.isfinite(far), np.linalg.norm(towards, axis=-1), np.inf)
@@ -121,25 +122,25 @@ def test_map_when_held_against_embree_is_off_by_no_more_than_parallax(
     displacement: CameraPoseOffset,
 ) -> None:
     ideal, distance_m, shown = embree_lookup_px(displacement)
-    aside, seen = lookup_offsets_px(CAMERA, displacement)
-    both = shown & seen.ravel()
-    assert both.sum() > 0.9 * seen.sum()
+    aside, valid = lookup_offsets_px(CAMERA, displacement)
+    both = shown & valid.ravel()
+    assert both.sum() > 0.9 * valid.sum()
     off = np.linalg.norm(all_pixel_centres(CAMERA) + aside.reshape(-1, 2) - ideal, axis=-1)[both]
-    # The most that rays pass the viewpoint at, over the distance; a share more for the second order
-    # of what is as near as 0.3 m.
+    # Largest distance of rays from the viewpoint over the range; 2 % more for the second order at
+    # ranges of 0.3 m.
     miss_m = 0.19 * np.linalg.norm(displacement.translation_m)
-    most = 1.02 * miss_m / distance_m[both] * compute_image_scale(CAMERA).max_px_per_rad
+    maximum = 1.02 * miss_m / distance_m[both] * compute_image_scale(CAMERA).max_px_per_rad
     assert np.isinf(distance_m[both]).any()
     assert distance_m[both].min() < 0.7
-    assert (off <= most + 1e-6).all()
+    assert (off <= maximum + 1e-6).all()
 
 
 def displacement_px(pose_offset: CameraPoseOffset) -> Floats:
-    aside, seen = lookup_offsets_px(PAPER, pose_offset)
-    return np.linalg.norm(aside, axis=-1)[seen]
+    aside, valid = lookup_offsets_px(PAPER, pose_offset)
+    return np.linalg.norm(aside, axis=-1)[valid]
 
 
-def test_paper_s_picture_when_the_pinhole_is_a_millimetre_off_moves_by_pixels() -> None:
+def test_paper_s_image_when_the_pinhole_is_a_millimetre_off_moves_by_pixels() -> None:
     aside = displacement_px(CameraPoseOffset((1e-3, 0.0, 0.0)))
     assert aside.min() == pytest.approx(3.43, abs=0.01)
     assert aside.max() == pytest.approx(4.67, abs=0.01)
@@ -149,10 +150,10 @@ def test_paper_s_picture_when_the_pinhole_is_a_millimetre_off_moves_by_pixels() 
 
 
 @pytest.mark.parametrize(("offset_m", "most_px"), [((1e-3, 0, 0), 0.80), ((0, 0, 1e-3), 0.132)])
-def test_paper_s_picture_when_the_rim_is_put_back_is_off_by_less_than_a_pixel(
+def test_paper_s_image_when_the_rim_is_put_back_is_off_by_less_than_a_pixel(
     offset_m: tuple[float, float, float], most_px: float
 ) -> None:
-    # As who finds the rim's circle in the picture would: moved to the middle, and to its old size.
+    # As a calibration by the rim's circle would: moved to the image centre, and to its old size.
     rim_z = float(PAPER.mirror.surface_point(np.array(PAPER.rim_t))[1])
     nearer = (PINHOLE_M - rim_z) / (PINHOLE_M + offset_m[2] - rim_z)
     focal_px = PAPER.rim_radius_px / float(PAPER.mirror.surface_point(np.array(PAPER.rim_t))[0])
@@ -181,33 +182,33 @@ def test_camera_where_it_belongs_reads_every_pixel_where_it_is(
     mirror: HyperbolicMirror | ParabolicMirror,
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=90)
-    aside, seen = lookup_offsets_px(camera, CameraPoseOffset())
+    aside, valid = lookup_offsets_px(camera, CameraPoseOffset())
     radius = np.linalg.norm(all_pixel_centres(camera) - np.asarray(camera.centre_px), axis=-1)
-    np.testing.assert_array_equal(seen.ravel(), radius <= camera.rim_radius_px)
+    np.testing.assert_array_equal(valid.ravel(), radius <= camera.rim_radius_px)
     assert np.abs(aside).max() < 1e-10
 
 
 def test_orthographic_camera_when_beside_its_axis_shows_the_same_moved() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), width_px=90)
-    aside, seen = lookup_offsets_px(camera, CameraPoseOffset((0.0, 1e-3, 5e-3)))
+    aside, valid = lookup_offsets_px(camera, CameraPoseOffset((0.0, 1e-3, 5e-3)))
     per_metre = camera.horizon_radius_px / 0.03
-    # A ray parallel to the axis always goes on to the focus, wherever it meets the paraboloid.
-    np.testing.assert_allclose(aside[seen], [(-1e-3 * per_metre, 0.0)] * seen.sum(), atol=1e-9)
+    # A ray parallel to the axis is reflected through the focus, wherever it meets the paraboloid.
+    np.testing.assert_allclose(aside[valid], [(-1e-3 * per_metre, 0.0)] * valid.sum(), atol=1e-9)
 
 
-def test_tilt_when_the_pinhole_stays_moves_the_picture_by_the_focal_length() -> None:
-    aside, seen = lookup_offsets_px(PAPER, CameraPoseOffset(pitch_rad=1e-4))
-    assert seen[180, 180]
+def test_tilt_when_the_pinhole_stays_moves_the_image_by_the_focal_length() -> None:
+    aside, valid = lookup_offsets_px(PAPER, CameraPoseOffset(pitch_rad=1e-4))
+    assert valid[180, 180]
     assert np.linalg.norm(aside[180, 180]) == pytest.approx(0.1086, abs=1e-4)
 
 
-@pytest.mark.parametrize(("c_m", "most"), [(PINHOLE_M, 1.0), (0.02, 0.1)])
+@pytest.mark.parametrize(("c_m", "maximum"), [(PINHOLE_M, 1.0), (0.02, 0.1)])
 def test_pinhole_when_it_is_far_from_where_it_belongs_breaks_no_number(
-    c_m: float, most: float
+    c_m: float, maximum: float
 ) -> None:
     camera = make_omni_camera(mirror=HyperbolicMirror(11.546, c_m), width_px=30)
     with np.errstate(all="raise", under="ignore"):
-        aside, seen = lookup_offsets_px(camera, CameraPoseOffset((0.02, -0.02, -0.05), 0.1, 0.1))
+        aside, valid = lookup_offsets_px(camera, CameraPoseOffset((0.02, -0.02, -0.05), 0.1, 0.1))
     assert np.isfinite(aside).all()
-    assert seen.mean() < most
-    assert not aside[~seen].any()
+    assert valid.mean() < maximum
+    assert not aside[~valid].any()

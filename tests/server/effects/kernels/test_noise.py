@@ -1,4 +1,4 @@
-"""The hash against its published form in plain integers, and the numbers against their law."""
+"""The hash against the published form in plain integers, variates against their distribution."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ VARIATES = normal_variates(NOISE_KEY, 400, 500)
 
 
 def reference_pcg3d(x: int, y: int, z: int) -> tuple[int, int, int]:
-    """Return Jarzynski and Olano's pcg3d, in integers without end."""
-    most = 0xFFFFFFFF
-    x, y, z = ((word * 1664525 + 1013904223) & most for word in (x, y, z))
+    """Jarzynski and Olano's pcg3d, in unbounded integers."""
+    mask = 0xFFFFFFFF
+    x, y, z = ((word * 1664525 + 1013904223) & mask for word in (x, y, z))
     for turn in range(2):
-        x = (x + y * z) & most
-        y = (y + z * x) & most
-        z = (z + x * y) & most
+        x = (x + y * z) & mask
+        y = (y + z * x) & mask
+        z = (z + x * y) & mask
         if not turn:
             x, y, z = x ^ x >> 16, y ^ y >> 16, z ^ z >> 16
     return x, y, z
@@ -39,19 +39,23 @@ def test_hash_is_the_published_one(words: tuple[int, int, int]) -> None:
     assert tuple(int(word[0]) for word in pcg3d(*arrays)) == reference_pcg3d(*words)
 
 
-def test_normal_numbers_have_the_moments_of_the_normal_law() -> None:
-    # 600 000 numbers: each tolerance is some five standard deviations.
+def test_normal_variates_have_the_moments_of_the_normal_distribution() -> None:
+    # 600 000 variates: each tolerance is some five standard deviations.
     assert VARIATES.mean() == pytest.approx(0.0, abs=0.007)
     assert VARIATES.var() == pytest.approx(1.0, abs=0.01)
     assert (VARIATES**3).mean() == pytest.approx(0.0, abs=0.03)
     assert (VARIATES**4).mean() == pytest.approx(3.0, abs=0.07)
 
 
-@pytest.mark.parametrize(("sigma", "share"), [(1.0, 0.158655), (2.0, 0.022750), (3.0, 0.0013499)])
-def test_normal_numbers_have_the_tails_of_the_normal_law(sigma: float, share: float) -> None:
-    tolerance = 5.0 * np.sqrt(share / VARIATES.size)
-    assert (VARIATES > sigma).mean() == pytest.approx(share, abs=tolerance)
-    assert (VARIATES < -sigma).mean() == pytest.approx(share, abs=tolerance)
+@pytest.mark.parametrize(
+    ("sigma", "fraction"), [(1.0, 0.158655), (2.0, 0.022750), (3.0, 0.0013499)]
+)
+def test_normal_variates_have_the_tails_of_the_normal_distribution(
+    sigma: float, fraction: float
+) -> None:
+    tolerance = 5.0 * np.sqrt(fraction / VARIATES.size)
+    assert (VARIATES > sigma).mean() == pytest.approx(fraction, abs=tolerance)
+    assert (VARIATES < -sigma).mean() == pytest.approx(fraction, abs=tolerance)
 
 
 def test_largest_normal_is_that_of_the_table() -> None:
@@ -72,11 +76,11 @@ def test_colours_of_a_pixel_are_independent() -> None:
     assert np.abs(correlation).max() < 0.012
 
 
-def test_part_of_a_picture_has_the_numbers_of_the_whole() -> None:
+def test_part_of_an_image_has_the_numbers_of_the_whole() -> None:
     np.testing.assert_array_equal(normal_variates(NOISE_KEY, 50, 60), VARIATES[:50, :60])
 
 
-def test_words_differ_by_camera_purpose_and_frame_but_a_cameras_own_stay() -> None:
+def test_keys_differ_by_camera_purpose_and_frame_but_a_cameras_own_stay() -> None:
     keys = [NOISE_SEED, NoiseSeed((8, 11), 3), NoiseSeed((7, 12), 3), NoiseSeed((7, 11), 4)]
     words = {tuple(frame_noise_key(key, what)) for key in keys for what in ("shot", "read")}
     assert len(words) == 8

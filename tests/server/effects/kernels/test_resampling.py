@@ -11,7 +11,7 @@ LIGHT = np.random.default_rng(1).uniform(0.0, 2.0, (9, 12, 3))
 RAMP = np.stack((0.1 * U, 0.2 * V, 0.3 * U - 0.1 * V), axis=-1)
 
 
-def test_light_at_the_middle_of_a_pixel_is_the_pixels() -> None:
+def test_light_at_the_centre_of_a_pixel_is_the_pixels() -> None:
     np.testing.assert_array_equal(sample_bilinear(LIGHT, U, V), LIGHT)
 
 
@@ -20,7 +20,7 @@ def test_light_half_way_to_the_next_pixel_is_the_mean() -> None:
     np.testing.assert_allclose(between, 0.5 * (LIGHT[:, :-1] + LIGHT[:, 1:]), rtol=1e-14)
 
 
-def test_ramp_when_asked_inside_is_exact() -> None:
+def test_ramp_inside_is_exact() -> None:
     rng = np.random.default_rng(2)
     u, v = rng.uniform(0.5, 11.5, 200), rng.uniform(0.5, 8.5, 200)
     expected = np.stack((0.1 * u, 0.2 * v, 0.3 * u - 0.1 * v), axis=-1)
@@ -33,12 +33,12 @@ def test_light_beyond_the_border_is_the_last_pixels() -> None:
     np.testing.assert_allclose(sample_bilinear(LIGHT, u, v), expected, rtol=1e-14)
 
 
-def test_float32_when_told_aside_of_a_pixel_loses_nothing_to_the_width() -> None:
+def test_float32_when_given_as_an_offset_loses_nothing_to_the_width() -> None:
     wide = np.zeros((1, 4096, 3), dtype=np.float32)
     wide[0, 1::2] = 1.0
     pixel = np.array([4000]), np.array([0])
-    aside = np.array([0.1], dtype=np.float32)
+    offset = np.array([0.1], dtype=np.float32)
     level = np.zeros(1, dtype=np.float32)
-    light = sample_bilinear_at_offset(wide, *pixel, offset_u_px=aside, offset_v_px=level)
-    assert light.dtype == np.float32
-    assert light[0, 0] == pytest.approx(0.1, rel=1e-7)
+    radiance = sample_bilinear_at_offset(wide, *pixel, offset_u_px=offset, offset_v_px=level)
+    assert radiance.dtype == np.float32
+    assert radiance[0, 0] == pytest.approx(0.1, rel=1e-7)

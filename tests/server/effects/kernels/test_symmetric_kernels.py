@@ -18,7 +18,7 @@ HALF_WIDTH_PX = 2
 
 
 def random_weights(half_width_px: int) -> Floats:
-    """Return weights that differ in every pair and sum to 1 over all pixels."""
+    """Weights that differ in every pair and sum to 1 over all pixels."""
     weights = RNG.uniform(0.1, 1.0, num_offset_pairs(half_width_px))
     return weights / (weights @ pair_multiplicities(half_width_px))
 
@@ -32,8 +32,8 @@ def full_kernel(weights: Floats, half_width_px: int) -> Floats:
 
 
 def convolve_directly(image: Floats, kernel: Floats) -> Floats:
-    reach = len(kernel) // 2
-    padded = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), "edge")
+    half_width = len(kernel) // 2
+    padded = np.pad(image, ((half_width, half_width), (half_width, half_width), (0, 0)), "edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, kernel.shape, axis=(0, 1))
     return np.einsum("hwcyx,yx->hwc", windows, kernel)
 
@@ -43,20 +43,20 @@ def test_pairs_when_counted_have_an_index_and_a_size_each() -> None:
     assert pair_multiplicities(3).sum() == 7 * 7
 
 
-@pytest.mark.parametrize("reach", [0, 1, 2, 5])
-def test_picture_when_gathered_equals_the_plain_sum(reach: int) -> None:
-    weights = random_weights(reach)
-    expected = convolve_directly(LIGHT, full_kernel(weights, reach))
-    got = convolve_symmetric(LIGHT, reach, lambda rows: weights[:, None, None, None])
+@pytest.mark.parametrize("half_width", [0, 1, 2, 5])
+def test_image_when_convolved_equals_the_plain_sum(half_width: int) -> None:
+    weights = random_weights(half_width)
+    expected = convolve_directly(LIGHT, full_kernel(weights, half_width))
+    got = convolve_symmetric(LIGHT, half_width, lambda rows: weights[:, None, None, None])
     np.testing.assert_allclose(got, expected, rtol=1e-13)
 
 
 def test_weights_when_they_differ_from_pixel_to_pixel_are_each_pixels_own() -> None:
     one, other = random_weights(HALF_WIDTH_PX), random_weights(HALF_WIDTH_PX)
-    share = RNG.uniform(0.0, 1.0, LIGHT.shape[:2])
-    mixed = one[:, None, None] + share * (other - one)[:, None, None]
-    pictures = [convolve_directly(LIGHT, full_kernel(each, HALF_WIDTH_PX)) for each in (one, other)]
-    expected = pictures[0] + share[..., None] * (pictures[1] - pictures[0])
+    fraction = RNG.uniform(0.0, 1.0, LIGHT.shape[:2])
+    mixed = one[:, None, None] + fraction * (other - one)[:, None, None]
+    images = [convolve_directly(LIGHT, full_kernel(each, HALF_WIDTH_PX)) for each in (one, other)]
+    expected = images[0] + fraction[..., None] * (images[1] - images[0])
     got = convolve_symmetric(LIGHT, HALF_WIDTH_PX, lambda rows: mixed[:, rows])
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
@@ -72,7 +72,7 @@ def test_region_when_it_is_even_stays_even_and_outside_nothing_changes() -> None
     np.testing.assert_allclose(got, light, rtol=1e-14)
 
 
-def test_region_when_it_is_everything_gathers_as_without_one() -> None:
+def test_region_when_it_is_everything_is_convolved_as_without_one() -> None:
     weights = random_weights(HALF_WIDTH_PX)
     everything = np.ones(LIGHT.shape[:2], dtype=bool)
     got = convolve_symmetric_within(

@@ -26,17 +26,17 @@ RIM_PX = FRAMED_CAMERA.rim_radius_px
 ABERRATION = ChromaticAberration(1.02, 0.985)
 
 
-def test_picture_when_no_colour_is_larger_keeps_every_bit() -> None:
-    light = make_test_pattern(2.0)
+def test_image_when_no_colour_is_larger_keeps_every_bit() -> None:
+    image = make_test_pattern(2.0)
     np.testing.assert_array_equal(
-        ChromaticAberration().apply(light, CAMERA, CAPTURE_CONTEXT), light
+        ChromaticAberration().apply(image, CAMERA, CAPTURE_CONTEXT), image
     )
 
 
 def test_green_keeps_every_bit() -> None:
-    light = make_test_pattern(2.0)
+    image = make_test_pattern(2.0)
     np.testing.assert_array_equal(
-        ABERRATION.apply(light, CAMERA, CAPTURE_CONTEXT)[..., 1], light[..., 1]
+        ABERRATION.apply(image, CAMERA, CAPTURE_CONTEXT)[..., 1], image[..., 1]
     )
 
 
@@ -44,14 +44,14 @@ def test_green_keeps_every_bit() -> None:
 def test_colour_when_magnified_is_read_that_much_nearer_the_axis(
     colour: int, magnification: float
 ) -> None:
-    light = make_test_pattern(1.0)
+    image = make_test_pattern(1.0)
     pixels = pixel_sample_positions(CAMERA)[:, :, 0]
     centre = np.asarray(CAMERA.centre_px)
     u, v = np.moveaxis(centre + (pixels - centre) / magnification, -1, 0)
-    expected = sample_bilinear(light, u, v)[..., colour]
-    # The picture is told in float32 how far aside to read: 1e-7 px of light up to 1.
-    seen = ABERRATION.apply(light, CAMERA, CAPTURE_CONTEXT)[..., colour]
-    np.testing.assert_allclose(seen, expected, atol=2e-6)
+    expected = sample_bilinear(image, u, v)[..., colour]
+    # Offsets are float32: 1e-7 px of radiance up to 1.
+    measured = ABERRATION.apply(image, CAMERA, CAPTURE_CONTEXT)[..., colour]
+    np.testing.assert_allclose(measured, expected, atol=2e-6)
 
 
 def test_bright_disc_when_magnified_has_more_light_by_the_square() -> None:
@@ -69,8 +69,8 @@ def test_bright_disc_when_magnified_has_more_light_by_the_square() -> None:
 
 @pytest.mark.parametrize("over", [0.0, 0.05, 0.3, 0.49])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_colours_when_hardly_apart_are_left_out(over: float, sign: float) -> None:
-    # A twentieth less than `over` px for what 1 / m is more than 1 - m.
+def test_colours_when_hardly_apart_are_disabled(over: float, sign: float) -> None:
+    # A twentieth less than `over` px, since 1 / m exceeds 1 - m.
     assert_displacement_negligible(
         ChromaticAberration(1.0 + 0.95 * sign * over / RIM_PX), FRAMED_CAMERA
     )
@@ -81,7 +81,7 @@ def test_colours_when_hardly_apart_are_left_out(over: float, sign: float) -> Non
 
 @pytest.mark.parametrize("over", [0.52, 0.6, 2.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_colours_when_apart_are_called_for(over: float, sign: float) -> None:
+def test_colours_when_apart_are_enabled(over: float, sign: float) -> None:
     effect = ChromaticAberration(1.0 + 0.5 * over / RIM_PX, 1.0 + sign * over / RIM_PX)
     assert_displacement_not_negligible(effect, FRAMED_CAMERA)
 

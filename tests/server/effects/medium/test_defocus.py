@@ -33,7 +33,7 @@ def make_defocus(f_number: float, focus_m: float = 0.0) -> Defocus:
     return Defocus(Aperture(f_number, PITCH_M, focus_m))
 
 
-# Lenses of which the criterion calls for some and not for others.
+# Lenses on both sides of the criterion.
 GRID = [
     (f_number, focus_m, rim_deg)
     for f_number in (1.4, 2.8, 5.6, 7.0, 11.0, 32.0)
@@ -49,11 +49,11 @@ def test_bound_when_discs_are_measured_is_the_largest(
     camera = make_omni_camera(width_px=96, rim_deg=rim_deg)
     effect = Defocus(Aperture(f_number, 7.4e-6 * 360.0 / 96.0, focus_m))
     bound = effect.bound(DISTANT_SCENE, camera)
-    seen = measure_blur_diameters_px(effect, camera, CAPTURE_CONTEXT)
-    assert seen.max() <= bound.value * (1.0 + 1e-6)
-    # The criterion's radii end at the rim, what is gathered from within it a disc before.
-    is_on = bound.value > THRESHOLD
-    assert not is_on or seen.max() > max(0.5 * THRESHOLD, 0.8 * bound.value)
+    measured = measure_blur_diameters_px(effect, camera, CAPTURE_CONTEXT)
+    assert measured.max() <= bound.value * (1.0 + 1e-6)
+    # The criterion's radii end at the rim; whole discs end a disc before.
+    enabled = bound.value > THRESHOLD
+    assert not enabled or measured.max() > max(0.5 * THRESHOLD, 0.8 * bound.value)
 
 
 def test_grid_when_decided_has_both_sides() -> None:
@@ -67,44 +67,46 @@ def test_grid_when_decided_has_both_sides() -> None:
 @pytest.mark.parametrize("camera", [CAMERA, TELECENTRIC])
 def test_disc_when_measured_is_that_of_the_pixels_radius(camera: OmniCamera) -> None:
     effect = make_defocus(2.0)
-    law = circle_of_confusion_map(effect.aperture, camera)
+    circle = circle_of_confusion_map(effect.aperture, camera)
     inner = inner_pixels(camera, 6.0)
-    seen = measure_blur_diameters_px(effect, camera, CAPTURE_CONTEXT)
-    np.testing.assert_allclose(seen[inner], np.abs(law.infinity_diameter_px)[inner], atol=2e-5)
+    measured = measure_blur_diameters_px(effect, camera, CAPTURE_CONTEXT)
+    np.testing.assert_allclose(
+        measured[inner], np.abs(circle.infinity_diameter_px)[inner], atol=2e-5
+    )
 
 
 def test_disc_when_discs_are_many_pixels_wide_is_evenly_lit() -> None:
     effect = make_defocus(2.0, 1.0)
     row, column = 120, 170
-    spread = effect.apply(make_point_source(CAMERA, row, column), CAMERA, CAPTURE_CONTEXT)[..., 0]
+    blurred = effect.apply(make_point_source(CAMERA, row, column), CAMERA, CAPTURE_CONTEXT)[..., 0]
     diameter = float(
         np.abs(circle_of_confusion_map(effect.aperture, CAMERA).infinity_diameter_px)[row, column]
     )
     assert diameter > 6.0
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
     distance = np.hypot(u - column, v - row)
-    share = spread * 0.25 * math.pi * diameter**2
-    np.testing.assert_allclose(share[distance < 0.5 * diameter - 1.0], 1.0, atol=0.1)
-    assert not share[distance > 0.5 * diameter + 1.0].any()
+    fraction = blurred * 0.25 * math.pi * diameter**2
+    np.testing.assert_allclose(fraction[distance < 0.5 * diameter - 1.0], 1.0, atol=0.1)
+    assert not fraction[distance > 0.5 * diameter + 1.0].any()
 
 
-def test_light_when_it_is_gathered_is_not_lost() -> None:
-    # Neighbours' discs differ a little, so a single point's light is kept to first order only.
+def test_light_when_convolved_is_not_lost() -> None:
+    # Neighbouring discs differ a little, so a single point's light is kept to first order only.
     for row, column in ((120, 125), (120, 190), (60, 60)):
-        spread = make_defocus(2.0).apply(
+        blurred = make_defocus(2.0).apply(
             make_point_source(CAMERA, row, column), CAMERA, CAPTURE_CONTEXT
         )
-        assert spread.sum() == pytest.approx(3.0, rel=0.02)
-    light = make_test_pattern(1.0, CAMERA)
-    assert make_defocus(2.0).apply(light, CAMERA, CAPTURE_CONTEXT).sum() == pytest.approx(
-        light.sum(), rel=2e-3
+        assert blurred.sum() == pytest.approx(3.0, rel=0.02)
+    image = make_test_pattern(1.0, CAMERA)
+    assert make_defocus(2.0).apply(image, CAMERA, CAPTURE_CONTEXT).sum() == pytest.approx(
+        image.sum(), rel=2e-3
     )
 
 
-def test_even_light_when_it_is_gathered_stays_even_up_to_the_rim() -> None:
-    light = np.where(interior_mask(CAMERA)[..., None], 0.4, np.zeros(3))
+def test_even_light_when_convolved_stays_even_up_to_the_rim() -> None:
+    image = np.where(interior_mask(CAMERA)[..., None], 0.4, np.zeros(3))
     np.testing.assert_allclose(
-        make_defocus(2.0).apply(light, CAMERA, CAPTURE_CONTEXT), light, rtol=1e-13
+        make_defocus(2.0).apply(image, CAMERA, CAPTURE_CONTEXT), image, rtol=1e-13
     )
 
 
@@ -120,13 +122,13 @@ def test_bound_when_something_is_near_counts_its_disc() -> None:
     )
 
 
-def test_reason_when_asked_tells_lens_and_disc() -> None:
+def test_reason_names_lens_and_disc() -> None:
     reason = make_defocus(4.0).bound(DISTANT_SCENE, CAMERA).reason
     assert reason.startswith("F/4, focused at 268 mm: ")
     assert "0.8 px" in reason
 
 
-def test_maps_when_asked_twice_are_the_same_arrays() -> None:
+def test_maps_when_computed_twice_are_the_same_arrays() -> None:
     one, other = (
         make_defocus(4.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
     )

@@ -36,7 +36,7 @@ def context_at_range(range_m: float) -> CaptureContext:
 
 
 def diameter_change_px(effects: tuple[DefocusByDepth, Defocus], range_m: float) -> float:
-    """Return by how much discs of a range differ from infinity's, at most."""
+    """Largest difference between discs at a range and those at infinity, px."""
     by_depth, fixed = effects
     capture = context_at_range(range_m)
     near = measure_blur_diameters_px(by_depth, CAMERA, capture)
@@ -57,11 +57,11 @@ def test_bound_when_discs_are_measured_holds_and_is_reached(
 ) -> None:
     effects = make_both(f_number, focus_m)
     bound = effects[0].bound(SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
-    seen = [diameter_change_px(effects, nearest_m * factor) for factor in (1.0, 1.3, 2.0, 5.0)]
-    # What float32 ranges round.
-    assert max(seen) <= bound.value + 1e-4
-    is_on = bound.value > THRESHOLD
-    assert not is_on or max(seen) > max(0.5 * THRESHOLD, 0.8 * bound.value)
+    measured = [diameter_change_px(effects, nearest_m * factor) for factor in (1.0, 1.3, 2.0, 5.0)]
+    # Rounding of float32 ranges.
+    assert max(measured) <= bound.value + 1e-4
+    enabled = bound.value > THRESHOLD
+    assert not enabled or max(measured) > max(0.5 * THRESHOLD, 0.8 * bound.value)
 
 
 def test_grid_when_decided_has_both_sides() -> None:
@@ -83,31 +83,31 @@ def test_disc_when_measured_is_that_of_the_pixels_range() -> None:
     expected = circle_of_confusion_map(effect.aperture, CAMERA).diameter_px(
         range_m.astype(np.float64)
     )
-    seen = measure_blur_diameters_px(effect, CAMERA, capture)
-    np.testing.assert_allclose(seen[inner], expected[inner], atol=2e-5)
+    measured = measure_blur_diameters_px(effect, CAMERA, capture)
+    np.testing.assert_allclose(measured[inner], expected[inner], atol=2e-5)
 
 
-def test_picture_when_nothing_is_near_is_that_of_the_fixed_part() -> None:
+def test_image_when_nothing_is_near_is_that_of_the_fixed_part() -> None:
     by_depth, fixed = make_both(2.0)
-    light = np.random.default_rng(2).uniform(0.0, 1.0, (*SHAPE, 3))
-    far = by_depth.apply(light, CAMERA, context_at_range(np.inf))
-    np.testing.assert_allclose(far, fixed.apply(light, CAMERA, CAPTURE_CONTEXT), atol=1e-12)
+    image = np.random.default_rng(2).uniform(0.0, 1.0, (*SHAPE, 3))
+    far = by_depth.apply(image, CAMERA, context_at_range(np.inf))
+    np.testing.assert_allclose(far, fixed.apply(image, CAMERA, CAPTURE_CONTEXT), atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("fixed_px", "near_px", "expected"),
     [
-        (2.0, 0.5, 0.5),  # before the focus discs only grow
-        (-2.0, 0.5, 0.5),  # behind it they shrink
-        (-0.4, 0.5, 0.4),  # to a point, and grow again
-        (-0.4, 2.0, 1.2),  # to more than they were
+        (2.0, 0.5, 0.5),  # before the focus: discs only grow
+        (-2.0, 0.5, 0.5),  # behind the focus: discs shrink
+        (-0.4, 0.5, 0.4),  # to a point and grow again
+        (-0.4, 2.0, 1.2),  # beyond the diameter at infinity
     ],
 )
 def test_change_when_the_focus_is_passed_counts_what_lies_between(
     fixed_px: float, near_px: float, expected: float
 ) -> None:
-    law = CircleOfConfusion(*(np.array(value) for value in (fixed_px, near_px, 1.0, 0.0)))
-    assert max_diameter_change_px(law, np.array(1.0)) == pytest.approx(expected)
+    circle = CircleOfConfusion(*(np.array(value) for value in (fixed_px, near_px, 1.0, 0.0)))
+    assert max_diameter_change_px(circle, np.array(1.0)) == pytest.approx(expected)
 
 
 def test_summary_behind_the_lens_holds() -> None:
@@ -116,18 +116,20 @@ def test_summary_behind_the_lens_holds() -> None:
 
 @pytest.mark.parametrize("fixed_mode", [EffectMode.AUTO, EffectMode.ALWAYS])
 @pytest.mark.parametrize(("nearest_m", "runs"), [(0.12, "DefocusByDepth"), (3.0, "Defocus")])
-def test_light_is_blurred_once_by_the_one_that_the_scene_calls_for(
+def test_light_is_blurred_once_by_the_one_that_the_scene_enables(
     nearest_m: float, runs: str, fixed_mode: EffectMode
 ) -> None:
     by_depth, fixed = make_both(2.0)
-    wishes = EffectSettings(
+    settings = EffectSettings(
         (EffectSetting(by_depth, EffectMode.AUTO), EffectSetting(fixed, fixed_mode))
     )
-    plan = plan_effects(wishes, SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA)
+    plan = plan_effects(
+        settings, SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS), CAMERA
+    )
     assert [effect.name for effect in plan.image_effects] == [runs]
 
 
-def test_fixed_part_when_it_is_left_out_leaves_no_depth_to_be_called_for() -> None:
+def test_fixed_part_when_it_is_disabled_leaves_no_depth_to_be_enabled() -> None:
     for f_number in (1.0, 4.0, 6.0, 8.0, 16.0):
         for nearest_m in (0.08, 0.2, 1.0):
             summary = SceneSummary(1.0, min_distances_m=(nearest_m,) * NUM_RINGS)
@@ -135,7 +137,7 @@ def test_fixed_part_when_it_is_left_out_leaves_no_depth_to_be_called_for() -> No
             assert by_depth <= fixed
 
 
-def test_map_when_asked_twice_is_the_same_array() -> None:
+def test_map_when_computed_twice_is_the_same_array() -> None:
     effect = make_both(4.0)[0]
     one, other = (effect.uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2))
     assert one["disc_parameters"] is other["disc_parameters"]

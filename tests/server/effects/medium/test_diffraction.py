@@ -25,7 +25,7 @@ from helpers.effect_measurement import (
 
 PITCH_M = 7.4e-6
 DAYLIGHT = SceneSummary(1.0)
-# What the first dark ring encloses: 1 - J0(3.8317)^2.
+# Energy within the first dark ring: 1 - J0(3.8317)^2.
 IN_DISC = 0.83779
 
 
@@ -53,18 +53,18 @@ def test_kernel_of_each_colour_keeps_all_light_and_loses_little_before(f_number:
 
 
 def test_pattern_when_added_up_encloses_what_rayleighs_formula_says() -> None:
-    """At so large an aperture number that pixels resolve the rings."""
+    """At an f-number so large that pixels resolve the rings."""
     effect = make_diffraction(64.0)
-    reach = kernel_half_width_px(effect)
+    half_width = kernel_half_width_px(effect)
     shares = airy_pattern(effect)[:, 1]
-    sizes = pair_multiplicities(reach)
+    sizes = pair_multiplicities(half_width)
     unit_px = 540e-9 * 64.0 / PITCH_M
-    half_px = reach + 0.5
+    half_px = half_width + 0.5
     # Beyond a circle 2 / (pi v); beyond a square the mean of that over all angles.
     v = math.pi * half_px / unit_px
     left = 4.0 * math.sqrt(0.5) * 2.0 / (math.pi**2 * v)
     assert 1.0 - sizes @ shares == pytest.approx(left, rel=0.05)
-    # The middle pixel: (pi / 4) / unit^2 of all light a px^2, J1(v)^2 / v^2 next to 1 / 4.
+    # The central pixel: (pi / 4) / unit^2 of all light per px^2, J1(v)^2 / v^2 close to 1 / 4.
     assert shares[0] == pytest.approx(0.25 * math.pi / unit_px**2, rel=0.02)
 
 
@@ -73,12 +73,12 @@ def spread_point(effect: Diffraction) -> Floats:
 
 
 def central_pixel_fraction(effect: Diffraction) -> float:
-    """Return how much of a red point's light stays in its pixel."""
+    """Fraction of a red point's light in the central pixel."""
     return float(spread_point(effect)[48, 48, 0])
 
 
 @pytest.mark.parametrize("f_number", [1.0, 2.8, 4.0, 4.9])
-def test_lens_when_left_out_would_leave_the_disc_of_every_point_in_its_pixel(
+def test_lens_when_disabled_would_leave_the_disc_of_every_point_in_its_pixel(
     f_number: float,
 ) -> None:
     effect = make_diffraction(f_number)
@@ -87,15 +87,15 @@ def test_lens_when_left_out_would_leave_the_disc_of_every_point_in_its_pixel(
 
 
 @pytest.mark.parametrize("f_number", [5.0, 5.6, 8.0, 16.0, 32.0])
-def test_lens_when_called_for_spreads_light_farther_than_half_the_threshold(
+def test_lens_when_enabled_spreads_light_farther_than_half_the_threshold(
     f_number: float,
 ) -> None:
     effect = make_diffraction(f_number)
     bound = effect.bound(DAYLIGHT, CAMERA)
     assert bound.value > THRESHOLD
     assert "Airy disc" in bound.reason
-    # Even were all that stays in the pixel spread over it evenly, a square of a quarter of a pixel
-    # around the middle would not hold the disc's light.
+    # Even with the pixel's light spread evenly, a square of a quarter of a pixel around the centre
+    # would have less than the disc's light.
     within_quarter_px = central_pixel_fraction(effect) * (2.0 * 0.25) ** 2
     assert within_quarter_px < IN_DISC
 
@@ -109,21 +109,21 @@ def test_bound_when_wider_than_a_pixel_encloses_the_discs_light(f_number: float)
     enclosed = [
         float(spread_point(effect)[distance <= radius + by, 0].sum()) for by in (-0.71, 0.71)
     ]
-    # Pixels that lie wholly within the ring, and all that it touches.
+    # Pixels wholly within the ring, and all pixels that the ring touches.
     assert enclosed[0] < IN_DISC / (1.0 - truncated_fraction(effect)[0]) < enclosed[1] + 1e-3
 
 
 def test_light_of_a_point_is_kept_in_each_colour_and_red_is_widest() -> None:
-    seen = spread_point(make_diffraction(8.0))
-    np.testing.assert_allclose(seen.sum(axis=(0, 1)), 1.0, rtol=1e-12)
-    assert seen[48, 48, 0] < seen[48, 48, 1] < seen[48, 48, 2]
+    measured = spread_point(make_diffraction(8.0))
+    np.testing.assert_allclose(measured.sum(axis=(0, 1)), 1.0, rtol=1e-12)
+    assert measured[48, 48, 0] < measured[48, 48, 1] < measured[48, 48, 2]
 
 
 def test_summary_behind_the_lens_holds() -> None:
     assert_summary_bounds_effect(make_diffraction(11.0), 2.0)
 
 
-def test_kernel_when_asked_twice_is_the_same_array() -> None:
+def test_kernel_when_computed_twice_is_the_same_array() -> None:
     one, other = (
         make_diffraction(8.0).uniforms(CAMERA, CAPTURE_CONTEXT, lambda: 0.0) for _ in range(2)
     )

@@ -1,4 +1,4 @@
-"""Fog by Koschmieder's law: what comes through, what it adds, and when it can be left out."""
+"""Fog by Koschmieder's law: transmitted light, airlight, and the criterion."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def context_at_range(range_m: Floats | float) -> CaptureContext:
 
 
 def max_grey_level_change(fog: Fog, image: Floats, context: CaptureContext) -> float:
-    """Return by how many grey levels the pixel changes that changes most."""
+    """Largest change of a pixel, grey levels."""
     fogged = fog.apply(image, CAMERA, context)
     return 255.0 * float(np.abs(srgb_from_linear(fogged) - srgb_from_linear(image)).max())
 
 
-def test_light_when_it_comes_from_afar_is_mixed_with_the_fogs() -> None:
-    light = np.where(ON_MIRROR[..., None], (0.9, 0.1, 0.0), 0.0)
-    fogged = Fog(0.5, 0.2, 0.4, 0.6).apply(light, CAMERA, context_at_range(2.0))
+def test_light_when_arriving_from_afar_is_mixed_with_the_fogs() -> None:
+    radiance = np.where(ON_MIRROR[..., None], (0.9, 0.1, 0.0), 0.0)
+    fogged = Fog(0.5, 0.2, 0.4, 0.6).apply(radiance, CAMERA, context_at_range(2.0))
     through = math.exp(-1.0)
     expected = np.array((0.9, 0.1, 0.0)) * through + np.array((0.2, 0.4, 0.6)) * (1.0 - through)
     np.testing.assert_allclose(fogged[48, 48], expected, rtol=1e-12)
 
 
 def test_white_and_black_when_the_eye_loses_contrast_differ_by_5_percent() -> None:
-    # Koschmieder: the range of vision is ln(20) / beta.
+    # Koschmieder: the visibility is ln(20) / beta.
     capture = context_at_range(math.log(20.0) / GREY_FOG.density_per_m)
     white, black = np.ones((*SHAPE, 3)), np.zeros((*SHAPE, 3))
     left = GREY_FOG.apply(white, CAMERA, capture) - GREY_FOG.apply(black, CAMERA, capture)
@@ -54,20 +54,22 @@ def test_nothing_when_it_is_seen_has_the_fogs_own_light() -> None:
 
 def test_pixel_beside_the_mirror_stays_what_it_is() -> None:
     assert not ON_MIRROR.all()
-    light = np.full((*SHAPE, 3), 0.25)  # of several samples one may still see the rim
-    fogged = GREY_FOG.apply(light, CAMERA, context_at_range(math.inf))
+    radiance = np.full((*SHAPE, 3), 0.25)  # one of several samples may still see the rim
+    fogged = GREY_FOG.apply(radiance, CAMERA, context_at_range(math.inf))
     np.testing.assert_array_equal(fogged[~ON_MIRROR], 0.25)
 
 
 def test_air_when_it_is_clear_leaves_even_what_is_endlessly_far() -> None:
-    clear, light = Fog(0.0, 0.5, 0.5, 0.5), make_test_pattern()
-    np.testing.assert_array_equal(clear.apply(light, CAMERA, context_at_range(math.inf)), light)
+    clear, radiance = Fog(0.0, 0.5, 0.5, 0.5), make_test_pattern()
+    np.testing.assert_array_equal(
+        clear.apply(radiance, CAMERA, context_at_range(math.inf)), radiance
+    )
     assert clear.bound(SceneSummary(1.0), CAMERA).value == 0.0
     assert clear.update_summary(SceneSummary(1.0)) == SceneSummary(1.0)
 
 
-# Ranges and densities whose product goes from next to nothing to all, and fogs darker and brighter
-# than what is seen through them.
+# Ranges and densities with optical depths from nearly 0 to opaque, and fogs darker and brighter
+# than the scene.
 CASES = [
     (10.0**step, range_m, airlight, largest)
     for step in range(-5, 1)
@@ -77,20 +79,20 @@ CASES = [
 ]
 
 
-def test_criterion_when_asked_over_a_grid_of_scenes_is_on_the_right_side_each_time() -> None:
+def test_criterion_over_a_grid_of_scenes_is_on_the_right_side_each_time() -> None:
     verdicts = set()
     for density, range_m, airlight, largest in CASES:
         fog = Fog(density, airlight, airlight, airlight)
         bound = fog.bound(SceneSummary(largest, max_distance_m=range_m), CAMERA).value
         capture = context_at_range(np.float64(range_m))
-        # Black, the brightest light, and what lies between them.
-        light = make_test_pattern(largest)
-        light[40:56, 40:48] = 0.0
-        light[40:56, 48:56] = min(largest, 1.0)
-        seen = max_grey_level_change(fog, light, capture)
-        assert seen <= bound * (1.0 + 1e-6) + 1e-9, (density, range_m, airlight, largest)
+        # Black, the brightest radiance, and radiances between.
+        radiance = make_test_pattern(largest)
+        radiance[40:56, 40:48] = 0.0
+        radiance[40:56, 48:56] = min(largest, 1.0)
+        measured = max_grey_level_change(fog, radiance, capture)
+        assert measured <= bound * (1.0 + 1e-6) + 1e-9, (density, range_m, airlight, largest)
         if bound > THRESHOLD:
-            assert seen > 0.5 * THRESHOLD, (density, range_m, airlight, largest)
+            assert measured > 0.5 * THRESHOLD, (density, range_m, airlight, largest)
         verdicts.add(bound > THRESHOLD)
     assert verdicts == {True, False}
 
@@ -112,12 +114,12 @@ def test_summary_when_fog_is_brighter_than_the_scene_says_so(airlight: float) ->
 
 def test_background_when_it_has_the_fogs_own_light_does_not_call_for_thin_fog() -> None:
     thin = Fog(1e-5, 0.5, 0.5, 0.5)
-    for level, is_on in ((0.5, False), (0.4, True)):
+    for level, enabled in ((0.5, False), (0.4, True)):
         summary = SceneSummary(1.0, max_distance_m=9.0, background_radiance=(level,) * 3)
         bound = thin.bound(summary, CAMERA)
-        light = np.full((*SHAPE, 3), level)
-        assert max_grey_level_change(thin, light, context_at_range(math.inf)) <= bound.value
-        assert (bound.value > THRESHOLD) is is_on
+        radiance = np.full((*SHAPE, 3), level)
+        assert max_grey_level_change(thin, radiance, context_at_range(math.inf)) <= bound.value
+        assert (bound.value > THRESHOLD) is enabled
 
 
 def test_background_when_it_is_behind_fog_is_fog() -> None:
@@ -125,7 +127,7 @@ def test_background_when_it_is_behind_fog_is_fog() -> None:
     assert behind.background_radiance == (0.5, 0.5, 0.5)
 
 
-def test_reason_when_asked_for_says_what_the_bound_comes_from() -> None:
+def test_reason_says_what_the_bound_comes_from() -> None:
     assert Fog(0.0, 0.5, 0.5, 0.5).bound(SceneSummary(1.0), CAMERA).reason == "the air is clear"
     dark = SceneSummary(0.5, max_distance_m=0.01, background_radiance=(0.0, 0.0, 0.0))
     assert "background" in GREY_FOG.bound(dark, CAMERA).reason

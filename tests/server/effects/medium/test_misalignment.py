@@ -24,28 +24,28 @@ ORTHOGRAPHIC = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, wid
 MISALIGNMENT = Misalignment(6e-4, -4e-4, 1e-3, 2e-3, 0.0)
 
 
-def test_picture_when_the_camera_stands_where_it_belongs_keeps_every_bit() -> None:
-    light = make_test_pattern(2.0)
-    np.testing.assert_array_equal(Misalignment().apply(light, CAMERA, CAPTURE_CONTEXT), light)
+def test_image_when_the_camera_stands_where_it_belongs_keeps_every_bit() -> None:
+    image = make_test_pattern(2.0)
+    np.testing.assert_array_equal(Misalignment().apply(image, CAMERA, CAPTURE_CONTEXT), image)
     assert Misalignment().bound(SceneSummary(1.0), CAMERA).value == 0.0
 
 
-def test_picture_when_an_orthographic_camera_is_a_pixel_aside_moves_whole() -> None:
+def test_image_when_an_orthographic_camera_is_a_pixel_aside_moves_whole() -> None:
     pixel_m = 0.03 / ORTHOGRAPHIC.horizon_radius_px
-    light = make_test_pattern(2.0, ORTHOGRAPHIC)
-    moved = Misalignment(y_m=-2.0 * pixel_m).apply(light, ORTHOGRAPHIC, CAPTURE_CONTEXT)
-    seen = lookup_offset_map(Misalignment(y_m=-2.0 * pixel_m), ORTHOGRAPHIC)[..., 2] > 0.0
-    # A rounding of float32 of what is read aside is at most 1e-7 px, of light up to 2.
-    np.testing.assert_allclose(moved[:, :-2][seen[:, :-2]], light[:, 2:][seen[:, :-2]], atol=1e-6)
-    assert (moved[~seen] == 0.0).all()
+    image = make_test_pattern(2.0, ORTHOGRAPHIC)
+    moved = Misalignment(y_m=-2.0 * pixel_m).apply(image, ORTHOGRAPHIC, CAPTURE_CONTEXT)
+    valid = lookup_offset_map(Misalignment(y_m=-2.0 * pixel_m), ORTHOGRAPHIC)[..., 2] > 0.0
+    # Offsets are rounded to float32, by at most 1e-7 px, of radiance up to 2.
+    np.testing.assert_allclose(moved[:, :-2][valid[:, :-2]], image[:, 2:][valid[:, :-2]], atol=1e-6)
+    assert (moved[~valid] == 0.0).all()
 
 
-def test_light_when_the_picture_is_even_stays_or_is_lost_at_the_rim() -> None:
+def test_light_when_the_image_is_even_stays_or_is_lost_at_the_rim() -> None:
     even = np.ones((96, 96, 3))
-    seen = MISALIGNMENT.apply(even, CAMERA, CAPTURE_CONTEXT)
-    assert set(np.unique(seen)) == {0.0, 1.0}
-    lost = lookup_offset_map(MISALIGNMENT, CAMERA)[..., 2] == 0.0
-    np.testing.assert_array_equal(seen[..., 0] == 0.0, lost)
+    warped = MISALIGNMENT.apply(even, CAMERA, CAPTURE_CONTEXT)
+    assert set(np.unique(warped)) == {0.0, 1.0}
+    invalid = lookup_offset_map(MISALIGNMENT, CAMERA)[..., 2] == 0.0
+    np.testing.assert_array_equal(warped[..., 0] == 0.0, invalid)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_light_when_the_picture_is_even_stays_or_is_lost_at_the_rim() -> None:
         Misalignment(pitch_rad=1e-3),
     ],
 )
-def test_camera_when_hardly_off_is_left_out(effect: Misalignment) -> None:
+def test_camera_when_hardly_off_is_disabled(effect: Misalignment) -> None:
     assert_displacement_negligible(effect, FRAMED_CAMERA)
 
 
@@ -73,23 +73,23 @@ def test_camera_when_hardly_off_is_left_out(effect: Misalignment) -> None:
         MISALIGNMENT,
     ],
 )
-def test_camera_when_off_is_called_for(effect: Misalignment) -> None:
+def test_camera_when_off_is_enabled(effect: Misalignment) -> None:
     assert_displacement_not_negligible(effect, FRAMED_CAMERA)
 
 
-def test_orthographic_camera_when_farther_away_is_left_out() -> None:
+def test_orthographic_camera_when_farther_away_is_disabled() -> None:
     assert_displacement_negligible(Misalignment(axial_m=0.05), ORTHOGRAPHIC)
 
 
-def test_camera_when_it_no_longer_sees_the_mirror_is_called_for_by_the_whole_picture() -> None:
+def test_camera_when_it_no_longer_sees_the_mirror_is_enabled_by_the_whole_image() -> None:
     camera = make_omni_camera(mirror=HyperbolicMirror(11.546, 0.01), width_px=48)
-    lost = Misalignment(0.02, 0.02, -0.05)
-    assert not lookup_offset_map(lost, camera)[..., 2].any()
-    assert lost.bound(SceneSummary(1.0), camera).value == pytest.approx(48.0 * 2.0**0.5)
-    assert not lost.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
+    far_off = Misalignment(0.02, 0.02, -0.05)
+    assert not lookup_offset_map(far_off, camera)[..., 2].any()
+    assert far_off.bound(SceneSummary(1.0), camera).value == pytest.approx(48.0 * 2.0**0.5)
+    assert not far_off.apply(np.ones((48, 48, 3)), camera, CAPTURE_CONTEXT).any()
 
 
-def test_map_when_asked_again_is_the_same_array_so_that_it_is_sent_once() -> None:
+def test_map_when_computed_again_is_the_same_array_so_that_it_is_sent_once() -> None:
     uploaded = MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
     assert uploaded is MISALIGNMENT.uniforms(CAMERA, CAPTURE_CONTEXT, float)["displacement_px"]
     assert uploaded.shape == (96, 96, 3)

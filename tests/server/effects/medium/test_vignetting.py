@@ -23,19 +23,19 @@ from helpers.worlds import make_omni_camera
 
 def test_white_when_darkened_loses_13_linear_levels_at_the_papers_rim() -> None:
     tangent = CAMERA.rim_radius_px * inverse_focal_length(CAMERA)
-    # 85 mm of mirror seen from 2 x 0.2321 m: 13.4 of 255.
+    # A mirror of 85 mm at twice 0.2321 m: 13.4 of 255.
     assert 255.0 * (1.0 - math.cos(math.atan(tangent)) ** 4) == pytest.approx(13.4, abs=0.06)
 
 
 def test_axis_when_a_pixel_is_there_keeps_its_light() -> None:
     camera = make_omni_camera(width_px=97)
     assert cosine_fourth_map(camera)[48, 48, 0] == 1.0
-    light = np.ones((97, 97, 3))
-    np.testing.assert_array_equal(Vignetting().apply(light, camera, CAPTURE_CONTEXT)[48, 48], 1.0)
+    image = np.ones((97, 97, 3))
+    np.testing.assert_array_equal(Vignetting().apply(image, camera, CAPTURE_CONTEXT)[48, 48], 1.0)
 
 
 def test_darkening_follows_the_angle_of_the_ray_to_the_mirrors_point() -> None:
-    # A point of the mirror, seen from the pinhole: no focal length comes in.
+    # From a point of the mirror and the pinhole alone, without a focal length.
     t = np.array(0.7 * CAMERA.rim_t)
     r, z = CAMERA.mirror.surface_point(t)
     psi = math.atan2(float(r), CAMERA.mirror.pinhole_distance_m - float(z))
@@ -43,15 +43,15 @@ def test_darkening_follows_the_angle_of_the_ray_to_the_mirrors_point() -> None:
     assert math.atan(radius_px * inverse_focal_length(CAMERA)) == pytest.approx(psi, rel=1e-12)
 
 
-def test_orthographic_camera_when_criterion_is_asked_has_no_vignetting() -> None:
+def test_orthographic_camera_has_no_vignetting() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
     assert_effect_negligible(Vignetting(), camera=camera)
 
 
-def test_narrow_rim_when_criterion_is_asked_is_left_out() -> None:
+def test_narrow_rim_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(Vignetting(), camera=make_omni_camera(width_px=96, rim_deg=28.0))
 
 
-def test_papers_rim_when_criterion_is_asked_is_called_for() -> None:
+def test_papers_rim_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(Vignetting())
     assert_summary_bounds_effect(Vignetting(), 3.0)

@@ -34,16 +34,16 @@ PAPER = make_omni_camera(width_px=360)
 ON_MIRROR = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA))[1]
 
 
-def test_picture_in_a_clean_mirror_keeps_every_bit() -> None:
-    light = make_test_pattern(2.0)
-    np.testing.assert_array_equal(CLEAN.apply(light, CAMERA, CAPTURE_CONTEXT), light)
+def test_image_in_a_clean_mirror_keeps_every_bit() -> None:
+    image = make_test_pattern(2.0)
+    np.testing.assert_array_equal(CLEAN.apply(image, CAMERA, CAPTURE_CONTEXT), image)
 
 
 def test_pixel_when_nothing_lies_on_it_keeps_every_bit() -> None:
-    light = make_test_pattern(2.0)
+    image = make_test_pattern(2.0)
     bare = coverage_map(DUST, CAMERA, CAPTURE_CONTEXT.noise_seed.camera_key)[..., 0] == 0.0
     assert 0.1 < bare.mean() < 0.99
-    np.testing.assert_array_equal(DUST.apply(light, CAMERA, CAPTURE_CONTEXT)[bare], light[bare])
+    np.testing.assert_array_equal(DUST.apply(image, CAMERA, CAPTURE_CONTEXT)[bare], image[bare])
 
 
 def test_light_when_the_scene_is_even_and_dust_is_white_stays() -> None:
@@ -52,30 +52,32 @@ def test_light_when_the_scene_is_even_and_dust_is_white_stays() -> None:
     np.testing.assert_allclose(white.apply(even, CAMERA, CAPTURE_CONTEXT), even, atol=1e-12)
 
 
-def test_light_when_dust_is_black_is_lost_by_what_it_covers() -> None:
+def test_light_when_dust_is_black_is_lost_by_coverage() -> None:
     even = np.ones((96, 96, 3)) * ON_MIRROR
-    lost = even - replace(DUST, albedo=0.0).apply(even, CAMERA, CAPTURE_CONTEXT)
+    loss = even - replace(DUST, albedo=0.0).apply(even, CAMERA, CAPTURE_CONTEXT)
     covered = coverage_map(replace(DUST, albedo=0.0), CAMERA, CAPTURE_CONTEXT.noise_seed.camera_key)
-    np.testing.assert_allclose(lost, np.repeat(covered, 3, axis=-1), atol=1e-12)
+    np.testing.assert_allclose(loss, np.repeat(covered, 3, axis=-1), atol=1e-12)
 
 
 @pytest.mark.parametrize("f_number", [2.0, 4.0, 16.0])
 @pytest.mark.parametrize("diameter_m", [5e-5, 2e-4, 5e-4])
-def test_share_of_the_surface_that_is_covered_is_the_wished_one(
+def test_fraction_of_the_surface_that_is_covered_is_the_configured_one(
     f_number: float, diameter_m: float
 ) -> None:
     marks = Contaminants(0.005, diameter_m, 0, 0.02, 5e-5)
     dust = MirrorDust(marks, 0.3, Aperture(f_number, 7.4e-6, 0.0))
-    chart = mirror_surface_table(PAPER)
+    surface_table = mirror_surface_table(PAPER)
     radius = np.hypot(*np.moveaxis(pixel_sample_positions(PAPER)[:, :, 0] - PAPER.centre_px, -1, 0))
-    _, along, across = chart.interpolate(np.interp(radius, chart.image_radius_px, chart.r_m))
-    surface = (radius <= PAPER.rim_radius_px) / (along * across)
+    _, radial, tangential = surface_table.interpolate(
+        np.interp(radius, surface_table.image_radius_px, surface_table.r_m)
+    )
+    surface = (radius <= PAPER.rim_radius_px) / (radial * tangential)
     covered = coverage_map(dust, PAPER, (8, 9))[..., 0]
-    # Grains overlap by some hundredths of their share, and reach over the rim.
+    # Particles overlap by some hundredths of their coverage, and reach over the rim.
     assert (covered * surface).sum() / surface.sum() == pytest.approx(0.005, rel=0.05)
 
 
-def test_marks_when_the_lens_is_open_are_blurred_and_keep_their_light() -> None:
+def test_contaminants_when_the_lens_is_open_are_blurred_and_keep_their_light() -> None:
     sharp, soft = (
         coverage_map(MirrorDust(WITHOUT_SCRATCHES, 0.3, lens), PAPER, (1, 2))
         for lens in (PINHOLE, replace(LENS, f_number=2.0))
@@ -85,15 +87,15 @@ def test_marks_when_the_lens_is_open_are_blurred_and_keep_their_light() -> None:
     assert soft.sum() == pytest.approx(sharp.sum(), rel=0.02)
 
 
-def test_marks_stay_where_they_are_in_every_exposure_and_differ_between_cameras() -> None:
-    light = make_test_pattern(1.0)
+def test_contaminants_stay_where_they_are_in_every_exposure_and_differ_between_cameras() -> None:
+    image = make_test_pattern(1.0)
     later = replace(
         CAPTURE_CONTEXT, noise_seed=NoiseSeed(CAPTURE_CONTEXT.noise_seed.camera_key, 77)
     )
     other = replace(CAPTURE_CONTEXT, noise_seed=NoiseSeed((1, 1), CAPTURE_CONTEXT.noise_seed.tick))
-    now = DUST.apply(light, CAMERA, CAPTURE_CONTEXT)
-    np.testing.assert_array_equal(now, DUST.apply(light, CAMERA, later))
-    assert np.abs(now - DUST.apply(light, CAMERA, other)).max() > 0.01
+    now = DUST.apply(image, CAMERA, CAPTURE_CONTEXT)
+    np.testing.assert_array_equal(now, DUST.apply(image, CAMERA, later))
+    assert np.abs(now - DUST.apply(image, CAMERA, other)).max() > 0.01
 
 
 GRID = [
@@ -106,14 +108,12 @@ GRID = [
 
 @pytest.mark.parametrize("lens", [LENS, PINHOLE, replace(LENS, f_number=1.4)])
 @pytest.mark.parametrize("marks", GRID)
-def test_most_that_can_be_covered_is_covered_by_no_camera_s_marks(
-    marks: Contaminants, lens: Aperture
-) -> None:
+def test_maximum_coverage_is_exceeded_by_no_camera(marks: Contaminants, lens: Aperture) -> None:
     dust = MirrorDust(marks, 0.3, lens)
-    most = max_coverage(dust, CAMERA)
+    maximum = max_coverage(dust, CAMERA)
     reached = max(float(coverage_map(dust, CAMERA, (key, 5)).max()) for key in range(4))
-    # Strictly, so that it was not cut to it.
-    assert reached < most or most in (0.0, 1.0)
+    # Strictly: a map that was cut at the maximum would reach it.
+    assert reached < maximum or maximum in (0.0, 1.0)
     assert reached <= 1.0
 
 
@@ -135,11 +135,11 @@ def test_bound_when_anything_lies_on_the_mirror_holds(marks: Contaminants, large
         MirrorDust(Contaminants(0.0, 2e-4, 1, 0.02, 1e-7), 0.0, LENS),
     ],
 )
-def test_mirror_when_nearly_clean_is_left_out(dust: MirrorDust) -> None:
+def test_mirror_when_nearly_clean_is_disabled(dust: MirrorDust) -> None:
     assert_effect_negligible(dust)
 
 
-def test_dust_when_the_night_is_dark_is_left_out() -> None:
+def test_dust_when_the_night_is_dark_is_disabled() -> None:
     assert_effect_negligible(DUST, max_radiance=1e-4)
 
 
@@ -153,11 +153,11 @@ def test_dust_when_the_night_is_dark_is_left_out() -> None:
     ],
 )
 @pytest.mark.parametrize("albedo", [0.0, 0.3])
-def test_mirror_when_dusty_or_scratched_is_called_for(marks: Contaminants, albedo: float) -> None:
+def test_mirror_when_dusty_or_scratched_is_enabled(marks: Contaminants, albedo: float) -> None:
     assert_effect_not_negligible(MirrorDust(marks, albedo, LENS))
 
 
-def test_orthographic_camera_s_mirror_when_dusty_is_called_for() -> None:
+def test_orthographic_camera_s_mirror_when_dusty_is_enabled() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0, width_px=96)
     assert_effect_not_negligible(DUST, camera=camera)
 

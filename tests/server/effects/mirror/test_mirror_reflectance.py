@@ -25,15 +25,17 @@ ANGLES = np.radians([0.0, 10.0, 45.0, 65.0, 80.0, 89.9])
 
 
 def reflectance_in_reals(angle: float, n: float, k: float) -> float:
-    """Return Fresnel's reflectance in real numbers: a + ib, the index along the normal inside."""
+    """Fresnel's reflectance in real numbers: a + ib is the index along the inner normal."""
     sine2, cosine = math.sin(angle) ** 2, math.cos(angle)
     real = n**2 - k**2 - sine2
     root = math.hypot(real, 2.0 * n * k)
     a, whole = math.sqrt(0.5 * (root + real)), root
-    across = (whole - 2 * a * cosine + cosine**2) / (whole + 2 * a * cosine + cosine**2)
+    s_polarized = (whole - 2 * a * cosine + cosine**2) / (whole + 2 * a * cosine + cosine**2)
     slant = math.sin(angle) * math.tan(angle)
-    along = across * (whole - 2 * a * slant + slant**2) / (whole + 2 * a * slant + slant**2)
-    return 0.5 * (across + along)
+    p_polarized = (
+        s_polarized * (whole - 2 * a * slant + slant**2) / (whole + 2 * a * slant + slant**2)
+    )
+    return 0.5 * (s_polarized + p_polarized)
 
 
 @pytest.mark.parametrize(("n", "k"), [(0.96, 6.7), (2.8, 3.4), (1.5, 0.0)])
@@ -59,16 +61,16 @@ def test_mirror_when_met_at_its_rim_is_met_at_half_the_sum_of_both_angles() -> N
 
 
 def test_centre_when_light_meets_it_straight_keeps_its_light() -> None:
-    light = np.ones((97, 97, 3))
-    behind = STEEL.apply(light, make_omni_camera(width_px=97), CAPTURE_CONTEXT)
+    image = np.ones((97, 97, 3))
+    behind = STEEL.apply(image, make_omni_camera(width_px=97), CAPTURE_CONTEXT)
     np.testing.assert_allclose(behind[48, 48], 1.0, rtol=1e-12)
 
 
-def test_straight_light_when_criterion_is_asked_is_left_out() -> None:
+def test_straight_light_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(STEEL, camera=make_omni_camera(width_px=96, rim_deg=40.0))
 
 
-def test_steel_when_criterion_is_asked_is_called_for() -> None:
+def test_steel_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(STEEL)
     assert_summary_bounds_effect(STEEL, 2.0)
     assert_summary_bounds_effect(ALUMINIUM, 2.0)

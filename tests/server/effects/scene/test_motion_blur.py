@@ -1,4 +1,4 @@
-"""How wide points are spread is told by the camera law, while the shutter is open."""
+"""Bound of motion blur against the spread of points by the camera model during an exposure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THRESHOLD_PX = 0.5
 
 
 def max_blur_px(twist: Twist, range_m: float) -> float:
-    """Return how wide the point is spread that is spread most, by the camera law."""
+    """Largest spread of a point by the camera model, px."""
     half = 0.5 * BLUR.exposure_s
     ways = [displacements_px(CAMERA, twist, np.array(range_m), np.array(t)) for t in (-half, half)]
     return float(np.nanmax(np.linalg.norm(ways[1] - ways[0], axis=-1)))
@@ -29,13 +29,13 @@ def max_blur_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.02, 0.1, 0.13, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 2.0, 10.0, 60.0])
 @pytest.mark.parametrize("range_m", [0.4, 2.0])
-def test_criterion_when_a_robot_moves_is_a_bound_and_calls_for_what_is_seen(
+def test_criterion_when_a_robot_moves_is_a_bound_and_enables_what_is_seen(
     speed_m_s: float, turn_deg_s: float, range_m: float
 ) -> None:
     twist = Twist((speed_m_s, 0.0, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))
     bound = BLUR.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     widest = max_blur_px(twist, range_m)
-    # A way is longer than its speed by what changes on the way: a thousandth at 2 m/s.
+    # Displacement exceeds speed times duration, since the speed changes: by 1e-3 at 2 m/s.
     assert widest <= bound.value * 1.01
     if bound.value > THRESHOLD_PX:
         assert widest > 0.5 * THRESHOLD_PX
@@ -58,11 +58,11 @@ def test_robot_when_it_stands_is_not_blurred() -> None:
     assert BLUR.bound(SceneSummary(1.0, (0.1,) * NUM_RINGS), CAMERA).value == 0.0
 
 
-def test_blur_changes_how_often_is_drawn_not_the_picture() -> None:
+def test_blur_changes_the_number_of_renderings_not_the_image() -> None:
     assert is_scene_effect(BLUR)
 
 
-def test_larger_picture_when_criterion_is_asked_has_a_larger_bound() -> None:
+def test_larger_image_has_a_larger_bound() -> None:
     summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0)))
     small, large = (
         BLUR.bound(summary, make_omni_camera(width_px=width)).value for width in (96, 192)

@@ -1,4 +1,4 @@
-"""How far rows are carried is told by the law: from the pose to when each row is exposed."""
+"""Bound of a rolling shutter against the displacement by the camera model until each exposure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ THRESHOLD_PX = 0.5
 
 
 def max_displacement_px(twist: Twist, range_m: float) -> float:
-    """Return how far the pixel is carried that is carried most, by the camera law."""
+    """Largest displacement of a pixel by the camera model, px."""
     rows = (np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5
     ways = displacements_px(CAMERA, twist, np.array(range_m), (SHUTTER.readout_s * rows)[:, None])
     return float(np.nanmax(np.linalg.norm(ways, axis=-1)))
@@ -30,20 +30,20 @@ def max_displacement_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 10.0, 60.0, 150.0])
 @pytest.mark.parametrize("range_m", [0.3, 1.5])
-def test_criterion_when_a_robot_moves_is_a_bound_and_calls_for_what_is_seen(
+def test_criterion_when_a_robot_moves_is_a_bound_and_enables_what_is_seen(
     speed_m_s: float, turn_deg_s: float, range_m: float
 ) -> None:
     twist = Twist((0.0, speed_m_s, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))
     bound = SHUTTER.bound(SceneSummary(1.0, (range_m,) * NUM_RINGS, scene_twist=twist), CAMERA)
     carried = max_displacement_px(twist, range_m)
-    # A way is longer than its speed by what changes on the way.
+    # Displacement exceeds speed times duration, since the speed changes.
     assert carried <= bound.value * 1.02
     if bound.value > THRESHOLD_PX:
         assert carried > 0.5 * THRESHOLD_PX
         assert bound.reason
 
 
-def test_wide_picture_when_criterion_is_asked_counts_the_rows_of_the_mirror() -> None:
+def test_wide_image_counts_the_rows_of_the_mirror() -> None:
     turn = SceneSummary(1.0, scene_twist=Twist(angular_rad_s=(0.0, 0.0, 1.0)))
     tall = replace(CAMERA, height_px=192, centre_px=(48.0, 96.0))
     aside = replace(CAMERA, height_px=192, centre_px=(48.0, 48.0))
@@ -52,18 +52,18 @@ def test_wide_picture_when_criterion_is_asked_counts_the_rows_of_the_mirror() ->
     assert SHUTTER.bound(turn, aside).value == pytest.approx(full)
 
 
-def test_global_shutter_when_criterion_is_asked_is_left_out() -> None:
+def test_global_shutter_is_disabled_by_the_criterion() -> None:
     ccd = RollingShutter(0.0)
     fast = SceneSummary(1.0, (0.1,) * NUM_RINGS, scene_twist=Twist((9.0, 0.0, 0.0)))
     assert ccd.bound(fast, CAMERA).value == 0.0
     assert ccd.bound(fast, CAMERA).reason == "a global shutter"
 
 
-def test_shutter_changes_how_often_is_drawn_not_the_picture() -> None:
+def test_shutter_changes_the_number_of_renderings_not_the_image() -> None:
     assert is_scene_effect(SHUTTER)
 
 
-def test_larger_picture_when_criterion_is_asked_has_a_larger_bound() -> None:
+def test_larger_image_has_a_larger_bound() -> None:
     summary = SceneSummary(1.0, (1.0,) * NUM_RINGS, scene_twist=Twist((0.5, 0.0, 0.0)))
     small, large = (
         SHUTTER.bound(summary, make_omni_camera(width_px=width)).value for width in (96, 192)

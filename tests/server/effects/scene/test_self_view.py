@@ -26,7 +26,7 @@ def bound_for_angle(angle_deg: float) -> float:
     return SelfView().bound(summary, CAMERA).value
 
 
-def test_bound_when_a_robot_is_seen_is_the_image_radius_that_it_reaches() -> None:
+def test_bound_when_a_robot_is_in_view_is_the_image_radius_that_it_reaches() -> None:
     angle = math.radians(47.0)
     pixel, _ = pixel_from_direction(CAMERA, np.array((math.sin(angle), 0.0, math.cos(angle))))
     assert bound_for_angle(47.0) == pytest.approx(math.dist(pixel, CAMERA.centre_px), rel=1e-12)
@@ -37,7 +37,7 @@ def test_bound_when_a_robot_reaches_beyond_the_rim_ends_there() -> None:
 
 
 @pytest.mark.parametrize(("angle_deg", "is_on"), [(0.0, False), (0.5, False), (6.0, True)])
-def test_robot_when_it_is_less_than_the_threshold_is_left_out(
+def test_robot_when_it_is_less_than_the_threshold_is_disabled(
     angle_deg: float, is_on: bool
 ) -> None:
     summary = SceneSummary(1.0, ego_body_max_angle_rad=math.radians(angle_deg))
@@ -59,6 +59,6 @@ def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass
     assert behind.min_distances_m == scene, "what moves against the camera is no nearer than before"
 
 
-def test_own_body_changes_the_scene_and_not_the_picture() -> None:
+def test_self_view_changes_the_scene_and_not_the_image() -> None:
     effect: Effect = SelfView()
     assert is_scene_effect(effect)

@@ -45,9 +45,9 @@ from helpers.worlds import make_plan
 
 AUTO = EffectSettings((EffectSetting(Shadows(), EffectMode.AUTO),))
 VIEW = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
-# Its shadows fall towards the camera.
+# Shadows fall towards the camera.
 BOX_ON_FLOOR = box_item(-0.7, 0.2, -0.3, (0.3, 0.2, 0.6))
-BODY = DynamicObject(
+MOVING_BOX = DynamicObject(
     build_object_mesh([(box(Box((0.3, 0.3, 0.5))), GREY)]),
     Pose.from_rpy((-0.8, 0.3, -0.25), (0, 0, 0.2)),
 )
@@ -67,15 +67,15 @@ def lamp_world(intensity: float) -> World:
     return world_with_lights(PointLight((-1.4, 0.3, -1.3), (intensity,) * 3))
 
 
-def bound_and_measured_change(world: World, *bodies: DynamicObject) -> tuple[float, float]:
-    """Return the bound of a world, and by how much shadows change the pixel that changes most."""
+def bound_and_measured_change(world: World, *objects: DynamicObject) -> tuple[float, float]:
+    """Bound of a world, and the largest change of a pixel by shadows, grey levels."""
     scene = build_scene(world)
     renderer = TraceRenderer(scene, world, threads=2)
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
-    exposure = CameraState(VIEW, bodies)
+    exposure = CameraState(VIEW, objects)
     bound = Shadows().bound(SceneSummarizer(scene, world).summarize(exposure, CAMERA), CAMERA)
-    forced = dataclasses.replace(exposure, has_shadows=True)
-    without, with_them = (view.render_linear(e) for e in (exposure, forced))
+    shadowed = dataclasses.replace(exposure, has_shadows=True)
+    without, with_them = (view.render_linear(e) for e in (exposure, shadowed))
     renderer.close()
     change = 255.0 * np.abs(srgb_from_linear(with_them) - srgb_from_linear(without)).max()
     return bound.value, float(change)
@@ -97,12 +97,12 @@ WORLDS_WITHOUT_SHADOWS = {
 
 
 @pytest.mark.parametrize("name", WORLDS_WITHOUT_SHADOWS)
-def test_shadows_when_left_out_would_have_changed_no_pixel_by_more_than_the_threshold(
+def test_shadows_when_disabled_would_have_changed_no_pixel_by_more_than_the_threshold(
     name: str,
 ) -> None:
     bound, change = bound_and_measured_change(WORLDS_WITHOUT_SHADOWS[name])
     assert bound <= 0.5
-    # Light is stored in 21 bits.
+    # Trace stores radiance in 21 bits.
     assert change <= max(bound, 0.01)
 
 
@@ -124,25 +124,25 @@ WORLDS_WITH_SHADOWS = {
 
 
 @pytest.mark.parametrize("name", WORLDS_WITH_SHADOWS)
-def test_shadows_when_called_for_change_a_pixel_by_more_than_half_the_threshold(name: str) -> None:
+def test_shadows_when_enabled_change_a_pixel_by_more_than_half_the_threshold(name: str) -> None:
     bound, change = bound_and_measured_change(WORLDS_WITH_SHADOWS[name])
     assert bound > 0.5
     assert 0.25 < change <= bound + 0.01
 
 
-def test_body_when_it_comes_calls_for_shadows() -> None:
-    bound, change = bound_and_measured_change(make_world(floor_item()), BODY)
+def test_object_when_arriving_enables_shadows() -> None:
+    bound, change = bound_and_measured_change(make_world(floor_item()), MOVING_BOX)
     assert bound > 0.5
     assert 0.25 < change <= bound
 
 
-def test_shadows_change_the_scene_not_the_picture() -> None:
+def test_shadows_change_the_scene_not_the_image() -> None:
     assert is_scene_effect(Shadows())
     plan = plan_effects(AUTO, SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.1, 0.2)), CAMERA)
     assert plan.scene_effects == (Shadows(),)
 
 
-def test_reason_when_told_says_how_much_light_can_be_hidden_or_why_none() -> None:
+def test_reason_says_how_much_light_can_be_hidden_or_why_none() -> None:
     reason = (
         Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
     )

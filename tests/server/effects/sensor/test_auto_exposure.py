@@ -25,9 +25,9 @@ DEFAULT_AUTO_EXPOSURE = AutoExposure(0.18, 0.1, 10.0)
 def test_mean_when_the_gain_suffices_is_the_target(largest: float) -> None:
     behind = DEFAULT_AUTO_EXPOSURE.apply(make_test_pattern(largest), CAMERA, CAPTURE_CONTEXT)
     rim = make_test_pattern().any(axis=-1)
-    seen = behind.sum(axis=(0, 1)) @ LUMINANCE_WEIGHTS / count_mirror_pixels(CAMERA)
+    measured = behind.sum(axis=(0, 1)) @ LUMINANCE_WEIGHTS / count_mirror_pixels(CAMERA)
     assert rim.sum() <= count_mirror_pixels(CAMERA)
-    assert seen == pytest.approx(0.18, rel=1e-12)
+    assert measured == pytest.approx(0.18, rel=1e-12)
 
 
 @pytest.mark.parametrize(("largest", "gain"), [(1e-3, 10.0), (100.0, 0.1), (0.0, 10.0)])
@@ -42,10 +42,10 @@ def test_gain_when_light_is_float32_is_that_of_float64() -> None:
     assert single == pytest.approx(mean_luminance(make_test_pattern(), CAMERA), rel=1e-6)
 
 
-def test_pinned_gain_when_criterion_is_asked_is_left_out() -> None:
+def test_pinned_gain_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(AutoExposure(0.18, 0.9995, 1.0005))
 
 
-def test_free_gain_when_criterion_is_asked_is_called_for() -> None:
+def test_free_gain_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(DEFAULT_AUTO_EXPOSURE)
     assert_summary_bounds_effect(DEFAULT_AUTO_EXPOSURE, 2.0)

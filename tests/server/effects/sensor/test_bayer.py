@@ -46,10 +46,10 @@ def test_measured_colour_when_demosaiced_is_kept() -> None:
     np.testing.assert_array_equal(mosaic(demosaic(light)), mosaic(light))
 
 
-def test_night_when_criterion_is_asked_is_left_out() -> None:
+def test_night_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(Bayer(), 1e-4)
 
 
-def test_day_when_criterion_is_asked_is_called_for() -> None:
+def test_day_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(Bayer())
     assert_summary_bounds_effect(Bayer(), 2.0)

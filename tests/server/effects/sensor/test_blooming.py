@@ -16,33 +16,33 @@ BLOOMING = Blooming(0.3, 5.0)
 
 
 def bloom_row(row: int) -> np.ndarray[tuple[int, int, int]]:
-    light = np.zeros((20, 7, 3))
-    light[row, 3] = (4.0, 1.0, 0.5)
-    return BLOOMING.apply(light, CAMERA, CAPTURE_CONTEXT)
+    image = np.zeros((20, 7, 3))
+    image[row, 3] = (4.0, 1.0, 0.5)
+    return BLOOMING.apply(image, CAMERA, CAPTURE_CONTEXT)
 
 
-def test_charge_when_it_runs_over_is_the_share_of_what_a_well_cannot_hold() -> None:
-    gained = bloom_row(10) - np.where(bloom_row(10) >= 4.0, 4.0, 0.0)
-    assert gained[..., 0].sum() == pytest.approx(0.3 * 3.0)
+def test_charge_when_it_overflows_is_the_fraction_of_the_excess_charge() -> None:
+    overflow = bloom_row(10) - np.where(bloom_row(10) >= 4.0, 4.0, 0.0)
+    assert overflow[..., 0].sum() == pytest.approx(0.3 * 3.0)
 
 
-def test_charge_when_it_runs_over_stays_in_its_column_and_colour() -> None:
+def test_charge_when_it_overflows_stays_in_its_column_and_colour() -> None:
     red = bloom_row(10)[..., 0]
     assert set(np.flatnonzero(red.any(axis=0))) == {3}
     assert list(np.flatnonzero(red[:, 3])) == list(range(5, 16))
     assert bloom_row(10)[9, 3, 1] == bloom_row(10)[9, 3, 2] == 0.0
 
 
-def test_charge_when_it_leaves_the_picture_is_gone() -> None:
+def test_charge_when_it_leaves_the_image_is_gone() -> None:
     assert bloom_row(0)[1:, 3, 0].sum() == pytest.approx(0.5 * 0.3 * 3.0)
 
 
-def test_dim_scene_when_criterion_is_asked_is_left_out() -> None:
+def test_dim_scene_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(BLOOMING, 1.0)
-    light = np.random.default_rng(1).uniform(0.0, 1.0, (20, 7, 3))
-    np.testing.assert_array_equal(BLOOMING.apply(light, CAMERA, CAPTURE_CONTEXT), light)
+    image = np.random.default_rng(1).uniform(0.0, 1.0, (20, 7, 3))
+    np.testing.assert_array_equal(BLOOMING.apply(image, CAMERA, CAPTURE_CONTEXT), image)
 
 
-def test_bright_scene_when_criterion_is_asked_is_called_for() -> None:
+def test_bright_scene_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(BLOOMING, 3.0)
     assert_summary_bounds_effect(BLOOMING, 3.0)

@@ -23,16 +23,16 @@ def test_light_when_the_shutter_is_open_longer_grows_with_the_time() -> None:
     )
 
 
-def test_white_time_when_criterion_is_asked_is_left_out() -> None:
+def test_white_time_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(Exposure(0.02, 0.02))
     assert_effect_negligible(Exposure(0.02005, 0.02))
 
 
-def test_other_time_when_criterion_is_asked_is_called_for() -> None:
+def test_other_time_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(LONG_EXPOSURE)
     assert_effect_not_negligible(Exposure(0.005, 0.02))
     assert_summary_bounds_effect(LONG_EXPOSURE, 2.0)
 
 
-def test_night_when_criterion_is_asked_needs_no_exposure() -> None:
+def test_night_needs_no_exposure() -> None:
     assert_effect_negligible(LONG_EXPOSURE, 1e-5)

@@ -46,10 +46,10 @@ def test_pattern_of_another_camera_is_another_one() -> None:
     assert abs(np.corrcoef(mine.ravel(), other.ravel())[0, 1]) < 0.02
 
 
-def test_even_sensor_when_criterion_is_asked_is_left_out() -> None:
+def test_even_sensor_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(FixedPattern(1e-4, 0.1, 18000.0))
 
 
-def test_uneven_sensor_when_criterion_is_asked_is_called_for() -> None:
+def test_uneven_sensor_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(SENSOR)
     assert_summary_bounds_effect(SENSOR, 1.5)

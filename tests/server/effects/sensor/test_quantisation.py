@@ -14,15 +14,15 @@ from helpers.effect_measurement import (
 
 
 def test_light_when_converted_is_a_whole_code_at_most_half_a_step_away() -> None:
-    light = np.linspace(-0.05, 1.0, 3000).reshape(10, 100, 3)
-    codes = 1023.0 * Quantisation(10).apply(light, CAMERA, CAPTURE_CONTEXT)
+    image = np.linspace(-0.05, 1.0, 3000).reshape(10, 100, 3)
+    codes = 1023.0 * Quantisation(10).apply(image, CAMERA, CAPTURE_CONTEXT)
     np.testing.assert_allclose(codes, np.rint(codes), atol=1e-9)
-    assert np.abs(codes - 1023.0 * light).max() <= 0.5 + 1e-9
+    assert np.abs(codes - 1023.0 * image).max() <= 0.5 + 1e-9
 
 
 def test_error_when_light_is_anything_has_the_variance_of_a_twelfth() -> None:
-    light = np.random.default_rng(2).uniform(0.0, 1.0, (200, 200, 3))
-    error = 255.0 * (Quantisation(8).apply(light, CAMERA, CAPTURE_CONTEXT) - light)
+    image = np.random.default_rng(2).uniform(0.0, 1.0, (200, 200, 3))
+    error = 255.0 * (Quantisation(8).apply(image, CAMERA, CAPTURE_CONTEXT) - image)
     assert error.var() == pytest.approx(1.0 / 12.0, rel=0.02)
 
 
@@ -30,10 +30,10 @@ def test_light_when_beyond_white_is_white() -> None:
     assert Quantisation(8).apply(np.full((2, 2, 3), 7.0), CAMERA, CAPTURE_CONTEXT).max() == 1.0
 
 
-def test_twelve_bits_when_criterion_is_asked_are_left_out() -> None:
+def test_twelve_bits_are_disabled_by_the_criterion() -> None:
     assert_effect_negligible(Quantisation(12))
 
 
-def test_eight_bits_when_criterion_is_asked_are_called_for() -> None:
+def test_eight_bits_are_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(Quantisation(8))
     assert_summary_bounds_effect(Quantisation(8), 2.0)

@@ -48,10 +48,10 @@ def test_well_when_full_is_not_exceeded_and_the_dark_is_silent() -> None:
     assert not measure_flat_field(0.0).any()
 
 
-def test_enormous_well_when_criterion_is_asked_is_left_out() -> None:
+def test_enormous_well_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(ShotNoise(1e8))
 
 
-def test_usual_well_when_criterion_is_asked_is_called_for() -> None:
+def test_usual_well_is_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(SENSOR)
     assert_summary_bounds_effect(SENSOR)

@@ -24,12 +24,12 @@ def test_white_when_clipped_before_takes_on_the_gains() -> None:
     np.testing.assert_allclose(behind[0, 0], (1.6, 1.0, 0.7), rtol=1e-15)
 
 
-def test_neutral_gains_when_criterion_is_asked_are_left_out() -> None:
+def test_neutral_gains_are_disabled_by_the_criterion() -> None:
     assert_effect_negligible(WhiteBalance(1.002, 0.999))
     assert_effect_negligible(WhiteBalance(1.0, 1.0), 5.0)
 
 
-def test_warm_gains_when_criterion_is_asked_are_called_for() -> None:
+def test_warm_gains_are_enabled_by_the_criterion() -> None:
     assert_effect_not_negligible(WARM_BALANCE)
     assert_effect_not_negligible(WhiteBalance(1.0, 1.01))
     assert_summary_bounds_effect(WARM_BALANCE, 2.0)
