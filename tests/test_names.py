@@ -1,4 +1,4 @@
-"""Names of the sources: one class, one module, one meaning; functions are verbs, not participles."""
+"""Names of the sources: a class once, a module once, functions by verbs instead of participles."""
 
 from __future__ import annotations
 
