@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import cycle
 
-from driving import drive_path
+from drive_path import drive_path
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
@@ -97,7 +97,7 @@ def find_required_effects() -> frozenset[str]:
         "trace", 1, negligible_settings(frozenset()), iter(drive_path("field", 40))
     )
     decisions = (one for _ in range(40) for one in frames().effects)  # type: ignore[attr-defined]
-    return frozenset(one.effect for one in decisions if one.is_on)
+    return frozenset(one.effect for one in decisions if one.enabled)
 
 
 def main() -> None:

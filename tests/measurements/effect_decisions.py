@@ -16,8 +16,8 @@ import statistics
 import time
 from collections.abc import Sequence
 
-from driving import drive_path
-from effects import default_settings
+from drive_path import drive_path
+from effect_costs import default_settings
 from scenes import CORRIDOR, make_camera, make_worlds_with_million_triangles
 
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
