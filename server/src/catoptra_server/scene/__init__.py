@@ -1,1 +1,5 @@
-"""What is in the world: descriptions, and the triangles made of them. Knows no renderer."""
+"""The world as data: descriptions of shapes, lights and landmarks, and the triangles made of them.
+
+From description to triangles: `world_description`, `primitives` and `mesh_files` for single shapes,
+`scene_mesh` for the static world, `dynamic_object` for robots. No module here knows a renderer.
+"""

@@ -1,7 +1,7 @@
-"""What moves through a world and is seen there: the triangles of a body, and where it stands.
+"""Dynamic objects: meshes at poses that change from frame to frame, such as other robots.
 
-A body's triangles are built once a class, in the body's frame; its pose is all that changes. Bodies
-have no textures: their light is one albedo a triangle, lit by the same model as the scene's.
+A mesh is built once for a class of robots, in the object's frame; an object adds pose and motion.
+Objects have no textures: one albedo a triangle, lit by the same model as the scene (`shading`).
 """
 
 from __future__ import annotations
@@ -20,58 +20,66 @@ from catoptra_server.scene.world_description import Material
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectMesh:
-    """Triangles in a body's frame, and a sphere around them.
-
-    corners: (n, 3, 3) metres. normals: (n, 3) unit, from the winding. albedo: (n, 3) linear.
-    unlit: (n,). centre: (3,) of the sphere, radius_m its radius.
-    """
+    """Triangles in an object's frame."""
 
     corners: Floats
+    """(n, 3, 3) metres."""
     normals: Floats
+    """(n, 3) unit, from the winding."""
     albedo: Floats
+    """(n, 3) linear."""
     unlit: Bools
+    """(n,)."""
     centre: Floats
+    """(3,) centre of a bounding sphere."""
     radius_m: float
+    """Radius of the bounding sphere."""
 
     def __len__(self) -> int:
-        """Return the number of triangles."""
+        """Number of triangles."""
         return len(self.corners)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicObject:
-    """A body at its place. Bodies of one class share their mesh.
-
-    twist: of the body's frame, told at its origin in the world's axes.
-    """
+    """Object at a pose; objects of one class share their mesh."""
 
     mesh: ObjectMesh
     world_from_object: Pose
     twist: Twist = AT_REST
+    """Motion of the object's frame in the world, referred to the frame's origin."""
 
     @property
     def centre(self) -> Floats:
-        """Return the middle of the sphere around it, (3,) metres, world frame."""
+        """Centre of the bounding sphere, (3,) metres, world frame."""
         return self.world_from_object.transform_points(self.mesh.centre)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldFacets:
-    """What light falls on: (n, 3) normals in the world frame, (n, 3) albedo, (n,) unlit."""
+    """Facets of an object in the world, as `shading.LitFacets`."""
 
     normals: Floats
+    """(n, 3) unit, world frame."""
     albedo: Floats
+    """(n, 3) linear."""
     unlit: Bools
+    """(n,)."""
 
 
 def build_object_mesh(parts: Iterable[tuple[Patch, Material]]) -> ObjectMesh:
-    """Return the mesh of patches, in the body's frame, and their materials; at least one."""
+    """Build the mesh of patches with their materials, in the object's frame; at least one patch."""
     parts = tuple(parts)
-    assert all(material.texture is None for _, material in parts), "bodies have no textures"
+    assert all(material.texture is None for _, material in parts), (
+        "dynamic objects have no textures"
+    )
     counts = [len(patch.corners) for patch, _ in parts]
     corners = concatenate([patch for patch, _ in parts]).corners
+    # Unit normals from the winding, as in scene_mesh; a degenerate triangle keeps a zero normal.
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
+    # Sphere around the box's centre: not the smallest one, but within a factor sqrt(3) and exact to
+    # compute.
     centre: Floats = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
     mesh = ObjectMesh(
         corners=corners,
@@ -82,12 +90,13 @@ def build_object_mesh(parts: Iterable[tuple[Patch, Material]]) -> ObjectMesh:
         radius_m=float(np.linalg.norm(corners - centre, axis=-1).max()),
     )
     for array in (mesh.corners, mesh.normals, mesh.albedo, mesh.unlit, mesh.centre):
+        # Shared by all objects of a class and by caches that are keyed by the mesh.
         array.setflags(write=False)
     return mesh
 
 
 def world_facets(dynamic_object: DynamicObject) -> WorldFacets:
-    """Return what light falls on: the mesh's facets, turned as the body is."""
+    """Facets of an object at its pose."""
     mesh = dynamic_object.mesh
     return WorldFacets(
         dynamic_object.world_from_object.rotate_directions(mesh.normals), mesh.albedo, mesh.unlit

@@ -1,7 +1,7 @@
-"""The shapes of landmarks: beacons and goals, built from one row of the landmark file each.
+"""Shapes of landmarks, beacons and goals, each built from one row of the landmark file.
 
-Both sides of a landmark's story are here: what is drawn is what `catoptra_protocol.landmarks`
-promises.
+The file is `catoptra_protocol.landmarks`, from which clients localize: rendered shapes and promised
+positions have one source.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.world_description import Box, Cylinder, Item, Material, Rgb
 
 WHITE: Rgb = (0.80, 0.80, 0.80)
-GOAL_WALL_THICKNESS_M = 0.02  # thickness of a goal's boards
+GOAL_WALL_THICKNESS_M = 0.02
 
 
 def items_from_landmark(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Return the items that draw a landmark, with an albedo (linear) for each colour name."""
+    """Items of a landmark, with a linear albedo for each colour name."""
     return {"beacon": _beacon_items, "goal": _goal_items}[landmark.kind](landmark, albedos)
 
 
 def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Return a beacon: a white post below the band, then its lower and its upper colour."""
-    middle = landmark.band_centre_m
+    """Beacon: a white post below the band, then the band's lower and upper colour."""
+    centre = landmark.band_centre_m
     parts = [
         ("post", 0.0, landmark.band_bottom_m, WHITE),
-        ("lower", landmark.band_bottom_m, middle, albedos[landmark.lower_colour]),
-        ("upper", middle, landmark.band_top_m, albedos[landmark.upper_colour]),
+        ("lower", landmark.band_bottom_m, centre, albedos[landmark.lower_colour]),
+        ("upper", centre, landmark.band_top_m, albedos[landmark.upper_colour]),
     ]
     return tuple(
         Item(
@@ -37,14 +37,14 @@ def _beacon_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ..
             material=Material(albedo),
         )
         for part, bottom, top, albedo in parts
+        # A band that begins at the floor has no post.
         if top > bottom
     )
 
 
 def _goal_items(landmark: Landmark, albedos: dict[str, Rgb]) -> tuple[Item, ...]:
-    """Return a goal: a back and two sides, open towards the world's origin, floor and top open."""
-    # The mouth looks along the field's length: +1 for a goal at positive x, whose back is at more
-    # x.
+    """Goal: a back and two sides, open towards the world's origin, without floor and top."""
+    # The mouth faces the origin along x: +1 for a goal at positive x, whose back is at larger x.
     outward = math.copysign(1.0, landmark.x_m)
     half, height = 0.5 * landmark.width_m, landmark.band_top_m
     back_x = landmark.x_m + outward * (landmark.depth_m + 0.5 * GOAL_WALL_THICKNESS_M)

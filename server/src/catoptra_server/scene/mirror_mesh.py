@@ -1,11 +1,11 @@
-"""The polygon mirror of the paper's Section 2.2: S sectors x R rings on the surface of Eq. 1.
+"""Mirror mesh of the paper's Section 2.2: S sectors x R rings of polygons on the surface of Eq. 1.
 
-Rings are equal in image radius, sectors in azimuth, sector borders on the cube's edges (azimuth 45
-degrees and so on when S is a multiple of 8). Ring 0 is made of triangles; every other polygon is a
-quadrilateral split in two, so the mesh has S (2R - 1) triangles for N = S R polygons.
+Rings are equal in image radius, sectors in azimuth. Ring 0 consists of triangles; every other
+polygon is a quadrilateral split in two, so the mesh has S (2R - 1) triangles for N = S R polygons.
 
-Each corner carries the direction that is looked up in the cube. Between corners it is interpolated
-linearly over the flat facet: that is where a coarse mirror goes wrong.
+Each corner carries the direction that is looked up in the cube. Between corners the direction is
+interpolated linearly over the flat facet: the source of a coarse mesh's error. Source: Schmits &
+Visser 2009, Section 2.2.
 """
 
 from __future__ import annotations
@@ -23,19 +23,17 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 
 
 class Interpolation(Enum):
-    """What is interpolated over a facet.
-
-    UV: texture coordinates in the plane of one cube face a polygon, as the paper's UV-mapped mesh.
-    POSITION: the facet's position seen from the viewpoint, looked up in the cube per pixel.
-    """
+    """Quantity interpolated over a facet."""
 
     UV = "uv"
+    """Texture coordinates in the plane of one cube face a polygon: the paper's UV-mapped mesh."""
     POSITION = "position"
+    """Position on the facet seen from the viewpoint, looked up in the cube per pixel."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tessellation:
-    """How the mirror is cut: N = sectors * rings polygons."""
+    """Division of the mirror into N = sectors * rings polygons."""
 
     sectors: int
     rings: int
@@ -50,17 +48,18 @@ class Tessellation:
 
     @property
     def num_polygons(self) -> int:
-        """Return N."""
+        """Number of polygons, N."""
         return self.sectors * self.rings
 
 
 def tessellation_from_polygon_count(
     num_polygons: int, interpolation: Interpolation = Interpolation.UV
 ) -> Tessellation:
-    """Return the split of a polygon count: the square one for 4^n, as in the paper's 16 to 4096.
+    """Tessellation of a polygon count: square for 4^n, as in the paper's 16 to 4096.
 
-    Any other count is factored as near to sectors = 4 rings as it allows.
+    Any other count is factored as near to sectors = 4 rings as possible.
     """
+    # Square from 4 x 4 on: fewer sectors enclose no volume around the axis.
     root = math.isqrt(num_polygons)
     if root * root == num_polygons and root >= 4:
         return Tessellation(root, root, interpolation)
@@ -71,17 +70,17 @@ def tessellation_from_polygon_count(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MirrorMesh:
-    """A polygon mirror: corners (n, 3, 3) in metres, looked-up directions (n, 3, 3), mirror frame.
-
-    Directions are not unit: their length is part of the interpolation.
-    """
+    """Triangles of a mirror mesh, in the mirror frame."""
 
     corners: Floats
+    """(n, 3, 3) metres."""
     directions: Floats
+    """(n, 3, 3) directions looked up at the corners; not unit, since their lengths take part in the
+    interpolation."""
 
 
 def build_mirror_mesh(camera: OmniCamera, tessellation: Tessellation) -> MirrorMesh:
-    """Return the triangles of the mirror that fills the camera's rim."""
+    """Build the triangles of the mirror up to the camera's rim."""
     polygons = mirror_polygons(camera, tessellation)
     corners, polygon = _split_into_triangles(polygons, tessellation)
     directions = corners if tessellation.interpolation is Interpolation.POSITION else None
@@ -93,26 +92,27 @@ def build_mirror_mesh(camera: OmniCamera, tessellation: Tessellation) -> MirrorM
 
 
 def mirror_polygons(camera: OmniCamera, tessellation: Tessellation) -> Floats:
-    """Return the (rings * sectors, 4, 3) corners of the polygons, ring by ring from the middle.
+    """(rings * sectors, 4, 3) corners of the polygons, ring by ring from the centre.
 
     In the first ring, made of triangles, the first two corners coincide.
     """
     points = _ring_vertices(camera, tessellation)
+    # The next sector's vertex: sectors wrap around, rings do not.
     a, b = points[:-1], np.roll(points[:-1], -1, axis=1)
     d, c = points[1:], np.roll(points[1:], -1, axis=1)
     return np.stack((a, b, c, d), axis=2).reshape(-1, 4, 3)
 
 
 def _ring_vertices(camera: OmniCamera, tessellation: Tessellation) -> Floats:
-    """Return the (rings + 1, sectors, 3) vertices; ring 0 is the vertex of the mirror, S times."""
+    """(rings + 1, sectors, 3) vertices; ring 0 is the vertex of the mirror, S times."""
     ratio = (
         np.linspace(0.0, 1.0, tessellation.rings + 1)
         * camera.rim_radius_px
         / camera.horizon_radius_px
     )
     r, z = camera.mirror.surface_point(camera.mirror.t_from_radius_ratio(ratio))
-    # A border at 45 degrees, so that with 8, 16, ... sectors no polygon crosses the side faces'
-    # edges.
+    # A border at 45 degrees: with 8, 16, ... sectors no polygon then crosses an edge of the side
+    # faces.
     azimuth = (
         0.25 * math.pi + 2.0 * math.pi * np.arange(tessellation.sectors) / tessellation.sectors
     )
@@ -123,7 +123,7 @@ def _ring_vertices(camera: OmniCamera, tessellation: Tessellation) -> Floats:
 def _split_into_triangles(
     polygons: Floats, tessellation: Tessellation
 ) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
-    """Return (n, 3, 3) corners and the (n,) polygon (ring * S + sector) of each triangle."""
+    """(n, 3, 3) corners and the (n,) polygon (ring * S + sector) of each triangle."""
     outer, inner = polygons[:, (0, 2, 3)], polygons[tessellation.sectors :, (0, 1, 2)]
     polygon = np.arange(tessellation.num_polygons)
     return np.concatenate((outer, inner)), np.concatenate(
@@ -132,18 +132,18 @@ def _split_into_triangles(
 
 
 def _polygon_faces(polygons: Floats) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return the (R * S) cube face of each polygon: the one that its middle looks into."""
+    """(R * S,) cube face of each polygon: the face in the direction of the polygon's centre."""
     return face_from_direction(polygons.sum(axis=1))
 
 
 def _project_to_face_planes(
     corners: Floats, face: np.ndarray[tuple[int], np.dtype[np.intp]]
 ) -> Floats:
-    """Return the corners pushed onto the planes of their polygons' faces: (1, s, t) of the face.
+    """Project corners onto the planes of their polygons' faces: (1, s, t) of the face.
 
-    Linear interpolation there is the linear interpolation of texture coordinates. A corner that the
-    face does not see in front of it (only on meshes of a few polygons) keeps a distance of a tenth,
-    so that its coordinates are large but finite.
+    Linear interpolation there is the linear interpolation of texture coordinates. A corner beside
+    or behind the face, which only meshes of a few polygons have, keeps a tenth of its distance, so
+    that the coordinates are large but finite.
     """
     forward = np.einsum("nci,ni->nc", corners, MIRROR_FROM_FACE_ROTATIONS[face][:, :, 0])
     norm = np.linalg.norm(corners, axis=-1)

@@ -1,7 +1,7 @@
-"""What a robot bumps into: the scene's triangles between ankle and mirror height, seen from above.
+"""Obstacles of a robot's base: the scene's triangles between ankle and mirror height, from above.
 
-A robot is a rectangle on the floor. Two convex shapes are apart iff the normal of some edge parts
-them.
+A robot is a rectangle on the floor. By the separating axis theorem two convex shapes are disjoint
+exactly if the normal of some edge separates them.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
 
-# Things lower than this are driven over: carpets, lines, sills.
+# Obstacles lower than this are driven over: carpets, lines, sills.
 GROUND_CLEARANCE_M = 0.03
 
 
-# Cells a side of the grid over the world: a triangle as large as the world lies in all of them,
-# a robot in four.
+# Cells along a side of the grid over the world: a triangle as large as the world lies in all of
+# them, a robot in four.
 _CELLS_PER_SIDE = 64
 _MIN_CELL_M = 0.5
-# The three corners of a triangle from above.
+# Three corners (x, y).
 Triangle2D = list[list[float]]
 
 _NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
@@ -33,44 +33,40 @@ _NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleGrid:
-    """Triangles from above, (n, 3, 2) in metres, world frame, by the cells of a square grid.
-
-    cells: for each cell (column, row) that has any, the triangles whose bounds reach into it.
-    moving: (m, 3, 2) more of them, few, which the next tick has elsewhere: other robots near by.
-    """
+    """Triangles from above, in the cells of a square grid."""
 
     cell_m: float
     cells: Mapping[tuple[int, int], Floats]
     dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
 
     def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
-        """Return the triangles that reach into a square about a place; some come several times."""
-        columns, rows = (self._cell_range(middle, radius_m) for middle in centre)
+        """Triangles that reach into a square about a point; some occur several times."""
+        columns, rows = (self._cell_range(coordinate, radius_m) for coordinate in centre)
         found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
         triangles = (
             np.concatenate((*found, self.dynamic_triangles)) if found else self.dynamic_triangles
         )
         if not len(triangles):
             return []
-        # Most of what lies in the same cells is out of reach, and telling so is cheap.
+        # Most triangles of the same cells are out of reach, and this test is cheap.
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        place = np.array(centre)
-        within = ((low <= place + radius_m) & (high >= place - radius_m)).all(axis=1)
-        outlines: list[Triangle2D] = triangles[within].tolist()
-        return outlines
+        point = np.array(centre)
+        within = ((low <= point + radius_m) & (high >= point - radius_m)).all(axis=1)
+        near: list[Triangle2D] = triangles[within].tolist()
+        return near
 
-    def _cell_range(self, middle_m: float, radius_m: float) -> range:
-        """Return the columns, or rows, that an interval reaches into."""
-        first = math.floor((middle_m - radius_m) / self.cell_m)
-        return range(first, math.floor((middle_m + radius_m) / self.cell_m) + 1)
+    def _cell_range(self, centre_m: float, radius_m: float) -> range:
+        """Columns, or rows, that an interval reaches into."""
+        first = math.floor((centre_m - radius_m) / self.cell_m)
+        return range(first, math.floor((centre_m + radius_m) / self.cell_m) + 1)
 
     def with_dynamic_triangles(self, triangles: Sequence[Floats]) -> ObstacleGrid:
-        """Return these obstacles and, beside them, outlines of upright boxes."""
+        """Same obstacles with further triangles, such as footprints of robots."""
         return replace(self, dynamic_triangles=np.concatenate(triangles)) if triangles else self
 
 
 def box_footprint(box: OrientedBox) -> Floats:
-    """Return the (2, 3, 2) triangles of an upright box from above."""
+    """(2, 3, 2) triangles of an upright box from above."""
     half_length, half_width = 0.5 * box.size_m[0], 0.5 * box.size_m[1]
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
     pose = box.world_from_box
@@ -79,14 +75,14 @@ def box_footprint(box: OrientedBox) -> Floats:
 
 
 def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> ObstacleGrid:
-    """Return the triangles that reach into a band of heights above the floor z = 0."""
+    """Grid of the triangles that reach into a band of heights above the floor z = 0."""
     heights = -scene.corners[..., 2]
     inside = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
     return _build_grid(np.ascontiguousarray(scene.corners[inside][..., :2]))
 
 
 def _build_grid(corners: Floats) -> ObstacleGrid:
-    """Return (n, 3, 2) triangles by cells of a size that suits their extent."""
+    """Grid of (n, 3, 2) triangles, with cells of a size that suits their extent."""
     if not len(corners):
         return ObstacleGrid(_MIN_CELL_M, {})
     extent = float(np.ptp(corners, axis=(0, 1)).max())
@@ -107,10 +103,14 @@ def rectangle_intersects(
     *,
     half_size_m: tuple[float, float],
 ) -> bool:
-    """Return whether a rectangle (half length, half width) at a place, turned, meets a triangle.
+    """Whether a rectangle intersects any of some triangles.
 
-    Plain numbers: what is near is a handful, for which arrays cost ten times as much.
+    Args:
+        centre: Of the rectangle, metres, world frame.
+        yaw_rad: Of the rectangle's length.
+        half_size_m: Half length, half width.
     """
+    # Plain floats: a handful of triangles is near, for which arrays take ten times as long.
     x, y = centre
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     for outline in triangles:
@@ -124,11 +124,12 @@ def rectangle_intersects(
 def _has_separating_axis(
     along: list[float], across: list[float], half_size_m: tuple[float, float]
 ) -> bool:
-    """Return whether a side of the rectangle or of a triangle parts the two.
+    """Whether the normal of a side of the rectangle or of the triangle separates the two.
 
     The triangle's corners are in the rectangle's axes.
     """
     length, width = half_size_m
+    # The rectangle's own sides first: they separate most pairs, without a product.
     if min(along) > length or max(along) < -length or min(across) > width or max(across) < -width:
         return True
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

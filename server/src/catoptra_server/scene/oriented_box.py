@@ -1,4 +1,4 @@
-"""Boxes that stand anywhere, and where rays meet them: what robots are to each other's sensors."""
+"""Oriented boxes and their intersections with rays: the shape of robots to each other's sensors."""
 
 from __future__ import annotations
 
@@ -10,30 +10,35 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 
-# Stands for a direction's component of 0: its slab is then crossed at +-1e200 times a length,
-# behind every distance and still finite.
+# Replaces a direction component of 0: the slab is then crossed at +-1e200 times a length, behind
+# every distance and still finite.
 _MIN_DIRECTION_COMPONENT = 1e-200
 
 
 class OrientedBox(NamedTuple):
-    """A box of full edge lengths `size_m` (length, width, height), centred on its pose."""
+    """Box centred on its pose."""
 
     world_from_box: Pose
     size_m: tuple[float, float, float]
 
 
 def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Floats) -> Floats:
-    """Return (n,) metres along unit (n, 3) directions from (n, 3) points to the nearest box.
+    """Distance along rays to the nearest box, world frame.
 
-    inf where none is met; 0 for a point inside one. Both in the world frame.
+    Args:
+        origins: (n, 3) points.
+        directions: (n, 3) unit directions.
+
+    Returns:
+        (n,) metres; inf for a ray that misses, 0 for an origin inside a box.
     """
     if not boxes:
         return np.full(len(directions), np.inf)
     rotations = np.stack([box.world_from_box.rotation for box in boxes])
     centres = np.stack([box.world_from_box.translation for box in boxes])
     half = 0.5 * np.array([box.size_m for box in boxes]).T[..., None]
-    # (3, k, n), components first, all boxes at once: 0.2 ms for 400 rays and 7 boxes, box by box
-    # 0.5 ms; measured in tests/measurements/sensor_times.py.
+    # (3, k, n), components first, all boxes at once: 0.2 ms for 400 rays and 7 boxes, 0.5 ms box by
+    # box; measured in tests/measurements/sensor_times.py.
     start = (
         _components_in_boxes(rotations, origins)
         - np.einsum("ki,kij->jk", centres, rotations)[..., None]
@@ -49,11 +54,12 @@ def box_distances(boxes: Sequence[OrientedBox], origins: Floats, directions: Flo
 def closest_box_hits(
     boxes: Sequence[OrientedBox], origins: Floats, directions: Floats
 ) -> tuple[Floats, Floats]:
-    """Return `box_distances`, and the (n, 3) unit normals of what is met; 0 where nothing is.
+    """Distance as by `box_distances`, and the (n, 3) unit normals at the hits; 0 for a miss.
 
-    From inside a box the normal faces the ray. Box by box: it is rarely asked for.
+    From inside a box the normal faces the ray.
     """
     nearest, normals = np.full(len(directions), np.inf), np.zeros(directions.shape)
+    # Box by box: normals are needed by few sensors, for few rays.
     for box in boxes:
         distances = box_distances([box], origins, directions)
         is_nearer = distances < nearest
@@ -63,7 +69,7 @@ def closest_box_hits(
 
 
 def _box_normals(box: OrientedBox, origins: Floats, directions: Floats) -> Floats:
-    """Return (n, 3) normals of the faces by which rays that meet a box enter it."""
+    """(n, 3) normals of the faces through which rays enter a box."""
     rotation = box.world_from_box.rotation
     start = (origins - box.world_from_box.translation) @ rotation
     along = directions @ rotation
@@ -76,17 +82,17 @@ def _box_normals(box: OrientedBox, origins: Floats, directions: Floats) -> Float
 
 
 def _components_in_boxes(rotations: Floats, vectors: Floats) -> Floats:
-    """Return (3, k, n) components of (n, 3) vectors along the axes of k boxes."""
+    """(3, k, n) components of (n, 3) vectors along the axes of k boxes."""
     count = len(rotations)
     columns = rotations.transpose(1, 2, 0).reshape(3, 3 * count)
     return np.ascontiguousarray((vectors @ columns).T).reshape(3, count, -1)
 
 
 def _nearest_slab_hit(start: Floats, along: Floats, half: Floats) -> Floats:
-    """Return (n,) distances to the nearest of k boxes: the common part of three slabs."""
+    """(n,) distances to the nearest of k boxes, each the intersection of three slabs."""
     first, second = (-half - start) / along, (half - start) / along
     enter = np.minimum(first, second).max(axis=0)
     leave = np.maximum(first, second).min(axis=0)
-    met: Bools = (enter <= leave) & (leave >= 0.0)
-    nearest: Floats = np.where(met, np.maximum(enter, 0.0), np.inf).min(axis=0)
+    is_hit: Bools = (enter <= leave) & (leave >= 0.0)
+    nearest: Floats = np.where(is_hit, np.maximum(enter, 0.0), np.inf).min(axis=0)
     return nearest

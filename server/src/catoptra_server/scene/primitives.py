@@ -1,8 +1,7 @@
 """Triangles of the primitive shapes, in the shape's own frame (SAE: z down).
 
-Each function returns a `Patch`: (n, 3, 3) float64 corners in metres, counter-clockwise seen from
-the side that is lit, so that cross(b - a, c - a) is the outward normal, and (n, 3, 2) texture
-coordinates.
+Each function returns a `Patch`. Corners are counter-clockwise seen from the lit side, so that
+cross(b - a, c - a) is the outward normal.
 """
 
 from __future__ import annotations
@@ -18,34 +17,39 @@ from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ri
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """Triangles with texture coordinates: corners (n, 3, 3) in metres, uv (n, 3, 2)."""
+    """Triangles with texture coordinates."""
 
     corners: Floats
+    """(n, 3, 3) float64 metres."""
     uv: Floats
+    """(n, 3, 2)."""
 
     def translate(self, offset_m: tuple[float, float, float]) -> Patch:
-        """Return the patch moved by an offset."""
+        """Patch moved by an offset."""
         return Patch(self.corners + np.asarray(offset_m), self.uv)
 
 
 def concatenate(patches: list[Patch]) -> Patch:
-    """Return all patches as one."""
+    """All patches as one."""
     corners = np.concatenate([patch.corners for patch in patches])
     return Patch(corners, np.concatenate([patch.uv for patch in patches]))
 
 
 def quad(a: Floats, b: Floats, c: Floats, d: Floats) -> Patch:
-    """Return two triangles of the corners a, b, c, d (counter-clockwise), textured 0..1."""
+    """Two triangles of the corners a, b, c, d (counter-clockwise), textured 0..1."""
     corners = np.array([[a, b, c], [a, c, d]], dtype=np.float64)
     uv = np.array([[[0, 1], [1, 1], [1, 0]], [[0, 1], [1, 0], [0, 0]]], dtype=np.float64)
     return Patch(corners, uv)
 
 
 def grid(points: Floats, uv: Floats) -> Patch:
-    """Return the triangles of a (rows + 1, columns + 1, 3) grid of points with (..., 2) uv.
+    """Triangles of a grid of points, without those that have no area, as at a pole.
 
-    Counter-clockwise when columns run right and rows run up, seen from the lit side. Triangles
-    without area, as at a pole, are left out.
+    Counter-clockwise when columns run right and rows run up, seen from the lit side.
+
+    Args:
+        points: (rows + 1, columns + 1, 3).
+        uv: (rows + 1, columns + 1, 2).
     """
 
     def corners(values: Floats) -> Floats:
@@ -57,15 +61,16 @@ def grid(points: Floats, uv: Floats) -> Patch:
     triangles = corners(points)
     edges = triangles[:, 1:] - triangles[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    # Relative to the largest: rounding leaves triangles at a pole a tiny area.
     solid = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
     return Patch(triangles[solid], corners(uv)[solid])
 
 
 def box(shape: Box) -> Patch:
-    """Return the six sides of a box."""
+    """Six sides of a box."""
     x, y, z = (0.5 * length for length in shape.size_m)
-    # The lower left corner of each side, right and up as it is seen from outside: right x up points
-    # out, so a picture on it is not mirrored.
+    # Lower left corner of each side, right and up as seen from outside: right x up points outward,
+    # so an image on the side is not mirrored.
     sides = [
         ((x, y, z), (0, -2 * y, 0), (0, 0, -2 * z)),
         ((-x, -y, z), (0, 2 * y, 0), (0, 0, -2 * z)),
@@ -83,7 +88,7 @@ def _side(origin: tuple[float, ...], right: tuple[float, ...], up: tuple[float, 
 
 
 def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
-    """Return the patch wound so that its normals point along `outward` (3,) or (n, 3)."""
+    """Patch wound so that its normals point along `outward`, (3,) or (n, 3)."""
     corners = patch.corners
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", normals, np.broadcast_to(outward, normals.shape)) < 0.0
@@ -93,12 +98,14 @@ def _orient_outward(patch: Patch, *, outward: Floats) -> Patch:
 
 
 def cylinder(shape: Cylinder) -> Patch:
-    """Return an upright cylinder with its two caps."""
+    """Upright cylinder with two caps."""
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     x, y = shape.radius_m * np.cos(angle), shape.radius_m * np.sin(angle)
     half = 0.5 * shape.height_m
+    # Rings from bottom to top: rows of a grid run up.
     wall = np.stack([np.stack((x, y, np.full_like(x, z)), -1) for z in (half, -half)])
-    u = 1.0 - angle / (2.0 * math.pi)  # from outside, the angle grows to the left
+    # From outside the angle grows to the left, texture coordinates to the right.
+    u = 1.0 - angle / (2.0 * math.pi)
     uv = np.stack([np.stack((u, np.full_like(u, v)), -1) for v in (1.0, 0.0)])
     side = grid(wall, uv)
     centres = side.corners.mean(axis=1) * (1.0, 1.0, 0.0)
@@ -107,13 +114,13 @@ def cylinder(shape: Cylinder) -> Patch:
 
 
 def _disc(rim: Floats, *, outward: tuple[float, float, float]) -> Patch:
-    middle = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
-    patch = grid(np.stack((rim, middle)), np.zeros((2, len(rim), 2)))
+    centre = np.broadcast_to(rim[:-1].mean(axis=0), rim.shape)
+    patch = grid(np.stack((rim, centre)), np.zeros((2, len(rim), 2)))
     return _orient_outward(patch, outward=np.asarray(outward, dtype=np.float64))
 
 
 def rectangle(shape: Rectangle) -> Patch:
-    """Return a level rectangle that faces up; u runs along +y, v along -x, `repeat` times."""
+    """Level rectangle that faces up; u runs along +y, v along -x."""
     x, y = (0.5 * length for length in shape.size_m)
     points = np.array([[[-x, -y, 0], [-x, y, 0]], [[x, -y, 0], [x, y, 0]]], dtype=np.float64)
     (ru, rv) = shape.texture_repeat
@@ -122,7 +129,7 @@ def rectangle(shape: Rectangle) -> Patch:
 
 
 def ring(shape: Ring) -> Patch:
-    """Return a level annulus that faces up."""
+    """Level annulus that faces up."""
     angle = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), -1)
     points = np.stack((shape.inner_radius_m * circle, shape.outer_radius_m * circle))
@@ -132,7 +139,8 @@ def ring(shape: Ring) -> Patch:
 
 
 def sphere_band(shape: SphereBand) -> Patch:
-    """Return the band of a sphere between two angles from +z, lit from inside."""
+    """Band of a sphere between two angles from +z, lit from inside."""
+    # The last meridian repeats the first, with the texture's other edge.
     azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
     points = shape.radius_m * np.stack(

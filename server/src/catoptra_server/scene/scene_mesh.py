@@ -1,7 +1,7 @@
-"""From a world's description to triangles that both renderers draw; the one door to trimesh.
+"""Triangles of a whole static world, the input of both renderers.
 
-The result is a triangle soup in the world frame: one normal, one material, three texture
-coordinates a triangle. Colours are per material; meshes with vertex colours get one material per
+A triangle soup in the world frame: each triangle has one normal, one material and three texture
+coordinates. Colours belong to materials; a mesh file with vertex colours has one material for each
 distinct face colour.
 """
 
@@ -37,35 +37,40 @@ Texture = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneMesh:
-    """Triangles of a whole world.
-
-    corners: (n, 3, 3) float64 metres, world frame. normals: (n, 3) unit, from the winding.
-    uv: (n, 3, 2). albedo: (n, 3) linear. unlit: (n,) bool. texture_index: (n,), -1 = none.
-    textures: (h, w, 3) uint8 sRGB each. item_index: (n,), which item of `item_names` it belongs to.
-    casts_shadows: (n,) whether it hides lights.
-    """
+    """Triangles of a world."""
 
     corners: Floats
+    """(n, 3, 3) metres, world frame."""
     normals: Floats
+    """(n, 3) unit, from the winding; 0 for a triangle without area."""
     uv: Floats
+    """(n, 3, 2) texture coordinates."""
     albedo: Floats
+    """(n, 3) linear."""
     unlit: npt.NDArray[np.bool_]
+    """(n,) whether the triangle is shown at its albedo, whatever the lights."""
     texture_index: npt.NDArray[np.int32]
+    """(n,) index into `textures`; -1 for none."""
     textures: tuple[Texture, ...]
+    """(h, w, 3) uint8 sRGB each."""
     item_index: npt.NDArray[np.int32]
+    """(n,) index into `item_names`."""
     item_names: tuple[str, ...]
+    """Names of the world's items, landmarks' last."""
     casts_shadows: Bools
+    """(n,) whether the triangle occludes lights."""
 
     def __len__(self) -> int:
-        """Return the number of triangles."""
+        """Number of triangles."""
         return len(self.corners)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MeshPart:
-    """A patch of one look, before all are joined."""
+    """Patch of one appearance, before concatenation."""
 
     item: int
+    """Index of the item."""
     patch: Patch
     albedo: Rgb | Floats
     unlit: bool
@@ -73,13 +78,17 @@ class _MeshPart:
 
 
 def build_scene(world: World) -> SceneMesh:
-    """Return the triangles of a world. Raises ConfigError for an unusable mesh or texture."""
-    drawn = [
+    """Build the triangles of a world, landmarks included.
+
+    Raises:
+        ConfigError: A mesh or texture file is missing or unusable.
+    """
+    landmark_items = [
         item
         for landmark in world.landmarks
         for item in items_from_landmark(landmark, world.landmark_albedos)
     ]
-    items = (*world.items, *drawn)
+    items = (*world.items, *landmark_items)
     parts = [part for index, item in enumerate(items) for part in _item_parts(index, item)]
     return _concatenate_parts(parts, items)
 
@@ -89,15 +98,18 @@ def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> Scene
     textures: list[Texture] = []
     indices: list[int] = []
     for part in parts:
-        known = [i for i, texture in enumerate(textures) if texture is part.texture]
-        if part.texture is not None and not known:
+        # By identity, not by content: equal images of two files stay two textures.
+        found = [i for i, texture in enumerate(textures) if texture is part.texture]
+        if part.texture is not None and not found:
             textures.append(part.texture)
-            known = [len(textures) - 1]
-        indices.append(known[0] if known else -1)
+            found = [len(textures) - 1]
+        indices.append(found[0] if found else -1)
+    # An empty world is valid: concatenation needs at least one array of the right shape.
     empty = Patch(np.zeros((0, 3, 3)), np.zeros((0, 3, 2)))
     whole = primitives.concatenate([empty, *(part.patch for part in parts)])
     edges = whole.corners[:, 1:] - whole.corners[:, :1]
     cross = np.cross(edges[:, 0], edges[:, 1])
+    # The winding alone gives the normal: vertex normals of files are ignored, facets are flat.
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
     albedos = [np.broadcast_to(p.albedo, (n, 3)) for p, n in zip(parts, counts, strict=True)]
     mesh = SceneMesh(
@@ -148,12 +160,18 @@ def _transform_to_world(patch: Patch, item: Item) -> Patch:
 
 
 def load_texture(path: Path) -> Texture:
-    """Return an image file as (h, w, 3) uint8 sRGB. Raises ConfigError if it is none."""
+    """Load an image file as (h, w, 3) uint8 sRGB.
+
+    Raises:
+        ConfigError: The file is no readable image.
+    """
+    # Imported on demand: most worlds have no texture.
     from PIL import Image
 
     try:
         with Image.open(path) as image:
             texture = np.array(image.convert("RGB"))
+    # Pillow reports corrupt files by all of these.
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ConfigError(
             SourceLocation(str(path)),
@@ -171,5 +189,5 @@ def _mesh_file_parts(index: int, item: Item, shape: MeshFile) -> Iterator[_MeshP
         if item.material is None:
             yield _MeshPart(index, patch, mesh.albedo, False, mesh.texture)
         else:
-            own = load_texture(item.material.texture) if item.material.texture else None
-            yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, own)
+            texture = load_texture(item.material.texture) if item.material.texture else None
+            yield _MeshPart(index, patch, item.material.albedo, item.material.unlit, texture)

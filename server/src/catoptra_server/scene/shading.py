@@ -1,5 +1,6 @@
-"""Lighting and texture model in float64, the reference of both renderers. Twin:
-glsl/include/point_irradiance.glsl.
+"""Lighting and texture model in float64, the reference of both renderers.
+
+Twin: glsl/include/point_irradiance.glsl.
 
 A triangle is a Lambertian facet with one normal, lit on its outer side; its radiance is albedo
 times irradiance, with 1 = a white facet at full scale. Hemisphere and directional lights depend on
@@ -94,14 +95,15 @@ def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
 
 
 def unshadowed_irradiance(light: ShadowCastingLight, points: Floats, normals: Floats) -> Floats:
-    """Return (n, 3) irradiance by one light that nothing hides, at (n, 3) places."""
+    """(n, 3) irradiance by one light at (n, 3) points, without occlusion."""
     if isinstance(light, PointLight):
         return point_irradiance((light,), points, normals)
     return facet_irradiance((light,), normals)
 
 
 def direction_to_light(light: ShadowCastingLight, points: Floats) -> tuple[Floats, Floats]:
-    """Return (n, 3) unit directions from places to a light, and its (n,) distances, perhaps inf."""
+    """(n, 3) unit directions from points to a light, and (n,) distances, inf for directional
+    ones."""
     if isinstance(light, DirectionalLight):
         towards = np.broadcast_to(-np.asarray(light.direction), points.shape)
         return towards, np.full(len(points), np.inf)
@@ -117,7 +119,7 @@ def facet_radiance(facets: LitFacets, lights: Iterable[Light]) -> Floats:
 
 
 def sample_texture(linear_texture: Floats, uv: Floats) -> Floats:
-    """Return (n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
+    """(n, 3) linear colours of a (h, w, 3) linear texture at (n, 2) coordinates.
 
     (0, 0) is the top left corner of the image, (1, 1) the bottom right; the texture repeats.
     """

@@ -1,4 +1,4 @@
-"""How things move while a picture is exposed: velocities, and what a viewpoint sees of them."""
+"""Rigid motion: linear and angular velocity, and poses after some time of constant motion."""
 
 from __future__ import annotations
 
@@ -14,42 +14,47 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Twist:
-    """A rigid motion: m/s of what is at the frame's origin, and rad/s about axes through it.
+    """Velocity of a rigid frame, referred to the frame's origin.
 
-    The origin and the axes are those of the frame that whoever holds it names.
+    The holder of a twist names the frame, and the axes of both vectors.
     """
 
     linear_m_s: Vector3 = (0.0, 0.0, 0.0)
+    """Velocity of the origin."""
     angular_rad_s: Vector3 = (0.0, 0.0, 0.0)
+    """Angular velocity about axes through the origin."""
 
     def at_offset(self, offset_m: Floats) -> Twist:
-        """Return the same motion, told at another origin: (3,) metres from this one."""
+        """Same motion, referred to another origin, (3,) metres from this one."""
         linear = np.asarray(self.linear_m_s) + np.cross(self.angular_rad_s, offset_m)
         return Twist(_vector3(linear), self.angular_rad_s)
 
     def relative_to(self, other: Twist) -> Twist:
-        """Return the motion as seen from what moves otherwise, both told at one origin."""
+        """Motion relative to another frame, both referred to one origin."""
         linear = np.subtract(self.linear_m_s, other.linear_m_s)
         return Twist(
             _vector3(linear), _vector3(np.subtract(self.angular_rad_s, other.angular_rad_s))
         )
 
     def rotate(self, rotation: Floats) -> Twist:
-        """Return the same motion in axes that a (3, 3) rotation leads to."""
+        """Same motion in rotated axes, by a (3, 3) rotation."""
         linear = rotation @ np.asarray(self.linear_m_s)
         return Twist(_vector3(linear), _vector3(rotation @ np.asarray(self.angular_rad_s)))
 
     def integrate_pose(self, pose: Pose, time_s: float) -> Pose:
-        """Return where a pose that moves so, told in its parent's axes, is after some seconds."""
+        """Pose after some seconds of this motion; both in the axes of the pose's parent."""
+        # The same object, bit for bit: a standing robot's frames are then the same bytes.
         if self == AT_REST:
             return pose
-        turn = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
-        way = np.asarray(self.linear_m_s) * time_s
-        return Pose(turn @ pose.rotation, pose.translation + way)
+        # Rotation and translation separately rather than along a screw: the origin keeps its
+        # velocity in the world, which is the meaning of a twist here.
+        rotation = _rotation_from_vector(np.asarray(self.angular_rad_s) * time_s)
+        displacement = np.asarray(self.linear_m_s) * time_s
+        return Pose(rotation @ pose.rotation, pose.translation + displacement)
 
     @property
     def speed_m_s(self) -> float:
-        """Return how fast the origin moves."""
+        """Speed of the origin."""
         return float(np.linalg.norm(self.linear_m_s))
 
 
@@ -62,10 +67,10 @@ def _vector3(values: Floats) -> Vector3:
 
 
 def _rotation_from_vector(vector: Floats) -> Floats:
-    """Return the (3, 3) rotation about a vector by its length in radians: Rodrigues' formula."""
+    """(3, 3) rotation about a vector by the vector's length in radians: Rodrigues' formula."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)
-    across = np.cross(np.eye(3), vector / angle)
-    turn: Floats = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
-    return turn
+    skew = np.cross(np.eye(3), vector / angle)
+    rotation: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return rotation

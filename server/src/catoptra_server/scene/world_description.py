@@ -1,6 +1,6 @@
-"""What a world file describes: shapes with materials, landmarks, lights, places to start.
+"""Description of a world: shapes with materials, landmarks, lights, start poses, tags, victims.
 
-Frozen data, frame: world (SAE, z down, floor at z = 0). Colours are linear-light albedos in [0, 1].
+Frozen data; frame: world (SAE, z down, floor at z = 0). Colours are linear albedos in [0, 1].
 """
 
 from __future__ import annotations
@@ -14,58 +14,62 @@ from catoptra_protocol.optics.transforms import Pose
 
 Rgb = tuple[float, float, float]
 
-# A millimetre from such a lamp light still is a float32 number, and so is the sum of a hundred.
+# A millimetre from a point light of this intensity the irradiance still is a float32 number, and so
+# is the sum of a hundred.
 MAX_LIGHT = 1e30
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A Lambertian surface. `texture` is an image file that multiplies the albedo.
-
-    unlit: shown at its albedo whatever the lights, for markers and luminous panels.
-    """
+    """Lambertian surface."""
 
     albedo: Rgb
     texture: Path | None = None
+    """Image file whose colours multiply the albedo."""
     unlit: bool = False
+    """Show the albedo whatever the lights, for markers and luminous panels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box of full edge lengths `size_m`, centred on its placement."""
+    """Box, centred on its pose."""
 
     size_m: tuple[float, float, float]
+    """Full edge lengths."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """An upright cylinder with caps, centred on its placement, of `sectors` facets."""
+    """Upright cylinder with caps, centred on its pose."""
 
     radius_m: float
     height_m: float
     sectors: int = 48
+    """Number of facets around the axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """A level rectangle that faces up (-z), textured once over its whole area."""
+    """Level rectangle that faces up (-z)."""
 
     size_m: tuple[float, float]
     texture_repeat: tuple[float, float] = (1.0, 1.0)
+    """Repetitions of the texture along y and along x."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """A level ring (annulus) that faces up, such as a centre circle's line."""
+    """Level annulus that faces up, such as the line of a centre circle."""
 
     inner_radius_m: float
     outer_radius_m: float
     sectors: int = 96
+    """Number of facets around the centre."""
 
 
 @dataclass(frozen=True, slots=True)
 class SphereBand:
-    """The part of a sphere between two angles from its lower pole (+z), seen from inside."""
+    """Band of a sphere between two angles from the lower pole (+z), visible from inside."""
 
     radius_m: float
     from_rad: float
@@ -76,11 +80,13 @@ class SphereBand:
 
 @dataclass(frozen=True, slots=True)
 class MeshFile:
-    """A mesh file (GLB, glTF, OBJ, PLY, STL, DAE), scaled, and turned if its up axis is y or z."""
+    """Mesh file (GLB, glTF, OBJ, PLY, STL, DAE)."""
 
     path: Path
     scale: float = 1.0
+    """Metres a unit of the file."""
     up: str = "z"
+    """Upward axis of the file, y or z."""
 
 
 Shape = Box | Cylinder | Rectangle | Ring | SphereBand | MeshFile
@@ -88,24 +94,25 @@ Shape = Box | Cylinder | Rectangle | Ring | SphereBand | MeshFile
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A shape of one material at a place. `material` None: the mesh file's own materials.
-
-    casts_shadows: false for what lets light through, such as a ceiling under lamps.
-    """
+    """Shape with a material and a pose."""
 
     name: str
     shape: Shape
     world_from_item: Pose
     material: Material | None
+    """None: the mesh file's own materials."""
     casts_shadows: bool = True
+    """False for surfaces that let light through, such as a ceiling under lamps."""
 
 
 @dataclass(frozen=True, slots=True)
 class HemisphereLight:
-    """Light from everywhere: irradiance on a surface that faces up, and on one that faces down."""
+    """Light from all directions: the irradiance varies from up to down with the normal."""
 
     up_irradiance: Rgb
+    """Irradiance of an upward surface."""
     down_irradiance: Rgb
+    """Irradiance of a downward surface."""
 
     def __post_init__(self) -> None:
         _check_light("hemisphere", self.up_irradiance, self.down_irradiance)
@@ -113,10 +120,12 @@ class HemisphereLight:
 
 @dataclass(frozen=True, slots=True)
 class DirectionalLight:
-    """Parallel light travelling along `direction` (unit, world frame)."""
+    """Parallel light, such as the sun's."""
 
     direction: tuple[float, float, float]
+    """Direction in which the light travels, unit, world frame."""
     irradiance: Rgb
+    """Irradiance of a surface perpendicular to the direction."""
 
     def __post_init__(self) -> None:
         _check_light("directional", self.irradiance)
@@ -124,20 +133,22 @@ class DirectionalLight:
 
 @dataclass(frozen=True, slots=True)
 class PointLight:
-    """A point source; `intensity` is the irradiance at one metre."""
+    """Point source."""
 
     position_m: tuple[float, float, float]
     intensity: Rgb
+    """Irradiance at one metre."""
 
     def __post_init__(self) -> None:
         _check_light("point", self.intensity)
 
 
 def _check_light(kind: str, *colours: Rgb) -> None:
-    """Raise DomainError if a light is negative, no number, or brighter than numbers allow."""
+    """Raise DomainError for a light that is negative, not a number, or above MAX_LIGHT."""
     for colour in colours:
+        # NaN fails the comparison and so is rejected, too.
         if not all(0.0 <= value <= MAX_LIGHT for value in colour):
-            raise DomainError(f"a {kind} light of {colour!r}: from 0 to {MAX_LIGHT:g} can be shown")
+            raise DomainError(f"a {kind} light of {colour!r}: allowed is 0 to {MAX_LIGHT:g}")
 
 
 Light = HemisphereLight | DirectionalLight | PointLight
@@ -145,7 +156,7 @@ Light = HemisphereLight | DirectionalLight | PointLight
 
 @dataclass(frozen=True, slots=True)
 class StartPlace:
-    """A named place where a robot may be spawned: INIT {Start name}, GETSTARTPOSES."""
+    """Named start pose of a robot: INIT {Start name}, GETSTARTPOSES."""
 
     name: str
     location_m: tuple[float, float, float]
@@ -154,7 +165,7 @@ class StartPlace:
 
 @dataclass(frozen=True, slots=True)
 class RfidTag:
-    """A tag that RFID readers find by its number."""
+    """Tag for RFID readers."""
 
     number: int
     position_m: tuple[float, float, float]
@@ -162,7 +173,7 @@ class RfidTag:
 
 @dataclass(frozen=True, slots=True)
 class Victim:
-    """A victim, or a part of one, that victim sensors find by its name."""
+    """Victim, or a part of one, for victim sensors."""
 
     name: str
     position_m: tuple[float, float, float]
@@ -170,7 +181,7 @@ class Victim:
 
 @dataclass(frozen=True, slots=True)
 class GpsOrigin:
-    """Where on Earth the world's origin is, in degrees; north and east are positive."""
+    """Position of the world's origin on Earth; north and east are positive."""
 
     latitude_deg: float
     longitude_deg: float
@@ -178,7 +189,7 @@ class GpsOrigin:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A whole world. `background` is the linear radiance where no surface is hit."""
+    """Whole world."""
 
     name: str
     items: tuple[Item, ...]
@@ -186,7 +197,9 @@ class World:
     lights: tuple[Light, ...] = ()
     starts: tuple[StartPlace, ...] = ()
     background: Rgb = (0.0, 0.0, 0.0)
+    """Linear radiance of directions without a surface."""
     landmark_albedos: dict[str, Rgb] = field(default_factory=dict)
+    """Linear albedo of each colour name in the landmark file."""
     rfid_tags: tuple[RfidTag, ...] = ()
     victims: tuple[Victim, ...] = ()
     gps_origin: GpsOrigin | None = None
