@@ -12,29 +12,13 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.config.server_file import SERVER_SECTIONS, ServerOptions, read_server_options
 from catoptra_server.config.world_file import read_world
-from catoptra_server.robot.robot_description import (
-    GpsDescription,
-    RangeScannerDescription,
-    RobotDescription,
-    SonarDescription,
-    TouchDescription,
-    VictimSensorDescription,
-)
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
+from catoptra_server.sensors import casts_rays
 from catoptra_server.sensors.sensor_environment import RayCaster
 
 log = logging.getLogger(__name__)
-
-# Sensors that cast rays in every cycle. Without one the scene is committed to embree at the first
-# ray, if ever: a server with cameras alone saves the time and memory.
-_RAY_CASTING_SENSORS = (
-    RangeScannerDescription,
-    SonarDescription,
-    TouchDescription,
-    VictimSensorDescription,
-    GpsDescription,
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +80,9 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
     """Ray caster for sensors, built now if a robot has a sensor that casts rays in every cycle."""
     caster = _LazyRayCaster(startup.scene)
     sensors = [sensor for robot in startup.robots for sensor in robot.sensors]
-    if any(isinstance(sensor, _RAY_CASTING_SENSORS) for sensor in sensors):
+    # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
+    # ever: a server with cameras alone saves the time and memory.
+    if any(map(casts_rays, sensors)):
         caster.build()
     return caster
 

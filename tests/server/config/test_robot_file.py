@@ -8,7 +8,8 @@ import pytest
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_server.config.robot_file import read_robot, read_robots
-from catoptra_server.robot.robot_description import GroundTruthDescription, OdometryDescription
+from catoptra_server.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.sensors.odometry import OdometryDescription
 from helpers.configs import OMNI_ROBOT, ROBOTS, Edit, find_line_number, write_edited_copy
 
 BARE = """\

@@ -86,7 +86,7 @@ def test_image_type_when_a_tag_a_number_or_empty_is_read(
         ("UPISImageServer", "LegacyMode=perhaps", "true or false"),
         ("UPISImageServer", "bEnableImageServer=2", "true or false"),
         ("MultiView", "CameraTileX=0", "a whole number from 1"),
-        ("MultiView", "CameraTileX=300", "smaller or fewer tiles: a picture of 96000 x 480 px"),
+        ("MultiView", "CameraTileX=300", "smaller or fewer tiles: an image of 96000 x 480 px"),
     ],
 )
 def test_value_when_impossible_is_rejected_with_file_line_and_key(

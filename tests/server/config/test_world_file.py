@@ -197,7 +197,7 @@ def test_file_when_it_has_no_world_names_the_section(tmp_path: Path, text: str) 
 def test_world_when_nothing_is_visible_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "world.ini"
     path.write_text("[Catoptra.World]\nName=Void\n")
-    with pytest.raises(ConfigError, match=r"world\.ini:1: .*at least one thing to see"):
+    with pytest.raises(ConfigError, match=r"world\.ini:1: .*at least one visible object"):
         read_world(path)
 
 
