@@ -37,7 +37,15 @@ def serve_stream_script(
     router.bind(f"tcp://127.0.0.1:{port or '*'}")
     bound = int(router.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
     stopped = threading.Event()
-    thread = threading.Thread(target=_serve, args=(router, script, sends_heartbeats, stopped))
+    failures: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            _serve(router, script, sends_heartbeats, stopped)
+        except BaseException as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=run)
     thread.start()
     try:
         yield bound
@@ -45,6 +53,9 @@ def serve_stream_script(
         stopped.set()
         thread.join()
         context.destroy(linger=0)
+    # The cause of a failed script, rather than only the client's timeout.
+    if failures:
+        raise failures[0]
 
 
 def _serve(

@@ -1,9 +1,8 @@
-"""Addresses of both transports. What they bring is compared in end_to_end/test_stream.py."""
+"""URLs of both transports. Their frames are compared in end_to_end/test_stream.py."""
 
 from __future__ import annotations
 
 import pytest
-from client.test_stream import reply_to_all
 
 from catoptra_client.frame_sources.frame_source import open_frame_source
 from catoptra_client.frame_sources.image_client import ImageClient
@@ -13,35 +12,39 @@ from catoptra_client.frame_sources.stream.stream_frame_source import (
 )
 from catoptra_protocol.errors import CatoptraError, ConnectionLostError
 from catoptra_protocol.stream.requests import ImageEncoding
+from client.frame_sources.stream.test_stream_client import reply_to_all
 from client.scripted_server import serve_script
 from helpers.scripted_stream import serve_stream_script
 
 
 @pytest.mark.parametrize(
-    "address",
+    "url",
     [
         *("", "127.0.0.1:5003", "http://a:1", "zmq://a:seven"),
         *("zmq://a:1?encoding=gif", "zmq://a:1?robots=A"),
     ],
 )
-def test_address_when_wrong_says_what_is_expected(address: str) -> None:
+def test_url_when_malformed_names_the_expected_form(url: str) -> None:
     with pytest.raises(CatoptraError, match="expected tcp://host:port"):
-        open_frame_source(address)
+        open_frame_source(url)
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "zmq"])
-def test_address_when_nobody_listens_names_it(scheme: str) -> None:
+def test_url_when_there_is_no_server_names_the_address(scheme: str) -> None:
     with pytest.raises(ConnectionLostError, match=r"127\.0\.0\.1:1"):
         open_frame_source(f"{scheme}://127.0.0.1:1", timeout_s=0.1)
 
 
-def test_address_when_of_a_stream_opens_one() -> None:
-    with serve_stream_script(reply_to_all) as port, open_frame_source(f"zmq://127.0.0.1:{port}") as source:
+def test_url_of_a_stream_opens_a_stream_source() -> None:
+    with (
+        serve_stream_script(reply_to_all) as port,
+        open_frame_source(f"zmq://127.0.0.1:{port}") as source,
+    ):
         assert isinstance(source, StreamFrameSource)
         assert source.selection == CameraSelection()
 
 
-def test_camera_when_chosen_in_the_address_is_watched() -> None:
+def test_camera_when_selected_in_the_url_is_requested() -> None:
     with (
         serve_stream_script(reply_to_all) as port,
         open_frame_source(f"zmq://127.0.0.1:{port}?robot=R%201&camera=Rear&encoding=png") as source,
@@ -50,7 +53,7 @@ def test_camera_when_chosen_in_the_address_is_watched() -> None:
         assert source.selection == CameraSelection("R 1", "Rear", ImageEncoding.PNG)
 
 
-def test_camera_when_chosen_by_keywords_counts_more_than_the_address() -> None:
+def test_camera_when_selected_by_keywords_overrides_the_url() -> None:
     with (
         serve_stream_script(reply_to_all) as port,
         open_frame_source(
@@ -63,14 +66,14 @@ def test_camera_when_chosen_by_keywords_counts_more_than_the_address() -> None:
         assert source.selection == CameraSelection("A", "Ahead", ImageEncoding.RAW)
 
 
-def test_camera_when_chosen_over_tcp_is_refused_with_the_way_to_choose() -> None:
-    with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
+def test_camera_when_selected_over_tcp_is_rejected_with_the_alternative() -> None:
+    with pytest.raises(CatoptraError, match="select a robot and a camera over the stream"):
         open_frame_source("tcp://127.0.0.1:1?robot=A")
-    with pytest.raises(CatoptraError, match="choose a robot and camera over the stream"):
+    with pytest.raises(CatoptraError, match="select a robot and a camera over the stream"):
         open_frame_source("tcp://127.0.0.1:1", robot="A")
 
 
-def test_address_when_of_an_image_server_opens_one() -> None:
+def test_url_of_an_image_port_opens_an_image_client() -> None:
     with (
         serve_script(lambda connection: None) as port,
         open_frame_source(f"tcp://127.0.0.1:{port}") as source,

@@ -1,4 +1,4 @@
-"""Frames from an address, over either transport."""
+"""Frame sources by URL, over either transport."""
 
 from __future__ import annotations
 
@@ -26,53 +26,62 @@ def open_frame_source(
     camera: str | None = None,
     encoding: ImageEncoding | None = None,
 ) -> FrameSource:
-    """Return what brings frames from `tcp://host:port` (image server) or `zmq://host:port`.
+    """Connect to `tcp://host:port` (image port) or `zmq://host:port` (stream).
 
-    Without a port: 5003 and 5005. Over the stream a camera may be chosen, by keywords or in the
-    address, `zmq://host:port?robot=A&camera=Rear&encoding=png`; keywords count more. Over TCP it is
-    the server that chooses. Raises CatoptraError for an address that makes no sense.
+    Args:
+            url: Address; default ports 5003 and 5005. Over the stream a camera may be selected,
+            `zmq://host:port?robot=A&camera=Rear&encoding=png`.
+        timeout_s: Timeout of the connection and of each frame.
+        robot: Name of the robot, in place of that in the URL.
+        camera: Name of the camera, in place of that in the URL.
+        encoding: Encoding of images, in place of that in the URL.
+
+    Raises:
+        CatoptraError: The URL is malformed, or selects a camera over TCP, where the server does.
+        ConnectionLostError: No server at this address.
     """
+    # An explicit port 0 is passed on, so that its error names the port that the user typed.
     parts = urlsplit(url)
     try:
         host, port = parts.hostname or "127.0.0.1", parts.port
     except ValueError as error:
         raise _url_error(url) from error
-    said = {"robot": robot, "camera": camera, "encoding": encoding}
-    chosen = {key: value for key, value in said.items() if value is not None}
+    keywords = {"robot": robot, "camera": camera, "encoding": encoding}
+    overrides = {key: value for key, value in keywords.items() if value is not None}
     match parts.scheme:
         case "tcp":
-            if parts.query or chosen:
+            if parts.query or overrides:
                 raise _tcp_selection_error(url)
             return ImageClient.connect(host, 5003 if port is None else port, timeout_s)
         case "zmq":
-            watched = replace(_parse_selection(parts, url), **chosen)  # type: ignore[arg-type] # by name
+            selection = replace(_parse_selection(parts, url), **overrides)  # type: ignore[arg-type] # by name
             client = StreamClient.connect(host, 5005 if port is None else port, timeout_s)
-            return StreamFrameSource(client, watched)
+            return StreamFrameSource(client, selection)
         case _:
             raise _url_error(url)
 
 
 def _parse_selection(parts: SplitResult, url: str) -> CameraSelection:
-    """Return what the part of an address behind its ? chooses."""
-    asked = dict(parse_qsl(parts.query, keep_blank_values=True))
-    unknown = [key for key in asked if key not in _QUERY_KEYS]
-    encoding = asked.get("encoding", ImageEncoding.JPEG.value)
+    """Camera selection in the query of a URL."""
+    query = dict(parse_qsl(parts.query, keep_blank_values=True))
+    unknown = [key for key in query if key not in _QUERY_KEYS]
+    encoding = query.get("encoding", ImageEncoding.JPEG.value)
     if unknown or encoding not in [known.value for known in ImageEncoding]:
         raise _url_error(url)
-    return CameraSelection(asked.get("robot", ""), asked.get("camera", ""), ImageEncoding(encoding))
+    return CameraSelection(query.get("robot", ""), query.get("camera", ""), ImageEncoding(encoding))
 
 
 def _tcp_selection_error(url: str) -> CatoptraError:
     return CatoptraError(
-        f"address {url!r}: the image port shows what the server's screen shows; choose a robot "
-        "and camera over the stream, zmq://host:port?robot=A&camera=Rear"
+        f"address {url!r}: the image port has one picture for all clients; select a robot and a "
+        "camera over the stream, zmq://host:port?robot=A&camera=Rear"
     )
 
 
 def _url_error(url: str) -> CatoptraError:
     return CatoptraError(
         f"address {url!r}: expected tcp://host:port of an image server or zmq://host:port of a "
-        "stream, that one with ?robot=, &camera=, &encoding=raw, jpeg or png if need be"
+        "stream, the latter optionally with ?robot=, &camera=, &encoding=raw, jpeg or png"
     )
 
 

@@ -1,8 +1,9 @@
-"""Frames from the image server, over TCP: ask, receive, decode.
+"""Client of the image port: request, receive, decode, over TCP.
 
-Blocking, for one thread; a thin shell around the sans-I/O `ImageFrameReader`. A server in legacy
-mode (UPIS -l, UDK LegacyMode=true) sends one frame unasked after accept: take it with `receive`
-before the first `frame` or `frames`, or every frame will be the answer to the request before.
+Blocking, for one thread; a thin shell around `ImageFrameReader`, which has no socket. A server in
+legacy mode (UPIS -l, UDK LegacyMode=true) sends one unsolicited frame after accepting: take it with
+`receive_frame` before the first `get_frame` or `iter_frames`, or every frame will be the reply to
+the previous request.
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ _RAW_HEADER_BYTES = 4
 
 
 class ImageClient:
-    """One connection to the image server, from `connect` to `close`; also a context manager.
+    """One connection to the image port, from `connect` to `close`; also a context manager.
 
-    Waiting calls raise ConnectionLostError if the server goes away or stays silent for `timeout_s`,
-    and RemoteProtocolError for a frame that cannot be.
+    Waiting calls raise ConnectionLostError if the server disconnects or sends nothing for
+    `timeout_s`, and RemoteProtocolError for a malformed frame.
     """
 
     def __init__(
@@ -48,7 +49,13 @@ class ImageClient:
         timeout_s: float = 5.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take over a connected socket. `clock` gives `Frame.received_s`."""
+        """Take over a connected socket.
+
+        Args:
+            connection: Connected socket; closed by `close`.
+            timeout_s: Timeout of each frame.
+            clock: Clock of `Frame.received_s`, in seconds.
+        """
         self._socket = connection
         self._peer = peer_address(connection)
         self._clock = clock
@@ -61,7 +68,11 @@ class ImageClient:
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5003, timeout_s: float = 5.0) -> Self:
-        """Return a stream on which nothing has been asked for yet."""
+        """Connect, without a request yet.
+
+        Raises:
+            ConnectionLostError: No server at this address.
+        """
         return cls(open_connection(host, port, timeout_s, server_kind="image"), timeout_s=timeout_s)
 
     def close(self) -> None:
@@ -80,7 +91,7 @@ class ImageClient:
         self.close()
 
     def request_frame(self) -> None:
-        """Ask for one frame; each request is answered by one, in order."""
+        """Request one frame; each request gets one, in order."""
         try:
             self._socket.sendall(encode_full_frame_request())
         except OSError as error:
@@ -88,29 +99,30 @@ class ImageClient:
         self._num_pending_requests += 1
 
     def receive_frame(self) -> Frame:
-        """Return the next frame that the server sends."""
+        """Next frame of the server."""
         while not self._unread:
             self._unread.extend(self._read_frames())
-        wire_frame = self._unread.popleft()
-        _LOG.debug("from %s: %s", self._peer, wire_frame)
-        rgb = rgb_from_encoded_frame(wire_frame)
-        frame = Frame(rgb, self._sequence, self._received_s, wire_frame.image_type)
+        encoded = self._unread.popleft()
+        _LOG.debug("from %s: %s", self._peer, encoded)
+        rgb = rgb_from_encoded_frame(encoded)
+        frame = Frame(rgb, self._sequence, self._received_s, encoded.image_type)
         self._sequence += 1
+        # At least 0: the unsolicited frame of legacy mode has no request.
         self._num_pending_requests = max(self._num_pending_requests - 1, 0)
         return frame
 
     def get_frame(self) -> Frame:
-        """Ask for a frame and return it; frames still owed from before are passed over."""
+        """Request a frame and wait; frames of earlier requests are skipped."""
         self.request_frame()
         while self._num_pending_requests > 1:
             self.receive_frame()
         return self.receive_frame()
 
     def iter_frames(self) -> Iterator[Frame]:
-        """Iterate over frames for ever, one request ahead, so that server and client both work.
+        """Iterate over frames for ever, one request ahead, so that both sides work in parallel.
 
-        A frame is therefore as old as the use that is made of the one before it; with a lockstep
-        server take `frame`, which asks after the step.
+        A frame is therefore as old as the processing time of the one before; with a lockstep server
+        use `get_frame`, which requests after the step.
         """
         if not self._num_pending_requests:
             self.request_frame()
@@ -124,7 +136,7 @@ class ImageClient:
         except TimeoutError as error:
             raise ConnectionLostError(
                 f"{self._peer} is connected but sent no frame: is this the image port, was a frame "
-                "asked for, and does the server have a robot with a camera?"
+                "requested, and does the server have a robot with a camera?"
             ) from error
         except OSError as error:
             raise self._connection_lost_error(str(error)) from error
@@ -135,14 +147,16 @@ class ImageClient:
 
     def _connection_lost_error(self, reason: str) -> ConnectionLostError:
         return ConnectionLostError(
-            f"lost the image server at {self._peer}: {reason}. Its log tells why; connect again"
+            f"lost the image server at {self._peer}: {reason}. See the log of the server; "
+            "connect again"
         )
 
 
 def rgb_from_encoded_frame(frame: EncodedFrame) -> Pixels:
-    """Return the (h, w, 3) uint8 RGB picture of a frame, read-only; (0, 0, 3) if it is empty.
+    """Decode the RGB image of a frame: (h, w, 3) uint8, read-only; (0, 0, 3) for an empty payload.
 
-    Raises RemoteProtocolError if the payload is no picture, or a larger one than we accept.
+    Raises:
+        RemoteProtocolError: The payload is no image, or a larger one than the limits allow.
     """
     if not frame.payload:
         rgb: Pixels = np.zeros((0, 0, 3), np.uint8)
@@ -150,6 +164,7 @@ def rgb_from_encoded_frame(frame: EncodedFrame) -> Pixels:
         rgb = _rgb_from_raw(frame.payload)
     else:
         rgb = rgb_from_image_bytes(frame.payload)
+    # `Frame` promises a read-only array: several users may hold the same frame.
     rgb.setflags(write=False)
     return rgb
 
@@ -158,7 +173,7 @@ def _rgb_from_raw(payload: bytes) -> Pixels:
     width, height, pitch = parse_raw_size(payload)
     rows = np.frombuffer(payload, np.uint8, offset=_RAW_HEADER_BYTES).reshape(height, pitch)
     bgr = rows[:, : 3 * width].reshape(height, width, 3)
-    # cvtColor takes a tenth of the time of a reversed copy, but refuses a picture without pixels.
+    # cvtColor takes a tenth of the time of a reversed copy, but rejects an image without pixels.
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8) if bgr.size else bgr.copy()
 
 

@@ -1,4 +1,4 @@
-"""From header and picture to a frame, and what is refused."""
+"""Decoding of header and image to a frame, and the rejection of malformed ones."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ CAMERA = OmniCamera(
 HEADER_WITH_CAMERA = dataclasses.replace(
     HEADER, camera_model=dict(pairs_from_omni_camera(CAMERA, 0.7))
 )
-PICTURE = np.arange(72, dtype=np.uint8).reshape(4, 6, 3)
+IMAGE = np.arange(72, dtype=np.uint8).reshape(4, 6, 3)
 
 
 def decode_frame(header: FrameHeader, *parts: bytes) -> Frame:
     return frame_from_parts(header, list(parts), camera_cache=CameraModelCache(), received_s=3.0)
 
 
-def test_frame_when_raw_holds_what_the_header_says() -> None:
-    frame = decode_frame(HEADER_WITH_CAMERA, PICTURE.tobytes())
-    assert np.array_equal(frame.rgb, PICTURE)
+def test_frame_when_raw_has_the_fields_of_its_header() -> None:
+    frame = decode_frame(HEADER_WITH_CAMERA, IMAGE.tobytes())
+    assert np.array_equal(frame.rgb, IMAGE)
     assert not frame.rgb.flags.writeable
     assert frame.camera == CAMERA
     assert frame.robot_from_mirror is not None
@@ -52,24 +52,24 @@ def test_frame_when_raw_holds_what_the_header_says() -> None:
     ]
 
 
-def test_frame_when_png_is_the_same_picture() -> None:
-    _, data = cv2.imencode(".png", np.ascontiguousarray(PICTURE[..., ::-1]))
+def test_frame_when_png_is_the_same_image() -> None:
+    _, data = cv2.imencode(".png", np.ascontiguousarray(IMAGE[..., ::-1]))
     frame = decode_frame(
         dataclasses.replace(HEADER_WITH_CAMERA, encoding=ImageEncoding.PNG), data.tobytes()
     )
-    assert np.array_equal(frame.rgb, PICTURE)
+    assert np.array_equal(frame.rgb, IMAGE)
 
 
-def test_law_when_it_stays_the_same_is_read_once() -> None:
-    laws = CameraModelCache()
-    assert laws.get_camera(HEADER_WITH_CAMERA.camera_model) is laws.get_camera(
+def test_camera_when_its_pairs_stay_the_same_is_parsed_once() -> None:
+    cache = CameraModelCache()
+    assert cache.get_camera(HEADER_WITH_CAMERA.camera_model) is cache.get_camera(
         dict(HEADER_WITH_CAMERA.camera_model or {})
     )
-    assert laws.get_camera(None) is None
+    assert cache.get_camera(None) is None
 
 
 BAD_MESSAGES: list[tuple[FrameHeader, tuple[bytes, ...], str]] = [
-    (HEADER_WITH_CAMERA, (), "0 parts behind the header"),
+    (HEADER_WITH_CAMERA, (), "0 parts after the header"),
     (HEADER_WITH_CAMERA, (bytes(72), b""), "2 parts"),
     (HEADER_WITH_CAMERA, (bytes(71),), "71 bytes"),
     (dataclasses.replace(HEADER_WITH_CAMERA, width_px=-6, height_px=-4), (bytes(72),), "72 bytes"),
@@ -83,16 +83,16 @@ BAD_MESSAGES: list[tuple[FrameHeader, tuple[bytes, ...], str]] = [
 
 
 @pytest.mark.parametrize(
-    ("header", "parts", "said"), BAD_MESSAGES, ids=lambda x: x if type(x) is str else ""
+    ("header", "parts", "expected_message"), BAD_MESSAGES, ids=lambda x: x if type(x) is str else ""
 )
-def test_frame_when_its_parts_disagree_is_refused(
-    header: FrameHeader, parts: tuple[bytes, ...], said: str
+def test_frame_when_its_parts_disagree_is_rejected(
+    header: FrameHeader, parts: tuple[bytes, ...], expected_message: str
 ) -> None:
-    with pytest.raises(RemoteProtocolError, match=said):
+    with pytest.raises(RemoteProtocolError, match=expected_message):
         decode_frame(header, *parts)
 
 
-def test_picture_when_of_another_size_than_the_header_says_is_refused() -> None:
+def test_image_when_of_another_size_than_its_header_is_rejected() -> None:
     _, data = cv2.imencode(".png", np.zeros((5, 6, 3), np.uint8))
     with pytest.raises(RemoteProtocolError, match=r"shape \(5, 6, 3\)"):
         decode_frame(

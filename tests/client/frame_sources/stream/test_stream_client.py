@@ -40,21 +40,22 @@ from helpers.scripted_stream import HEARTBEAT, Script, serve_stream_script
 from helpers.stream_messages import HEADER, LANDMARK
 
 HOST = "127.0.0.1"
-SHORT_S = 0.1  # a timeout that is meant to pass
+# A timeout that expires in the test.
+SHORT_S = 0.1
 STATUS = StatusReply(1, 0, "Catoptra", "field", ("USARBot.OmniP2AT",), "realtime", 1, False, 0)
-PICTURE = bytes(range(72))
+IMAGE = bytes(range(72))
 
 
 def make_replies(request: Request) -> list[Reply]:
-    """Return what a well-behaved server answers."""
+    """Replies of a well-behaved server."""
     match request:
         case GetStatusRequest(id_):
             return [dataclasses.replace(STATUS, id=id_)]
         case GetLandmarksRequest(id_, None):
             return [LandmarksReply(id_, (LANDMARK,))]
         case GetLandmarksRequest(id_):
-            seen = dataclasses.replace(LANDMARK, pixel=(1.5, 2.5), visible=True)
-            return [LandmarksReply(id_, (seen,), 0.25)]
+            visible = dataclasses.replace(LANDMARK, pixel=(1.5, 2.5), visible=True)
+            return [LandmarksReply(id_, (visible,), 0.25)]
         case GetStartPosesRequest(id_):
             return [StartPosesReply(id_, ())]
         case DriveRequest(id_) | ResetRequest(id_):
@@ -65,11 +66,11 @@ def make_replies(request: Request) -> list[Reply]:
 
 
 def reply_to_all(request: Request) -> list[list[bytes]]:
-    """Answer everything; frames are all the same but for their numbers."""
+    """Reply to every request; frames differ in their numbers only."""
     if isinstance(request, GetFrameRequest):
-        header = dataclasses.replace(HEADER, id=request.id, sequence=request.id, camera_law=None)
-        return [[bytes_from_message(header), PICTURE]]
-    return [[bytes_from_message(answer)] for answer in make_replies(request)]
+        header = dataclasses.replace(HEADER, id=request.id, sequence=request.id, camera_model=None)
+        return [[bytes_from_message(header), IMAGE]]
+    return [[bytes_from_message(reply)] for reply in make_replies(request)]
 
 
 def reply_with_error(request: Request) -> list[list[bytes]]:
@@ -80,7 +81,7 @@ def ignore_request(request: Request) -> list[list[bytes]]:
     return []
 
 
-def test_client_when_everything_is_answered_returns_what_was_said() -> None:
+def test_client_when_every_request_has_a_reply_returns_their_values() -> None:
     with serve_stream_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
         assert client.get_status().world == "field"
         assert client.spawn("USARBot.OmniP2AT") == [OdometryReading("Odometry", 1.0, 2.0, 0.5)]
@@ -95,11 +96,11 @@ def test_client_when_everything_is_answered_returns_what_was_said() -> None:
         assert client.get_start_poses() == ()
 
 
-def test_frames_when_iterated_are_asked_for_one_by_one() -> None:
+def test_frames_when_iterated_are_requested_one_by_one() -> None:
     with serve_stream_script(reply_to_all) as port, StreamClient.connect(HOST, port) as client:
         frames = list(itertools.islice(client.iter_frames(encoding=ImageEncoding.RAW), 3))
     assert [frame.sequence for frame in frames] == [2, 3, 4]
-    assert frames[0].rgb.tobytes() == PICTURE
+    assert frames[0].rgb.tobytes() == IMAGE
     assert frames[0].rgb.shape == (4, 6, 3)
     assert (frames[0].robot_name, frames[0].missed_frames, frames[0].dropped_frames) == (
         "Mine",
@@ -108,60 +109,60 @@ def test_frames_when_iterated_are_asked_for_one_by_one() -> None:
     )
 
 
-def test_answers_when_old_or_unknown_or_pulses_come_between_are_passed_over() -> None:
+def test_replies_when_late_or_unknown_or_heartbeats_are_skipped() -> None:
     def reply_with_noise(request: Request) -> list[list[bytes]]:
-        old = [bytes_from_message(Ok(request.id - 1))]
-        return [[HEARTBEAT], old, [b"\x81\xa4kind\xa4news"], *reply_to_all(request)]
+        late = [bytes_from_message(Ok(request.id - 1))]
+        return [[HEARTBEAT], late, [b"\x81\xa4kind\xa8forecast"], *reply_to_all(request)]
 
     with serve_stream_script(reply_with_noise) as port, StreamClient.connect(HOST, port) as client:
         client.drive(1.0, 1.0)
         assert client.get_frame(encoding=ImageEncoding.RAW).sequence == 3
 
 
-def test_request_when_refused_raises_with_the_reason() -> None:
+def test_request_when_rejected_raises_with_the_reason() -> None:
     with serve_stream_script(reply_with_error) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(CatoptraError, match=f"127.0.0.1:{port} refused: no robot"):
+        with pytest.raises(CatoptraError, match=f"127.0.0.1:{port} rejected the request: no robot"):
             client.drive(1.0, 1.0)
 
 
-def test_request_when_the_server_cannot_read_us_says_so() -> None:
+def test_request_when_unreadable_raises_with_the_reason() -> None:
     def reply_unreadable(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(Error(0, "no msgpack"))]]
 
     with serve_stream_script(reply_unreadable) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(RemoteProtocolError, match="cannot read us: no msgpack"):
+        with pytest.raises(RemoteProtocolError, match="cannot read the request: no msgpack"):
             client.reset()
 
 
-def test_answer_when_of_another_kind_is_refused() -> None:
+def test_reply_when_of_another_kind_is_rejected() -> None:
     def reply_with_wrong_kind(request: Request) -> list[list[bytes]]:
         return [[bytes_from_message(Ok(request.id))]]
 
     with serve_stream_script(reply_with_wrong_kind) as port, StreamClient(HOST, port) as client:
-        with pytest.raises(RemoteProtocolError, match="answered with done"):
+        with pytest.raises(RemoteProtocolError, match="replied with ok"):
             client.get_status()
 
 
-def test_server_when_there_is_none_is_named() -> None:
+def test_connection_when_there_is_no_server_names_the_address() -> None:
     with pytest.raises(ConnectionLostError, match=r"no stream server at .*--stream-port"):
         StreamClient.connect(HOST, 1, timeout_s=SHORT_S)
 
 
-def test_server_when_silent_altogether_is_lost() -> None:
+def test_server_when_it_sends_nothing_is_lost() -> None:
     with serve_stream_script(ignore_request) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
-            with pytest.raises(ConnectionLostError, match="nothing heard"):
+            with pytest.raises(ConnectionLostError, match="no heartbeat"):
                 client.get_frame()
 
 
-def test_server_when_it_lives_and_sends_no_frame_is_slow() -> None:
+def test_server_when_it_sends_heartbeats_and_no_frame_is_slow() -> None:
     with serve_stream_script(ignore_request, sends_heartbeats=True) as port:
         with StreamClient(HOST, port, timeout_s=SHORT_S) as client:
-            with pytest.raises(DeadlineExceededError, match="lives but did not send a frame"):
+            with pytest.raises(DeadlineExceededError, match="sends heartbeats but not a frame"):
                 client.get_frame()
 
 
-def test_frames_when_the_server_was_away_go_on() -> None:
+def test_frames_when_the_server_restarts_continue() -> None:
     with serve_stream_script(reply_to_all) as port:
         client = StreamClient.connect(HOST, port)
         first = client.get_frame(encoding=ImageEncoding.RAW)
@@ -171,12 +172,12 @@ def test_frames_when_the_server_was_away_go_on() -> None:
 
 
 def lose_first_request() -> Script:
-    """Lose the first request for a frame, as a server does that restarts."""
-    asked: list[int] = []
+    """Ignore the first request for a frame, as a server that restarts."""
+    ids: list[int] = []
 
     def reply(request: Request) -> list[list[bytes]]:
-        asked.append(request.id)
-        return reply_to_all(request) if len(asked) > 1 else []
+        ids.append(request.id)
+        return reply_to_all(request) if len(ids) > 1 else []
 
     return reply
 

@@ -1,4 +1,4 @@
-"""The client's socket: what it tells of a server that is away, and what it does not keep for it."""
+"""The socket of a stream client: liveness of the server, and no queue for a server that is down."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def reply_with_heartbeat(request: Request) -> list[list[bytes]]:
     return [[HEARTBEAT]]
 
 
-def test_message_when_answered_comes_with_its_parts() -> None:
+def test_reply_when_received_has_its_parts() -> None:
     with serve_stream_script(reply_with_heartbeat) as port:
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)
@@ -28,7 +28,7 @@ def test_message_when_answered_comes_with_its_parts() -> None:
         socket.close()
 
 
-def test_message_when_nobody_is_there_is_not_kept() -> None:
+def test_message_when_there_is_no_server_is_not_queued() -> None:
     with serve_stream_script(reply_with_heartbeat) as port:
         pass
     socket = StreamSocket("127.0.0.1", port)
@@ -47,7 +47,7 @@ def test_message_when_nobody_is_there_is_not_kept() -> None:
     socket.close()
 
 
-def test_server_when_it_pulses_is_not_lost() -> None:
+def test_server_when_it_sends_heartbeats_is_not_lost() -> None:
     with serve_stream_script(reply_with_heartbeat, sends_heartbeats=True) as port:
         socket = StreamSocket("127.0.0.1", port)
         socket.send(STATUS_REQUEST, time.monotonic() + 5.0)

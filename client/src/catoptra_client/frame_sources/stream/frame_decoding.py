@@ -1,4 +1,4 @@
-"""From the stream's header and picture to a `Frame`, checked before memory is taken."""
+"""Decoding of a stream frame, header and image, with checks before memory is allocated."""
 
 from __future__ import annotations
 
@@ -16,14 +16,21 @@ from catoptra_protocol.usarsim.image_port import ImageType
 
 
 class CameraModelCache:
-    """The last law that was read: it stays the same from frame to frame."""
+    """The camera model of the last header.
+
+    The pairs stay the same from frame to frame, and comparing them is cheaper than parsing.
+    """
 
     def __init__(self) -> None:
         self._pairs: dict[str, str] | None = None
         self._camera: OmniCamera | PerspectiveCamera | None = None
 
     def get_camera(self, pairs: dict[str, str] | None) -> OmniCamera | PerspectiveCamera | None:
-        """Return the camera of a header's pairs; None where no camera is shown."""
+        """Camera model of a header's pairs; None without pairs.
+
+        Raises:
+            RemoteProtocolError: A pair is missing or wrong; names the field.
+        """
         if pairs != self._pairs:
             self._camera = any_camera_from_pairs(tuple(pairs.items())) if pairs else None
             self._pairs = pairs
@@ -33,14 +40,25 @@ class CameraModelCache:
 def frame_from_parts(
     header: FrameHeader, parts: list[bytes], *, camera_cache: CameraModelCache, received_s: float
 ) -> Frame:
-    """Return a frame. Raises RemoteProtocolError if the picture is not what the header says."""
+    """Decode a frame.
+
+    Args:
+        header: First part.
+        parts: Parts after the header.
+        camera_cache: Cache of this connection.
+        received_s: Arrival time by the client's clock.
+
+    Raises:
+        RemoteProtocolError: The image does not match the header.
+    """
     if len(parts) != 1:
-        raise RemoteProtocolError(f"{header}: {len(parts)} parts behind the header, expected one")
+        raise RemoteProtocolError(f"{header}: {len(parts)} parts after the header, expected one")
     mirror = header.robot_from_mirror
     return Frame(
         rgb=_decode_rgb(header, parts[0]),
         sequence=header.sequence,
         received_s=received_s,
+        # PNG is lossless, so its frames count as RAW.
         image_type=ImageType.GOOD if header.encoding is ImageEncoding.JPEG else ImageType.RAW,
         robot_name=header.robot,
         camera_name=header.camera,
@@ -60,7 +78,7 @@ def frame_from_parts(
 
 
 def pose_from_transform(transform: Transform) -> Pose:
-    """Return the pose of a message."""
+    """Pose of a transform in a message."""
     rotation = np.array(transform.rotation, dtype=np.float64).reshape(3, 3)
     return Pose(rotation, np.array(transform.position_m, dtype=np.float64))
 
@@ -69,11 +87,12 @@ def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
     shape = (header.height_px, header.width_px, 3)
     if header.encoding is ImageEncoding.RAW:
         if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
-            raise RemoteProtocolError(f"{header}: its picture has {len(payload)} bytes")
+            raise RemoteProtocolError(f"{header}: its image has {len(payload)} bytes")
+        # A read-only view of the received bytes: a raw frame is never copied.
         rgb: Pixels = np.frombuffer(payload, np.uint8).reshape(shape)
         return rgb
     rgb = rgb_from_image_bytes(payload)
     if rgb.shape != shape:
-        raise RemoteProtocolError(f"{header}: its picture has the shape {rgb.shape}")
+        raise RemoteProtocolError(f"{header}: its image has the shape {rgb.shape}")
     rgb.setflags(write=False)
     return rgb

@@ -1,4 +1,4 @@
-"""What the stream says of landmarks: where they are, and what a camera sees of them."""
+"""Landmarks in replies of the stream: true positions, and projections into a camera."""
 
 from __future__ import annotations
 
@@ -11,25 +11,24 @@ from catoptra_protocol.stream.replies import LandmarkRecord, LandmarksReply
 
 @dataclass(frozen=True, slots=True)
 class LandmarkProjection:
-    """A landmark, and what a camera saw of it at `time_s`, by geometry.
-
-    pixel: (u, v) of the middle of its band, None outside the picture. visible: whether it lies in
-    the picture with nothing before it.
-    """
+    """A landmark and its projection into a camera, by geometry."""
 
     landmark: Landmark
     pixel: tuple[float, float] | None
+    """Projection (u, v) of the band centre; None outside the image."""
     visible: bool
+    """Whether the band centre lies in the image without an occluder."""
     time_s: float
+    """Simulation time."""
 
 
 def landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
-    """Return where the landmarks are."""
+    """True landmarks of the world."""
     return tuple(map(_landmark_from_record, reply.landmarks))
 
 
 def projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
-    """Return what was seen of each landmark."""
+    """Projection of each landmark."""
     time_s = reply.time_s or 0.0
     return tuple(
         LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)

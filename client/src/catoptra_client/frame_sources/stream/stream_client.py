@@ -1,8 +1,8 @@
-"""The modern stream: one connection for robot and frames, over ZeroMQ.
+"""Client of the ZeroMQ stream: one connection for robot and frames.
 
-Blocking, for one thread. Frames are pulled: each is the newest at the moment it is asked for, so a
-program that is slow misses frames and never sees old ones. The connection is made anew by itself
-after the server was away; the robot is then gone and has to be spawned again.
+Blocking, for one thread. Frames are pulled: each is the newest at the moment of its request, so a
+slow program misses frames and never gets old ones. After the server was down the connection is made
+anew by itself; the robot is then gone and has to be spawned again.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ from catoptra_protocol.usarsim.reports import Report, report_from_message
 from catoptra_protocol.vectors import Vector3
 
 _LOG = logging.getLogger(__name__)
-# A request for a frame is repeated, with its id, in case a server that restarted lost it.
+# A restarted server has lost the request. Repeating one with the same id is safe (SPEC.md 9.4).
 _RETRY_INTERVAL_S = 1.0
 
 _ReplyT = TypeVar("_ReplyT", bound=Reply)
@@ -75,9 +75,9 @@ _Parts = list[bytes]
 class StreamClient:
     """One client of a stream server, from `connect` to `close`; also a context manager.
 
-    Waiting calls raise ConnectionLostError if nothing is heard of the server, DeadlineExceededError if it
-    lives but does not answer within `timeout_s`, and CatoptraError with its reason if it refuses.
-    Each may be repeated: the connection comes back by itself.
+    Waiting calls raise ConnectionLostError if the server sends nothing, DeadlineExceededError if it
+    sends heartbeats but no reply within `timeout_s`, and CatoptraError with the server's reason if
+    the request is rejected. Each call may be repeated: the connection is restored by itself.
     """
 
     def __init__(
@@ -88,7 +88,14 @@ class StreamClient:
         timeout_s: float = 5.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to connect. `clock` gives `Frame.received_s` and measures the timeouts."""
+        """Start to connect.
+
+        Args:
+            host: Host name or address.
+            port: TCP port of the stream.
+            timeout_s: Timeout of each call.
+            clock: Clock of the timeouts and of `Frame.received_s`, in seconds.
+        """
         self._socket = StreamSocket(host, port, clock=clock)
         self._timeout_s = timeout_s
         self._clock = clock
@@ -97,10 +104,15 @@ class StreamClient:
 
     @classmethod
     def connect(cls, host: str = "127.0.0.1", port: int = 5005, timeout_s: float = 5.0) -> Self:
-        """Return a client that the server has answered once."""
+        """Connect and wait for the first reply of the server.
+
+        Raises:
+            ConnectionLostError: No server at this address.
+        """
         client = cls(host, port, timeout_s=timeout_s)
         try:
             client.get_status()
+        # KeyboardInterrupt included: an open socket would keep its I/O thread alive.
         except BaseException:
             client.close()
             raise
@@ -122,7 +134,7 @@ class StreamClient:
         self.close()
 
     def get_status(self) -> StatusReply:
-        """Return what the server is and does."""
+        """Identity and state of the server."""
         return self._call(GetStatusRequest(next(self._ids)), StatusReply)
 
     def spawn(
@@ -134,35 +146,49 @@ class StreamClient:
         rotation_rad: Vector3 = (0.0, 0.0, 0.0),
         start_pose: str | None = None,
     ) -> list[Report]:
-        """Put this client's robot into the world; return its first readings."""
+        """Spawn this client's robot; its first readings.
+
+        Args:
+            class_name: Class of the robot, one of `get_status().class_names`.
+            name: Requested name; None lets the server choose.
+            location_m: Position in the world frame; takes precedence over the start pose.
+            rotation_rad: Roll, pitch, yaw in the world frame, with a location.
+            start_pose: Name of a start pose.
+        """
         id_ = next(self._ids)
         request = SpawnRequest(id_, class_name, name, location_m, rotation_rad, start_pose)
         return _parse_reports(self._call(request, SensorReports))
 
     def drive(self, left: float | None, right: float | None, *, normalized: bool = False) -> None:
-        """Set the wheel speeds, rad/s or percent; None leaves a side as it is."""
+        """Set the wheel speeds of both sides.
+
+        Args:
+            left: Speed in rad/s, or in percent if normalized; None leaves the side unchanged.
+            right: As `left`.
+            normalized: Whether speeds are percent of the maximum.
+        """
         self._call(DriveRequest(next(self._ids), left, right, normalized), Ok)
 
     def step(self, time_s: float) -> list[Report]:
-        """Advance a lockstep clock; return the whole cycle of readings and the result."""
+        """Advance a lockstep clock; the full cycle of readings and the result."""
         return _parse_reports(self._call(StepRequest(next(self._ids), time_s), SensorReports))
 
     def reset(self) -> None:
-        """Take the robot out of the world; another may be spawned."""
+        """Remove the robot from the world; another one may be spawned."""
         self._call(ResetRequest(next(self._ids)), Ok)
 
     def get_readings(self) -> list[Report]:
-        """Return the newest reading of each sensor of the robot."""
+        """Newest reading of each sensor of the robot."""
         return _parse_reports(self._call(GetReadingsRequest(next(self._ids)), SensorReports))
 
     def get_camera(self, name: str = "") -> OmniCamera:
-        """Return the law of a camera: from pixels to directions and back."""
+        """Model of a camera: projection of directions to pixels, and back."""
         return self.get_camera_and_height(name)[0]
 
     def get_camera_and_height(self, name: str = "") -> tuple[OmniCamera, float]:
-        """Return a camera's law and the height of its viewpoint over the floor, in metres."""
-        answer = self._call(GetCameraRequest(next(self._ids), name), CameraReply)
-        return omni_camera_from_pairs(tuple(answer.camera_model.items()))
+        """Model of a camera, and the height of its viewpoint above the floor in metres."""
+        reply = self._call(GetCameraRequest(next(self._ids), name), CameraReply)
+        return omni_camera_from_pairs(tuple(reply.camera_model.items()))
 
     def set_accuracy(
         self,
@@ -171,17 +197,22 @@ class StreamClient:
         budget_ms: float | None = None,
         camera: str = "",
     ) -> PlanReply:
-        """Return how the robot's camera is drawn, after asking for another accuracy or time.
+        """Set the accuracy target of an omnidirectional camera; the resulting rendering plan.
 
-        None leaves one as it is, 0 asks for it no more. The first time the server may measure what
-        frames cost, which takes seconds.
+        Without arguments the call only reads the plan. At the first target the server may measure
+        the cost of frames, which takes seconds.
+
+        Args:
+            max_error_px: Bound on the displacement of outlines; 0 = none, None = unchanged.
+            budget_ms: Duration of a frame; 0 = none, None = unchanged.
+            camera: Name; empty = the omnidirectional camera of the robot.
         """
         return self._call(
             SetAccuracyRequest(next(self._ids), camera, max_error_px, budget_ms), PlanReply
         )
 
     def get_landmarks(self) -> tuple[Landmark, ...]:
-        """Return where the world's landmarks truly are."""
+        """True landmarks of the world."""
         return landmarks_from_reply(
             self._call(GetLandmarksRequest(next(self._ids)), LandmarksReply)
         )
@@ -189,19 +220,25 @@ class StreamClient:
     def get_landmark_projections(
         self, robot: str = "", camera: str = ""
     ) -> tuple[LandmarkProjection, ...]:
-        """Return what a camera sees of the landmarks now; names as for `frame`."""
+        """Projections of the landmarks into a camera now; names as in `get_frame`."""
         return projections_from_reply(
             self._call(GetLandmarksRequest(next(self._ids), robot, camera), LandmarksReply)
         )
 
     def get_start_poses(self) -> tuple[StartPoseRecord, ...]:
-        """Return the named start poses of the world."""
+        """Named start poses of the world."""
         return self._call(GetStartPosesRequest(next(self._ids)), StartPosesReply).start_poses
 
     def get_frame(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
     ) -> Frame:
-        """Return the newest frame, of a camera by name or of the one that is shown."""
+        """Request the newest frame and wait.
+
+        Args:
+            encoding: Encoding of the image; PNG and RAW are lossless.
+            robot: Name of the robot; with an empty `camera` too, the image-port picture.
+            camera: Name of the camera; empty = the first one of the robot.
+        """
         request = GetFrameRequest(next(self._ids), robot, camera, encoding)
         header, parts = self._exchange(
             request, FrameHeader, "a frame", retry_interval_s=_RETRY_INTERVAL_S
@@ -213,12 +250,12 @@ class StreamClient:
     def iter_frames(
         self, *, encoding: ImageEncoding = ImageEncoding.JPEG, robot: str = "", camera: str = ""
     ) -> Iterator[Frame]:
-        """Iterate over newest frames for ever; a frame is asked for when it is wanted."""
+        """Iterate over newest frames for ever; each is requested when the iterator advances."""
         while True:
             yield self.get_frame(encoding=encoding, robot=robot, camera=camera)
 
     def _call(self, request: Request, reply_type: type[_ReplyT]) -> _ReplyT:
-        return self._exchange(request, reply_type, f"an answer to {request.KIND}")[0]
+        return self._exchange(request, reply_type, f"a reply to {request.KIND}")[0]
 
     def _exchange(
         self,
@@ -227,50 +264,53 @@ class StreamClient:
         description: str,
         retry_interval_s: float | None = None,
     ) -> tuple[_ReplyT, _Parts]:
-        """Send a request; return its answer and the parts behind it."""
+        """Send a request; its reply and the parts after the reply."""
         data = bytes_from_message(request)
         deadline_s = self._clock() + self._timeout_s
         while True:
             _LOG.debug("to %s: %s", self._socket.address, request)
             self._socket.send(data, deadline_s)
             until_s = deadline_s if retry_interval_s is None else self._clock() + retry_interval_s
-            answer = self._wait_for_reply(request.id, min(until_s, deadline_s))
-            if answer is not None:
-                return self._check_reply(answer[0], reply_type), answer[1]
+            received = self._wait_for_reply(request.id, min(until_s, deadline_s))
+            if received is not None:
+                return self._check_reply(received[0], reply_type), received[1]
             if self._clock() >= deadline_s:
                 raise self._timeout_error(description)
 
     def _wait_for_reply(self, id_: int, deadline_s: float) -> tuple[Reply, _Parts] | None:
-        """Return the answer with an id; what else comes is older or a pulse."""
+        """Reply with an id; heartbeats and late replies of earlier requests are skipped."""
         while (parts := self._socket.receive(deadline_s)) is not None:
-            answer = reply_from_bytes(parts[0])
-            _LOG.debug("from %s: %s", self._socket.address, answer)
-            if isinstance(answer, Error) and answer.id == 0:
-                raise RemoteProtocolError(f"{self._socket.address} cannot read us: {answer.reason}")
-            if answer is not None and getattr(answer, "id", None) == id_:
-                return answer, parts[1:]
+            reply = reply_from_bytes(parts[0])
+            _LOG.debug("from %s: %s", self._socket.address, reply)
+            if isinstance(reply, Error) and reply.id == 0:
+                raise RemoteProtocolError(
+                    f"{self._socket.address} cannot read the request: {reply.reason}"
+                )
+            if reply is not None and getattr(reply, "id", None) == id_:
+                return reply, parts[1:]
         return None
 
     def _check_reply(self, reply: Reply, reply_type: type[_ReplyT]) -> _ReplyT:
         if isinstance(reply, Error):
-            raise CatoptraError(f"{self._socket.address} refused: {reply.reason}")
+            raise CatoptraError(f"{self._socket.address} rejected the request: {reply.reason}")
         if not isinstance(reply, reply_type):
-            raise RemoteProtocolError(f"{self._socket.address} answered with {reply.KIND}")
+            raise RemoteProtocolError(f"{self._socket.address} replied with {reply.KIND}")
         return reply
 
     def _timeout_error(self, description: str) -> CatoptraError:
-        """Return the error that tells a lost server from a slow one."""
+        """Error of a call without a reply: the server is lost, or slow."""
         if self._socket.is_lost():
             return ConnectionLostError(
-                f"lost the stream server at {self._socket.address}: nothing heard of it. Its log "
-                "tells why; call again once it is back, and spawn again"
+                f"lost the stream server at {self._socket.address}: no heartbeat. See the log of "
+                "the server; call again once it is back, and spawn again"
             )
         return DeadlineExceededError(
-            f"{self._socket.address} lives but did not send {description} within {self._timeout_s:g} s: "
-            "it is busy drawing or stepping; wait, or take a larger timeout_s"
+            f"{self._socket.address} sends heartbeats but not {description} within "
+            f"{self._timeout_s:g} s: it is busy rendering or stepping; wait, or use a larger "
+            "timeout_s"
         )
 
 
 def _parse_reports(reply: SensorReports) -> list[Report]:
-    found = (report_from_message(parse_message(line)) for line in reply.reports)
-    return [report for report in found if report is not None]
+    reports = (report_from_message(parse_message(line)) for line in reply.reports)
+    return [report for report in reports if report is not None]

@@ -1,4 +1,4 @@
-"""One camera's frames over the stream, as a `FrameSource`: which camera is said once."""
+"""Frames of one selected camera over the stream, as a `FrameSource`."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from catoptra_protocol.stream.requests import ImageEncoding
 
 @dataclass(frozen=True, slots=True)
 class CameraSelection:
-    """What to look at: empty names take what the server's screen shows, or a robot's first camera.
+    """Camera and encoding of a frame source.
 
-    encoding: JPEG is small, PNG and RAW are exact.
+    Two empty names select the image-port picture, one empty name a robot's first camera.
     """
 
     robot: str = ""
     camera: str = ""
     encoding: ImageEncoding = ImageEncoding.JPEG
+    """JPEG is small, PNG and RAW are lossless."""
 
 
 class StreamFrameSource:
-    """Frames of one camera. Closing it closes the client that it was given.
+    """Frames of one camera; the source owns its client and closes it.
 
-    Waiting raises CatoptraError with the server's reason where there is no such robot or camera
-    (any more), ConnectionLostError and DeadlineExceededError as `StreamClient` does.
+    Waiting calls raise CatoptraError with the server's reason if there is no such robot or camera
+    (any more), ConnectionLostError and DeadlineExceededError as in `StreamClient`.
     """
 
     def __init__(self, client: StreamClient, selection: CameraSelection) -> None:
@@ -36,9 +37,11 @@ class StreamFrameSource:
         self.selection = selection
 
     def get_frame(self) -> Frame:
-        """Return the newest frame."""
-        is_ = self.selection
-        return self.client.get_frame(encoding=is_.encoding, robot=is_.robot, camera=is_.camera)
+        """Request the newest frame and wait."""
+        selected = self.selection
+        return self.client.get_frame(
+            encoding=selected.encoding, robot=selected.robot, camera=selected.camera
+        )
 
     def iter_frames(self) -> Iterator[Frame]:
         """Iterate over newest frames for ever."""

@@ -1,7 +1,7 @@
-"""One DEALER socket to a stream server, and what was heard of it: the client's door to ZeroMQ.
+"""The DEALER socket of a stream client, and the liveness of its server.
 
-ZeroMQ connects again by itself. Nothing is kept for a server that is away: an order that could not
-be sent is not carried out minutes later.
+The only module of the client that imports zmq. ZeroMQ reconnects by itself. Nothing is queued for a
+server that is down: a drive command must not be executed minutes later.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ import zmq
 from catoptra_protocol.errors import ConnectionLostError
 from catoptra_protocol.limits import MAX_IMAGE_PAYLOAD_BYTES
 
-# A server that lives tells so every half second: three missed pulses are a lost server.
+# Three missed heartbeats: a live server sends one every half second.
 SERVER_TIMEOUT_S = 1.5
-# Messages that wait for the program: frames come only when asked for, so these are pulses.
+# Unread messages: frames arrive on request only, so the others are heartbeats.
 _RECEIVE_QUEUE_SIZE = 64
 _MIN_RECONNECT_MS = 100
 _MAX_RECONNECT_MS = 1000
-# A connection whose other end vanished without a word is given up and made anew.
+# A connection whose other end vanished without closing is ended after the timeout and made anew.
 _ZMTP_PING_INTERVAL_MS = 1000
 _ZMTP_PING_TIMEOUT_MS = 3000
 
 
 class StreamSocket:
-    """A socket that is connected, or on its way to be."""
+    """A socket that is connected, or connecting."""
 
     def __init__(
         self, host: str, port: int, *, clock: Callable[[], float] = time.monotonic
@@ -37,6 +37,7 @@ class StreamSocket:
         self._socket = self._context.socket(zmq.DEALER)
         for option, value in _SOCKET_OPTIONS.items():
             self._socket.set(option, value)
+        # An IPv6 address has colons of its own.
         name = f"[{host}]" if ":" in host else host
         self._socket.connect(f"tcp://{name}:{port}")
         self._last_received_s = self._clock()
@@ -46,17 +47,25 @@ class StreamSocket:
         self._context.destroy(linger=0)
 
     def send(self, data: bytes, deadline_s: float) -> None:
-        """Send a message as soon as there is a connection; ConnectionLostError if there is none."""
+        """Send a message once there is a connection.
+
+        Args:
+            data: The single part.
+            deadline_s: Time of the clock at which to stop waiting.
+
+        Raises:
+            ConnectionLostError: No connection before the deadline.
+        """
         left_s = deadline_s - self._clock()
         if not self._socket.poll(max(0, round(1000 * left_s)), zmq.POLLOUT):
             raise ConnectionLostError(
                 f"no stream server at {self.address}: start catoptra-server, and check --host and "
-                "--stream-port; it is tried again at the next call"
+                "--stream-port; the next call tries again"
             )
         self._socket.send(data)
 
     def receive(self, deadline_s: float) -> list[bytes] | None:
-        """Return the next message; None if none comes by then."""
+        """Next message; None if none arrives before the deadline."""
         left_s = deadline_s - self._clock()
         if not self._socket.poll(max(0, round(1000 * left_s)), zmq.POLLIN):
             return None
@@ -64,7 +73,9 @@ class StreamSocket:
         return self._socket.recv_multipart()
 
     def is_lost(self) -> bool:
-        """Return whether nothing at all is heard of the server; may wait for its next pulse."""
+        """Whether the server sends nothing at all; may wait for its next heartbeat."""
+        # At most SERVER_TIMEOUT_S after the last message, so a lost server is reported soon after
+        # the deadline of the call.
         while (left_s := self._last_received_s + SERVER_TIMEOUT_S - self._clock()) > 0.0:
             if self._socket.poll(max(1, round(1000 * left_s)), zmq.POLLIN):
                 return False
