@@ -1,1 +1,6 @@
-"""What is decided before a frame is drawn. Nothing here needs a GPU; nothing on a GPU decides."""
+"""Decisions before a frame is rendered: renderer, plan, and the bound of the plan's error.
+
+From settings to a plan: `render_planner` chooses for one camera, by explicit numbers
+(`explicit_plan`) or by an accuracy target (`candidate_plans`, `error_bound`, `cost_model`,
+`plan_choice`). Nothing here needs a GPU; nothing on a GPU decides.
+"""

@@ -1,8 +1,8 @@
-"""Whether frames take as long as was predicted, and when a plan has to be chosen again.
+"""Monitor of frame times against a budget: when a plan has to be chosen again.
 
-A budget is broken when the median of 30 frames is more than a fifth above it. There is room when
-the next better plan would take less than 0.85 of it, for many frames on end; each time a better
-plan has to be given up again, twice as many are waited for. So a plan does not flap.
+A budget is exceeded when the median of 30 frames is more than a fifth above. There is headroom when
+the next more accurate plan would take less than 0.85 of the budget, for many frames on end; each
+time a more accurate plan turns out too slow, the wait doubles. So plans do not oscillate.
 """
 
 from __future__ import annotations
@@ -11,24 +11,26 @@ import statistics
 from collections import deque
 from enum import Enum
 
+# A second at 30 Hz: long enough for a stable median, short enough to react.
 WINDOW_FRAMES = 30
 OVERRUN_FACTOR = 1.2
 HEADROOM_FRACTION = 0.85
-# Frames with room before something better is tried; at most so many after setbacks.
+# Frames with headroom before a more accurate plan is tried, and the limit after setbacks: ten
+# seconds at 30 Hz, and some five minutes.
 HYSTERESIS_FRAMES = 300
 _MAX_HYSTERESIS_FRAMES = 10_000
 
 
 class BudgetStatus(Enum):
-    """What the last frames say of a plan."""
+    """Verdict on the last frames of a plan."""
 
-    WITHIN_BUDGET = "kept"
-    OVER_BUDGET = "broken"
-    HEADROOM = "room"
+    WITHIN_BUDGET = "within budget"
+    OVER_BUDGET = "over budget"
+    HEADROOM = "headroom"
 
 
 class BudgetMonitor:
-    """The times of the frames of one camera and wish, over all the plans it has been drawn by."""
+    """Frame times of one camera, across all plans of its budget."""
 
     def __init__(self, budget_ms: float) -> None:
         self._budget_ms = budget_ms
@@ -39,7 +41,7 @@ class BudgetMonitor:
 
     @property
     def median_ms(self) -> float | None:
-        """Return the median of the last 30 frames; None before there were as many."""
+        """Median of the last 30 frames; None before as many."""
         return (
             statistics.median(self._frame_times_ms)
             if len(self._frame_times_ms) == WINDOW_FRAMES
@@ -47,17 +49,24 @@ class BudgetMonitor:
         )
 
     def record_frame(self, frame_ms: float, *, better_plan_ms: float | None) -> BudgetStatus:
-        """Take note of a frame; `better_ms` is what the next better plan would take, corrected."""
+        """Record a frame.
+
+        Args:
+            frame_ms: Wall time of the frame.
+            better_plan_ms: Predicted time of the next more accurate plan, corrected; None without
+                one.
+        """
         self._frame_times_ms.append(frame_ms)
         median_ms = self.median_ms
         if median_ms is None or not self._budget_ms:
             return BudgetStatus.WITHIN_BUDGET
+        # The median, not the mean: a single slow frame, such as a page fault, is no verdict.
         if median_ms > OVERRUN_FACTOR * self._budget_ms:
             return BudgetStatus.OVER_BUDGET
-        has_room = (
+        has_headroom = (
             better_plan_ms is not None and better_plan_ms <= HEADROOM_FRACTION * self._budget_ms
         )
-        self._frames_with_headroom = self._frames_with_headroom + 1 if has_room else 0
+        self._frames_with_headroom = self._frames_with_headroom + 1 if has_headroom else 0
         return (
             BudgetStatus.HEADROOM
             if self._frames_with_headroom >= self._hysteresis_frames
@@ -65,7 +74,9 @@ class BudgetMonitor:
         )
 
     def reset(self, status: BudgetStatus) -> None:
-        """Begin anew with another plan, chosen because of a verdict."""
+        """Start over with another plan, chosen because of a status."""
+        # Only an overrun right after an upgrade is a mistake of the upgrade; other overruns come
+        # from the scene or from load.
         if status is BudgetStatus.OVER_BUDGET and self._was_upgraded:
             self._hysteresis_frames = min(2 * self._hysteresis_frames, _MAX_HYSTERESIS_FRAMES)
         self._was_upgraded = status is BudgetStatus.HEADROOM

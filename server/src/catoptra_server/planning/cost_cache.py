@@ -1,7 +1,7 @@
-"""Measured costs, kept on disk: a server that starts again does not measure again.
+"""Measured costs on disk: a restarted server does not measure again.
 
-A file is of one renderer on one processor or graphics card, one scene, camera, surface and release.
-What cannot be read or written is measured instead: the cache may be deleted at any time.
+A file belongs to one renderer on one processor or graphics card, one scene, camera, surface and
+release. An unreadable file only means a new measurement: the cache may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 
 log = logging.getLogger(__name__)
 
-# Raised when the meaning of a rate changes.
-_FORMAT_VERSION = 1
+# Increased when the meaning of a rate or the name of a stage changes.
+_FORMAT_VERSION = 2
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
 def default_cache_folder() -> Path:
-    """Return where this user's programs keep what they can make again."""
-    said = os.environ.get("XDG_CACHE_HOME", "")
-    root = Path(said) if said.startswith("/") else Path.home() / ".cache"
+    """Cache folder of this user, under XDG_CACHE_HOME."""
+    configured = os.environ.get("XDG_CACHE_HOME", "")
+    # The XDG specification ignores relative paths.
+    root = Path(configured) if configured.startswith("/") else Path.home() / ".cache"
     return root / "catoptra" / "costs"
 
 
 class CostCache:
-    """The files of one scene. folder None: nothing is kept."""
+    """Cost files of one scene."""
 
     def __init__(self, folder: Path | None, scene: SceneMesh) -> None:
         self._folder = folder
@@ -43,35 +44,42 @@ class CostCache:
         self._digest = ""
 
     def read(self, key: str) -> dict[str, Rates] | None:
-        """Return the rates by way of drawing under a key; None where there are none."""
+        """Rates under a key, by cost group; None for an absent or unreadable file."""
         if self._folder is None:
             return None
         try:
-            ways = json.loads(self._path(key).read_text(encoding="utf-8"))
+            groups = json.loads(self._path(key).read_text(encoding="utf-8"))
             return {
-                str(way): {str(s): tuple(map(float, rates)) for s, rates in stages.items()}
-                for way, stages in ways.items()
+                str(group): {str(s): tuple(map(float, rates)) for s, rates in stages.items()}
+                for group, stages in groups.items()
             }
+        # Malformed content raises any of these, by the depth at which the form is wrong.
         except (OSError, ValueError, AttributeError, TypeError):
             return None
 
     def write(self, key: str, rates: Mapping[str, Rates]) -> None:
-        """Keep rates; whole or not at all, whoever else writes."""
+        """Store rates under a key, atomically."""
         if self._folder is None:
             return
         file = self._path(key)
+        # A file of the process's own, then renamed: another server never reads half a file.
         unfinished = file.with_suffix(f".{os.getpid()}")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             unfinished.write_text(json.dumps(rates, indent=1), encoding="utf-8")
             unfinished.replace(file)
         except OSError as error:
-            log.warning("costs of frames are not kept in %s: %s", self._folder, error)
+            log.warning("frame costs cannot be stored in %s: %s", self._folder, error)
 
     def make_key(
         self, renderer_description: str, camera: OmniCamera, surface: MirrorSurface
     ) -> str:
-        """Return the key of what a renderer's words say, for a camera and its mirror's surface."""
+        """Key of everything that the rates depend on.
+
+        Args:
+            renderer_description: The renderer's `describe()`: library, device, threads.
+        """
+        # On demand: hashing a million triangles takes a tenth of a second.
         if not self._digest:
             self._digest = hash_scene(self._scene)
         parts = (
@@ -83,15 +91,16 @@ class CostCache:
             camera,
             surface,
         )
+        # repr of frozen dataclasses names every field, so a new field changes the key.
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:32]
 
     def _path(self, key: str) -> Path:
-        assert self._folder is not None, "only asked where files are kept"
+        assert self._folder is not None, "a path exists only with a folder"
         return self._folder / f"{key}.json"
 
 
 def hash_scene(scene: SceneMesh) -> str:
-    """Return a digest of all that is drawn of a scene."""
+    """Digest of everything visible in a scene."""
     digest = hashlib.sha256()
     for array in (scene.corners, scene.albedo, scene.unlit, scene.texture_index, *scene.textures):
         digest.update(repr(array.shape).encode())
@@ -100,7 +109,7 @@ def hash_scene(scene: SceneMesh) -> str:
 
 
 def _describe_processor() -> str:
-    """Return what computes: the processor's name, and how many of them this process may use."""
+    """Name of the processor, and the number of processors this process may use."""
     try:
         lines = _CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

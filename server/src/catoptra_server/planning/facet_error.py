@@ -1,17 +1,16 @@
-"""How far a polygon mirror shows things from their place: computed on its facets, in float64.
+"""Displacement by a mirror mesh, evaluated on its facets in float64.
 
-On a facet everything is known in closed form: a place on it, the pixel that the capture camera sees
-it in, the direction that is interpolated there, and where the camera law puts that direction. The
-distance of the two is the error. It is evaluated on a grid of each triangle, borders included, and
-only in the sectors that the mesh and the cube do not repeat.
+On a facet all is known in closed form: a point, its pixel in the capture camera, the direction
+interpolated there, and the pixel to which the camera model projects that direction. The distance of
+the two pixels is the error. It is evaluated on a grid of each triangle, borders included, and only
+in sectors that neither mesh nor cube repeat.
 
-From a grid to a bound: the error vanishes at the corners, and in between it is a quadratic form
-sum a_ij w_i w_j of the barycentric weights, up to terms that fall with the next power of the
-facet's size. What a linear interpolation between grid places 1/k apart leaves of such a form is the
-same form again, k^2 times smaller. So the largest error of all is at most that of the grid divided
-by 1 - 1/k^2. What is not quadratic, such as the kinks where a coarse facet looks past the mirror's
-asymptote, is of first order in 1/k and by a facet's angle smaller: pi / S of 1/k is added for it.
-Source of the quadratic: optics notes, 3.1.
+From a grid to a bound: the error vanishes at the corners, and in between is a quadratic form sum
+a_ij w_i w_j of the barycentric weights, up to terms that fall with the next power of the facet's
+size. The error of linear interpolation between grid points 1/k apart is the same form, k^2 times
+smaller. So the largest error is at most the grid's divided by 1 - 1/k^2. Terms that are not
+quadratic, such as kinks where a coarse facet looks past the mirror's asymptote, are of first order
+in 1/k and smaller by a facet's angle: pi / S of 1/k is added for them.
 """
 
 from __future__ import annotations
@@ -29,48 +28,52 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, half_angle_tangent
 from catoptra_server.planning.geometric_error import GeometricError
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation, build_mirror_mesh
 
-# Finest first; even, as the quadrature needs. 2 x 2 steps overstate the error by a third.
+# Finest first; even, as the quadrature needs. Two steps overstate the error by a third: 1 / (1 -
+# 1/4).
 _STEP_COUNTS = (32, 16, 8, 6, 4, 2)
-# Places that are evaluated, at most: 20 ms, and 64 x 64 polygons still get 8 steps.
+# Number of points evaluated at most: 20 ms, and 64 x 64 polygons still have 8 steps.
 _MAX_GRID_POINTS = 120_000
-# A facet may show directions beyond the rim. They belong where the mirror's law goes on; beyond its
-# asymptote there is no such place, and the last one stands for all.
+# A facet may show directions beyond the rim. Their pixels follow from the camera model up to near
+# the asymptote; beyond, no pixel exists and the last one stands for all.
 _ASYMPTOTE_FRACTION = 0.999
 _MAX_INCIDENCE_RAD = math.radians(178.0)
 
 
 @lru_cache(maxsize=256)
 def facet_error(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Return the error over the pixels that the polygons cover.
+    """Displacement over the pixels that the mesh covers.
 
-    Raises DomainError for an orthographic camera: polygons are seen from a pinhole.
+    Raises:
+        DomainError: An orthographic camera; a mesh is projected from a pinhole.
     """
     if not math.isfinite(camera.mirror.pinhole_distance_m):
-        raise DomainError("a polygon mirror needs a capture camera with a pinhole")
+        raise DomainError("a mirror mesh needs a capture camera with a pinhole")
     corners, directions = _distinct_triangles(camera, tessellation)
     steps = _grid_steps(len(corners))
     weights, quadrature = _triangle_grid(steps)
-    seen = _project_points(camera, weights @ corners, steps)
-    looked_up = weights @ directions
-    # An image area: the projection of a flat triangle has the density det / depth^3.
-    area = np.abs(np.linalg.det(_pinhole_coordinates(camera, corners)))[:, None] / seen.depth_m**3
-    area = area * quadrature * seen.is_in_image
-    error_px = _displacement_px(camera, seen.point_px, looked_up)
-    error_rad = _displacement_rad(camera, seen.point_px, looked_up)
+    projected = _project_points(camera, weights @ corners, steps)
+    lookup_direction = weights @ directions
+    # Weights are image areas: the projection of a flat triangle has the density det / depth^3.
+    area = (
+        np.abs(np.linalg.det(_pinhole_coordinates(camera, corners)))[:, None] / projected.depth_m**3
+    )
+    area = area * quadrature * projected.is_in_image
+    error_px = _displacement_px(camera, projected.point_px, lookup_direction)
+    error_rad = _displacement_rad(camera, projected.point_px, lookup_direction)
     reserve = (1.0 + math.pi / tessellation.sectors / steps) / (1.0 - 1.0 / steps**2)
     return GeometricError(
-        max_px=reserve * float(error_px[seen.is_near_image].max()),
+        max_px=reserve * float(error_px[projected.is_near_image].max()),
         rms_px=_weighted_rms(error_px, area),
-        max_deg=reserve * math.degrees(float(error_rad[seen.is_near_image].max())),
+        max_deg=reserve * math.degrees(float(error_rad[projected.is_near_image].max())),
         rms_deg=math.degrees(_weighted_rms(error_rad, area)),
     )
 
 
 def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
-    """Return how far within the rim the polygons end: in the middle of their outer borders."""
+    """Distance by which the mesh ends within the rim, largest at the centres of its outer edges."""
     radius_px = camera.rim_radius_px
     chord_px = radius_px * math.cos(math.pi / tessellation.sectors)
-    # 1 - cos in a form that does not cancel for many sectors.
+    # 1 - cos as 2 sin^2 of the half: no cancellation for many sectors.
     gap_px = 2.0 * radius_px * math.sin(0.5 * math.pi / tessellation.sectors) ** 2
     t = camera.mirror.t_from_radius_ratio(np.array(chord_px / camera.horizon_radius_px))
     gap_deg = math.degrees(camera.rim_rad - 2.0 * math.atan(float(t)))
@@ -78,7 +81,7 @@ def rim_gap(camera: OmniCamera, tessellation: Tessellation) -> GeometricError:
 
 
 def _distinct_triangles(camera: OmniCamera, tessellation: Tessellation) -> tuple[Floats, Floats]:
-    """Return (n, 3, 3) corners and looked-up directions of the sectors that are not repeated."""
+    """(n, 3, 3) corners and looked-up directions of the sectors that no symmetry repeats."""
     mesh = build_mirror_mesh(camera, tessellation)
     polygon = np.concatenate(
         (
@@ -86,24 +89,25 @@ def _distinct_triangles(camera: OmniCamera, tessellation: Tessellation) -> tuple
             np.arange(tessellation.sectors, tessellation.num_polygons),
         )
     )
-    chosen = polygon % tessellation.sectors < _num_distinct_sectors(camera, tessellation)
-    return mesh.corners[chosen], mesh.directions[chosen]
+    is_distinct = polygon % tessellation.sectors < _num_distinct_sectors(camera, tessellation)
+    return mesh.corners[is_distinct], mesh.directions[is_distinct]
 
 
 def _num_distinct_sectors(camera: OmniCamera, tessellation: Tessellation) -> int:
-    """Return how many sectors repeat: by any turn of the mirror, or by quarter turns of the cube.
+    """Number of sectors after which the error repeats.
 
-    Borders of the image cut into one sector as not into another.
+    By any rotation for position interpolation, by quarter turns of the cube for UV.
     """
     if not shows_whole_rim(camera):
         return tessellation.sectors
     if tessellation.interpolation is Interpolation.POSITION:
         return 1
+    # UV coordinates belong to cube faces, so the pattern has the cube's fourfold symmetry.
     return tessellation.sectors // math.gcd(tessellation.sectors, 4)
 
 
 def _grid_steps(num_triangles: int) -> int:
-    """Return the finest steps along a triangle's side that can be afforded."""
+    """Finest affordable number of steps along a triangle's side."""
     fitting = (
         k for k in _STEP_COUNTS if num_triangles * (k + 1) * (k + 2) // 2 <= _MAX_GRID_POINTS
     )
@@ -112,90 +116,92 @@ def _grid_steps(num_triangles: int) -> int:
 
 @lru_cache(maxsize=len(_STEP_COUNTS))
 def _triangle_grid(steps: int) -> tuple[Floats, Floats]:
-    """Return (q, 3) barycentric weights of a grid with its borders, and its (q,) quadrature.
+    """(q, 3) barycentric weights of a grid with its borders, and the (q,) quadrature.
 
-    The quadrature is the rule of the three side middles, exact for quadratics, on triangles of two
-    steps: places with two even indices weigh nothing, those on a border half.
+    The quadrature is the rule of the three side midpoints, exact for quadratics, on triangles of
+    two steps: points with two even indices weigh nothing, those on a border half.
     """
     i, j = np.nonzero(np.add.outer(np.arange(steps + 1), np.arange(steps + 1)) <= steps)
     weights = np.stack((i, j, steps - i - j), axis=-1)
-    middles = (weights % 2 != 0).any(axis=-1)
-    quadrature = middles * np.where((weights == 0).any(axis=-1), 0.5, 1.0)
+    is_midpoint = (weights % 2 != 0).any(axis=-1)
+    quadrature = is_midpoint * np.where((weights == 0).any(axis=-1), 0.5, 1.0)
     return weights / steps, quadrature
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ProjectedPoints:
-    """Where the capture camera sees places on facets; (n, q) arrays, q places a triangle.
-
-    place_px: (n, q, 2) from the image centre, along the mirror frame's x and y. depth_m: from the
-    pinhole along the axis. within: in the image. near: no farther from it than a grid step.
-    """
+    """Points on facets as the capture camera sees them; n triangles with q points each."""
 
     point_px: Floats
+    """(n, q, 2) from the image centre, along the mirror frame's x and y."""
     depth_m: Floats
+    """(n, q) from the pinhole along the axis."""
     is_in_image: Bools
+    """(n, q)."""
     is_near_image: Bools
+    """(n, q) in the image, or no farther from it than a grid step."""
 
 
 def _project_points(camera: OmniCamera, points: Floats, steps: int) -> _ProjectedPoints:
-    """Return where (n, q, 3) places are seen, with q of a grid of so many steps."""
+    """Project (n, q, 3) points, q of a grid of some steps, into the image."""
     x, y, depth = np.moveaxis(_pinhole_coordinates(camera, points), -1, 0)
     rim_r, rim_z = camera.mirror.surface_point(np.array(camera.rim_t))
     focal_px = (
         camera.rim_radius_px * (camera.mirror.pinhole_distance_m - float(rim_z)) / float(rim_r)
     )
-    place_px = np.stack((x, y), axis=-1) * (focal_px / depth)[..., None]
+    point_px = np.stack((x, y), axis=-1) * (focal_px / depth)[..., None]
     if shows_whole_rim(camera):
         everywhere = np.ones(depth.shape, dtype=np.bool_)
-        return _ProjectedPoints(place_px, depth, everywhere, everywhere)
-    extent_px = np.ptp(place_px, axis=1).max(axis=-1, keepdims=True)
-    # A step of a diagonal; no place of the image is farther from the grid.
+        return _ProjectedPoints(point_px, depth, everywhere, everywhere)
+    extent_px = np.ptp(point_px, axis=1).max(axis=-1, keepdims=True)
+    # The diagonal of a grid step: no pixel of the image is farther from a grid point.
     margin_px = math.sqrt(2.0) * extent_px / steps
-    near = _is_in_image(camera, place_px, margin_px)
-    return _ProjectedPoints(place_px, depth, _is_in_image(camera, place_px, np.zeros(1)), near)
+    is_near = _is_in_image(camera, point_px, margin_px)
+    is_inside = _is_in_image(camera, point_px, np.zeros(1))
+    return _ProjectedPoints(point_px, depth, is_inside, is_near)
 
 
 def _pinhole_coordinates(camera: OmniCamera, points: Floats) -> Floats:
-    """Return (..., 3) places as (x, y, depth): the depth grows from the pinhole to the mirror."""
+    """(..., 3) points as (x, y, depth); depth grows from the pinhole to the mirror."""
     return points * (1.0, 1.0, -1.0) + (0.0, 0.0, camera.mirror.pinhole_distance_m)
 
 
 def _is_in_image(camera: OmniCamera, point_px: Floats, margin_px: Floats) -> Bools:
-    """Return which (n, q, 2) places from the image centre lie in the image, or (n, 1) px beside."""
+    """Whether (n, q, 2) points from the image centre lie in the image or within (n, 1) px of its
+    border."""
     cos_up, sin_up = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
     x, y = np.moveaxis(point_px, -1, 0)
     u = camera.centre_px[0] + sin_up * x - cos_up * y
     v = camera.centre_px[1] - cos_up * x - sin_up * y
     inside_u = (u >= -margin_px) & (u <= camera.width_px + margin_px)
     inside_v = (v >= -margin_px) & (v <= camera.height_px + margin_px)
-    within: Bools = inside_u & inside_v
-    return within
+    inside: Bools = inside_u & inside_v
+    return inside
 
 
 def _displacement_px(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
-    """Return the (n, q) distances from places to where (n, q, 3) directions belong."""
+    """(n, q) distances from pixels to the pixels of their (n, q, 3) looked-up directions."""
     asymptote_rad = 2.0 * math.atan(camera.mirror.t_limit)
     t, _ = half_angle_tangent(lookup_direction)
     t = np.minimum(t, math.tan(0.5 * min(_ASYMPTOTE_FRACTION * asymptote_rad, _MAX_INCIDENCE_RAD)))
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(t)
     rho = np.hypot(lookup_direction[..., 0], lookup_direction[..., 1])
-    belongs_px = lookup_direction[..., :2] * (radius_px / np.where(rho > 0.0, rho, 1.0))[..., None]
-    distance_px: Floats = np.linalg.norm(belongs_px - point_px, axis=-1)
+    model_px = lookup_direction[..., :2] * (radius_px / np.where(rho > 0.0, rho, 1.0))[..., None]
+    distance_px: Floats = np.linalg.norm(model_px - point_px, axis=-1)
     return distance_px
 
 
 def _displacement_rad(camera: OmniCamera, point_px: Floats, lookup_direction: Floats) -> Floats:
-    """Return the (n, q) angles between what places show and what the law shows there."""
+    """(n, q) angles between the looked-up directions and those of the camera model."""
     ratio = np.hypot(point_px[..., 0], point_px[..., 1]) / camera.horizon_radius_px
     t = camera.mirror.t_from_radius_ratio(ratio)
     level = point_px * (2.0 * t / np.where(ratio > 0.0, ratio, 1.0))[..., None]
     level /= camera.horizon_radius_px
-    by_law = np.concatenate((level, ((1.0 - t) * (1.0 + t))[..., None]), axis=-1)
-    by_law /= (1.0 + np.square(t))[..., None]
+    model_direction = np.concatenate((level, ((1.0 - t) * (1.0 + t))[..., None]), axis=-1)
+    model_direction /= (1.0 + np.square(t))[..., None]
     unit = lookup_direction / np.linalg.norm(lookup_direction, axis=-1, keepdims=True)
-    # The chord keeps its precision for small angles, which the cosine does not.
-    chord = np.linalg.norm(unit - by_law, axis=-1)
+    # The chord keeps precision for small angles, unlike the cosine.
+    chord = np.linalg.norm(unit - model_direction, axis=-1)
     angle: Floats = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     return angle
 

@@ -1,4 +1,5 @@
-"""How far from its place a picture shows things: the measure of every part of the bound."""
+"""Displacement of an image from the camera model: the measure of every component of an error
+bound."""
 
 from __future__ import annotations
 
@@ -9,19 +10,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class GeometricError:
-    """Displacement in the image, and the same as an angle at the effective viewpoint.
-
-    max: no place of the image is farther off. rms: over the image, each of its places alike.
-    """
+    """Displacement in the image, and as an angle at the effective viewpoint."""
 
     max_px: float
+    """No pixel is displaced farther."""
     rms_px: float
+    """Root mean square over the image area."""
     max_deg: float
+    """No direction is displaced farther."""
     rms_deg: float
+    """Root mean square over the image area."""
 
 
 def sum_errors(errors: Iterable[GeometricError]) -> GeometricError:
-    """Return what errors come to together: the largest add up, independent ones in squares."""
+    """Sum of errors: maxima add up, rms values of independent errors add in squares."""
     every = tuple(errors)
     return GeometricError(
         max_px=math.fsum(error.max_px for error in every),
@@ -32,7 +34,7 @@ def sum_errors(errors: Iterable[GeometricError]) -> GeometricError:
 
 
 def apply_floor(error: GeometricError, floor: GeometricError) -> GeometricError:
-    """Return an error whose largest values are no smaller than another's; its rms stays."""
+    """Error with maxima no smaller than another's; the rms stays."""
     return GeometricError(
         max_px=max(error.max_px, floor.max_px),
         rms_px=error.rms_px,

@@ -1,6 +1,6 @@
-"""The plan of an ordinary camera's picture: how many samples, and why.
+"""Plan of a perspective camera's frames: the number of samples, with a reason.
 
-A flat picture needs no faces and no mirror, so nothing else is left to decide.
+A perspective image needs no faces and no mirror, so nothing else is left to decide.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from catoptra_server.render.renderer_kind import RendererKind
 
 @dataclass(frozen=True, slots=True)
 class PerspectivePlan:
-    """samples: the picture has samples^2 per pixel. reason: in words, for the log."""
+    """Plan of one perspective camera."""
 
     renderer: RendererKind
     samples: int
+    """Samples along a pixel's side; a pixel has samples^2."""
     reason: str
+    """Reason of the renderer's choice, for the log."""
 
     def __post_init__(self) -> None:
+        # The same limits as of RenderPlan: one shader averages both.
         if not 1 <= self.samples <= 16:
             raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
 
@@ -29,5 +32,5 @@ class PerspectivePlan:
 
 
 def plan_perspective_view(samples: int, *, kind: RendererKind, reason: str) -> PerspectivePlan:
-    """Return the plan from a wished number of samples, 0 = as the omni camera has by default."""
+    """Plan a perspective view; 0 samples: as many as an omnidirectional camera's default."""
     return PerspectivePlan(kind, samples or DEFAULT_SAMPLES, reason)

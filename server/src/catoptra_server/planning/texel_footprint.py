@@ -1,10 +1,10 @@
-"""How large the texels of the cube's faces are in the image, and how large at the viewpoint.
+"""Footprint of the texels of cube faces, in the image and as angles at the viewpoint.
 
-A face is flat and the mirror is not, and parts of faces have texels of their own, so every place of
-the image has another size of texel. It follows from two derivatives: of the image by the direction
-(the mirror's law), and of the place on a face's plane by the direction. Turned into texels and
-pixels they are a 2 x 2 matrix a place; its singular values are the pixels that a texel spans in the
-directions in which it spans most and least.
+A face is flat, the mirror is not, and regions have densities of their own, so the size of a texel
+varies over the image. Two derivatives give the size: that of the image position by the direction
+(the camera model), and that of the position on a face's plane by the direction. In texels and
+pixels they form a 2 x 2 matrix at each pixel; the inverses of its singular values are the longest
+and the shortest extent of a texel in pixels.
 """
 
 from __future__ import annotations
@@ -21,33 +21,36 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.face_region import FaceRegion
 
-# From the middle of the forward face to its right edge: the other side faces have the same parts,
-# each with a left half like its right one, so the other seven eighths of the turn repeat.
+# From the centre of the forward face to the right edge: the other side faces have the same regions,
+# each symmetric, so the other seven eighths of the turn repeat.
 _AZIMUTHS_RAD = np.linspace(0.0, 0.25 * math.pi, 33)
-# Places on the border of two parts are in both: rounding must not put them into neither.
+# Points on the border of two regions belong to both: rounding must not put them into neither.
 _BORDER_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class TexelFootprint:
-    """Of the texels over the image: how large they are, and how many there are to a pixel.
-
-    max, rms: in the direction in which a texel is largest at its place. min, median and max number
-    a pixel: in the direction with fewest, in the mean of both, in that with most.
-    """
+    """Size of texels, and their density, over the visible image."""
 
     max_px: float
+    """Longest extent of a texel."""
     rms_px: float
+    """Root mean square of the longest extents."""
     max_rad: float
+    """Longest extent as an angle."""
     rms_rad: float
+    """Root mean square of the longest extents as angles."""
     min_texels_per_px: float
+    """In the direction with fewest."""
     median_texels_per_px: float
+    """Of the geometric mean of both directions."""
     max_texels_per_px: float
+    """In the direction with most."""
 
 
 @lru_cache(maxsize=64)
 def texel_footprint(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> TexelFootprint:
-    """Return the texels of parts of faces over what the image shows of the mirror."""
+    """Footprint of the texels of face regions, over the image of the mirror."""
     scale = compute_image_scale(camera)
     weight = np.broadcast_to(scale.area_weight[:, None], (len(scale.t), len(_AZIMUTHS_RAD)))
     by_angle = _texels_per_rad(scale, regions)
@@ -66,8 +69,11 @@ def texel_footprint(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> Texe
 
 
 def _texels_per_rad(scale: ImageScale, regions: tuple[FaceRegion, ...]) -> Floats:
-    """Return (rings, azimuths, 2, 2): texels (rows) an angle along and across a ring (columns)."""
+    """(rings, azimuths, 2, 2): texels in columns and rows (row) an angle along and across a ring
+    (column)."""
     t, azimuth = np.meshgrid(scale.t, _AZIMUTHS_RAD, indexing="ij")
+    # cos and sin of the incidence angle from t = tan(theta / 2), without cancellation near the
+    # horizon.
     cosine = (1.0 - t) * (1.0 + t) / (1.0 + t * t)
     sine = 2.0 * t / (1.0 + t * t)
     ca, sa = np.cos(azimuth), np.sin(azimuth)
@@ -79,10 +85,10 @@ def _texels_per_rad(scale: ImageScale, regions: tuple[FaceRegion, ...]) -> Float
     steps = np.einsum(
         "k...i,...ij->...jk", np.stack((along, across)), MIRROR_FROM_FACE_ROTATIONS[face]
     )
-    # (s, t) = local[1:] / local[0], and the quotient rule.
-    place = local[..., 1:] / local[..., :1]
-    by_angle = (steps[..., 1:, :] - place[..., None] * steps[..., :1, :]) / local[..., :1, None]
-    texels: Floats = by_angle * _texels_per_unit(face, place, regions)[..., None]
+    # (s, t) = local[1:] / local[0], differentiated by the quotient rule.
+    point = local[..., 1:] / local[..., :1]
+    by_angle = (steps[..., 1:, :] - point[..., None] * steps[..., :1, :]) / local[..., :1, None]
+    texels: Floats = by_angle * _texels_per_unit(face, point, regions)[..., None]
     return texels
 
 
@@ -91,24 +97,27 @@ def _texels_per_unit(
     points: Floats,
     regions: tuple[FaceRegion, ...],
 ) -> Floats:
-    """Return (..., 2) columns and rows a unit at (..., 2) places on (...) faces: the fewest of any
-    part that has the place."""
+    """(..., 2) columns and rows a unit at (..., 2) points on (...) faces; the lowest of any region
+    there."""
     density = np.full(points.shape, np.inf)
-    for part in regions:
-        window = part.window
+    for region in regions:
+        window = region.window
         low = np.array((window.left, window.top)) - _BORDER_TOLERANCE
         high = np.array((window.right, window.bottom)) + _BORDER_TOLERANCE
-        inside = (face == part.face) & ((points >= low) & (points <= high)).all(axis=-1)
-        of_part = np.array((part.columns_per_unit, part.rows_per_unit))
-        density[inside] = np.minimum(density[inside], of_part)
+        inside = (face == region.face) & ((points >= low) & (points <= high)).all(axis=-1)
+        of_region = np.array((region.columns_per_unit, region.rows_per_unit))
+        # A sample on a seam may read either region: the coarser one is the bound.
+        density[inside] = np.minimum(density[inside], of_region)
     missing = sorted({Face(f).name for f in face[~np.isfinite(density).all(axis=-1)].tolist()})
-    assert not missing, f"the mirror looks at places of {missing} that no part of the plan has"
+    assert not missing, f"no region of the plan covers all visible points of the faces {missing}"
     return density
 
 
 def _singular_values(matrices: Floats) -> tuple[Floats, Floats]:
-    """Return the smaller and the larger singular values of (..., 2, 2) matrices."""
+    """Smaller and larger singular values of (..., 2, 2) matrices, in closed form."""
     squares = np.square(matrices).sum(axis=(-2, -1))
+    # Their product is |det|, the sum of their squares the Frobenius norm squared: two equations for
+    # both.
     area = np.abs(np.linalg.det(matrices))
     larger = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * area**2, 0.0))))
     return area / larger, larger
