@@ -1,4 +1,4 @@
-"""A P2AT without noise, a world of walls, and stand-ins for what surrounds a fleet."""
+"""A P2AT without noise, a world of walls, and fakes of clients, views and view providers."""
 
 from __future__ import annotations
 
@@ -15,39 +15,34 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import (
-    IMAGE_PORT,
-    CameraSpec,
-    Channel,
-    FrameRequest,
-    OmniCameraSpec,
-    ViewRequest,
-)
+from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameRequest, ViewRequest
 from catoptra_server.frames.render_thread import render_frame
-from catoptra_server.frames.view_cache import ViewState
+from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.planning.error_bound import ErrorBound, error_bound
-from catoptra_server.planning.planner import PlanChoice
-from catoptra_server.render.render_plan import RendererKind, plan_from_settings
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.render.renderer import RenderedImage
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.robot.robot_description import (
     DriveBase,
-    EncoderDescription,
-    GpsDescription,
-    GroundTruthDescription,
-    InsDescription,
-    Mount,
-    OdometryDescription,
     OmniCameraDescription,
-    RangeScannerDescription,
-    RfidDescription,
     RobotDescription,
-    SonarDescription,
-    TachometerDescription,
-    TouchDescription,
-    VictimSensorDescription,
 )
 from catoptra_server.scene.world_description import Box, Item, Material, StartPlace, World
+from catoptra_server.sensors.encoder import EncoderDescription
+from catoptra_server.sensors.gps import GpsDescription
+from catoptra_server.sensors.ground_truth import GroundTruthDescription
+from catoptra_server.sensors.ins import InsDescription
+from catoptra_server.sensors.odometry import OdometryDescription
+from catoptra_server.sensors.range_scanner import RangeScannerDescription
+from catoptra_server.sensors.rfid import RfidDescription
+from catoptra_server.sensors.sonar import SonarDescription
+from catoptra_server.sensors.tachometer import TachometerDescription
+from catoptra_server.sensors.touch import TouchDescription
+from catoptra_server.sensors.victim_sensor import VictimSensorDescription
 from catoptra_server.simulation.fleet import Fleet
 
 BASE = DriveBase(
@@ -79,11 +74,6 @@ TOUCH = TouchDescription("Touch", 0.2, FORWARD_MOUNT, diameter_m=0.01)
 RFID = RfidDescription("RFID", 0.2, FORWARD_MOUNT, max_range_m=2.0)
 VICTIMS = VictimSensorDescription("VictSensor", 0.2, FORWARD_MOUNT, fov_rad=1.0, max_range_m=5.0)
 GPS = GpsDescription("GPS", 0.2, FORWARD_MOUNT)
-# One of each kind.
-SENSORS = (
-    *(SONAR, SCANNER, INS, ODOMETRY, ENCODER, TACHOMETER),
-    *(TOUCH, RFID, VICTIMS, GROUND_TRUTH, GPS),
-)
 CAMERA = OmniCameraDescription(
     name="OmniCam",
     camera=camera_with_inscribed_rim(
@@ -98,7 +88,7 @@ CAMERA = OmniCameraDescription(
 
 
 def make_p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
-    """Return a robot with odometry, ground truth and a small camera; `changes` replace fields."""
+    """Robot with odometry, ground truth and a small camera; `changes` replace fields."""
     robot = RobotDescription(
         class_name="USARBot.OmniP2AT",
         drive=base,
@@ -111,7 +101,7 @@ def make_p2at(*, base: DriveBase = BASE, **changes: Any) -> RobotDescription:
 
 
 def make_noisy_p2at() -> RobotDescription:
-    """Return a P2AT whose floor and odometry draw random numbers."""
+    """P2AT with random slip and odometry noise."""
     base = dataclasses.replace(BASE, turn_slip=0.03, slip_noise=0.01)
     odometry = dataclasses.replace(
         ODOMETRY, distance_noise_m=0.01, turn_noise_rad=0.02, heading_noise_rad=0.01
@@ -120,7 +110,7 @@ def make_noisy_p2at() -> RobotDescription:
 
 
 def make_walled_world(*walls_x_m: float) -> World:
-    """Return a world with walls, 0.1 m thick, whose near faces stand at these x > 0."""
+    """World with walls, 0.1 m thick, whose near faces are at these x > 0."""
     items = tuple(
         Item(
             f"wall {index}",
@@ -138,7 +128,7 @@ def make_walled_world(*walls_x_m: float) -> World:
 
 
 class FakeClient:
-    """A control connection that keeps what it is told."""
+    """A control connection that stores all reports."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[Report, ...]] = []
@@ -146,64 +136,64 @@ class FakeClient:
 
     @property
     def reports(self) -> list[Report]:
-        """Return all reports, in order."""
+        """All reports, in order."""
         return [report for batch in self.batches for report in batch]
 
     def deliver(self, reports: Sequence[Report]) -> None:
-        """Keep reports."""
+        """Store a batch of reports."""
         self.batches.append(tuple(reports))
 
     def reject_init(self) -> None:
-        """Count a refusal."""
+        """Count a rejected INIT."""
         self.num_rejections += 1
 
 
 class FakeView:
-    """A view whose pictures have the number of the exposure in every byte."""
+    """A view whose images have the number of the rendering in every byte."""
 
     def __init__(self) -> None:
-        self.exposures: list[CameraState] = []
+        self.camera_states: list[CameraState] = []
         self.is_closed = False
 
-    def render(self, exposure: CameraState) -> RenderedImage:
-        """Return the next picture."""
-        self.exposures.append(exposure)
-        return RenderedImage(np.full((6, 8, 3), len(self.exposures), dtype=np.uint8), {"fake": 1.0})
+    def render(self, camera_state: CameraState) -> RenderedImage:
+        """Render the next image."""
+        self.camera_states.append(camera_state)
+        rgb = np.full((6, 8, 3), len(self.camera_states), dtype=np.uint8)
+        return RenderedImage(rgb, {"fake": 1.0})
 
     def close(self) -> None:
-        """Take note."""
+        """Record the closing."""
         self.is_closed = True
 
 
 class FakeViewProvider:
-    """Views of which every eye is drawn by one fake view, at the eye's own size if it has one."""
+    """Views of all cameras, rendered by one fake view at the size of the camera."""
 
     def __init__(self, view: FakeView | None = None) -> None:
         self.view = view or FakeView()
         self.view_requests: list[ViewRequest] = []
 
-    def render(self, take: ViewRequest) -> RenderedImage:
-        """Return the next picture."""
-        self.view_requests.append(take)
-        image = self.view.render(take.camera_state)
-        eye = take.camera.camera if isinstance(take.camera, OmniCameraSpec) else take.camera
-        rgb = np.full((eye.height_px, eye.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
-        return RenderedImage(rgb, image.stage_ms)
+    def render(self, request: ViewRequest) -> RenderedView:
+        """Render the next image, with the error bound of a traced omnidirectional camera."""
+        self.view_requests.append(request)
+        image = self.view.render(request.camera_state)
+        spec = request.camera
+        camera = spec.camera if isinstance(spec, OmniCameraSpec) else spec
+        rgb = np.full((camera.height_px, camera.width_px, 3), image.rgb.flat[0], dtype=np.uint8)
+        bound = self.error_bound(request.camera)
+        bounds = bound.as_dict() if bound else None
+        return RenderedView(RenderedImage(rgb, image.stage_ms), "fake plan", bounds)
 
-    def plan(self, eye: CameraSpec) -> str:
-        """Return a plan that can be printed."""
-        return "fake plan"
+    def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
+        """Error bound of an omnidirectional camera as requested, traced."""
+        return self.view_state(camera).choice.bound if isinstance(camera, OmniCameraSpec) else None
 
-    def error_bound(self, eye: CameraSpec) -> ErrorBound | None:
-        """Return the bound of an omnidirectional eye, traced as it is wished."""
-        return self.view_state(eye).choice.bound if isinstance(eye, OmniCameraSpec) else None
-
-    def view_state(self, eye: OmniCameraSpec) -> ViewState:
-        """Return how trace draws an eye as it is wished, in 12.5 ms."""
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+        """Plan of an omnidirectional camera as requested, traced in 12.5 ms."""
         plan = plan_from_settings(
-            eye.render_settings, eye.camera, kind=RendererKind.TRACE, reason="fake"
+            camera.render_settings, camera.camera, kind=RendererKind.TRACE, reason="fake"
         )
-        return ViewState(PlanChoice(plan, error_bound(eye.camera, plan)), 12.5)
+        return ViewState(PlanChoice(plan, error_bound(camera.camera, plan)), 12.5)
 
     def close(self) -> None:
         """Close the view."""
@@ -211,10 +201,10 @@ class FakeViewProvider:
 
 
 def render_channel(fleet: Fleet, views: Any = None, channel: Channel = IMAGE_PORT) -> Frame:
-    """Return what a channel shows now, drawn at once."""
-    scenery = fleet.compose_frame(channel)
-    assert scenery is not None
-    shot = FrameRequest(channel, 1, 0.0, 0.0, scenery)
-    return render_frame(
-        shot, views if views is not None else FakeViewProvider(), monotonic=lambda: 0.0
-    )
+    """Render the present frame of a channel."""
+    composition = fleet.compose_frame(channel)
+    assert composition is not None
+    request = FrameRequest(channel, 1, 0.0, 0.0, composition)
+    # Not `or`: an empty view cache is false.
+    provider = views if views is not None else FakeViewProvider()
+    return render_frame(request, provider, monotonic=lambda: 0.0)

@@ -12,9 +12,13 @@ from catoptra_protocol.usarsim.commands import Drive, Init, Set, SetViewports
 from catoptra_protocol.usarsim.reports import CameraConfiguration, Report, VehicleStatus
 from catoptra_server.effects.effect import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.scene.self_view import SelfView
-from catoptra_server.frames.frame_request import IMAGE_PORT, ImagePortChannel, OmniCameraSpec
+from catoptra_server.frames.frame_request import IMAGE_PORT, ImagePortChannel
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.robot.mount import (
+    Mount,
+)
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.twist import AT_REST
 from catoptra_server.simulation import Fleet
@@ -36,9 +40,9 @@ TILES = multi_view_layout(2, 2, width_px=8, height_px=6)
 
 def make_fleet(tiles: TileLayout | None = None, *, omni: bool = True) -> Fleet:
     robot = (
-        make_p2at(cameras=(AHEAD, REAR))
+        make_p2at(perspective_cameras=(AHEAD, REAR))
         if omni
-        else make_p2at(cameras=(AHEAD, REAR), omni_camera=None)
+        else make_p2at(perspective_cameras=(AHEAD, REAR), omni_camera=None)
     )
     world = make_walled_world()
     return Fleet([robot], world, build_scene(world), seed=1, multi_view=tiles)
@@ -82,7 +86,7 @@ def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
 
 def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> None:
     wishes = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
-    plain = make_p2at(cameras=(AHEAD,))
+    plain = make_p2at(perspective_cameras=(AHEAD,))
     assert plain.omni_camera is not None
     omni = dataclasses.replace(plain.omni_camera, effects=wishes)
     world = make_walled_world()

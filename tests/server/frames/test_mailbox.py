@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
-from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
+from catoptra_server.simulation import SimulationEvent
 
 NOW_S = 1000.0
 

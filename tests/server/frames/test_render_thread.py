@@ -39,7 +39,7 @@ def make_request(
 
 
 class _BrokenView(FakeView):
-    def draw(self, exposure: CameraState) -> RenderedImage:
+    def render(self, camera_state: CameraState) -> RenderedImage:
         raise ValueError("the lamp is broken")
 
 

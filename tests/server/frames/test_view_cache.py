@@ -233,7 +233,7 @@ def make_budgeted_cache(
     renderer: SlowRenderer, budget_ms: float, published: ErrorBoundTable | None = None
 ) -> tuple[ViewCache, ViewRequest]:
     """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
-    wish = replace(CAMERA.render_settings, dial=AccuracyTarget(budget_ms=budget_ms))
+    wish = replace(CAMERA.render_settings, accuracy_target=AccuracyTarget(budget_ms=budget_ms))
 
     def measure(
         renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object

@@ -9,7 +9,7 @@ import pytest
 
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_body import RobotBody, step
+from catoptra_server.robot.robot_body import RobotBody, step_body
 from catoptra_server.robot.skid_steer import WheelSpin
 from catoptra_server.scene.obstacle_grid import (
     ObstacleGrid,
@@ -32,7 +32,7 @@ def drive_for(
     body: RobotBody, ticks: int, obstacles: ObstacleGrid, *, stream: RandomSource = STREAM
 ) -> RobotBody:
     for _ in range(ticks):
-        body, _ = step(body, TICK_S, obstacles=obstacles, stream=stream)
+        body, _ = step_body(body, TICK_S, obstacles=obstacles, random_source=stream)
     return body
 
 
@@ -57,7 +57,7 @@ def test_base_when_it_meets_a_wall_at_an_angle_stops_with_its_corner() -> None:
 
 def test_wheels_when_the_base_is_stopped_roll_on() -> None:
     body = drive_for(make_body(0.7), 50, make_walls(1.0))
-    _, way = step(body, TICK_S, obstacles=make_walls(1.0), stream=STREAM)
+    _, way = step_body(body, TICK_S, obstacles=make_walls(1.0), random_source=STREAM)
     assert way.distance_m == pytest.approx(5.0 * 0.13 * TICK_S)
 
 

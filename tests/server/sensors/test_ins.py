@@ -10,10 +10,9 @@ import pytest
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import InsDescription
 from catoptra_server.robot.skid_steer import WheelTravel
 from catoptra_server.sensors import MotionStep, SensorContext
-from catoptra_server.sensors.ins import InsSensor
+from catoptra_server.sensors.ins import InsDescription, InsSensor
 from helpers.robots import BASE, INS
 
 POSE = Pose.from_rpy((1.0, 2.0, -0.1457), (0.0, 0.0, 0.5))
@@ -125,4 +124,4 @@ def test_bias_when_not_asked_for_is_none(changes: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(("is_timed", "time_s"), [(True, 1.5), (False, None)])
 def test_time_when_asked_for_is_told(is_timed: bool, time_s: float | None) -> None:
-    assert make_sensor(is_timed=is_timed).read(SensorContext(1.5, 0, POSE)).time_s == time_s
+    assert make_sensor(has_timestamp=is_timed).read(SensorContext(1.5, 0, POSE)).time_s == time_s

@@ -7,8 +7,8 @@ import pytest
 from catoptra_protocol.camera_conf import omni_camera_from_pairs
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.frames.multi_view import Tile
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.sensors.omni_camera import OmniCameraSensor
 from helpers.robots import CAMERA
 

@@ -9,7 +9,10 @@ import pytest
 
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
-from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.robot.mount import (
+    Mount,
+)
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from helpers.robots import make_p2at
 
@@ -19,7 +22,7 @@ DESCRIPTION = PerspectiveCameraDescription("Camera", MOUNT, 320, 240, 1.3963, 0.
 
 def make_camera() -> PerspectiveCameraSensor:
     return PerspectiveCameraSensor(
-        DESCRIPTION, make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],))
+        DESCRIPTION, make_p2at(mission_packages=(STANDARD_PACKAGES["camerapantilt"],))
     )
 
 

@@ -13,10 +13,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.robot_description import Mount, RangeScannerDescription
+from catoptra_server.robot.mount import (
+    Mount,
+)
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SensorContext
-from catoptra_server.sensors.range_scanner import RangeScannerSensor
+from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
 from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, SensorEnvironment
 from helpers.robots import BASE, SCANNER
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, make_room_world, oriented_box_at
@@ -102,7 +104,7 @@ def test_room_when_seen_from_its_middle_is_as_wide_as_it_is() -> None:
 
 
 TILTING = dataclasses.replace(
-    SCANNER, mount=Mount(), turns_in_yaw=False, turns_in_pitch=True, resolution_rad=math.pi / 4
+    SCANNER, mount=Mount(), is_panning=False, is_tilting=True, resolution_rad=math.pi / 4
 )
 
 
@@ -114,7 +116,7 @@ def test_scan_when_turned_in_pitch_goes_from_the_ceiling_to_the_floor() -> None:
 
 
 def test_scan_when_turned_in_nothing_looks_ahead_only() -> None:
-    still = dataclasses.replace(TILTING, turns_in_pitch=False)
+    still = dataclasses.replace(TILTING, is_tilting=False)
     assert set(scan(context_in_room(), make_scanner(still))) == {4.0}
 
 

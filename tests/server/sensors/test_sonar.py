@@ -11,10 +11,12 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import Mount, SonarDescription
+from catoptra_server.robot.mount import (
+    Mount,
+)
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_server.sensors.sonar import SonarRing
+from catoptra_server.sensors.sonar import SonarDescription, SonarRing
 from helpers.robots import BASE, SONAR
 from helpers.room_ray_caster import RoomRayCaster, context_in_room, oriented_box_at
 
@@ -92,8 +94,8 @@ def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
         AT_CHASSIS_ORIGIN,
         mount=Mount((0.0, 0.0, 0.0), (0.0, 0.0, turn_rad)),
         beam_rad=0.3,
-        cones=30,
-        rays=64,
+        num_cones=30,
+        rays_per_cone=64,
         max_incidence_rad=limit_rad,
     )
     ((_, told_m),) = make_ring(sonar).read(context_in_room()).items

@@ -16,7 +16,7 @@ from helpers.room_ray_caster import context_in_room
 
 
 def make_tachometer(wheels: int = 4) -> TachometerSensor:
-    description = dataclasses.replace(TACHOMETER, wheels=wheels)
+    description = dataclasses.replace(TACHOMETER, num_wheels=wheels)
     return TachometerSensor(description, BASE, RandomSource.from_names(1, "R", "Tach"))
 
 

@@ -29,7 +29,7 @@ CLASSES = (
     make_p2at(
         class_name="USARBot.P2AT",
         sensors=(SCANNER, GROUND_TRUTH),
-        packages=(STANDARD_PACKAGES["camerapantilt"],),
+        mission_packages=(STANDARD_PACKAGES["camerapantilt"],),
     ),
     make_p2at(class_name="USARBot.Small", base=SMALL, sensors=(GROUND_TRUTH,)),
 )

@@ -14,7 +14,8 @@ from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import CameraSpec, OmniCameraSpec, ViewRequest
+from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.landmark_shapes import items_from_landmark

@@ -25,6 +25,7 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
     CameraChannel,
@@ -40,8 +41,6 @@ from catoptra_server.simulation import (
     ClockMode,
     CommandReceived,
     Fleet,
-    FrameRendered,
-    FrameRequested,
     LandmarksRequested,
     Simulation,
     StopRequested,
@@ -396,7 +395,7 @@ def test_realtime_when_far_behind_goes_on_from_now(caplog: pytest.LogCaptureFixt
 
 
 def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
-    camera = dataclasses.replace(CAMERA, frame_interval_s=0.1)
+    camera = dataclasses.replace(CAMERA, min_frame_interval_s=0.1)
     keeper = FrameCollector(4)
     keeper.simulation = make_simulation(
         make_p2at(omni_camera=camera),

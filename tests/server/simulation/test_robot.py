@@ -17,9 +17,14 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
 )
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.joint_chain import CHASSIS_PARENT, STANDARD_PACKAGES, LinkDescription
+from catoptra_server.robot.joint_chain import (
+    CHASSIS_PARENT,
+    STANDARD_PACKAGES,
+    LinkDescription,
+    MissionPackageDescription,
+)
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import MissionPackageDescription, RobotDescription
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.obstacle_grid import build_obstacle_grid
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.twist import AT_REST
@@ -206,7 +211,7 @@ FLIPPERS = MissionPackageDescription(
 
 def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
     encoder = dataclasses.replace(ENCODER, name="ECFlipper", shaft="frflipper")
-    robot = spawn(make_p2at(joint_parts=FLIPPERS, sensors=(encoder,)))
+    robot = spawn(make_p2at(chassis_joints=FLIPPERS, sensors=(encoder,)))
     robot.drive_joint("frflipper", 0.5, 0)
     step(robot, 100)
     counted, status = robot.read_all(2.0)
@@ -217,7 +222,7 @@ def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
 
 
 def test_flippers_when_asked_for_are_no_package() -> None:
-    assert spawn(make_p2at(joint_parts=FLIPPERS)).find_parts("MisPkg") == []
+    assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts("MisPkg") == []
 
 
 @pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])
@@ -237,7 +242,7 @@ def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
 
 
 def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> None:
-    robot = spawn(make_p2at(packages=(STANDARD_PACKAGES["camerapantilt"],), sensors=()))
+    robot = spawn(make_p2at(mission_packages=(STANDARD_PACKAGES["camerapantilt"],), sensors=()))
     links = (LinkCommand(2, 0.05),)
     robot.drive_mission_package(MisPkg("CameraPanTilt", links, gripper=1.0, sequence=3.0))
     robot.drive_mission_package(MisPkg("CameraPanTilt", gripper=0.0))

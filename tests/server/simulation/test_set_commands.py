@@ -11,9 +11,12 @@ from catoptra_protocol.usarsim.reports import (
     OdometryReading,
     line_from_report,
 )
+from catoptra_server.robot.mount import (
+    Mount,
+)
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.render_settings import AccuracyTarget
-from catoptra_server.robot.robot_description import Mount, PerspectiveCameraDescription
+from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.scene.obstacle_grid import build_obstacle_grid
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.simulation.robot import Robot
@@ -25,7 +28,7 @@ CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.349
 
 def drive_robot() -> Robot:
     """Return a robot that has gone 0.26 m."""
-    description = make_p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), cameras=(CAMERA,))
+    description = make_p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), perspective_cameras=(CAMERA,))
     robot = Robot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
     free = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)

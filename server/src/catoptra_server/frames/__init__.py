@@ -1,4 +1,6 @@
-"""From what the simulation wants shown to the bytes that travel.
+"""From the request for a frame to encoded bytes.
 
-A `Shot` says what to draw; the drawing thread makes a `Frame` of it; `encode` makes bytes of that.
+`frame_request` describes a frame that is due, `image_port_layout` composes one from the cameras of
+robots, `capture_scheduler` decides when; `render_thread` renders on views of `view_cache`;
+`mailbox` hands each `Frame` to the connections that wait.
 """

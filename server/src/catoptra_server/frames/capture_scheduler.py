@@ -1,6 +1,7 @@
-"""What is wanted of each channel, what is being drawn, and when it may be exposed again.
+"""Times at which channels capture frames: on request, one at a time, at most once an interval.
 
-A channel has one shot under way at a time: what is drawn is never older than one drawing.
+A channel has one frame in rendering at a time, so a request is never answered by a frame that
+waited in a queue behind others of its channel.
 """
 
 from __future__ import annotations
@@ -10,12 +11,17 @@ from collections.abc import Iterator
 
 from catoptra_server.frames.frame_request import CameraChannel, Channel
 
-# Two times that differ by less than this are the same tick.
+# Simulation time advances by ticks, in whole nanoseconds: sums of 0.02 s as floats would print
+# 0.2 s as 0.1999.
+NS_PER_S = 1_000_000_000
+TICK_NS = 20_000_000
+TICK_S = TICK_NS / NS_PER_S
+# Two times closer than this are one tick: the interval was added as a float.
 _SAME_TIME_S = 1e-9
 
 
 class ChannelState:
-    """One channel's shots: how many there were, and whether another one is wanted."""
+    """Frames of one channel: their number, and whether another one is requested."""
 
     def __init__(self) -> None:
         self.sequence = 0
@@ -24,11 +30,18 @@ class ChannelState:
         self._next_s = -math.inf
 
     def is_due(self, time_s: float) -> bool:
-        """Return whether a shot is wanted and may be taken."""
+        """Whether a frame is requested and may be captured at a simulation time."""
         return self.is_requested and not self.is_rendering and time_s >= self._next_s - _SAME_TIME_S
 
     def start_frame(self, time_s: float, *, interval_s: float) -> int:
-        """Take note of a shot; return its sequence number."""
+        """Record the capture of a frame, and number it.
+
+        Args:
+            interval_s: Simulation time until the channel may capture the next frame.
+
+        Returns:
+            Sequence number of the frame.
+        """
         self.is_requested = False
         self.is_rendering = True
         self._next_s = time_s + interval_s
@@ -37,36 +50,42 @@ class ChannelState:
 
 
 class CaptureScheduler:
-    """The reels of all channels that somebody asked for."""
+    """States of all channels that were requested."""
 
     def __init__(self) -> None:
         self._channels: dict[Channel, ChannelState] = {}
 
     def request_frame(self, channel: Channel, newer_than: float) -> None:
-        """Take note that a shot is wanted, unless a newer one is drawn already."""
-        reel = self._channels.setdefault(channel, ChannelState())
-        reel.is_requested |= reel.sequence <= newer_than
+        """Request a frame with a larger sequence number than `newer_than`."""
+        state = self._channels.setdefault(channel, ChannelState())
+        # A frame numbered above newer_than is being rendered already and will do.
+        state.is_requested |= state.sequence <= newer_than
 
     def finish_frame(self, channel: Channel) -> None:
-        """Take note that a channel's shot is a frame now."""
+        """Record that the captured frame of a channel is rendered."""
         if channel in self._channels:
             self._channels[channel].is_rendering = False
 
     def remove(self, channel: Channel) -> None:
-        """Forget a channel that nothing shows any more."""
+        """Remove a channel whose robot or camera does not exist any more."""
         self._channels.pop(channel, None)
 
     def remove_idle(self, robot: str) -> None:
-        """Forget the cameras of a robot that left; who still waits for one is refused when due."""
-        for channel, reel in list(self._channels.items()):
-            is_its = isinstance(channel, CameraChannel) and channel.robot == robot
-            if is_its and not reel.is_requested:
+        """Remove the channels of a robot, except those with a request.
+
+        A requested channel stays until due; the simulation then finds no camera and rejects the
+        request, so that no connection waits forever.
+        """
+        for channel, state in list(self._channels.items()):
+            belongs_to_robot = isinstance(channel, CameraChannel) and channel.robot == robot
+            if belongs_to_robot and not state.is_requested:
                 self.remove(channel)
 
     def due_channels(self, time_s: float) -> Iterator[tuple[Channel, ChannelState]]:
-        """Iterate over what is to be exposed now."""
-        return iter([(c, reel) for c, reel in self._channels.items() if reel.is_due(time_s)])
+        """Iterate over the channels to capture at a simulation time."""
+        # A list first: the caller removes channels while iterating.
+        return iter([(c, state) for c, state in self._channels.items() if state.is_due(time_s)])
 
     def count_frames(self) -> int:
-        """Return how many shots were taken of the channels that are there."""
-        return sum(reel.sequence for reel in self._channels.values())
+        """Count the captured frames of the present channels, for the log."""
+        return sum(state.sequence for state in self._channels.values())

@@ -1,4 +1,4 @@
-"""From a picture to the bytes of a payload, for both image transports. The server's door to cv2."""
+"""Images encoded to payloads of both image transports; the only module here that imports cv2."""
 
 from __future__ import annotations
 
@@ -8,42 +8,40 @@ import numpy as np
 from catoptra_protocol.usarsim.image_port import JPEG_QUALITY, ImageType, encode_raw_header
 from catoptra_server.render.renderer import Image
 
-# One thread encodes; OpenCV's own pool would only fight the renderer's threads for the cores.
+# One thread encodes: OpenCV's own pool would compete with the renderer's threads for the cores.
 cv2.setNumThreads(1)
 
 
 def encode_png(rgb: Image) -> bytes:
-    """Return a picture as a PNG file."""
-    # Level 1: a third of the time of the default for a tenth more bytes.
+    """Encode an image as a PNG file."""
+    # Level 1: a third of the default's time for a tenth more bytes.
     bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
     ok, stream = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    assert ok, "cv2 encodes every 8-bit picture"
+    assert ok, "cv2 encodes every 8-bit image"
     payload: bytes = stream.tobytes()
     return payload
 
 
 def encode_payload(rgb: Image, image_type: ImageType) -> bytes:
-    """Return a picture's payload: a JPEG stream, or RAW with its header, B G R and padded rows."""
+    """Encode an image for USARSim's image port: as JPEG, or raw with header and padded rows."""
     bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
     if image_type is ImageType.RAW:
         height, width = bgr.shape[:2]
+        # The original server pads rows to four bytes, and clients differ: see SPEC-NOTES.md.
         padding = -3 * width % 4
         rows = bgr.reshape(height, 3 * width)
         padded = np.pad(rows, ((0, 0), (0, padding))) if padding else rows
         return encode_raw_header(width, height) + padded.tobytes()
     ok, stream = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY[image_type]])
-    assert ok, "cv2 encodes every 8-bit picture"
+    assert ok, "cv2 encodes every 8-bit image"
     payload: bytes = stream.tobytes()
     return payload
 
 
 def crop(rgb: Image, x: int, y: int, width: int, height: int) -> Image:
-    """Return the part of a picture inside a rectangle, clamped to it; at least one pixel.
-
-    A rectangle beside the picture is undefined in USARSim; here it gives the nearest corner's
-    pixel.
-    """
+    """Part of an image inside a rectangle clamped to the image; at least one pixel."""
     rows, columns = rgb.shape[:2]
+    # USARSim leaves a rectangle outside the image undefined; here its nearest pixel is returned.
     left, top = min(x, columns - 1), min(y, rows - 1)
     right = min(max(x + width, left + 1), columns)
     bottom = min(max(y + height, top + 1), rows)

@@ -1,4 +1,4 @@
-"""A finished picture, what is known of it, and its payloads: encoded once for all who ask."""
+"""A rendered frame and its payloads, each encoded once for all connections."""
 
 from __future__ import annotations
 
@@ -15,37 +15,39 @@ from catoptra_server.render.renderer import Image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A finished picture of a channel.
-
-    rgb: (h, w, 3) uint8, read-only. time_s: simulation time of the exposure. exposed_at_s, finished_s:
-    on the server's monotonic clock. drawn_s: seconds that it took to draw. plan: how it was drawn.
-    error_bound_px: how far off an outline in it may be at most; bound: that and its parts by name.
-    Both None where unknown. effects: what was decided about each that is named, of one camera's
-    picture.
-    """
+    """A rendered image of a channel, and the measurements of its rendering."""
 
     sequence: int
+    """Number of the frame within the channel, from 1."""
     time_s: float
+    """Simulation time of the exposure."""
     rgb: Image
+    """(h, w, 3) uint8, read-only."""
     exposed_at_s: float
+    """Time of the exposure on the server's monotonic clock."""
     finished_at_s: float
+    """End of the rendering on the server's monotonic clock."""
     channel: Channel = IMAGE_PORT
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     stage_ms: dict[str, float] = field(default_factory=dict)
+    """Duration of each rendering stage, summed over all views."""
     render_duration_s: float = 0.0
     plan: str | None = None
+    """Plans of all views in words; None for a black frame."""
     error_bound_px: float | None = None
+    """Upper bound on the displacement of any outline; None where unknown."""
     error_bounds: dict[str, float] | None = None
+    """All error bounds and their parts by name; None where unknown."""
     effect_decisions: tuple[EffectDecision, ...] = ()
+    """Decisions about the effects of the camera, in a frame of one camera."""
     _payloads: dict[ImageType | ImageEncoding, bytes] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def encode(self, encoding: ImageType | ImageEncoding) -> bytes:
-        """Return the whole picture's payload; encoded once, also when threads ask at once.
-
-        A JPEG of the stream is one of type GOOD: viewers of both transports share it.
-        """
+        """Payload of the frame; encoded on first use, by one of several concurrent threads."""
+        # One quality for both transports: their connections share the JPEG.
         encoding = ImageType.GOOD if encoding is ImageEncoding.JPEG else encoding
+        # Encoding takes longer than waiting for another thread's result would.
         with self._lock:
             if encoding not in self._payloads:
                 self._payloads[encoding] = _encode(self.rgb, encoding)

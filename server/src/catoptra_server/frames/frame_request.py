@@ -1,7 +1,7 @@
-"""What is to be drawn: captured in one piece by the simulation, drawn later by another thread.
+"""Frames to render, described completely by the simulation and rendered later in another thread.
 
-A shot holds everything that the picture depends on, so that the simulation may go on meanwhile. It
-may consist of several takes, one for each tile of the screen.
+A request holds everything that the image depends on, frozen, so that the simulation goes on while
+the frame is rendered. One frame may consist of several views, one for each tile.
 """
 
 from __future__ import annotations
@@ -9,50 +9,37 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from catoptra_protocol.camera_conf import Pairs
-from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.robot.render_settings import RenderSettings
+from catoptra_server.planning.camera_spec import CameraSpec
 
 
 @dataclass(frozen=True, slots=True)
 class ImagePortChannel:
-    """What the image port shows: the whole screen, or one tile of a multi-view."""
+    """The image of the image port, or one tile of a multi-view."""
 
     tile: int | None = None
+    """Index of the tile; None for the whole image."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraChannel:
-    """One robot's camera. Empty: the robot that the screen shows; that robot's first camera."""
+    """One camera of one robot, at the camera's own size."""
 
     robot: str
+    """Name of the robot; empty for the robot that the image port displays."""
     camera: str
+    """Name of the camera in any case; empty for the robot's first camera."""
 
 
 Channel = ImagePortChannel | CameraChannel
 IMAGE_PORT = ImagePortChannel()
 
 
-@dataclass(frozen=True, slots=True)
-class OmniCameraSpec:
-    """An omnidirectional camera, and what its robot's file asks of the picture and its effects."""
-
-    camera: OmniCamera
-    render_settings: RenderSettings
-    effect_settings: EffectSettings = NO_EFFECT_SETTINGS
-
-
-# What can be looked through. Equal eyes share a prepared view.
-CameraSpec = OmniCameraSpec | PerspectiveCamera
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
-    """An eye, where it is, and what moves about it."""
+    """One camera to render, in one state."""
 
     camera: CameraSpec
     camera_state: CameraState
@@ -60,42 +47,41 @@ class ViewRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameMetadata:
-    """Whose picture it is; empty where it is nobody's, or that of several cameras.
-
-    robot_from_camera: where the effective viewpoint or pinhole sits. law: the pairs that give every
-    pixel its direction in that frame. Both None without a camera.
-    """
+    """Robot and camera of a frame; empty for a frame of several robots or none."""
 
     robot: str = ""
     class_name: str = ""
     camera: str = ""
+    """Name of the camera; empty for a frame of several cameras."""
     world_from_robot: Pose = field(default_factory=Pose.identity)
     robot_from_camera: Pose | None = None
+    """Pose of the effective viewpoint or pinhole; None without a single camera."""
     camera_model: Pairs | None = None
+    """Key-value pairs of the camera model, enough to compute the direction of every pixel; None
+    without a single camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameComposition:
-    """The takes of a screen, tile by tile; None: a tile that stays black.
-
-    interval_s: the shortest simulation time to the next exposure.
-    """
+    """Views of a frame, tile by tile."""
 
     layout: TileLayout
     views: tuple[ViewRequest | None, ...]
+    """None: a tile that stays black."""
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     min_interval_s: float = 0.0
+    """Shortest simulation time to the next exposure of the same channel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRequest:
-    """Scenery at a moment: time_s of the simulation, exposed_at_s on the server's monotonic clock.
-
-    sequence counts the shots of a channel from 1.
-    """
+    """A composition captured at one time."""
 
     channel: Channel
     sequence: int
+    """Number of the frame within the channel, from 1."""
     time_s: float
+    """Simulation time of the exposure."""
     exposed_at_s: float
+    """Time of the exposure on the server's monotonic clock."""
     composition: FrameComposition

@@ -1,9 +1,8 @@
-"""One slot a channel between the drawing thread and the sockets' loop: the newest frame wins.
+"""One slot a channel between render thread and event loop, holding the newest frame.
 
-The drawing thread puts; coroutines wait for a frame newer than their last one. A frame waits in the
-slot only while it is younger than a tick, or than a new one would take to draw: older than that, a
-new one is asked for. Under lockstep a frame never waits: whoever asks gets a frame of this very
-moment.
+The render thread puts frames; coroutines wait for a frame newer than their last one. A frame stays
+fresh while younger than a tick, or than rendering another one would take; after that a new one is
+requested. Under lockstep no frame stays fresh: each request has a frame of the present time.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from collections.abc import Callable
 from functools import partial
 from weakref import WeakValueDictionary
 
+from catoptra_server.frames.capture_scheduler import TICK_S
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_events import FrameEvent, FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import Channel
-from catoptra_server.simulation import FrameRendered, FrameRequested, SimulationEvent
-from catoptra_server.simulation.loop import TICK_S
 
 
 class ChannelUnavailableError(Exception):
-    """A channel shows nothing: there is no such robot or camera (any more)."""
+    """No robot or camera belongs to the channel (any more)."""
 
 
 class Mailbox:
-    """The slot. `ask` is called, from the loop, when a frame newer than a number is wanted."""
+    """The newest frame of one channel, and the future of the next one."""
 
     def __init__(
         self,
@@ -35,6 +34,14 @@ class Mailbox:
         prefetch: bool,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
+        """Create an empty slot; to be called from the event loop.
+
+        Args:
+            request_frame: Requests a frame with a larger sequence number.
+            prefetch: Request the next frame as soon as one is taken, and serve fresh frames at
+                once; False under lockstep.
+            monotonic: Clock of `Frame.finished_at_s`.
+        """
         self._loop = asyncio.get_running_loop()
         self._request_frame = request_frame
         self._prefetch = prefetch
@@ -44,32 +51,34 @@ class Mailbox:
         self._arrival: asyncio.Future[Frame] = self._loop.create_future()
 
     def put(self, frame: Frame) -> None:
-        """Take a frame; who waits gets it."""
+        """Store a frame and resume all waiting coroutines."""
         self._newest = frame
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_result(frame)
 
     def fail(self) -> None:
-        """Disappoint who waits."""
+        """Raise ChannelUnavailableError in all waiting coroutines."""
         self._newest = None
         self._is_frame_requested = False
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_exception(ChannelUnavailableError())
-        waiting.exception()  # seen, also where nobody waits
+        # Retrieved here, too: asyncio logs exceptions of futures without any waiting coroutine.
+        waiting.exception()
 
     async def wait_for_newer(self, sequence: int) -> Frame:
-        """Return a frame that is newer than a sequence number and fresh.
+        """Wait for a fresh frame with a larger sequence number.
 
-        Raises ChannelUnavailableError where there is nothing to show.
-
-        When drawing ahead, the next one is asked for at once, so that it is drawn while this one
-        travels: a client that keeps asking gets one after the other without a pause.
+        Raises:
+            ChannelUnavailableError: No robot or camera belongs to the channel.
         """
         frame = self._fresh_frame(sequence)
         if frame is None:
             self._request_next()
+            # Shielded: several connections wait for one future, and any of them may disconnect.
             frame = await asyncio.shield(self._arrival)
         if self._prefetch:
+            # The next frame is rendered while this one travels: a client that requests frame after
+            # frame receives them without a pause.
             self._request_frame(frame.sequence)
         return frame
 
@@ -77,7 +86,8 @@ class Mailbox:
         if self._newest is not None:
             self._request_frame(self._newest.sequence)
         elif not self._is_frame_requested:
-            # What was drawn before this mailbox was there is not known here: any will do.
+            # Sequence numbers from before this mailbox are unknown here; infinity requests a new
+            # frame whatever the channel's number is.
             self._is_frame_requested = True
             self._request_frame(math.inf)
 
@@ -85,51 +95,59 @@ class Mailbox:
         frame = self._newest
         if not self._prefetch or frame is None or frame.sequence <= sequence:
             return None
-        # Within one tick a new frame would show the very same world.
+        # Within one tick a new frame would show the same world; and a frame younger than its own
+        # rendering time is newer than any frame that could be requested now.
         fresh_for_s = max(frame.render_duration_s, TICK_S)
         return frame if self._monotonic() - frame.finished_at_s <= fresh_for_s else None
 
 
 class Mailboxes:
-    """The mailboxes of all channels that somebody watches; one that nobody holds is gone."""
+    """Mailboxes of all channels that a connection displays."""
 
-    def __init__(self, post: Callable[[SimulationEvent], None], *, prefetch: bool) -> None:
+    def __init__(self, post: Callable[[FrameEvent], None], *, prefetch: bool) -> None:
+        """Create no mailbox yet.
+
+        Args:
+            post: Hands an event to the simulation thread; called from any thread.
+            prefetch: See `Mailbox`.
+        """
         self._post = post
         self._prefetch = prefetch
         self._loop = asyncio.get_running_loop()
+        # Weak: connections hold their mailboxes, and a channel without connections costs nothing.
         self._mailboxes: WeakValueDictionary[Channel, Mailbox] = WeakValueDictionary()
 
     def get(self, channel: Channel) -> Mailbox:
-        """Return a channel's mailbox."""
-        box = self._mailboxes.get(channel)
-        if box is None:
-            box = self._mailboxes[channel] = Mailbox(
-                partial(self._request_frame, channel), prefetch=self._prefetch
-            )
-        return box
+        """Mailbox of a channel, created on first use; the caller keeps the reference."""
+        mailbox = self._mailboxes.get(channel)
+        if mailbox is None:
+            request = partial(self._request_frame, channel)
+            mailbox = self._mailboxes[channel] = Mailbox(request, prefetch=self._prefetch)
+        return mailbox
 
     def __len__(self) -> int:
-        """Return how many channels are watched."""
+        """Number of channels with a connection."""
         return len(self._mailboxes)
 
     def _request_frame(self, channel: Channel, newer_than: float) -> None:
         self._post(FrameRequested(newer_than, channel))
 
     def put(self, frame: Frame) -> None:
-        """Put a frame into its channel's mailbox; called by the drawing thread."""
+        """Put a frame into the mailbox of its channel; called by the render thread."""
+        # Posted before the frame arrives: the next capture need not wait for the event loop.
         self._post(FrameRendered(frame.channel))
         self._loop.call_soon_threadsafe(self._put_on_loop, frame)
 
     def fail(self, channel: Channel) -> None:
-        """Disappoint who waits for a channel; called by the simulation thread."""
+        """Reject all requests for a channel; called by the simulation thread."""
         self._loop.call_soon_threadsafe(self._fail_on_loop, channel)
 
     def _put_on_loop(self, frame: Frame) -> None:
-        box = self._mailboxes.get(frame.channel)
-        if box is not None:
-            box.put(frame)
+        mailbox = self._mailboxes.get(frame.channel)
+        if mailbox is not None:
+            mailbox.put(frame)
 
     def _fail_on_loop(self, channel: Channel) -> None:
-        box = self._mailboxes.get(channel)
-        if box is not None:
-            box.fail()
+        mailbox = self._mailboxes.get(channel)
+        if mailbox is not None:
+            mailbox.fail()

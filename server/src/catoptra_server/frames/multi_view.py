@@ -1,13 +1,12 @@
-"""Several cameras' pictures in one: UDK's MultiView tiles and UT2004's viewports.
+"""Layouts of several cameras in one image: UDK's MultiView tiles and UT2004's viewports.
 
-A tile shows a picture that was drawn at the tile's size; nothing is resized. What no camera fills
-is black. Only who is looked at need be drawn: `tiles_overlapping` tells which tiles a request touches,
-and a tile may stay empty.
+A tile shows an image rendered at the tile's size; nothing is resized, and an unused tile is black.
+A request for a rectangle needs only the tiles under it (`tiles_overlapping`).
 
-UDK: camera i of those registered is at x = (i mod CameraTileX) CameraWidth and, as UDK's source
-has it, y = (i div CameraTileY) CameraHeight. Here it is i div CameraTileX, the number of columns:
-the two agree for the square layouts that were shipped, only this fills any other without a gap, and
-it is how the Qt client with its four tiles a row counts.
+UDK puts camera i at x = (i mod CameraTileX) CameraWidth and, in its source, at y = (i div
+CameraTileY) CameraHeight. Here y is (i div CameraTileX) CameraHeight, by the number of columns:
+the two agree for UDK's square layouts, only this form fills any other layout without a gap, and
+the Qt client counts its four tiles a row in the same way.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from catoptra_server.render.renderer import Image
 
 
 class ViewportConfig(Enum):
-    """UT2004's `SET {Type Viewports} {Config ...}`."""
+    """Config of UT2004's `SET {Type Viewports}`."""
 
     SINGLE_VIEW = "SingleView"
     QUAD_VIEW = "QuadView"
@@ -33,7 +32,7 @@ class ViewportConfig(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A camera's rectangle in the picture: TextureOffset and TextureResolution of CONF Camera."""
+    """Rectangle of a camera in the image: TextureOffset and TextureResolution of CONF Camera."""
 
     x_px: int
     y_px: int
@@ -43,34 +42,41 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class TileLayout:
-    """Tiles of one size, row by row from the top left, in a picture of width_px x height_px."""
+    """Tiles of one size, row by row from the top left."""
 
     columns: int
     rows: int
     tile_width_px: int
     tile_height_px: int
     width_px: int
+    """Width of the whole image, which may exceed the tiles by an odd last column."""
     height_px: int
+    """Height of the whole image, which may exceed the tiles by an odd last row."""
 
     def __post_init__(self) -> None:
         tile = (self.columns, self.rows, self.tile_width_px, self.tile_height_px)
         if min(tile) < 1:
             raise DomainError(
-                f"{self.columns} x {self.rows} tiles of {self.tile_width_px} x "
-                f"{self.tile_height_px} px are no picture"
+                f"a layout of {self.columns} x {self.rows} tiles of {self.tile_width_px} x "
+                f"{self.tile_height_px} px has no pixel: each number must be at least 1"
             )
 
     def __len__(self) -> int:
-        """Return the number of tiles."""
+        """Number of tiles."""
         return self.columns * self.rows
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the whole image in pixels, as NumPy orders them."""
+        return self.height_px, self.width_px
+
+    @property
     def tiles(self) -> tuple[Tile, ...]:
-        """Return all tiles in their order."""
+        """All tiles, in the order of their indices."""
         return tuple(tile for tile in map(self.tile_at, range(len(self))) if tile)
 
     def tile_at(self, index: int) -> Tile | None:
-        """Return a camera's tile by its index from 0; None where the layout has no more."""
+        """Tile of an index from 0; None beyond the last tile."""
         if not 0 <= index < len(self):
             return None
         row, column = divmod(index, self.columns)
@@ -78,9 +84,10 @@ class TileLayout:
         return Tile(column * width, row * height, width, height)
 
     def tiles_overlapping(self, x: int, y: int, width: int, height: int) -> tuple[int, ...]:
-        """Return the tiles that a request for a rectangle touches, clamped as `encode.cropped`."""
+        """Indices of the tiles under a rectangle, clamped to the image as by `encode.crop`."""
         columns = _overlapping_range(x, width, tile=self.tile_width_px, size=self.width_px)
         rows = _overlapping_range(y, height, tile=self.tile_height_px, size=self.height_px)
+        # An odd last column or row of the image lies beyond the last tile.
         return tuple(
             row * self.columns + column
             for row in rows
@@ -90,24 +97,26 @@ class TileLayout:
 
 
 def multi_view_layout(columns: int, rows: int, *, width_px: int, height_px: int) -> TileLayout:
-    """Return UDK's layout: CameraTileX, CameraTileY, CameraWidth, CameraHeight.
+    """Layout of UDK's CameraTileX x CameraTileY tiles of CameraWidth x CameraHeight pixels.
 
-    Raises DomainError for a picture that no frame can carry, or no client of ours would take.
+    Raises:
+        DomainError: The image would exceed the limits of a frame.
     """
     width, height = columns * width_px, rows * height_px
+    # Four bytes a pixel: the largest payload, raw rows with padding, has to fit into a message.
     if max(width, height) > MAX_IMAGE_SIDE_PX or 4 * width * height > MAX_IMAGE_PAYLOAD_BYTES:
         raise DomainError(
-            f"a picture of {width} x {height} px: at most {MAX_IMAGE_SIDE_PX} px a side and "
-            f"{MAX_IMAGE_PAYLOAD_BYTES // 4} px in all can be sent"
+            f"an image of {width} x {height} px exceeds the limits of {MAX_IMAGE_SIDE_PX} px a "
+            f"side and {MAX_IMAGE_PAYLOAD_BYTES // 4} px in all"
         )
     return TileLayout(columns, rows, width_px, height_px, width, height)
 
 
 def viewport_layout(config: ViewportConfig, *, width_px: int, height_px: int) -> TileLayout:
-    """Return UT2004's layout of a whole picture: Viewport1 all of it, or 1 to 4 a quarter each.
+    """Layout of UT2004's viewports in an image of a given size.
 
-    Quarters are numbered as one reads: 1 and 2 above, 3 and 4 below. An odd last row or column of
-    the picture belongs to none and stays black.
+    A single view fills the image. In a quad view each viewport has a quarter, 1 and 2 above, 3 and
+    4 below; an odd last row or column of the image stays black.
     """
     if config is ViewportConfig.SINGLE_VIEW:
         return TileLayout(1, 1, width_px, height_px, width_px, height_px)
@@ -115,35 +124,45 @@ def viewport_layout(config: ViewportConfig, *, width_px: int, height_px: int) ->
 
 
 def compose_tiles(layout: TileLayout, images: Sequence[Image | None]) -> Image:
-    """Return the picture of all tiles, (height, width, 3), read-only. None: a black tile.
+    """Compose the images of tiles to one image.
 
-    A picture that is smaller than its tile lies in the tile's top left corner, so that its camera's
-    law holds in the tile as it is. Raises DomainError for a larger one, and for more pictures than
-    tiles.
+    Args:
+        layout: Positions of the tiles.
+        images: Image of each tile by index; None for a black tile. A smaller image lies in the top
+            left corner of its tile, so that the camera model holds in the tile without an offset.
+
+    Returns:
+        (height, width, 3) uint8, read-only.
+
+    Raises:
+        DomainError: An image is larger than its tile, or has no tile.
     """
-    whole = np.zeros((layout.height_px, layout.width_px, 3), dtype=np.uint8)
-    for index, picture in enumerate(images):
-        if picture is None:
+    composed = np.zeros((*layout.shape, 3), dtype=np.uint8)
+    for index, image in enumerate(images):
+        if image is None:
             continue
         tile = layout.tile_at(index)
         if tile is None:
-            raise DomainError(f"picture {index} has no tile: this layout has {len(layout)}")
-        rows, columns = picture.shape[:2]
+            raise DomainError(f"image {index} has no tile in a layout of {len(layout)}")
+        rows, columns = image.shape[:2]
         if columns > tile.width_px or rows > tile.height_px:
             raise DomainError(
-                f"a picture of {columns} x {rows} px does not fit its tile of "
-                f"{tile.width_px} x {tile.height_px} px: draw it at the tile's size"
+                f"an image of {columns} x {rows} px exceeds its tile of {tile.width_px} x "
+                f"{tile.height_px} px: render it at the tile's size"
             )
-        whole[tile.y_px : tile.y_px + rows, tile.x_px : tile.x_px + columns] = picture
-    whole.setflags(write=False)
-    return whole
+        composed[tile.y_px : tile.y_px + rows, tile.x_px : tile.x_px + columns] = image
+    composed.setflags(write=False)
+    return composed
 
 
 def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
-    """Return an omnidirectional camera at a tile's size: all of its picture, as large as it fits.
+    """Scale an omnidirectional camera to the largest image that fits into a tile, centred.
 
-    The picture's middle is the tile's. Pixels are those of the tile: add its offset for the whole.
+    Returns:
+        A camera of the tile's size, in pixels of the tile: add the tile's offset for pixels of the
+        whole image.
     """
+    # One scale for both axes: a camera model with one focal length has square pixels.
     scale = min(tile.width_px / camera.width_px, tile.height_px / camera.height_px)
     u, v = camera.centre_px
     return replace(
@@ -159,7 +178,7 @@ def fit_omni_camera(tile: Tile, camera: OmniCamera) -> OmniCamera:
 
 
 def _overlapping_range(first: int, length: int, *, tile: int, size: int) -> range:
-    """Return which intervals of a length `tile` from 0 on an interval touches, both clamped."""
+    """Indices of the intervals [i tile, (i + 1) tile) that overlap an interval in [0, size)."""
     low = min(first, size - 1)
     high = min(max(first + length, low + 1), size)
-    return range(low // tile, -(-high // tile))
+    return range(low // tile, -(-high // tile))  # rounded down and up

@@ -1,7 +1,7 @@
-"""The drawing thread's work: shots become frames, one after the other, as they come.
+"""The render thread: frame requests become frames, one after the other, in the order of arrival.
 
-It owns renderer and views, because an OpenGL context belongs to the thread that made it. The
-simulation goes on while a shot is drawn.
+It owns renderers and views, because an OpenGL context belongs to the thread that made it. The
+simulation goes on while a frame is rendered.
 """
 
 from __future__ import annotations
@@ -10,62 +10,56 @@ import queue
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import (
-    CameraSpec,
-    FrameComposition,
-    FrameRequest,
-    OmniCameraSpec,
-    ViewRequest,
-)
+from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
 from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.view_cache import ViewState
-from catoptra_server.planning.error_bound import ErrorBound
-from catoptra_server.render.renderer import Image, RenderedImage
+from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.render.renderer import Image
 
 _RenderFuture = Future[None]
-# None: nothing is drawn here.
+# Receives None from a server without cameras, which renders nothing.
 PlanCallback = Callable[[ViewState | None], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PlanQuery:
-    """How would this be drawn?"""
+    """Request for the plan of a camera."""
 
     camera: OmniCameraSpec
     reply: PlanCallback
 
 
 class ViewProvider(Protocol):
-    """What draws takes: the server's is `ViewCache`."""
+    """Source of rendered views; the server's is `ViewCache`."""
 
-    def render(self, request: ViewRequest) -> RenderedImage:
-        """Return the picture of a take."""
-
-    def plan(self, camera: CameraSpec) -> object:
-        """Return how an eye is drawn; it prints in words."""
-
-    def error_bound(self, camera: CameraSpec) -> ErrorBound | None:
-        """Return how far off outlines may be; None where there is no bound."""
+    def render(self, request: ViewRequest) -> RenderedView:
+        """Render a view."""
 
     def view_state(self, camera: OmniCameraSpec) -> ViewState:
-        """Return how an eye will be drawn, and what that costs; it need not be prepared."""
+        """Plan that the next frame of a camera will have; prepares no view."""
 
     def close(self) -> None:
-        """Free what is held."""
+        """Close all views and renderers."""
 
 
 class RenderThread:
-    """A queue of shots; `run` is the whole life of the thread that draws them."""
+    """A queue of frame requests; `run` is the main function of the thread that renders them."""
 
     def __init__(
         self, put: Callable[[Frame], None], *, monotonic: Callable[[], float] = time.monotonic
     ) -> None:
+        """Create the queue.
+
+        Args:
+            put: Receives each finished frame, in the render thread.
+            monotonic: Clock that frames are timed by.
+        """
         self._put = put
         self._monotonic = monotonic
         self._queue: queue.SimpleQueue[tuple[FrameRequest, _RenderFuture] | _PlanQuery | None]
@@ -74,36 +68,51 @@ class RenderThread:
         self._has_ended = False
 
     def submit(self, request: FrameRequest) -> _RenderFuture:
-        """Hand over a shot, from any thread; its frame is put before the result is set."""
-        drawn: _RenderFuture = Future()
+        """Queue a request, from any thread.
+
+        Returns:
+            A future that is set after the frame was put; cancelled once the thread has ended.
+        """
+        future: _RenderFuture = Future()
+        # Under the lock an entry is either cancelled here or found by `_cancel_pending`.
         with self._end_lock:
             if self._has_ended:
-                drawn.cancel()
+                future.cancel()
             else:
-                self._queue.put((request, drawn))
-        return drawn
+                self._queue.put((request, future))
+        return future
 
     def submit_and_wait(self, request: FrameRequest) -> None:
-        """Hand over a shot; return when its frame is put: under lockstep time waits for pictures.
+        """Queue a request and wait until the frame is put: the form that lockstep needs.
 
-        Raises what drawing it raised, and CancelledError if the drawing had ended before.
+        Raises:
+            CancelledError: The thread had ended before.
+            Exception: Whatever the renderer raised.
         """
         self.submit(request).result()
 
     def query_plan(self, camera: OmniCameraSpec, reply: PlanCallback) -> None:
-        """Have `tell` called by the drawing thread with how an eye is drawn, after shots before."""
+        """Have `reply` called in the render thread with the plan of a camera.
+
+        The queue orders the query behind the frames requested earlier, whose times may change the
+        plan.
+        """
         with self._end_lock:
             if not self._has_ended:
                 self._queue.put(_PlanQuery(camera, reply))
 
     def stop(self) -> None:
-        """End the thread after the shots that were handed over."""
+        """End the thread after the requests already queued."""
         self._queue.put(None)
 
     def run(
         self, create_views: Callable[[], ViewProvider | None], on_ready: Callable[[], None]
     ) -> None:
-        """Make the views, say so, and draw until told to stop; None: there are no cameras."""
+        """Create the views, call `on_ready`, and render until stopped.
+
+        Args:
+            create_views: Called in this thread; None from a server without cameras.
+        """
         views = None
         try:
             views = create_views()
@@ -114,6 +123,7 @@ class RenderThread:
                 else:
                     self._render_request(*entry, views)
         finally:
+            # Also after an error: the simulation may be blocked in `submit_and_wait`.
             self._cancel_pending()
             if views is not None:
                 views.close()
@@ -129,7 +139,7 @@ class RenderThread:
         future.set_result(None)
 
     def _cancel_pending(self) -> None:
-        """Let nobody wait for what will not be drawn."""
+        """Cancel all queued requests and every later one."""
         with self._end_lock:
             self._has_ended = True
         while not self._queue.empty():
@@ -141,18 +151,19 @@ class RenderThread:
 def render_frame(
     request: FrameRequest, views: ViewProvider | None, *, monotonic: Callable[[], float]
 ) -> Frame:
-    """Return the frame of a shot. Without views there is nothing to look through: black."""
-    scenery = request.composition
+    """Render all views of a request and compose the frame; black without a view provider."""
+    composition = request.composition
     begin_s = monotonic()
-    pictures = [_render_view(take, views) for take in scenery.views]
-    rgb = _compose_image(scenery, pictures)
-    stage_ms: Counter[str] = Counter()
-    for picture in pictures:
-        stage_ms.update(picture.stage_ms if picture else {})
+    rendered = [
+        None if view is None or views is None else views.render(view) for view in composition.views
+    ]
+    rgb = _compose_image(composition, rendered)
     end_s = monotonic()
-    eyes = {take.camera for take in scenery.views if take is not None}
-    plans = {str(views.plan(eye)) for eye in eyes} if views is not None else set()
-    bound = max_bounds([views.error_bound(eye) for eye in eyes]) if views is not None else None
+    present = [view for view in rendered if view is not None]
+    stage_ms: Counter[str] = Counter()
+    for view in present:
+        stage_ms.update(view.image.stage_ms)
+    bounds = max_bounds(view.error_bounds for view in present)
     return Frame(
         sequence=request.sequence,
         time_s=request.time_s,
@@ -160,38 +171,36 @@ def render_frame(
         exposed_at_s=request.exposed_at_s,
         finished_at_s=end_s,
         channel=request.channel,
-        metadata=scenery.metadata,
+        metadata=composition.metadata,
         stage_ms=dict(stage_ms),
         render_duration_s=end_s - begin_s,
-        plan="; ".join(sorted(plans)) or None,
-        error_bound_px=bound["outline_px"] if bound else None,
-        error_bounds=bound,
-        effect_decisions=pictures[0].effects if len(pictures) == 1 and pictures[0] else (),
+        plan="; ".join(sorted({view.plan for view in present})) or None,
+        error_bound_px=bounds["outline_px"] if bounds else None,
+        error_bounds=bounds,
+        # Decisions of several cameras would not tell which camera each belongs to.
+        effect_decisions=present[0].effect_decisions if len(rendered) == len(present) == 1 else (),
     )
 
 
-def max_bounds(bounds: Sequence[ErrorBound | None]) -> dict[str, float] | None:
-    """Return the largest of each number, of all pictures that a frame consists of.
+def max_bounds(bounds: Iterable[Mapping[str, float] | None]) -> dict[str, float] | None:
+    """Largest value of each error bound, over all views of a frame.
 
-    None where there is no picture, or one without a bound.
+    Returns:
+        The bounds by name; None for a frame without views, or with a view without bounds.
     """
-    numbers = [bound.as_dict() for bound in bounds if bound is not None]
-    if not numbers or len(numbers) < len(bounds):
+    views = list(bounds)
+    known = [view for view in views if view is not None]
+    if not known or len(known) < len(views):
         return None
-    names = dict.fromkeys(name for one in numbers for name in one)
-    return {name: max(one.get(name, 0.0) for one in numbers) for name in names}
+    names = dict.fromkeys(name for view in known for name in view)
+    return {name: max(view.get(name, 0.0) for view in known) for name in names}
 
 
-def _render_view(request: ViewRequest | None, views: ViewProvider | None) -> RenderedImage | None:
-    return None if request is None or views is None else views.render(request)
-
-
-def _compose_image(composition: FrameComposition, images: list[RenderedImage | None]) -> Image:
-    """Return one picture of all tiles; the only tile's own where it fills the screen."""
-    first = images[0] if len(images) == 1 else None
-    size = (composition.layout.height_px, composition.layout.width_px)
-    if first is not None and first.rgb.shape[:2] == size:
-        return first.rgb
-    return compose_tiles(
-        composition.layout, [picture.rgb if picture else None for picture in images]
-    )
+def _compose_image(composition: FrameComposition, rendered: Sequence[RenderedView | None]) -> Image:
+    """Image of all tiles."""
+    images = [view.image.rgb if view else None for view in rendered]
+    first, layout = images[0], composition.layout
+    # A single view that fills the frame is the frame: no copy of a megabyte.
+    if len(images) == 1 and first is not None and first.shape[:2] == layout.shape:
+        return first
+    return compose_tiles(layout, images)

@@ -1,1 +1,1 @@
-"""The robot's body: what it is (description) and how it moves (skid_steer)."""
+"""Robot classes as robot files describe them, and the motion of a base and its joints."""

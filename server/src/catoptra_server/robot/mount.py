@@ -1,4 +1,4 @@
-"""Where an item of a robot file sits: a place in the frame of the part that carries it."""
+"""Mounting pose of an item of a robot file."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from catoptra_protocol.optics.transforms import Pose
 
 Vector3 = tuple[float, float, float]
 
-# The mount that GEO names for what sits on the chassis itself.
+# Parent that GEO names for items on the chassis itself.
 CHASSIS = "HARD"
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Position, and rotation as roll, pitch, yaw, in the frame of the parent; HARD = chassis."""
+    """Pose of an item in the frame of the parent."""
 
     position_m: Vector3 = (0.0, 0.0, 0.0)
     rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw."""
     parent: str = CHASSIS
+    """Link that carries the item, or HARD for the chassis."""
 
     def parent_from_item(self) -> Pose:
-        """Return the place as a transform."""
+        """Transform from the item's frame to the parent's."""
         return Pose.from_rpy(self.position_m, self.rotation_rad)

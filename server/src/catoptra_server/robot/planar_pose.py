@@ -1,4 +1,4 @@
-"""Where a robot stands on its floor."""
+"""Position and heading of a robot on a level floor."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from catoptra_protocol.optics.transforms import Pose
 
 @dataclass(frozen=True, slots=True)
 class PlanarPose:
-    """A place on a level floor: x, y in metres, yaw in radians, clockwise from above (SAE)."""
+    """Position in the plane z = 0, and yaw, clockwise seen from above (SAE)."""
 
     x_m: float
     y_m: float
     yaw_rad: float
 
     def at_height(self, height_m: float) -> Pose:
-        """Return world_from_robot for a frame that rides at a height above the floor z = 0."""
+        """Transform to the world from an upright frame at a height above the floor."""
+        # z points down: a frame above the floor has a negative z.
         return Pose.from_rpy((self.x_m, self.y_m, -height_m), (0.0, 0.0, self.yaw_rad))

@@ -1,4 +1,4 @@
-"""What a robot's file asks of its camera's picture: a surface to draw, and numbers for it."""
+"""Render settings of a robot's camera, as the robot file requests them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from catoptra_server.scene.mirror_mesh import Tessellation
 
 @dataclass(frozen=True, slots=True)
 class PerPixel:
-    """The mirror's exact law in every sample."""
+    """Exact camera model in every sample, without a mirror mesh."""
 
 
 MirrorSurface = PerPixel | Tessellation
@@ -19,26 +19,31 @@ MirrorSurface = PerPixel | Tessellation
 
 @dataclass(frozen=True, slots=True)
 class AccuracyTarget:
-    """What is asked of a picture instead of numbers; 0 = not asked.
+    """Tolerance and time budget that a plan has to meet, in place of explicit settings.
 
-    max_error_px: how far off any outline may be at most. budget_ms: how long a frame may take. With
-    both, the tolerance is kept as cheaply as can be, and where it does not fit into the budget, the
-    budget is kept.
+    With both, the plan is the fastest within the tolerance; where none of them fits the budget, the
+    most accurate within the budget.
     """
 
     max_error_px: float = 0.0
+    """Largest displacement of any outline; 0 for no tolerance."""
     budget_ms: float = 0.0
+    """Longest time of a frame; 0 for no budget."""
 
     def __post_init__(self) -> None:
         for name in ("max_error_px", "budget_ms"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
-                raise DomainError(f"{name} must be 0 (not asked) or more, not {value}")
+                raise DomainError(f"{name} must be 0 (no target) or more, not {value}")
 
     def with_changes(
         self, *, max_error_px: float | None, budget_ms: float | None
     ) -> AccuracyTarget:
-        """Return the dial with another tolerance, another budget, or both; None: as it is."""
+        """Target with other values; None leaves a value unchanged.
+
+        Raises:
+            DomainError: A value is negative or not finite.
+        """
         return AccuracyTarget(
             self.max_error_px if max_error_px is None else max_error_px,
             self.budget_ms if budget_ms is None else budget_ms,
@@ -46,22 +51,24 @@ class AccuracyTarget:
 
     @property
     def is_set(self) -> bool:
-        """Return whether anything is asked."""
+        """Whether a tolerance or a budget is set."""
         return self.max_error_px > 0.0 or self.budget_ms > 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class RenderSettings:
-    """What the configuration asks of the picture; 0 leaves a number to the plan.
-
-    texels_per_px: of the faces, where no face size is asked for. dial: where it is set, the plan
-    chooses all numbers, whatever these are.
-    """
+    """Requested numbers of a plan; 0 leaves a number to the planner."""
 
     surface: MirrorSurface = PerPixel()
     samples: int = 0
+    """Samples along a pixel's side; a pixel has samples^2 rays."""
     face_size_px: int = 0
+    """Side of each face of the cube map around the viewpoint."""
     face_samples: int = 0
+    """Samples along a texel's side of a face."""
     stride_px: int = 0
+    """Distance of the traced rays inside surfaces; silhouettes have every ray."""
     texels_per_px: float = 0.0
+    """Density of the faces in their densest pixel, where no face size is set."""
     accuracy_target: AccuracyTarget = AccuracyTarget()
+    """Where set, the planner chooses all numbers, whatever is requested above."""

@@ -1,13 +1,14 @@
-"""What a robot file describes: body, drive, cameras, and the parts that other modules describe.
+"""Description of a robot class: drive, cameras, sensors and joints, as read from a robot file.
 
-Frozen data in SI units; frame: robot (SAE, origin in the chassis at `ride_height_m` above the
-floor).
+Frozen data in SI units. The robot frame is SAE (x forward, y right, z down) with the origin in the
+chassis at `ride_height_m` above the floor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -16,47 +17,34 @@ from catoptra_server.effects.effect import NO_EFFECT_SETTINGS, EffectSettings
 from catoptra_server.robot.joint_chain import MissionPackageDescription
 from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.render_settings import RenderSettings
-from catoptra_server.robot.sensor_descriptions import (
-    EncoderDescription,
-    GpsDescription,
-    GroundTruthDescription,
-    InsDescription,
-    OdometryDescription,
-    RangeScannerDescription,
-    RfidDescription,
-    SensorDescription,
-    SonarDescription,
-    TachometerDescription,
-    TouchDescription,
-    VictimSensorDescription,
-)
 
 
 @dataclass(frozen=True, slots=True)
 class DriveBase:
-    """A skid-steered base. Speeds are of wheel spin; slips are what the floor takes of them.
-
-    turn_slip: part of each turn that is lost. slip_noise: standard deviation of each wheel side's
-    random slip after one metre, in metres; it grows with the root of the way. dimensions_m: what
-    GEO reports, length, width, height; collision_dimensions_m: the body's own where that is no body
-    (UDK's P3AT reports wheel base, track, 0).
-    """
+    """A skid-steered base."""
 
     wheel_radius_m: float
     wheel_separation_m: float
     wheel_base_m: float
     dimensions_m: tuple[float, float, float]
+    """Length, width and height as GEO reports them."""
     ride_height_m: float
+    """Height of the chassis origin above the floor."""
     mass_kg: float
     max_speed_rad_s: float
+    """Largest wheel spin."""
     max_torque: float
     turn_slip: float
+    """Fraction of each turn that is lost to slip."""
     slip_noise: float
+    """Standard deviation of the random slip of each side after one metre, in metres; grows with
+    the square root of the travel."""
     collision_dimensions_m: tuple[float, float, float] | None = None
+    """Length, width and height of the body where GEO reports something else."""
 
     @property
     def collision_size_m(self) -> tuple[float, float, float]:
-        """Return length, width and height of what stands in others' way, from the floor up."""
+        """Length, width and height of the body that stops the robot, from the floor up."""
         return self.collision_dimensions_m or self.dimensions_m
 
 
@@ -72,26 +60,25 @@ class TextureClient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OmniCameraDescription:
-    """The paper's three groups: mirror and its split, five texture clients, the capture camera.
-
-    name: the capture camera's. robot_from_mirror: where the effective viewpoint is.
-    min_frame_interval_s: the shortest time between two exposures; 0 = as fast as it can be drawn.
-    effects: what lens and sensor may do to the picture.
-    """
+    """The paper's three groups: mirror and mesh, five texture clients, the capture camera."""
 
     name: str
+    """Name of the capture camera."""
     camera: OmniCamera
     robot_from_mirror: Pose
+    """Pose of the mirror frame, whose origin is the effective viewpoint."""
     texture_clients: tuple[TextureClient, ...]
     render_settings: RenderSettings
     min_frame_interval_s: float
+    """Shortest simulation time between two exposures; 0 sets no limit."""
     capture_fov_rad: float
+    """Field of view of the capture camera over the mirror."""
     effects: EffectSettings = NO_EFFECT_SETTINGS
 
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveCameraDescription:
-    """An ordinary perspective camera: fields of view are horizontal; SET Camera FOV may zoom."""
+    """A perspective camera; fields of view are horizontal, the range is that of SET Camera FOV."""
 
     name: str
     mount: Mount
@@ -102,62 +89,61 @@ class PerspectiveCameraDescription:
     max_fov_rad: float
 
 
+class SensorDescription(Protocol):
+    """The part of a sensor's description that all kinds have; each kind's is with its sensor."""
+
+    @property
+    def name(self) -> str:
+        """Name that no other part of the robot has."""
+
+    @property
+    def interval_s(self) -> float:
+        """Simulation time between two readings."""
+
+    @property
+    def mount(self) -> Mount:
+        """Mounting pose."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotDescription:
-    """One robot class, such as USARBot.OmniP2AT. chassis_joints: its own joints, such as flippers."""
+    """One robot class, such as USARBot.OmniP2AT."""
 
     class_name: str
     drive: DriveBase
     sensors: tuple[SensorDescription, ...]
     omni_camera: OmniCameraDescription | None
     status_interval_s: float
+    """Simulation time between two STA reports."""
     battery_s: float
+    """Simulation time that a full battery lasts."""
     perspective_cameras: tuple[PerspectiveCameraDescription, ...] = ()
     mission_packages: tuple[MissionPackageDescription, ...] = ()
     chassis_joints: MissionPackageDescription | None = None
+    """Joints of the robot itself, such as flippers."""
 
     @property
     def model_name(self) -> str:
-        """Return the class without its package: what CONF and GEO call the robot."""
+        """Class without its package: the name of the robot in CONF and GEO."""
         return self.class_name.rpartition(".")[2]
 
     def robot_from_part(self, name: str, joint_angles_rad: Mapping[str, float]) -> Pose:
-        """Return where a link or a joint carries what is mounted on it; else the chassis.
+        """Pose of an item that a link carries; the chassis for an unknown link.
 
-        joints: radians by lower-case link name.
+        Args:
+            name: Name of the link in any case.
+            joint_angles_rad: Angles by lower-case link name.
         """
-        for package in (*self.mission_packages, *filter(None, (self.chassis_joints,))):
-            for number, link in enumerate(package.links, 1):
+        chains = (*self.mission_packages, *filter(None, (self.chassis_joints,)))
+        for chain in chains:
+            for number, link in enumerate(chain.links, 1):
                 if link.name.lower() == name.lower():
-                    return package.robot_from_link(number, joint_angles_rad)
+                    return chain.robot_from_link(number, joint_angles_rad)
         return Pose.identity()
 
     @property
     def viewpoint_height_m(self) -> float:
-        """Return the height of the effective viewpoint above the floor; 0 without a camera."""
+        """Height of the effective viewpoint above the floor; 0 without an omni camera."""
         if self.omni_camera is None:
             return 0.0
         return self.drive.ride_height_m - float(self.omni_camera.robot_from_mirror.translation[2])
-
-
-__all__ = [
-    "PerspectiveCameraDescription",
-    "DriveBase",
-    "EncoderDescription",
-    "GpsDescription",
-    "GroundTruthDescription",
-    "InsDescription",
-    "MissionPackageDescription",
-    "Mount",
-    "OdometryDescription",
-    "OmniCameraDescription",
-    "RangeScannerDescription",
-    "RfidDescription",
-    "RobotDescription",
-    "SensorDescription",
-    "SonarDescription",
-    "TachometerDescription",
-    "TextureClient",
-    "TouchDescription",
-    "VictimSensorDescription",
-]

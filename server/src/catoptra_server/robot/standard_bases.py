@@ -1,8 +1,8 @@
-"""The bases of USARSim's robots, which their files leave to the classes' source.
+"""Bases of USARSim's robots, which robot files leave to the source of the class.
 
-UT2004 P2AT and UDK P3AT: real replies. P2DX: wheels and body from the maker's data
-sheet of the Pioneer 2-DX, for no reply of its class is public; speed so that it drives as fast as
-the P2AT. Ride heights are ours: half of the body's height.
+UT2004 P2AT and UDK P3AT: replies of real servers. P2DX: wheels and body from the manufacturer's
+data sheet of the Pioneer 2-DX, since no reply of that class is public; the wheel speed gives the
+driving speed of the P2AT. Ride heights are our choice: half the body's height.
 """
 
 from __future__ import annotations
@@ -31,14 +31,15 @@ P2DX = replace(
     dimensions_m=(0.44, 0.38, 0.22),
     ride_height_m=0.11,
     mass_kg=9.0,
-    max_speed_rad_s=7.33,
+    max_speed_rad_s=7.33,  # 0.70 m/s on these wheels, as the P2AT's 5.385 on larger ones
 )
 P3AT = DriveBase(
     wheel_radius_m=0.098,
     wheel_separation_m=0.36,
     wheel_base_m=0.248,
+    # UDK reports wheel base, track and 0 here, which is no body to collide with.
     dimensions_m=(0.248, 0.36, 0.0),
-    collision_dimensions_m=(0.508, 0.497, 0.277),  # the maker's data sheet
+    collision_dimensions_m=(0.508, 0.497, 0.277),  # the manufacturer's data sheet
     ride_height_m=0.1385,
     mass_kg=11.9,
     max_speed_rad_s=1.3,
@@ -47,5 +48,5 @@ P3AT = DriveBase(
     slip_noise=0.0,
 )
 
-# By the class's name without its package, in lower case.
+# By the name of the class without its package, in lower case.
 STANDARD_BASES = {"p2at": P2AT, "omnip2at": P2AT, "p2dx": P2DX, "omnip2dx": P2DX, "p3at": P3AT}

@@ -1,8 +1,8 @@
-"""All sensors that a robot can carry, in one visible table, in the order of UT2004's cycle.
+"""All sensors that a robot can carry, in the order of UT2004's cycle.
 
-To add one: describe it in `robot/sensor_descriptions.py`, read it in `config/sensor_readers.py`,
-write `<name>.py` beside the others (the protocol is in `sensor.py`), its report in the wire's
-`readings`, then its line here: in `_SHARED_STREAM_NAMES` if all of a robot report together.
+To add a sensor: write `<name>.py` beside the others, with description, reader, sensor and a
+`SensorKind`, and add the kind to the table below. The report belongs to the protocol, in the module
+`usarsim/readings_*` of the most similar reports.
 """
 
 from __future__ import annotations
@@ -10,73 +10,70 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import (
-    DriveBase,
-    EncoderDescription,
-    GpsDescription,
-    GroundTruthDescription,
-    InsDescription,
-    OdometryDescription,
-    RangeScannerDescription,
-    RfidDescription,
-    SensorDescription,
-    SonarDescription,
-    TachometerDescription,
-    TouchDescription,
-    VictimSensorDescription,
-)
-from catoptra_server.sensors.encoder import EncoderBank
-from catoptra_server.sensors.gps import GpsSensor
-from catoptra_server.sensors.ground_truth import GroundTruthSensor
-from catoptra_server.sensors.ins import InsSensor
-from catoptra_server.sensors.odometry import OdometrySensor
-from catoptra_server.sensors.range_scanner import RangeScannerSensor
-from catoptra_server.sensors.rfid import RfidSensor
+from catoptra_server.robot.robot_description import DriveBase, SensorDescription
+from catoptra_server.sensors.encoder import ENCODER
+from catoptra_server.sensors.gps import GPS
+from catoptra_server.sensors.ground_truth import GROUND_TRUTH
+from catoptra_server.sensors.ins import INS
+from catoptra_server.sensors.odometry import ODOMETRY
+from catoptra_server.sensors.range_scanner import RANGE_SCANNER
+from catoptra_server.sensors.rfid import RFID
 from catoptra_server.sensors.sensor import MotionStep, Part, Sensor, SensorContext
-from catoptra_server.sensors.sonar import SonarRing
-from catoptra_server.sensors.tachometer import TachometerSensor
-from catoptra_server.sensors.touch import TouchSensorBank
-from catoptra_server.sensors.victim_sensor import VictimSensor
+from catoptra_server.sensors.sensor_kind import SensorKind
+from catoptra_server.sensors.sonar import SONAR
+from catoptra_server.sensors.tachometer import TACHOMETER
+from catoptra_server.sensors.touch import TOUCH
+from catoptra_server.sensors.victim_sensor import VICTIM_SENSOR
 
-_SENSORS: dict[type, Callable[..., Sensor]] = {
-    SonarDescription: SonarRing,
-    RangeScannerDescription: RangeScannerSensor,
-    InsDescription: InsSensor,
-    OdometryDescription: OdometrySensor,
-    EncoderDescription: EncoderBank,
-    TachometerDescription: TachometerSensor,
-    TouchDescription: TouchSensorBank,
-    RfidDescription: RfidSensor,
-    VictimSensorDescription: VictimSensor,
-    GroundTruthDescription: GroundTruthSensor,
-    GpsDescription: GpsSensor,
-}
-# Of these, all that a robot has make one sensor: USARSim sends them in one line. Their noise has
-# one stream, with a name that no sensor has: with a space.
-_SHARED_STREAM_NAMES = {
-    SonarDescription: "all sonars",
-    EncoderDescription: "all encoders",
-    TouchDescription: "all touch sensors",
-}
+SENSOR_KINDS: tuple[SensorKind, ...] = (
+    SONAR,
+    RANGE_SCANNER,
+    INS,
+    ODOMETRY,
+    ENCODER,
+    TACHOMETER,
+    TOUCH,
+    RFID,
+    VICTIM_SENSOR,
+    GROUND_TRUTH,
+    GPS,
+)
 
 
 def build_sensors(
     descriptions: Sequence[SensorDescription],
     base: DriveBase,
-    stream_of: Callable[[str], RandomSource],
+    random_source_of: Callable[[str], RandomSource],
+    kinds: Sequence[SensorKind] = SENSOR_KINDS,
 ) -> list[Sensor]:
-    """Return a robot's sensors in the order of UT2004's cycle.
+    """Build the sensors of a robot, in the order of the table.
 
-    The noise of each comes from the stream of its name, or of the line that it shares.
+    Args:
+        base: Base whose wheels the sensors measure.
+        random_source_of: Random numbers by the name of a sensor or a shared stream.
     """
     sensors: list[Sensor] = []
-    for kind, sensor in _SENSORS.items():
-        alike = [description for description in descriptions if type(description) is kind]
-        if alike and kind in _SHARED_STREAM_NAMES:
-            sensors.append(sensor(alike, base, stream_of(_SHARED_STREAM_NAMES[kind])))
+    for kind in kinds:
+        alike = [each for each in descriptions if type(each) is kind.description]
+        if alike and kind.shared_stream is not None:
+            sensors.append(kind.create(alike, base, random_source_of(kind.shared_stream)))
         elif alike:
-            sensors.extend(sensor(one, base, stream_of(one.name)) for one in alike)
+            sensors.extend(kind.create(each, base, random_source_of(each.name)) for each in alike)
     return sensors
 
 
-__all__ = ["SensorContext", "MotionStep", "Part", "Sensor", "build_sensors"]
+def casts_rays(description: SensorDescription) -> bool:
+    """Whether readings of a sensor measure the scene."""
+    return any(kind.casts_rays for kind in SENSOR_KINDS if type(description) is kind.description)
+
+
+__all__ = [
+    "SENSOR_KINDS",
+    "MotionStep",
+    "Part",
+    "Sensor",
+    "SensorContext",
+    "SensorKind",
+    "build_sensors",
+    "casts_rays",
+]

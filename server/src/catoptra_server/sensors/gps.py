@@ -1,37 +1,41 @@
-"""A GPS receiver: a place on the ellipsoid, from satellites that no roof hides.
+"""A GPS receiver: geodetic coordinates, from satellites that no surface occludes.
 
-World x points north and y east of the world file's origin. Without an origin, or under a roof,
-there is no fix.
+World x points north and y points east of the world file's origin. Without an origin, or under a
+roof, there is no fix.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.usarsim.reports import GpsReading, ScanIntervalConfiguration
+from catoptra_protocol.usarsim.readings import GpsReading
+from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import DriveBase, GpsDescription
+from catoptra_server.robot.mount import Mount
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.scene.world_description import GpsOrigin
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
 
 # WGS 84: equatorial radius in metres, and the square of the first eccentricity.
 _EQUATORIAL_RADIUS_M = 6378137.0
 _ECCENTRICITY_SQUARED = 6.69437999014e-3
-# A fix in three dimensions and time needs four satellites.
+# Three coordinates and the receiver's clock are four unknowns.
 _MIN_SATELLITES = 4
 
 
 def _satellite_directions() -> Floats:
-    """Return (11, 3) directions of the satellites, up being -z: one above, 4 at 60, 6 at 30 deg."""
-    rows = ((90.0, 1), (60.0, 4), (30.0, 6))
+    """Unit directions (11, 3) of a fixed constellation: one at the zenith, 4 at 60, 6 at 30 deg."""
+    rings = ((90.0, 1), (60.0, 4), (30.0, 6))
     angles = [
-        (math.radians(height), 2.0 * math.pi * number / count)
-        for height, count in rows
+        (math.radians(elevation), 2.0 * math.pi * number / count)
+        for elevation, count in rings
         for number in range(count)
     ]
     return np.array([(math.cos(h) * math.cos(a), math.cos(h) * math.sin(a), -math.sin(h))
@@ -41,53 +45,68 @@ def _satellite_directions() -> Floats:
 _SATELLITE_DIRECTIONS = _satellite_directions()
 
 
+@dataclass(frozen=True, slots=True)
+class GpsDescription:
+    """A GPS receiver."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    noise_m: float = 0.0
+    """Standard deviation of each reading, north and east."""
+    has_timestamp: bool = False
+    """Whether UDK's readings, unlike UT2004's, carry a time."""
+
+
 class GpsSensor:
-    """Turn metres from the origin into degrees."""
+    """Geodetic coordinates of the receiver."""
 
     type = "GPS"
 
-    def __init__(self, description: GpsDescription, base: DriveBase, stream: RandomSource) -> None:
+    def __init__(
+        self, description: GpsDescription, base: DriveBase, random_source: RandomSource
+    ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
         self._description = description
-        self._stream = stream
+        self._random_source = random_source
         self._robot_from_receiver = description.mount.parent_from_item()
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the receiver."""
-        told = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, told),)
+        """The receiver."""
+        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Ignore the way."""
+        """Nothing to integrate: a fix is of one time."""
 
     def read(self, context: SensorContext) -> GpsReading:
-        """Return the place, if enough satellites are in sight."""
-        place = context.world_from_robot.transform_points(self._robot_from_receiver.translation)
-        satellites = int(
-            np.isinf(context.environment.distances(place, _SATELLITE_DIRECTIONS)).sum()
-        )
+        """Coordinates, where enough satellites are in view."""
+        receiver = context.world_from_robot.transform_points(self._robot_from_receiver.translation)
+        distances = context.environment.distances(receiver, _SATELLITE_DIRECTIONS)
+        satellites = int(np.isinf(distances).sum())
         origin = context.environment.gps_origin
         time_s = context.time_s if self._description.has_timestamp else None
         if origin is None or satellites < _MIN_SATELLITES:
             return GpsReading(self.name, num_satellites=satellites if origin else 0, time_s=time_s)
-        north_m, east_m = float(place[0]), float(place[1])
+        north_m, east_m = float(receiver[0]), float(receiver[1])
         if self._description.noise_m:
-            noise = self._description.noise_m * self._stream.generator(
-                context.tick
-            ).standard_normal(2)
+            generator = self._random_source.generator(context.tick)
+            noise = self._description.noise_m * generator.standard_normal(2)
             north_m, east_m = north_m + float(noise[0]), east_m + float(noise[1])
         latitude, longitude = geodetic_from_local(origin, north_m, east_m)
         return GpsReading(self.name, latitude, longitude, True, satellites, time_s)
 
 
 def geodetic_from_local(origin: GpsOrigin, north_m: float, east_m: float) -> tuple[float, float]:
-    """Return latitude and longitude in degrees of a place near the origin, on WGS 84.
+    """Latitude and longitude in degrees of a point near the origin, on WGS 84.
 
-    By the radii of curvature at the origin: good for worlds of kilometres.
+    Linear in the radii of curvature at the origin, which suffices for worlds of kilometres.
     """
     latitude = math.radians(origin.latitude_deg)
+    # Radii of curvature: M = a (1 - e^2) / f^(3/2) along the meridian, N = a / sqrt(f) across,
+    # with f = 1 - e^2 sin^2(latitude); a parallel's radius is N cos(latitude).
     factor = 1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
     meridian_m = _EQUATORIAL_RADIUS_M * (1.0 - _ECCENTRICITY_SQUARED) / factor**1.5
     parallel_m = _EQUATORIAL_RADIUS_M / math.sqrt(factor) * math.cos(latitude)
@@ -95,3 +114,21 @@ def geodetic_from_local(origin: GpsOrigin, north_m: float, east_m: float) -> tup
         origin.latitude_deg + math.degrees(north_m / meridian_m),
         origin.longitude_deg + math.degrees(east_m / parallel_m),
     )
+
+
+def _read_description(item: ConfiguredSensor) -> GpsDescription:
+    return GpsDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        noise_m=item.get_float("Noise", 0.0),
+        has_timestamp=item.has_timestamp(False),
+    )
+
+
+GPS = SensorKind(
+    GpsDescription,
+    GpsSensor,
+    {"gpssensor": _read_description, "gps": _read_description},
+    casts_rays=True,
+)

@@ -1,23 +1,40 @@
-"""The robot's true pose: for experiments, not for controllers."""
+"""The true pose of the robot: for experiments, not for controllers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-from catoptra_protocol.usarsim.reports import GroundTruthReading, ScanIntervalConfiguration
+from catoptra_protocol.usarsim.readings import GroundTruthReading
+from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import DriveBase, GroundTruthDescription
+from catoptra_server.robot.mount import Mount
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruthDescription:
+    """A sensor of the true pose."""
+
+    name: str
+    interval_s: float
+    decimals: int
+    """Printed decimals of metres and radians."""
+    mount: Mount = field(default_factory=Mount)
+    is_chassis_pose: bool = True
+    """Whether the reported pose is the robot's, not the sensor's own."""
 
 
 class GroundTruthSensor:
-    """Report the pose as it is, with as many decimals as the description allows."""
+    """True pose with the decimals of the description."""
 
     type = "GroundTruth"
 
     def __init__(
-        self, description: GroundTruthDescription, base: DriveBase, stream: RandomSource
+        self, description: GroundTruthDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
@@ -25,15 +42,15 @@ class GroundTruthSensor:
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the sensor."""
-        told = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, told),)
+        """The sensor."""
+        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Ignore the wheels: the truth is where the robot is."""
+        """Nothing to integrate: the pose is that of the robot."""
 
     def read(self, context: SensorContext) -> GroundTruthReading:
-        """Return the true pose of the chassis, or of the sensor itself."""
+        """True pose of the chassis or the sensor."""
         pose = context.world_from_robot
         if not self._description.is_chassis_pose:
             pose = pose @ self._description.mount.parent_from_item()
@@ -41,3 +58,18 @@ class GroundTruthSensor:
         return GroundTruthReading(
             context.time_s, self.name, (x, y, z), pose.to_rpy(), self._description.decimals
         )
+
+
+def _read_description(item: ConfiguredSensor) -> GroundTruthDescription:
+    # USARSim prints two decimals; experiments that compare poses need more.
+    decimals = item.section.get_int("Decimals", 2, min_value=0, max_value=12)
+    # False is the older UDK, which reports the sensor's own pose instead of the robot's.
+    is_of_robot = item.section.get_bool("FixedToPlatform", True)
+    return GroundTruthDescription(item.name, item.interval_s, decimals, item.mount, is_of_robot)
+
+
+GROUND_TRUTH = SensorKind(
+    GroundTruthDescription,
+    GroundTruthSensor,
+    {"groundtruthsensor": _read_description, "groundtruth": _read_description},
+)

@@ -1,113 +1,158 @@
-"""Inertial navigation: the pose in the world, with errors that grow while time passes.
+"""Inertial navigation: the pose in the world, with errors that grow with time.
 
-Noise makes random walks of position and heading, the simplest model of integrated white noise.
-Their variance grows with time, however it is cut into ticks. UDK's Precision is a steady error of
-each metre and of each radian, drawn once for a robot. Source: INS.uc, whose noise too grows with
-the way alone; ours also while the robot stands, as a real one's does.
+Noise makes random walks of position and heading, the simplest model of integrated white noise,
+whose variance grows with time however time is cut into ticks. UDK's Precision is a steady error
+per metre and per radian, sampled once for a robot. Source: INS.uc, where noise grows with distance
+only; here also while the robot stands, as that of a real instrument does.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.reports import InsReading, ScanIntervalConfiguration
-from catoptra_protocol.vectors import Vector3
+from catoptra_protocol.usarsim.readings import InsReading
+from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
 from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.mount import Mount, Vector3
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import DriveBase, InsDescription
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
+
+
+@dataclass(frozen=True, slots=True)
+class InsDescription:
+    """An inertial navigation system."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    noise: float = 0.0
+    """Standard deviation in metres and radians: of the random walks after 1 s if drifting, else of
+    each reading."""
+    is_drifting: bool = True
+    precision: float = 0.0
+    """If drifting, each metre adds up to 1 / (2 precision) metres to x and y, and each radian up to
+    1 / (2 precision^2) radians to yaw, constant for the life of a robot; 0 for no such error."""
+    has_timestamp: bool = False
+    """Whether UDK's readings, unlike UT2004's, carry a time."""
 
 
 class InsSensor:
-    """Add its errors to the true pose of where it is mounted."""
+    """True pose of the sensor plus errors of position and heading."""
 
     type = "INS"
 
-    def __init__(self, description: InsDescription, base: DriveBase, stream: RandomSource) -> None:
+    def __init__(
+        self, description: InsDescription, base: DriveBase, random_source: RandomSource
+    ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
         self._description = description
-        self._stream = stream
+        self._random_source = random_source
         self._robot_from_ins = description.mount.parent_from_item()
         self._error = (0.0, 0.0, 0.0)  # x, y in metres, yaw in radians
-        self._bias = _sample_bias(description, stream)  # m/m, m/m, rad/rad
+        self._bias = _sample_bias(description, random_source)  # m/m, m/m, rad/rad
         self._previous_pose: PlanarPose | None = None
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the sensor."""
-        told = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
-        return (MountedPart(self.type, self.name, self._description.mount, told),)
+        """The sensor."""
+        configuration = ScanIntervalConfiguration(self.type, self.name, self.interval_s)
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Let the errors walk on, if they drift."""
+        """Advance the errors of a drifting sensor by one tick."""
         if not self._description.is_drifting:
             return
         if any(self._bias):
             self._add_bias(motion.pose)
         if self._description.noise:
+            # A random walk: the standard deviation of a tick grows with the root of its length.
             scale = self._description.noise * math.sqrt(motion.duration_s)
-            x, y, yaw = (
-                scale * float(n) for n in self._stream.generator(motion.tick).standard_normal(3)
-            )
+            noise = self._random_source.generator(motion.tick).standard_normal(3)
+            x, y, yaw = (scale * float(n) for n in noise)
             self._add_error(x, y, yaw)
 
     def _add_bias(self, pose: PlanarPose) -> None:
-        """Add the steady error of the way since the last tick; the first tick only remembers."""
+        """Add the steady error of the motion since the last tick; none in the first tick."""
         before, self._previous_pose = self._previous_pose or pose, pose
-        way_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+        distance_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
         turn_rad = wrap_angle(pose.yaw_rad - before.yaw_rad)
-        self._add_error(self._bias[0] * way_m, self._bias[1] * way_m, self._bias[2] * turn_rad)
+        bias_x, bias_y, bias_yaw = self._bias
+        self._add_error(bias_x * distance_m, bias_y * distance_m, bias_yaw * turn_rad)
 
     def _add_error(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         x, y, yaw = self._error
         self._error = (x + x_m, y + y_m, yaw + yaw_rad)
 
     def set_pose(self, location_m: Vector3, rotation_rad: Vector3, world_from_robot: Pose) -> None:
-        """Take a pose of the sensor for true: SET POSE. Only the level errors follow from it."""
+        """Set the pose that the sensor reports: SET POSE.
+
+        Args:
+            location_m: Reported location; height is measured without error and ignored.
+            rotation_rad: Reported roll, pitch, yaw; only yaw has an error.
+            world_from_robot: True pose of the robot.
+        """
         pose = world_from_robot @ self._robot_from_ins
         x, y = float(pose.translation[0]), float(pose.translation[1])
         yaw = wrap_angle(rotation_rad[2] - pose.to_rpy()[2])
         self._error = (location_m[0] - x, location_m[1] - y, yaw)
 
     def read(self, context: SensorContext) -> InsReading:
-        """Return the believed pose."""
+        """Estimated pose."""
         pose = context.world_from_robot @ self._robot_from_ins
         x, y, z = (float(value) for value in pose.translation)
         roll, pitch, yaw = pose.to_rpy()
-        off_x, off_y, off_yaw = (
-            self._error if self._description.is_drifting else self._reading_error(context)
-        )
-        location, rotation = (x + off_x, y + off_y, z), (roll, pitch, wrap_angle(yaw + off_yaw))
+        is_drifting = self._description.is_drifting
+        error_x, error_y, error_yaw = self._error if is_drifting else self._reading_error(context)
         return InsReading(
             self.name,
-            location,
-            rotation,
+            (x + error_x, y + error_y, z),
+            (roll, pitch, wrap_angle(yaw + error_yaw)),
             context.time_s if self._description.has_timestamp else None,
         )
 
     def _reading_error(self, context: SensorContext) -> Vector3:
-        """Return the error of one reading: noise, on top of what SET POSE left."""
-        if not self._description.noise:
+        """Error of one reading of a sensor that does not drift: noise, on top of SET POSE."""
+        sigma = self._description.noise
+        if not sigma:
             return self._error
-        noise = self._stream.generator(context.tick).standard_normal(3)
-        x, y, yaw = (
-            e + self._description.noise * float(n) for e, n in zip(self._error, noise, strict=True)
-        )
+        noise = self._random_source.generator(context.tick).standard_normal(3)
+        x, y, yaw = (e + sigma * float(n) for e, n in zip(self._error, noise, strict=True))
         return x, y, yaw
 
 
-# No robot lives so many ticks: its bias shares no number with its noise.
+# Beyond any tick that a robot reaches: bias and noise share no random number.
 _BIAS_STREAM_INDEX = 2**63
 
 
-def _sample_bias(description: InsDescription, stream: RandomSource) -> Vector3:
-    """Return the steady errors of x and y in a metre and of yaw in a radian."""
+def _sample_bias(description: InsDescription, random_source: RandomSource) -> Vector3:
+    """Steady errors of x and y per metre and of yaw per radian. Source: INS.uc."""
     if not description.precision:
         return 0.0, 0.0, 0.0
-    x, y, yaw = stream.generator(_BIAS_STREAM_INDEX).uniform(-0.5, 0.5, 3) / description.precision
+    samples = random_source.generator(_BIAS_STREAM_INDEX).uniform(-0.5, 0.5, 3)
+    x, y, yaw = samples / description.precision
     return float(x), float(y), float(yaw) / description.precision
+
+
+def _read_description(item: ConfiguredSensor) -> InsDescription:
+    return InsDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        noise=item.get_float("Noise", 0.0, 10.0),
+        is_drifting=item.section.get_bool("Drifting", True),
+        precision=item.get_float("Precision", 0.0, 1e9),
+        has_timestamp=item.has_timestamp(False),
+    )
+
+
+INS = SensorKind(
+    InsDescription, InsSensor, {"inssensor": _read_description, "ins": _read_description}
+)

@@ -1,4 +1,4 @@
-"""A mission package on a robot: joints under command, and what they report."""
+"""A mission package on a robot: joints under command, and their reports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from catoptra_server.robot.joint_chain import (
 
 
 class MissionPackage:
-    """One package of one robot."""
+    """Joints of one package of one robot."""
 
     type = "MisPkg"
 
@@ -28,37 +28,44 @@ class MissionPackage:
         self._joints = [Joint(link) for link in description.links]
 
     def joint_angles_rad(self) -> dict[str, float]:
-        """Return radians of each joint by its link's name in lower case."""
+        """Angle of each joint by link name in lower case."""
         return {joint.link.name.lower(): joint.angle_rad for joint in self._joints}
 
     def list_joint_angles(self) -> list[tuple[str, float]]:
-        """Return each joint's name, as the file spells it, and radians, in order."""
+        """Name, as the file spells it, and angle in radians of each joint, in order."""
         return [(joint.link.name, joint.angle_rad) for joint in self._joints]
 
     def find_link_number(self, name: str) -> int | None:
-        """Return the link of a name, its own or `Package_LinkN`; None if it is none of ours."""
+        """Number of a link, by its own name or as `Package_LinkN`; None for an unknown name."""
         for number, link in enumerate(self._description.links, 1):
             if name.lower() in (link.name.lower(), f"{self.name}_link{number}".lower()):
                 return number
         return None
 
     def command_joint(self, number: int, value: float, order: int) -> bool:
-        """Command the joint of a link, counted from 1; return whether there is one."""
+        """Command the joint of a link.
+
+        Args:
+            number: Number of the link, from 1.
+            value: Angle or speed.
+            order: Kind of the command, a constant of `robot/joint_chain.py`.
+
+        Returns:
+            Whether such a link exists.
+        """
         if not 1 <= number <= len(self._joints):
             return False
         self._joints[number - 1] = self._joints[number - 1].apply_command(value, order)
         return True
 
     def step(self, duration_s: float) -> None:
-        """Let the joints go on for a time."""
+        """Move all joints for a time."""
         self._joints = [joint.step(duration_s) for joint in self._joints]
 
     def status(self, time_s: float) -> MissionPackageStatus:
-        """Return where the joints are. A moving one pulls with its whole torque, one at rest not.
-
-        The real capture has -20.00 at rest, what its engine needed to hold the camera; ours has no
-        weight.
-        """
+        """MISSTA: angle and torque of each joint."""
+        # A capture of a real server has a torque of -20.00 at rest, the load of the camera; loads
+        # are not simulated, so the torque at rest is 0 here.
         links = tuple(
             LinkStatus(number, joint.angle_rad, joint.torque)
             for number, joint in enumerate(self._joints, 1)
@@ -66,14 +73,14 @@ class MissionPackage:
         return MissionPackageStatus(time_s, self.name, links)
 
     def configuration(self) -> MissionPackageConfiguration:
-        """Return what the joints can do."""
+        """CONF: speeds, torques and limits of the joints."""
         links = enumerate(self._description.links, 1)
         return MissionPackageConfiguration(
             self.name, tuple(_link_configuration(n, link) for n, link in links)
         )
 
     def geometry(self) -> MissionPackageGeometry:
-        """Return where the joints sit."""
+        """GEO: parent and pose of each joint."""
         links = (
             LinkGeometry(number, link.parent, link.position_m, link.rotation_rad)
             for number, link in enumerate(self._description.links, 1)

@@ -1,4 +1,4 @@
-"""A part whose answers never change: what most sensors are to GETCONF and GETGEO."""
+"""A part with constant replies to GETCONF and GETGEO: most sensors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from catoptra_server.robot.mount import Mount
 
 @dataclass(frozen=True, slots=True)
 class MountedPart:
-    """A named part at a place, and what GETCONF is told of it."""
+    """A named part on a mount."""
 
     type: str
     name: str
@@ -18,10 +18,10 @@ class MountedPart:
     configuration_report: AnyConfiguration
 
     def configuration(self) -> AnyConfiguration:
-        """Return what is told."""
+        """Reply to GETCONF."""
         return self.configuration_report
 
     def geometry(self) -> GeometryItem:
-        """Return where it is mounted, and on what."""
+        """Reply to GETGEO: pose and parent of the mount."""
         mount = self.mount
         return GeometryItem(self.name, mount.position_m, mount.rotation_rad, mount.parent)

@@ -1,62 +1,117 @@
-"""Wheel odometry: the pose since the robot was spawned, as its encoders would have it."""
+"""Wheel odometry: the pose since the spawn, integrated from the rotation of the wheels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-from catoptra_protocol.usarsim.reports import OdometryConfiguration, OdometryReading
+from catoptra_protocol.usarsim.readings import OdometryReading
+from catoptra_protocol.usarsim.reports import OdometryConfiguration
 from catoptra_server.random_sources import RandomSource
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import DriveBase, OdometryDescription
-from catoptra_server.robot.skid_steer import WheelTravel, integrate_arc
+from catoptra_server.robot.robot_description import DriveBase
+from catoptra_server.robot.skid_steer import NO_TRAVEL, integrate_arc
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryDescription:
+    """Wheel odometry with its errors; noises are standard deviations that grow with the square
+    root of the distance or turn.
+    """
+
+    name: str
+    interval_s: float
+    distance_scale: float = 1.0
+    """Reported over rolled distance."""
+    turn_scale: float = 1.0
+    """Reported over rolled turn."""
+    drift_rad_per_m: float = 0.0
+    """Steady error of the heading, clockwise."""
+    distance_noise_m: float = 0.0
+    """Noise of the distance after 1 m."""
+    turn_noise_rad: float = 0.0
+    """Noise of the heading after a turn of 1 rad."""
+    heading_noise_rad: float = 0.0
+    """Noise of the heading after 1 m."""
+    mount: Mount = field(default_factory=Mount)
+    has_timestamp: bool = True
+    """Whether UDK's readings, unlike UT2004's, carry a time."""
 
 
 class OdometrySensor:
-    """Integrate what the wheels rolled, with the deviations that the description states."""
+    """Pose integrated from wheel travel, with the errors of the description."""
 
     type = "Odometry"
 
     def __init__(
-        self, description: OdometryDescription, base: DriveBase, stream: RandomSource
+        self, description: OdometryDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
         self._description = description
         self._base = base
-        self._stream = stream
+        self._random_source = random_source
         self._pose = PlanarPose(0.0, 0.0, 0.0)
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the sensor; there is no encoder tick: the way is continuous."""
-        told = OdometryConfiguration(self.name, self.interval_s, encoder_resolution_rad=0.0)
-        return (MountedPart(self.type, self.name, self._description.mount, told),)
+        """The sensor; its encoder resolution is 0, as travel is continuous."""
+        configuration = OdometryConfiguration(
+            self.name, self.interval_s, encoder_resolution_rad=0.0
+        )
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def reset(self) -> None:
-        """Start again from here: SET RESET."""
+        """Make the present pose the origin: SET RESET."""
         self._pose = PlanarPose(0.0, 0.0, 0.0)
 
     def update(self, motion: MotionStep) -> None:
-        """Move the believed pose. Noise has a variance in proportion to the way and to the turn."""
-        way = motion.wheel_travel
-        if way == WheelTravel(0.0, 0.0):
+        """Integrate the wheel travel of one tick."""
+        travel = motion.wheel_travel
+        if travel == NO_TRAVEL:
             return
-        of_distance, of_turn, of_heading = self._stream.generator(motion.tick).standard_normal(3)
-        distance, turn = way.distance_m, way.turn_rad(self._base)
+        # Variances proportional to distance and turn do not depend on the length of the ticks.
+        of_distance, of_turn, of_heading = self._random_source.generator(
+            motion.tick
+        ).standard_normal(3)
+        errors, distance, turn = self._description, travel.distance_m, travel.turn_rad(self._base)
         root_distance = math.sqrt(abs(distance))
-        believed_distance = self._description.distance_scale * distance
-        believed_distance += self._description.distance_noise_m * root_distance * float(of_distance)
-        believed_turn = (
-            self._description.turn_scale * turn + self._description.drift_rad_per_m * abs(distance)
-        )
-        believed_turn += self._description.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
-        believed_turn += self._description.heading_noise_rad * root_distance * float(of_heading)
-        self._pose = integrate_arc(self._pose, believed_distance, believed_turn)
+        measured_distance = errors.distance_scale * distance
+        measured_distance += errors.distance_noise_m * root_distance * float(of_distance)
+        measured_turn = errors.turn_scale * turn + errors.drift_rad_per_m * abs(distance)
+        measured_turn += errors.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
+        measured_turn += errors.heading_noise_rad * root_distance * float(of_heading)
+        self._pose = integrate_arc(self._pose, measured_distance, measured_turn)
 
     def read(self, context: SensorContext) -> OdometryReading:
-        """Return the believed pose."""
+        """Integrated pose."""
         pose, time_s = self._pose, context.time_s if self._description.has_timestamp else None
         return OdometryReading(self.name, pose.x_m, pose.y_m, pose.yaw_rad, time_s)
+
+
+def _read_description(item: ConfiguredSensor) -> OdometryDescription:
+    drift = item.section.get_float("DriftPerMetre", 0.0, min_value=-10.0, max_value=10.0)
+    return OdometryDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        distance_scale=item.get_float("DistanceScale", 1.0, 10.0),
+        turn_scale=item.get_float("TurnScale", 1.0, 10.0),
+        drift_rad_per_m=drift,
+        distance_noise_m=item.get_float("DistanceNoise", 0.0, 10.0),
+        turn_noise_rad=item.get_float("TurnNoise", 0.0, 10.0),
+        heading_noise_rad=item.get_float("HeadingNoise", 0.0, 10.0),
+        mount=item.mount,
+        has_timestamp=item.has_timestamp(True),
+    )
+
+
+ODOMETRY = SensorKind(
+    OdometryDescription,
+    OdometrySensor,
+    {"odometrysensor": _read_description, "odometry": _read_description},
+)

@@ -1,4 +1,4 @@
-"""The omnidirectional camera on a robot: where it looks from, and its law. Others draw it."""
+"""The omnidirectional camera on a robot: pose, camera model and settings. Renderers draw it."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ from collections.abc import Mapping
 from catoptra_protocol.camera_conf import Pairs, pairs_from_omni_camera
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.configurations import TextureRegion as WireTile
+from catoptra_protocol.usarsim.configurations import TextureRegion
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import OmniCameraSpec, ViewRequest
 from catoptra_server.frames.multi_view import Tile, fit_omni_camera
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.robot_description import OmniCameraDescription
-from catoptra_server.scene.dynamic_object import DynamicObject
 
 
 class OmniCameraSensor:
-    """One robot's omnidirectional camera. tile: its place in a multi-view, where there is one."""
+    """Omnidirectional camera of one robot."""
 
     type = "Camera"
 
     def __init__(self, description: OmniCameraDescription, *, viewpoint_height_m: float) -> None:
+        """Mount the camera.
+
+        Args:
+            viewpoint_height_m: Height of the effective viewpoint above the floor, which is part of
+                the published camera model.
+        """
         self.name = description.name
         self.tile: Tile | None = None
         self._description = description
@@ -31,74 +35,64 @@ class OmniCameraSensor:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return width and height of its own picture."""
+        """Width and height of the camera's own image."""
         return self._description.camera.width_px, self._description.camera.height_px
 
     @property
     def min_frame_interval_s(self) -> float:
-        """Return the shortest time between two exposures."""
+        """Shortest simulation time between two exposures."""
         return self._description.min_frame_interval_s
 
     def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
-        """Return where its effective viewpoint sits: on the chassis, whatever the joints do."""
+        """Pose of the effective viewpoint: fixed to the chassis, whatever the joint angles."""
         return self._description.robot_from_mirror
 
-    def view_request(
-        self,
-        world_from_robot: Pose,
-        objects: tuple[DynamicObject, ...] = (),
-        *,
-        joint_angles_rad: Mapping[str, float],
-        tile: Tile | None = None,
-    ) -> ViewRequest:
-        """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
-        exposure = CameraState(world_from_robot @ self._description.robot_from_mirror, objects)
-        return ViewRequest(self.camera_spec(tile), exposure)
-
     def camera_spec(self, tile: Tile | None = None) -> OmniCameraSpec:
-        """Return what is looked through; fitted to a tile."""
-        return OmniCameraSpec(
-            self.camera_for_tile(tile), self._render_settings, self._description.effects
-        )
+        """Camera and render settings, fitted to a tile."""
+        camera = self.camera_for_tile(tile)
+        return OmniCameraSpec(camera, self._render_settings, self._description.effects)
 
     def set_accuracy_target(
         self, *, max_error_px: float | None = None, budget_ms: float | None = None
     ) -> None:
-        """Have its next pictures drawn to another tolerance or budget; None leaves one as it is.
+        """Change the accuracy target of the next frames; None leaves a value unchanged.
 
-        Raises DomainError for what is not 0 or more.
+        Raises:
+            DomainError: A value is negative or not finite.
         """
-        dial = self._render_settings.accuracy_target.with_changes(
+        target = self._render_settings.accuracy_target.with_changes(
             max_error_px=max_error_px, budget_ms=budget_ms
         )
-        self._render_settings = dataclasses.replace(self._render_settings, accuracy_target=dial)
+        self._render_settings = dataclasses.replace(self._render_settings, accuracy_target=target)
 
     def camera_for_tile(self, tile: Tile | None) -> OmniCamera:
-        """Return the camera as it fills a tile; its own law without one."""
+        """Camera model at the size of a tile; at the camera's own size without one."""
         camera = self._description.camera
+        # A tile of the camera's own size leaves the image's centre where the file puts it.
         if tile is None or (tile.width_px, tile.height_px) == self.size_px:
             return camera
         return fit_omni_camera(tile, camera)
 
     @property
     def capture_fov_rad(self) -> float:
-        """Return the capture camera's field of view over the mirror, which no SET changes."""
+        """Field of view of the capture camera over the mirror, which no SET changes."""
         return self._description.capture_fov_rad
 
     def camera_model(self, tile: Tile | None = None) -> Pairs:
-        """Return the camera law, enough to give every pixel its direction."""
+        """Key-value pairs of the camera model, enough to compute the direction of every pixel."""
+        # Cached by camera there: every frame carries the pairs, and formatting numbers takes time.
         return pairs_from_omni_camera(self.camera_for_tile(tile), self._viewpoint_height_m)
 
     def configuration(self) -> CameraConfiguration:
-        """Return its fields of view, its tile if it has one, and the law there."""
-        law = self.camera_model(self.tile)
-        default, least, most, now = (float(value) for _, value in law[:4])
-        tile = WireTile(*dataclasses.astuple(self.tile)) if self.tile else None
-        return CameraConfiguration(self.name, default, least, most, now, tile, law[4:])
+        """CONF: fields of view, tile and camera model there."""
+        model = self.camera_model(self.tile)
+        # The first four pairs are the fields of view, which USARSim has as fields of their own.
+        default, least, most, now = (float(value) for _, value in model[:4])
+        region = TextureRegion(*dataclasses.astuple(self.tile)) if self.tile else None
+        return CameraConfiguration(self.name, default, least, most, now, region, model[4:])
 
     def geometry(self) -> GeometryItem:
-        """Return where the effective viewpoint sits on the chassis."""
-        x, y, z = (float(value) for value in self._description.robot_from_mirror.translation)
-        return GeometryItem(
-            self.name, (x, y, z), self._description.robot_from_mirror.to_rpy(), "HARD"
-        )
+        """GEO: pose of the effective viewpoint on the chassis."""
+        pose = self._description.robot_from_mirror
+        x, y, z = (float(value) for value in pose.translation)
+        return GeometryItem(self.name, (x, y, z), pose.to_rpy(), "HARD")

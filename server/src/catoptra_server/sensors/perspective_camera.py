@@ -1,4 +1,4 @@
-"""An ordinary camera on a robot: what it is asked for, and its zoom. Renderers draw its picture."""
+"""A perspective camera on a robot: pose, zoom and camera model. Renderers draw it."""
 
 from __future__ import annotations
 
@@ -9,24 +9,19 @@ from collections.abc import Mapping
 from catoptra_protocol.camera_conf import Pairs, pairs_from_perspective_camera
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.configurations import TextureRegion as WireTile
+from catoptra_protocol.usarsim.configurations import TextureRegion
 from catoptra_protocol.usarsim.reports import CameraConfiguration, GeometryItem
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.multi_view import Tile
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription, RobotDescription
-from catoptra_server.scene.dynamic_object import DynamicObject
 
 
 class PerspectiveCameraSensor:
-    """One robot's camera; it looks along x from where its mount carries it.
-
-    tile: its place in a multi-view, where there is one.
-    """
+    """Perspective camera of one robot, looking along the x axis of the mount."""
 
     type = "Camera"
 
     def __init__(self, description: PerspectiveCameraDescription, robot: RobotDescription) -> None:
+        """Mount the camera at its default field of view."""
         self.name = description.name
         self.description = description
         self.tile: Tile | None = None
@@ -34,63 +29,58 @@ class PerspectiveCameraSensor:
         self.fov_rad = description.fov_rad
 
     def zoom(self, fov_rad: float) -> float:
-        """Take a field of view within the camera's limits, 0 for its default; return it."""
-        is_ = self.description
-        wished = fov_rad or is_.fov_rad
-        self.fov_rad = min(max(wished, is_.min_fov_rad), is_.max_fov_rad)
+        """Set the horizontal field of view, clamped to the camera's limits.
+
+        Args:
+            fov_rad: Requested field of view; 0 for the default, as SET Camera FOV has it.
+
+        Returns:
+            The field of view of the next frames.
+        """
+        limits = self.description
+        requested = fov_rad or limits.fov_rad
+        self.fov_rad = min(max(requested, limits.min_fov_rad), limits.max_fov_rad)
         return self.fov_rad
 
     def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
-        """Return where it is; `joints` are radians by lower-case link name."""
+        """Pose of the pinhole, given joint angles by lower-case link name."""
         mount = self.description.mount
-        return (
-            self._robot.robot_from_part(mount.parent, joint_angles_rad) @ mount.parent_from_item()
-        )
+        parent_in_robot = self._robot.robot_from_part(mount.parent, joint_angles_rad)
+        return parent_in_robot @ mount.parent_from_item()
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return width and height of its own picture."""
+        """Width and height of the camera's own image."""
         return self.description.width_px, self.description.height_px
 
     @property
     def min_frame_interval_s(self) -> float:
-        """Return 0: it is drawn as fast as it can be."""
+        """Shortest simulation time between two exposures: no limit."""
         return 0.0
 
-    def camera_for_tile(self, tile: Tile | None) -> PerspectiveCamera:
-        """Return the camera at a tile's size; at its own without one."""
+    def camera_spec(self, tile: Tile | None = None) -> PerspectiveCamera:
+        """Camera at the size of a tile, at its own size without one."""
+        # The horizontal field of view is kept: a tile of another shape shows more or less height.
         width, height = (tile.width_px, tile.height_px) if tile else self.size_px
         return PerspectiveCamera(width, height, self.fov_rad)
 
-    def view_request(
-        self,
-        world_from_robot: Pose,
-        objects: tuple[DynamicObject, ...] = (),
-        *,
-        joint_angles_rad: Mapping[str, float],
-        tile: Tile | None = None,
-    ) -> ViewRequest:
-        """Return what it sees from a robot's pose, with the bodies of others; fitted to a tile."""
-        exposure = CameraState(world_from_robot @ self.robot_from_camera(joint_angles_rad), objects)
-        return ViewRequest(self.camera_for_tile(tile), exposure)
-
     def camera_model(self, tile: Tile | None = None) -> Pairs:
-        """Return the camera law, enough to give every pixel its direction."""
-        return pairs_from_perspective_camera(self.camera_for_tile(tile))
+        """Key-value pairs of the camera model, enough to compute the direction of every pixel."""
+        return pairs_from_perspective_camera(self.camera_spec(tile))
 
     def configuration(self) -> CameraConfiguration:
-        """Return its fields of view, and its tile if it has one."""
-        is_ = self.description
+        """CONF: fields of view and tile."""
+        limits = self.description
         return CameraConfiguration(
             name=self.name,
-            default_fov_deg=math.degrees(is_.fov_rad),
-            min_fov_deg=math.degrees(is_.min_fov_rad),
-            max_fov_deg=math.degrees(is_.max_fov_rad),
+            default_fov_deg=math.degrees(limits.fov_rad),
+            min_fov_deg=math.degrees(limits.min_fov_rad),
+            max_fov_deg=math.degrees(limits.max_fov_rad),
             fov_deg=math.degrees(self.fov_rad),
-            texture_region=WireTile(*dataclasses.astuple(self.tile)) if self.tile else None,
+            texture_region=TextureRegion(*dataclasses.astuple(self.tile)) if self.tile else None,
         )
 
     def geometry(self) -> GeometryItem:
-        """Return where it is mounted, and on what."""
+        """GEO: pose and parent of the mount."""
         mount = self.description.mount
         return GeometryItem(self.name, mount.position_m, mount.rotation_rad, mount.parent)

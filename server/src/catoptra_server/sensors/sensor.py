@@ -1,4 +1,4 @@
-"""What a sensor is: it follows the robot's moves and reports when it is its turn."""
+"""Interface of a sensor: updated in every tick of the robot, read when a report is due."""
 
 from __future__ import annotations
 
@@ -20,59 +20,62 @@ from catoptra_server.sensors.sensor_environment import EMPTY_ENVIRONMENT, Sensor
 
 @dataclass(frozen=True, slots=True)
 class MotionStep:
-    """One tick of a robot: what its wheels rolled, and where it truly is afterwards.
-
-    tick counts the robot's moves and keys random numbers.
-    """
+    """Motion of a robot in one tick."""
 
     wheel_travel: WheelTravel
+    """Travel of the wheels before slip."""
     tick: int
+    """Number of the tick; index of random numbers."""
     duration_s: float
     pose: PlanarPose
+    """True pose after the tick."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorContext:
-    """What a reading can depend on. `joints`: radians of each link of mission packages, by name."""
+    """State that a reading depends on."""
 
     time_s: float
     tick: int
+    """Number of the tick; index of random numbers, so that additional readings change no other."""
     world_from_robot: Pose
     environment: SensorEnvironment = EMPTY_ENVIRONMENT
     joint_angles_rad: Mapping[str, float] = field(default_factory=dict)
+    """Angle of each joint by lower-case link name."""
 
 
 class Part(Protocol):
-    """Anything on a robot that GETCONF and GETGEO can ask for."""
+    """Anything on a robot that replies to GETCONF and GETGEO."""
 
     @property
     def type(self) -> str:
-        """Return the type that it is asked for by, as USARSim spells it."""
+        """Type by which the part is requested, as USARSim spells it."""
 
     @property
     def name(self) -> str:
-        """Return its name, that no other part of the robot has."""
+        """Name that no other part of the robot has."""
 
     def configuration(self) -> AnyConfiguration:
-        """Return the answer to GETCONF."""
+        """Reply to GETCONF."""
 
     def geometry(self) -> GeometryItem | MissionPackageGeometry:
-        """Return the answer to GETGEO."""
+        """Reply to GETGEO."""
 
 
 class Sensor(Protocol):
-    """What reports by itself: one part, or several that share a line, such as a ring of sonars."""
+    """Source of one report: one part, or several that share a line, such as a ring of sonars."""
 
     type: str
     name: str
     interval_s: float
+    """Simulation time between two reports."""
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return what can be asked for."""
+        """Parts that reply to GETCONF and GETGEO."""
 
     def update(self, motion: MotionStep) -> None:
-        """Take note of one tick."""
+        """Integrate the motion of one tick."""
 
     def read(self, context: SensorContext) -> Report:
-        """Return the report of this moment."""
+        """Report at one time."""

@@ -1,4 +1,4 @@
-"""What range sensors see: the static scene through a ray caster, and other robots as boxes."""
+"""Environment of a robot's sensors: the scene through a ray caster, and other robots as boxes."""
 
 from __future__ import annotations
 
@@ -14,50 +14,59 @@ from catoptra_server.scene.world_description import GpsOrigin, RfidTag, Victim
 
 
 class RayCaster(Protocol):
-    """A static scene that can be measured. Tests bring exact ones, the server Embree's."""
+    """Distances in a static scene: Embree's in the server, exact ones of rooms in tests."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """Return (n,) metres along unit (n, 3) directions from (n, 3) points; inf = nothing met."""
+        """Distances (n,) to the first surface along unit (n, 3) directions; inf without one."""
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the distances, and (n, 3) unit normals, of either side; 0 where nothing is met."""
+        """Distances, and unit normals (n, 3) of either side; inf and 0 without a surface."""
 
 
 class EmptyScene:
-    """A scene without anything in it."""
+    """A scene without surfaces."""
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """Return (n,) infinite distances."""
+        """Infinite distances (n,)."""
         return np.full(len(directions), np.inf)
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return (n,) infinite distances and (n, 3) normals of 0."""
+        """Infinite distances (n,) and normals (n, 3) of 0."""
         return self.distances(origins, directions), np.zeros(directions.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorEnvironment:
-    """Everything around a robot that is not itself, in the world frame."""
+    """Everything that the sensors of one robot measure, in the world frame."""
 
     scene: RayCaster
     robot_boxes: Sequence[OrientedBox] = ()
+    """Bounding boxes of the other robots."""
     rfid_tags: Sequence[RfidTag] = ()
     victims: Sequence[Victim] = ()
     gps_origin: GpsOrigin | None = None
+    """None for a world without geodetic coordinates."""
 
     def distances(self, origin: Floats, directions: Floats) -> Floats:
-        """Return (n,) metres to the first thing along (n, 3) directions from (3,) or (n, 3)."""
+        """Distances (n,) to the first surface.
+
+        Args:
+            origin: (3,) for all rays, or (n, 3).
+            directions: (n, 3) unit vectors.
+        """
         origins = np.broadcast_to(origin, directions.shape)
+        # Boxes are intersected directly: in the ray caster's scene each move would need a commit.
+        # 0.6 ms a cycle of the P2AT among seven robots (tests/measurements/sensor_times.py).
         scene = self.scene.distances(origins, directions)
         return np.minimum(scene, box_distances(self.robot_boxes, origins, directions))
 
     def closest_hits(self, origin: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the distances, and the (n, 3) normals of what is met, of either side."""
+        """Distances, and normals (n, 3) of the first surfaces; arguments as of `distances`."""
         origins = np.broadcast_to(origin, directions.shape)
         scene, scene_normals = self.scene.closest_hits(origins, directions)
-        bodies, body_normals = closest_box_hits(self.robot_boxes, origins, directions)
-        is_body = (bodies < scene)[:, None]
-        return np.minimum(scene, bodies), np.where(is_body, body_normals, scene_normals)
+        boxes, box_normals = closest_box_hits(self.robot_boxes, origins, directions)
+        is_box = (boxes < scene)[:, None]
+        return np.minimum(scene, boxes), np.where(is_box, box_normals, scene_normals)
 
 
 EMPTY_ENVIRONMENT = SensorEnvironment(EmptyScene())

@@ -1,30 +1,49 @@
-"""Touch sensors: whether something is at the switch; all of a robot share one line."""
+"""Touch sensors: contact switches; all switches of a robot report in one line."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_protocol.usarsim.reports import TouchConfiguration, TouchReadings
+from catoptra_protocol.usarsim.readings import TouchReadings
+from catoptra_protocol.usarsim.reports import TouchConfiguration
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import DriveBase, TouchDescription
+from catoptra_server.robot.mount import Mount
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
 
-# A base stops within a tenth of a millimetre of what it hits (robot/robot_body); a switch gives way by a
-# millimetre.
+# A base stops within a tenth of a millimetre of an obstacle (`robot/robot_body.py`): a switch that
+# yields by a millimetre is pressed there.
 _TRAVEL_M = 1e-3
+# Rays in diameters of a switch, in the plane of its face: the centre and four points on the edge.
+_RAY_OFFSETS = np.array([[0, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
+_NUM_RAYS = len(_RAY_OFFSETS)
+
+
+@dataclass(frozen=True, slots=True)
+class TouchDescription:
+    """A contact switch, facing along the x axis of the mount."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    diameter_m: float
+    has_timestamp: bool = True
+    """Whether UDK's readings, unlike UT2004's, carry a time."""
 
 
 class TouchSensorBank:
-    """Feel along five rays that start behind each switch: its middle and its edge."""
+    """Contact of each switch, by five rays that start behind its face."""
 
     type = "Touch"
 
     def __init__(
-        self, descriptions: Sequence[TouchDescription], base: DriveBase, stream: RandomSource
+        self, descriptions: Sequence[TouchDescription], base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = self.type
         self.interval_s = min(description.interval_s for description in descriptions)
@@ -38,39 +57,48 @@ class TouchSensorBank:
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the switches."""
+        """The switches."""
         return tuple(
             MountedPart(self.type, d.name, d.mount, TouchConfiguration(d.name, d.diameter_m))
             for d in self._descriptions
         )
 
     def update(self, motion: MotionStep) -> None:
-        """Ignore the way: a touch is of one moment."""
+        """Nothing to integrate: a contact is of one time."""
 
     def read(self, context: SensorContext) -> TouchReadings:
-        """Return which switches are pressed."""
+        """Whether each switch is pressed."""
         pose = context.world_from_robot
         distances = context.environment.distances(
             pose.transform_points(self._ray_origins), pose.rotate_directions(self._forward)
         )
         pressed = np.any((distances <= self._reach_m).reshape(-1, _NUM_RAYS), axis=1)
         names = (description.name for description in self._descriptions)
-        time_s = (
-            context.time_s
-            if all(description.has_timestamp for description in self._descriptions)
-            else None
-        )
+        # One time for the line: present only if every switch's class has one.
+        has_timestamp = all(description.has_timestamp for description in self._descriptions)
+        time_s = context.time_s if has_timestamp else None
         return TouchReadings(tuple(zip(names, pressed.tolist(), strict=True)), time_s)
 
 
-# The middle of a switch and four places on its edge.
-_RAY_OFFSETS = np.array([[0, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
-_NUM_RAYS = len(_RAY_OFFSETS)
-
-
 def _ray_origins_in_robot(description: TouchDescription) -> Floats:
-    """Return (5, 3) points in the robot's frame, a diameter behind the face of the switch."""
+    """Origins (5, 3) of the rays, a diameter behind the face of a switch."""
+    # Behind: a ray that started on the face could miss a surface that already touches the switch.
     behind = np.array([-description.diameter_m, 0.0, 0.0])
     return description.mount.parent_from_item().transform_points(
         behind + 0.5 * description.diameter_m * _RAY_OFFSETS
     )
+
+
+def _read_description(item: ConfiguredSensor) -> TouchDescription:
+    diameter_m = item.get_float("Diameter", 0.01, 10.0)
+    has_timestamp = item.has_timestamp(True)
+    return TouchDescription(item.name, item.interval_s, item.mount, diameter_m, has_timestamp)
+
+
+TOUCH = SensorKind(
+    TouchDescription,
+    TouchSensorBank,
+    {"touchsensor": _read_description, "touch": _read_description},
+    shared_stream="all touch sensors",
+    casts_rays=True,
+)

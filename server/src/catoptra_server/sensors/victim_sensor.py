@@ -1,34 +1,50 @@
-"""A victim sensor: which victims are in its field of view, in range, and not behind a wall."""
+"""A victim sensor: victims in the field of view, in range, and not occluded."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.usarsim.reports import Configuration, VictimPart, VictimReading
+from catoptra_protocol.usarsim.readings import VictimPart, VictimReading
+from catoptra_protocol.usarsim.reports import Configuration
 from catoptra_protocol.usarsim.value_format import format_fixed_point
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.robot_description import DriveBase, VictimSensorDescription
+from catoptra_server.robot.mount import Mount
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.scene.world_description import Victim
 from catoptra_server.sensors.mounted_part import MountedPart
 from catoptra_server.sensors.sensor import MotionStep, Part, SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.sensors.sensor_kind import ConfiguredSensor, SensorKind
 
-# A victim may be drawn in the scene: what is met this near to its place is the victim itself.
+# Victims may be meshes of the scene: a surface this near to a victim's position is the victim.
 _VICTIM_RADIUS_M = 0.4
 
 
+@dataclass(frozen=True, slots=True)
+class VictimSensorDescription:
+    """A victim sensor, looking along the x axis of the mount."""
+
+    name: str
+    interval_s: float
+    mount: Mount
+    fov_rad: float
+    """Horizontal field of view."""
+    max_range_m: float
+
+
 class VictimSensor:
-    """Look along the mount's x for victims of the world file."""
+    """Positions of the world file's victims in view."""
 
     type = "VictSensor"
 
     def __init__(
-        self, description: VictimSensorDescription, base: DriveBase, stream: RandomSource
+        self, description: VictimSensorDescription, base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = description.name
         self.interval_s = description.interval_s
@@ -37,24 +53,25 @@ class VictimSensor:
 
     @property
     def parts(self) -> Sequence[Part]:
-        """Return the sensor."""
+        """The sensor."""
         limits = (
             ("MaxRange", format_fixed_point(self._description.max_range_m)),
             ("Fov", format_fixed_point(self._description.fov_rad)),
         )
-        told = Configuration(self.type, (("Name", self.name), *limits))
-        return (MountedPart(self.type, self.name, self._description.mount, told),)
+        configuration = Configuration(self.type, (("Name", self.name), *limits))
+        return (MountedPart(self.type, self.name, self._description.mount, configuration),)
 
     def update(self, motion: MotionStep) -> None:
-        """Ignore the way."""
+        """Nothing to integrate: the victims in view are of one time."""
 
     def read(self, context: SensorContext) -> VictimReading:
-        """Return each victim in sight, with its place in the sensor's frame."""
+        """Victims in view, each with its position in the sensor's frame."""
         world_from_sensor = context.world_from_robot @ self._robot_from_sensor
         parts = tuple(
-            VictimPart(victim.name, place)
+            VictimPart(victim.name, position_m)
             for victim in context.environment.victims
-            if (place := self._locate(victim, world_from_sensor, context.environment)) is not None
+            if (position_m := self._locate(victim, world_from_sensor, context.environment))
+            is not None
         )
         status = "" if parts else "NoVictims"
         return VictimReading(context.time_s, self.name, status, parts)
@@ -62,12 +79,33 @@ class VictimSensor:
     def _locate(
         self, victim: Victim, world_from_sensor: Pose, environment: SensorEnvironment
     ) -> tuple[float, float, float] | None:
-        way: Floats = np.asarray(victim.position_m) - world_from_sensor.translation
-        distance = float(np.linalg.norm(way))
+        """Position of a victim in the sensor's frame; None outside the view."""
+        displacement: Floats = np.asarray(victim.position_m) - world_from_sensor.translation
+        distance = float(np.linalg.norm(displacement))
         if not 0.0 < distance <= self._description.max_range_m:
             return None
-        x, y, z = (float(value) for value in way @ world_from_sensor.rotation)
+        x, y, z = (float(value) for value in displacement @ world_from_sensor.rotation)
+        # The field of view is a wedge: heights are not limited.
         if abs(math.atan2(y, x)) > 0.5 * self._description.fov_rad:
             return None
-        met = environment.distances(world_from_sensor.translation, (way / distance)[None])
-        return (x, y, z) if met[0] >= distance - _VICTIM_RADIUS_M else None
+        direction = (displacement / distance)[None]
+        free_m = environment.distances(world_from_sensor.translation, direction)[0]
+        return (x, y, z) if free_m >= distance - _VICTIM_RADIUS_M else None
+
+
+def _read_description(item: ConfiguredSensor) -> VictimSensorDescription:
+    return VictimSensorDescription(
+        name=item.name,
+        interval_s=item.interval_s,
+        mount=item.mount,
+        fov_rad=item.get_float("FOV", 0.6981, 6.2832),
+        max_range_m=item.get_float("MaxRange", 6.0),
+    )
+
+
+VICTIM_SENSOR = SensorKind(
+    VictimSensorDescription,
+    VictimSensor,
+    {"victsensor": _read_description, "victimsensor": _read_description},
+    casts_rays=True,
+)

@@ -1,6 +1,6 @@
 """The simulated world in motion: `loop` owns clock and thread, `fleet` the robots.
 
-`spawned_robot` is one of them. Others post `requests`; nobody else touches it.
+Other threads post `simulation_events` and touch nothing else here.
 """
 
 from catoptra_server.simulation.fleet import Fleet
@@ -10,24 +10,20 @@ from catoptra_server.simulation.simulation_events import (
     Client,
     ClientDisconnected,
     CommandReceived,
-    FrameRendered,
-    FrameRequested,
     LandmarksRequested,
     SimulationEvent,
     StopRequested,
 )
 
 __all__ = [
-    "CommandReceived",
-    "Client",
-    "ClockMode",
     "AccuracyTargetChanged",
-    "FrameRendered",
-    "Fleet",
-    "FrameRequested",
-    "LandmarksRequested",
+    "Client",
     "ClientDisconnected",
-    "SimulationEvent",
+    "ClockMode",
+    "CommandReceived",
+    "Fleet",
+    "LandmarksRequested",
     "Simulation",
+    "SimulationEvent",
     "StopRequested",
 ]

@@ -1,4 +1,4 @@
-"""Who is in whose way: the scene's obstacles at each class's height, and the other robots."""
+"""Obstacles of each robot: the scene at the heights of the robot's class, and the other robots."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.simulation.robot import Robot
 
-# The mirror rises above the viewpoint; anything lower than this above it is in the way.
+# The mirror rises above the viewpoint: anything up to this height above the viewpoint is touched.
 _MIRROR_ABOVE_VIEWPOINT_M = 0.1
-# No tick is longer: what a robot cannot reach in it is no obstacle.
+# More than a tick of 0.02 s: a robot out of reach in this time is no obstacle in the next tick.
 _MAX_TICK_S = 0.05
 
 
 class _Footprint(NamedTuple):
-    """Where a robot stands: its box, that box from above, its centre and half its diagonal."""
+    """Bounding box of a robot and its outline seen from above."""
 
     box: OrientedBox
     outline: Floats
@@ -41,21 +41,22 @@ class _Footprint(NamedTuple):
 
 
 class CollisionIndex:
-    """Obstacles of each robot, and its own box as long as it has not moved."""
+    """Obstacles of all robots; the footprint of a robot is kept until the robot moves."""
 
     def __init__(self, scene: SceneMesh, classes: Sequence[RobotDescription]) -> None:
         heights = {
             description.class_name: _collision_height_m(description) for description in classes
         }
-        of_height = {
+        # Classes of one height share a grid: building one sorts all triangles of the scene.
+        grids = {
             height: build_obstacle_grid(scene, low_m=GROUND_CLEARANCE_M, high_m=height)
             for height in set(heights.values())
         }
-        self._static_obstacles = {name: of_height[height] for name, height in heights.items()}
+        self._static_obstacles = {name: grids[height] for name, height in heights.items()}
         self._footprints: dict[Robot, _Footprint] = {}
 
     def bounding_box(self, robot: Robot) -> OrientedBox:
-        """Return a robot's box where it stands now."""
+        """Bounding box of a robot at its present pose."""
         return self._footprint(robot).box
 
     def _footprint(self, robot: Robot) -> _Footprint:
@@ -64,28 +65,29 @@ class CollisionIndex:
         return self._footprints[robot]
 
     def invalidate(self, robot: Robot) -> None:
-        """Take note that a robot moved, or left."""
+        """Discard the footprint of a robot that moved or was removed."""
         self._footprints.pop(robot, None)
 
     def obstacles_near(self, robot: Robot, robots: Iterable[Robot]) -> ObstacleGrid:
-        """Return what may stop a robot in one tick."""
-        scenery = self._static_obstacles[robot.description.class_name]
-        if not robot.is_rolling:  # nothing stops what stands
-            return scenery
+        """Obstacles that a robot may touch in the next tick: the scene, and robots in reach."""
+        scene_obstacles = self._static_obstacles[robot.class_name]
+        if not robot.is_rolling:  # most robots, most of the time
+            return scene_obstacles
         own, drive = self._footprint(robot), robot.description.drive
         reach_m = own.radius_m + _MAX_TICK_S * drive.max_speed_rad_s * drive.wheel_radius_m
-        stands = [self._footprints.get(other) or self._footprint(other) for other in robots]
-        return scenery.with_dynamic_triangles(
+        footprints = [self._footprints.get(other) or self._footprint(other) for other in robots]
+        return scene_obstacles.with_dynamic_triangles(
             [
-                stand.outline
-                for stand in stands
-                if abs(stand.x_m - own.x_m) <= (reach := reach_m + stand.radius_m)
-                and abs(stand.y_m - own.y_m) <= reach
-                and stand is not own
+                footprint.outline
+                for footprint in footprints
+                # A square around the circle of reach: two comparisons, no root, for each pair.
+                if abs(footprint.x_m - own.x_m) <= (reach := reach_m + footprint.radius_m)
+                and abs(footprint.y_m - own.y_m) <= reach
+                and footprint is not own
             ]
         )
 
 
 def _collision_height_m(description: RobotDescription) -> float:
-    tallest = max(description.viewpoint_height_m, description.drive.collision_size_m[2])
-    return tallest + _MIRROR_ABOVE_VIEWPOINT_M
+    highest_m = max(description.viewpoint_height_m, description.drive.collision_size_m[2])
+    return highest_m + _MIRROR_ABOVE_VIEWPOINT_M

@@ -1,10 +1,11 @@
-"""All robots that are alive, one for each client: spawning, commands, motion, what is shown."""
+"""The robots of all clients: spawning, commands, motion, readings and frames."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
 from functools import partial
+from typing import assert_never
 
 from catoptra_protocol.usarsim.commands import (
     Command,
@@ -18,6 +19,8 @@ from catoptra_protocol.usarsim.commands import (
     MultiDrive,
     Set,
     SetViewports,
+    Step,
+    Trace,
 )
 from catoptra_protocol.usarsim.reports import Report, StartPose, StartPoses
 from catoptra_server.frames.frame_request import (
@@ -25,20 +28,18 @@ from catoptra_server.frames.frame_request import (
     Channel,
     FrameComposition,
     ImagePortChannel,
-    OmniCameraSpec,
 )
 from catoptra_server.frames.image_port_layout import (
     ImagePortLayout,
-    VisibleObjects,
     compose_camera_frame,
     find_displayed_robot,
 )
 from catoptra_server.frames.multi_view import TileLayout
+from catoptra_server.frames.robot_camera import CameraRobot, VisibleObjects
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.robot.robot_description import RobotDescription
-from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
-from catoptra_server.sensors.camera import RobotCamera
 from catoptra_server.sensors.sensor_environment import EmptyScene, RayCaster, SensorEnvironment
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.get_commands import (
@@ -50,7 +51,7 @@ from catoptra_server.simulation.landmark_visibility import (
     LandmarkVisibility,
     compute_landmark_visibility,
 )
-from catoptra_server.simulation.robot import Robot
+from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_meshes import RobotMeshes
 from catoptra_server.simulation.set_commands import execute_set
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
@@ -58,16 +59,15 @@ from catoptra_server.simulation.spawning import find_class, spawn_pose, unique_n
 
 log = logging.getLogger(__name__)
 
-# Width and height of the screen of robots without an omnidirectional camera, while none is there.
+# Width and height of the black image of a server whose robots have no omnidirectional camera.
 _DEFAULT_BLANK_SIZE_PX = (320, 240)
+
+# Commands that need a robot with power; the others are executed without, as in USARSim.
+_ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | Set | SetViewports | Trace
 
 
 class Fleet:
-    """The robots of one world, of one or several classes. Only the simulation thread may call it.
-
-    multi_view: the screen's tiles; None: the screen shows one robot's viewports. error_bound_of: how far
-    off pictures are, where that is known.
-    """
+    """The robots of one world, one a client. Only the simulation thread may call methods."""
 
     def __init__(
         self,
@@ -78,13 +78,24 @@ class Fleet:
         seed: int,
         ray_caster: RayCaster | None = None,
         multi_view: TileLayout | None = None,
-        error_bound_of: ErrorBoundLookup = lambda eye: None,
+        error_bound_of: ErrorBoundLookup = lambda camera: None,
     ) -> None:
+        """Create a fleet without robots.
+
+        Args:
+            descriptions: Classes that INIT may name.
+            scene: The world as triangles, for collisions.
+            seed: Seed of all random numbers.
+            ray_caster: The world as sensors measure it; None for an empty one.
+            multi_view: Tiles of the image port; None for the viewports of one robot.
+            error_bound_of: Error bound of a camera, reported with CONF.
+        """
         self._classes = tuple(descriptions)
         self._world = world
         self._seed = seed
         self._error_bound_of = error_bound_of
         self._ray_caster = ray_caster or EmptyScene()
+        # In the order of spawning, which decides the displayed robot and who moves first.
         self._robots: dict[Client, Robot] = {}
         self._collision_index = CollisionIndex(scene, self._classes)
         self._robot_meshes = RobotMeshes(self._classes)
@@ -93,48 +104,53 @@ class Fleet:
         )
 
     def find_robot(self, client: Client) -> Robot | None:
-        """Return a client's robot, if it has one."""
+        """Robot of a client; None before INIT."""
         return self._robots.get(client)
 
-    def other_robots(self, except_robot: Robot | None) -> list[Robot]:
-        """Return all robots but one: those that its cameras see."""
-        return [robot for robot in self._robots.values() if robot is not except_robot]
-
-    def other_robot_boxes(self, except_robot: Robot | None) -> tuple[OrientedBox, ...]:
-        """Return the boxes of all robots but one: world_from_box, and length, width, height."""
-        return tuple(
-            self._collision_index.bounding_box(robot) for robot in self.other_robots(except_robot)
-        )
-
     def remove(self, client: Client) -> str | None:
-        """Take a client's robot out of the world; return its name, now free, if it had one."""
+        """Remove the robot of a client, and return its name, which is free again."""
         robot = self._robots.pop(client, None)
         if robot is None:
             return None
         self._collision_index.invalidate(robot)
         self._image_port_layout.release(robot)
-        log.info("robot %s left", robot.name)
+        log.info("robot %s removed", robot.name)
         return robot.name
 
     def execute(self, client: Client, command: Command, time_s: float) -> None:
-        """Carry out a command; what needs a robot and has none is ignored, as USARSim does.
+        """Execute a command of a client.
 
-        TRACE is accepted and draws nothing; without battery nothing but questions is heard.
+        Commands to a robot that is not spawned, or without power, have no effect, as in USARSim.
         """
         robot = self._robots.get(client)
+        # One case a class, without guards and without a default: a new command fails the type
+        # check here, and at run time raises instead of being ignored.
         match command:
-            case Init() if robot is None:
-                self._spawn(client, command, time_s)
+            case Init():
+                if robot is None:
+                    self._spawn(client, command, time_s)
             case GetStartPoses():
                 client.deliver([self._start_poses()])
-            case GetConf() if robot:
-                client.deliver(execute_get_conf(robot, command, self._error_bound_of))
-            case GetGeo() if robot:
-                client.deliver(execute_get_geo(robot, command))
-            case _ if robot and robot.has_power(time_s):
-                self._handle(client, robot, command, time_s)
+            case GetConf():
+                if robot is not None:
+                    client.deliver(execute_get_conf(robot, command, self._error_bound_of))
+            case GetGeo():
+                if robot is not None:
+                    client.deliver(execute_get_geo(robot, command))
+            case (
+                Drive() | DriveJoints() | MultiDrive() | MisPkg() | Set() | SetViewports() | Trace()
+            ):
+                if robot is not None and robot.has_power(time_s):
+                    self._control(client, robot, command, time_s)
+            case Step():
+                raise AssertionError("STEP advances the clock: the simulation loop executes it")
+            case _:
+                assert_never(command)
 
-    def _handle(self, client: Client, robot: Robot, command: Command, time_s: float) -> None:
+    def _control(
+        self, client: Client, robot: Robot, command: _ControlCommand, time_s: float
+    ) -> None:
+        """Execute a command of a robot that has power."""
         match command:
             case Drive():
                 robot.drive_wheels(command, time_s)
@@ -149,16 +165,19 @@ class Fleet:
             case SetViewports():
                 client.deliver([robot.viewports.execute(command, time_s)])
             case Set():
-                client.deliver(
-                    execute_set(robot, command, robot.sensor_context(time_s, self.sense(robot)))
-                )
+                context = robot.sensor_context(time_s, self.sense(robot))
+                client.deliver(execute_set(robot, command, context))
+            case Trace():
+                pass  # accepted: the colour trail of the original editor has no counterpart
+            case _:
+                assert_never(command)
 
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
         description = find_class(self._classes, init.class_name)
         pose = spawn_pose(init, self._world.starts)
         if description is None or pose is None:
             log.warning(
-                "INIT of class %r at %r refused: this server has %s, starts %s",
+                "INIT of class %r at %r rejected: known classes %s, known starts %s",
                 init.class_name,
                 init.start or init.location_m,
                 ", ".join(known.class_name for known in self._classes),
@@ -166,13 +185,14 @@ class Fleet:
             )
             client.reject_init()
             return
-        name = unique_name(
-            init.name or description.model_name, {r.name for r in self._robots.values()}
-        )
+        existing = {robot.name for robot in self._robots.values()}
+        name = unique_name(init.name or description.model_name, existing)
         robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
         self._image_port_layout.assign_tiles(robot)
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
+        # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from
+        # CONF of the cameras which tile of the image is theirs.
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
         client.deliver([*robot.read_due(time_s, partial(self.sense, robot)), *tiled])
 
@@ -183,7 +203,12 @@ class Fleet:
     def set_accuracy_target(
         self, event: AccuracyTargetChanged
     ) -> tuple[OmniCameraSpec | None, str]:
-        """Draw a client's camera as asked; return its eye, None where there is none, and name."""
+        """Change the accuracy target of a client's camera.
+
+        Returns:
+            The camera with the settings of the next frames, None without such a camera; and the
+            name of the camera.
+        """
         robot = self._robots.get(event.client)
         omni = robot.omni_camera if robot else None
         if omni is None or event.camera.lower() not in ("", omni.name.lower()):
@@ -192,23 +217,28 @@ class Fleet:
         return omni.camera_spec(omni.tile), omni.name
 
     def sense(self, robot: Robot) -> SensorEnvironment:
-        """Return what is around a robot now."""
+        """Environment of a robot, with the other robots as boxes at their present poses."""
         world = self._world
         return SensorEnvironment(
             scene=self._ray_caster,
-            robot_boxes=self.other_robot_boxes(robot),
+            robot_boxes=tuple(map(self._collision_index.bounding_box, self._others(robot))),
             rfid_tags=world.rfid_tags,
             victims=world.victims,
             gps_origin=world.gps_origin,
         )
 
+    def _others(self, except_robot: CameraRobot) -> list[Robot]:
+        return [robot for robot in self._robots.values() if robot is not except_robot]
+
     def read_sensors(self, client: Client, time_s: float) -> list[Report]:
-        """Return a whole cycle of a client's robot; nothing without one."""
+        """Reports of a whole cycle of a client's robot; empty without one."""
         robot = self._robots.get(client)
         return robot.read_all(time_s, partial(self.sense, robot)) if robot else []
 
     def step(self, duration_s: float, time_s: float) -> None:
-        """Move every robot for one tick that ends at a time, one after the other."""
+        """Move all robots by one tick that ends at a time."""
+        # One after the other, each against the present poses of the others: in one pass no two
+        # robots can enter the same gap.
         for robot in self._robots.values():
             obstacles = self._collision_index.obstacles_near(robot, self._robots.values())
             robot.step(duration_s, time_s, obstacles)
@@ -216,53 +246,57 @@ class Fleet:
                 self._collision_index.invalidate(robot)
 
     def deliver_due_reports(self, time_s: float) -> None:
-        """Deliver to each client what its sensors have to say by now."""
+        """Deliver the reports that are due at a time, one batch a client."""
         for client, robot in self._robots.items():
             reports = robot.read_due(time_s, partial(self.sense, robot))
             if reports:
                 client.deliver(reports)
 
     def compose_frame(self, channel: Channel) -> FrameComposition | None:
-        """Return what a channel shows now; None: no such robot or camera."""
-        robots = list(self._robots.values())
+        """Compose the frame of a channel; None without such a robot or camera."""
         match channel:
             case ImagePortChannel(tile):
                 return self._image_port_layout.compose_frame(
-                    robots, self._visible_objects, tile=tile
+                    self._robots.values(), self._visible_objects, tile=tile
                 )
             case CameraChannel():
                 found = self._find_camera(channel)
                 return compose_camera_frame(*found, self._visible_objects) if found else None
+            case _:
+                assert_never(channel)
 
     def compute_landmark_visibility(
         self, channel: CameraChannel
     ) -> tuple[LandmarkVisibility, ...] | None:
-        """Return what a camera sees of the landmarks now; None: no such robot or camera."""
+        """Landmarks in view of a camera; None without such a robot or camera."""
         found = self._find_camera(channel)
         if found is None:
             return None
         robot, camera = found
-        take = camera.view_request(robot.world_from_robot, joint_angles_rad=robot.joint_angles_rad)
-        return compute_landmark_visibility(take, self._world.landmarks, self.sense(robot))
+        return compute_landmark_visibility(
+            camera.camera_spec(),
+            robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad),
+            self._world.landmarks,
+            self.sense(robot),
+        )
 
-    def _find_camera(self, channel: CameraChannel) -> tuple[Robot, RobotCamera] | None:
-        robot = _find_robot_by_name(list(self._robots.values()), channel.robot)
+    def _find_camera(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
+        """Robot and camera of a channel; without a robot's name, of the displayed robot."""
+        robots = self._robots.values()
+        if channel.robot:
+            robot = next((robot for robot in robots if robot.name == channel.robot), None)
+        else:
+            robot = find_displayed_robot(robots)
         camera = robot.find_camera(channel.camera) if robot else None
         return (robot, camera) if robot and camera else None
 
-    def _visible_objects(self, robot: Robot) -> VisibleObjects:
-        seen = self._robot_meshes
-        return VisibleObjects(seen.dynamic_objects(self.other_robots(robot)), seen.ego_body(robot))
-
-
-def _find_robot_by_name(robots: Sequence[Robot], name: str) -> Robot | None:
-    """Return a robot by its name; by an empty one the robot that is watched."""
-    if not name:
-        return find_displayed_robot(robots)
-    return next((robot for robot in robots if robot.name == name), None)
+    def _visible_objects(self, robot: CameraRobot) -> VisibleObjects:
+        meshes = self._robot_meshes
+        return VisibleObjects(meshes.dynamic_objects(self._others(robot)), meshes.ego_body(robot))
 
 
 def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
-    """Return width and height of the screen before there is a robot."""
+    """Width and height of the image port's image before the first robot."""
+    # The size that the first robot will have: clients need not resize at the first INIT.
     cameras = [d.omni_camera.camera for d in classes if d.omni_camera]
     return (cameras[0].width_px, cameras[0].height_px) if cameras else _DEFAULT_BLANK_SIZE_PX

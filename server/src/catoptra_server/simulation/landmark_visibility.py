@@ -1,4 +1,4 @@
-"""Which landmarks a camera sees, by geometry alone: for training data, and to judge detectors."""
+"""Landmarks in view of a camera, by geometry alone: labels of training data, truth for detectors."""
 
 from __future__ import annotations
 
@@ -10,49 +10,54 @@ import numpy as np
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import pixel_from_direction
-from catoptra_server.frames.frame_request import CameraSpec, OmniCameraSpec, ViewRequest
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
 
-# A beacon is drawn as a polygon, and rays are single precision.
+# A beacon is drawn as a prism, not as a cylinder, and distances are single precision.
 _SURFACE_TOLERANCE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkVisibility:
-    """A landmark, where the middle of its band lies in the picture, and whether it is seen there.
-
-    pixel: (u, v), None outside the picture. visible: in the picture, and nothing stands between the
-    effective viewpoint and the middle of the band but the landmark itself.
-    """
+    """Image position and visibility of a landmark."""
 
     landmark: Landmark
     pixel: tuple[float, float] | None
+    """(u, v) of the centre of the landmark's band; None outside the image."""
     is_visible: bool
+    """Whether the centre of the band lies in the image, and nothing but the landmark itself is
+    between the viewpoint and the centre."""
 
 
 def compute_landmark_visibility(
-    view_request: ViewRequest, landmarks: Sequence[Landmark], environment: SensorEnvironment
+    camera: CameraSpec,
+    world_from_camera: Pose,
+    landmarks: Sequence[Landmark],
+    environment: SensorEnvironment,
 ) -> tuple[LandmarkVisibility, ...]:
-    """Return what is seen of each landmark through an eye where it is; robots hide as boxes."""
+    """Visibility of each landmark; robots occlude as boxes."""
     if not landmarks:
         return ()
-    pose = view_request.camera_state.world_from_mirror
-    middles = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
-    ways = middles - pose.translation
-    pixels, inside = _project_directions(view_request.camera, ways @ pose.rotation)
-    free = _has_line_of_sight(pose.translation, ways, landmarks, environment)
+    centres = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
+    displacements = centres - world_from_camera.translation
+    pixels, inside = _project_directions(camera, displacements @ world_from_camera.rotation)
+    free = _has_line_of_sight(world_from_camera.translation, displacements, landmarks, environment)
     return tuple(
-        LandmarkVisibility(mark, (float(u), float(v)) if shown else None, bool(shown and reached))
-        for mark, (u, v), shown, reached in zip(landmarks, pixels, inside, free, strict=True)
+        LandmarkVisibility(
+            mark, (float(u), float(v)) if is_inside else None, bool(is_inside and is_free)
+        )
+        for mark, (u, v), is_inside, is_free in zip(landmarks, pixels, inside, free, strict=True)
     )
 
 
 def _project_directions(camera_spec: CameraSpec, directions: Floats) -> tuple[Floats, Bools]:
-    """Return (n, 2) pixels of directions in the eye's frame, and which lie in its picture."""
+    """Pixels (n, 2) of directions in the camera frame, and whether each lies in the image."""
     if not isinstance(camera_spec, OmniCameraSpec):
         return camera_spec.pixel_from_direction(directions)
     camera = camera_spec.camera
     pixels, valid = pixel_from_direction(camera, directions)
+    # The model's domain reaches to the mirror's rim, which may lie outside a cropped image.
     u, v = pixels.T
     within = (u >= 0.0) & (u <= camera.width_px) & (v >= 0.0) & (v <= camera.height_px)
     return pixels, valid & within
@@ -64,21 +69,22 @@ def _has_line_of_sight(
     landmarks: Sequence[Landmark],
     environment: SensorEnvironment,
 ) -> Bools:
-    """Return which (n, 3) ways end before anything is met, a beacon's own surface aside."""
+    """Whether each (n, 3) displacement ends before the first surface, except the landmark's own."""
     lengths = np.linalg.norm(displacements, axis=1)
+    # A camera inside a landmark's centre has no direction; tiny keeps the quotient finite.
     directions = displacements / np.maximum(lengths, np.finfo(float).tiny)[:, None]
-    met = environment.distances(origin, directions)
-    free: Bools = met >= lengths - _self_occlusion_margin_m(landmarks, directions)
+    distances = environment.distances(origin, directions)
+    free: Bools = distances >= lengths - _self_occlusion_margin_m(landmarks, directions)
     return free
 
 
 def _self_occlusion_margin_m(landmarks: Sequence[Landmark], directions: Floats) -> Floats:
-    """Return (n,) how far unit ways run within a beacon before its middle: by its side or its end.
-
-    The middle of a goal's mouth lies in the open.
-    """
+    """Lengths (n,) of the part of each unit ray inside a beacon, from its surface to its centre."""
     sizes = [(m.width_m, m.band_top_m - m.band_bottom_m) for m in landmarks]
-    halves = 0.5 * np.array(sizes) * [[mark.kind == "beacon"] for mark in landmarks]
+    # 0 for goals: the centre of a goal's mouth lies in the open.
+    half_sizes = 0.5 * np.array(sizes) * [[mark.kind == "beacon"] for mark in landmarks]
+    # A ray enters a cylinder by the side or by an end, whichever is nearer to the centre: radius
+    # over the level part of the direction, half height over the vertical part.
     slopes = np.stack((np.linalg.norm(directions[:, :2], axis=1), abs(directions[:, 2])), axis=1)
-    own: Floats = ((halves + _SURFACE_TOLERANCE_M) / np.maximum(slopes, 1e-9)).min(axis=1)
-    return own
+    margin: Floats = ((half_sizes + _SURFACE_TOLERANCE_M) / np.maximum(slopes, 1e-9)).min(axis=1)
+    return margin

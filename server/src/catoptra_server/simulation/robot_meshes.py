@@ -1,10 +1,11 @@
-"""What robots look like to each other and to themselves: a class' meshes, at each robot's pose."""
+"""Meshes of all robot classes, for the views of other robots and of a robot's own mirror."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 from catoptra_server.effects.scene.self_view import SelfView
+from catoptra_server.frames.robot_camera import CameraRobot
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.dynamic_object import DynamicObject, ObjectMesh
 from catoptra_server.scene.robot_shapes import (
@@ -13,47 +14,45 @@ from catoptra_server.scene.robot_shapes import (
     build_ego_body_mesh,
     build_robot_mesh,
 )
-from catoptra_server.simulation.robot import Robot
 
 
 class RobotMeshes:
-    """The meshes of all classes. Renderers know a mesh by its identity: it is never made anew."""
+    """The meshes of a fleet's classes, built once."""
 
     def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
+        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew.
         self._meshes = {d.class_name: _build_mesh(d) for d in descriptions}
         self._ego_meshes = {d.class_name: build_ego_mesh(d) for d in descriptions}
 
-    def dynamic_objects(self, robots: Iterable[Robot]) -> tuple[DynamicObject, ...]:
-        """Return the bodies of robots where they stand now."""
+    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
+        """Robots as dynamic objects, at their present poses."""
         return tuple(
-            DynamicObject(
-                self._meshes[robot.description.class_name], robot.world_from_robot, robot.twist
-            )
+            DynamicObject(self._meshes[robot.class_name], robot.world_from_robot, robot.twist)
             for robot in robots
         )
 
-    def ego_body(self, robot: Robot) -> DynamicObject | None:
-        """Return what a robot's mirror may see of it; None where its file does not ask for that."""
-        mesh = self._ego_meshes[robot.description.class_name]
-        return (
-            DynamicObject(mesh, robot.world_from_robot, robot.twist) if mesh is not None else None
-        )
+    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
+        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
+        mesh = self._ego_meshes[robot.class_name]
+        if mesh is None:
+            return None
+        return DynamicObject(mesh, robot.world_from_robot, robot.twist)
 
 
 def _build_mesh(description: RobotDescription) -> ObjectMesh:
-    return build_robot_mesh(_shape(description), _tower(description))
+    return build_robot_mesh(_dimensions(description), _tower(description))
 
 
 def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
-    """Return what a class's mirror sees of it, if its camera's effects name that."""
+    """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
     omni, tower = description.omni_camera, _tower(description)
     if omni is None or tower is None:
         return None
-    is_named = any(wish.effect.name == SelfView.name for wish in omni.effects.settings)
-    return build_ego_body_mesh(_shape(description), tower) if is_named else None
+    is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
+    return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
 
 
-def _shape(description: RobotDescription) -> RobotDimensions:
+def _dimensions(description: RobotDescription) -> RobotDimensions:
     drive = description.drive
     return RobotDimensions(
         drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m

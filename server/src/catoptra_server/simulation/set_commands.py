@@ -1,8 +1,11 @@
-"""SET: what a part of a robot can be told, and the RES that confirms it or says Failed."""
+"""SET of a robot's parts, and the RES that reports OK or Failed.
+
+To add an opcode: a handler below, and its line in `_HANDLERS`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
@@ -21,24 +24,32 @@ from catoptra_server.sensors.range_scanner import RangeScannerSensor
 from catoptra_server.simulation.robot import Robot
 
 
-def execute_set(robot: Robot, command: Set, moment: SensorContext) -> list[Report]:
-    """Carry out SET of a part; return its RES, after the reading that SCAN asks for."""
+def execute_set(robot: Robot, command: Set, context: SensorContext) -> list[Report]:
+    """Execute SET of a part.
+
+    Returns:
+        The readings that the command requests, such as the scan of SCAN, then the RES.
+    """
+    # SET Camera FOV carries its value in place of an opcode, and has a RES of its own form.
     if command.type.lower() == "camera" and command.parse_fov_rad() is not None:
-        return [_zoom(robot, command, moment.time_s)]
+        return [_zoom(robot, command, context.time_s)]
     handler = _HANDLERS.get((command.type.lower(), (command.opcode or "").lower()))
-    extra: Sequence[Report] | None = handler(robot, command, moment) if handler else None
-    status = STATUS_FAILED if extra is None else STATUS_OK
-    return [*(extra or ()), CommandResult(moment.time_s, command.type, command.name or "", status)]
+    readings = handler(robot, command, context) if handler else None
+    status = STATUS_FAILED if readings is None else STATUS_OK
+    result = CommandResult(context.time_s, command.type, command.name or "", status)
+    return [*(readings or ()), result]
 
 
 def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
-    """Zoom the cameras of a name, or all; the omni camera's law is fixed: it says so by Failed."""
-    wished = command.parse_fov_rad() or 0.0
+    """Zoom the perspective camera of a name, or all of them."""
+    requested = command.parse_fov_rad() or 0.0
     cameras = [
-        CameraFov(c.name, c.zoom(wished))
+        CameraFov(c.name, c.zoom(requested))
         for c in robot.perspective_cameras
         if _matches_name(command, c.name)
     ]
+    # The mirror fixes the omnidirectional camera's model. The camera fails by name, or where the
+    # robot has no other, but does not spoil a zoom of all perspective cameras.
     omni = robot.omni_camera
     if omni and _matches_name(command, omni.name) and (command.name or not cameras):
         cameras.append(CameraFov(omni.name, omni.capture_fov_rad, STATUS_FAILED))
@@ -47,20 +58,22 @@ def _zoom(robot: Robot, command: Set, time_s: float) -> Report:
     return CameraResult(time_s, tuple(cameras))
 
 
-def _reset_odometry(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
-    found = [s for s in robot.sensors if isinstance(s, OdometrySensor)]
-    meant = [sensor for sensor in found if _matches_name(command, sensor.name)]
-    for sensor in meant:
+def _reset_odometry(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
+    found = [
+        s for s in robot.sensors if isinstance(s, OdometrySensor) and _matches_name(command, s.name)
+    ]
+    for sensor in found:
         sensor.reset()
-    return [] if meant else None
+    return [] if found else None
 
 
-def _reset_encoder(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
+def _reset_encoder(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     banks = [s for s in robot.sensors if isinstance(s, EncoderBank)]
-    return [] if any([bank.reset(command.name, moment) for bank in banks]) else None
+    # A list inside any(): every bank is reset, not only the first that has the name.
+    return [] if any([bank.reset(command.name, context) for bank in banks]) else None
 
 
-def _set_ins_pose(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
+def _set_ins_pose(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     found = [
         s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
     ]
@@ -69,26 +82,26 @@ def _set_ins_pose(robot: Robot, command: Set, moment: SensorContext) -> list[Rep
         return None
     x, y, z, roll, pitch, yaw = numbers
     for sensor in found:
-        sensor.set_pose((x, y, z), (roll, pitch, yaw), moment.world_from_robot)
+        sensor.set_pose((x, y, z), (roll, pitch, yaw), context.world_from_robot)
     return [] if found else None
 
 
-def _scan(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
+def _scan(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
-    scans: list[Report] = [s.read(moment) for s in found if _matches_name(command, s.name)]
+    scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
     return scans or None
 
 
-def _set_max_error(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
+def _set_max_error(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     return _set_accuracy_target(robot, command, "max_error_px")
 
 
-def _set_budget(robot: Robot, command: Set, moment: SensorContext) -> list[Report] | None:
+def _set_budget(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     return _set_accuracy_target(robot, command, "budget_ms")
 
 
 def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report] | None:
-    """Turn the dial of the omni camera: how far off its pictures may be, or how long they take."""
+    """Set one value of the omnidirectional camera's accuracy target."""
     omni, numbers = robot.omni_camera, command.numeric_params()
     if omni is None or not _matches_name(command, omni.name) or len(numbers) != 1:
         return None
@@ -99,7 +112,7 @@ def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report]
     return []
 
 
-# By type and opcode in lower case; a handler returns what it reports, None if it failed.
+# By type and opcode in lower case. A handler returns the requested readings, None for Failed.
 _HANDLERS: dict[tuple[str, str], Callable[[Robot, Set, SensorContext], list[Report] | None]] = {
     ("odometry", "reset"): _reset_odometry,
     ("encoder", "reset"): _reset_encoder,

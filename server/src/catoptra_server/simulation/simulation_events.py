@@ -1,26 +1,29 @@
-"""What may be asked of the simulation from any thread, and how it sees a control connection."""
+"""Events that other threads post to the simulation, and the control connection as the simulation
+sees it.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from catoptra_protocol.usarsim.commands import Command
 from catoptra_protocol.usarsim.reports import Report
-from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel, Channel, OmniCameraSpec
+from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
+from catoptra_server.frames.frame_request import CameraChannel
+from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
 
 
 class Client(Protocol):
-    """One control connection as the simulation sees it. Both methods return at once."""
+    """One control connection. Methods return at once: the simulation does not wait for sockets."""
 
     def deliver(self, reports: Sequence[Report]) -> None:
-        """Send reports, in order and together."""
+        """Send reports, in order and in one piece."""
 
     def reject_init(self) -> None:
-        """Take note that INIT named no known class or start: there is no robot."""
+        """Record that INIT named an unknown class or start and spawned no robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,55 +36,40 @@ class CommandReceived:
 
 @dataclass(frozen=True, slots=True)
 class ClientDisconnected:
-    """A client is gone, and with it its robot."""
+    """A client disconnected; its robot is to be removed."""
 
     client: Client
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRequested:
-    """Somebody waits for a channel's frame with a larger sequence number; one drawn will do."""
-
-    newer_than: float = math.inf
-    channel: Channel = IMAGE_PORT
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRendered:
-    """A channel's shot has become a frame: the next one may be taken."""
-
-    channel: Channel
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarksRequested:
-    """Somebody asks what a camera sees of the landmarks now.
-
-    reply: told the time and the landmarks, None if there is no such camera; returns at once.
-    """
+    """A connection requests the landmarks in view of a camera."""
 
     channel: CameraChannel
     reply: Callable[[float, tuple[LandmarkVisibility, ...] | None], None]
+    """Receives the simulation time and the landmarks, None without such a camera; returns at
+    once."""
 
 
 @dataclass(frozen=True, slots=True)
 class AccuracyTargetChanged:
-    """A client asks for another accuracy or time of its robot's camera; None = as it is.
-
-    reply: told what is drawn from now on and the camera's name, None if there is no such camera;
-    returns at once.
-    """
+    """A client requests another accuracy target of its robot's camera, or the present one."""
 
     client: Client
     camera: str
+    """Name of the camera in any case; empty for the robot's omnidirectional camera."""
     max_error_px: float | None
+    """New tolerance; None leaves the present one."""
     budget_ms: float | None
+    """New time budget of a frame; None leaves the present one."""
     reply: Callable[[OmniCameraSpec | None, str], None]
+    """Receives the camera with the settings of the next frames, None without such a camera, and
+    the camera's name; returns at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopRequested:
-    """End the simulation."""
+    """The server shuts down."""
 
 
 SimulationEvent = (

@@ -1,4 +1,4 @@
-"""What INIT asks for: a class, a place, a name."""
+"""Class, start pose and name of a robot, from the parameters of INIT."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from catoptra_server.scene.world_description import StartPlace
 
 
 def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescription | None:
-    """Return the class of a name in any case; the package may be left out. The first one wins."""
+    """First class of a name in any case, with or without the package; None if there is none."""
     for known in classes:
         if name.lower() in (known.class_name.lower(), known.model_name.lower()):
             return known
@@ -20,7 +20,11 @@ def find_class(classes: Sequence[RobotDescription], name: str) -> RobotDescripti
 
 
 def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose | None:
-    """Return where to put a robot: on the floor, upright, whatever height and tilt."""
+    """Pose of a new robot on the floor; None for an unknown start.
+
+    The location precedes the start. Height and tilt of either are ignored: a base that is not on
+    the floor could not drive.
+    """
     if init.location_m is not None:
         (x, y, _), (_, _, yaw) = init.location_m, init.rotation_rad
         return PlanarPose(x, y, wrap_angle(yaw))
@@ -32,8 +36,9 @@ def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose | None:
 
 
 def unique_name(requested: str, existing: Collection[str]) -> str:
-    """Return the wished name, with a number behind it if it is taken."""
+    """Requested name, followed by the smallest number from 2 that makes the name unique."""
+    if requested not in existing:
+        return requested
+    # Among n + 1 candidates at least one is not among n existing names.
     numbered = (f"{requested}{number}" for number in range(2, len(existing) + 3))
-    return (
-        requested if requested not in existing else next(n for n in numbered if n not in existing)
-    )
+    return next(name for name in numbered if name not in existing)

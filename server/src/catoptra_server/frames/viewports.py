@@ -1,4 +1,4 @@
-"""SET Viewports: which camera one client wants in which quarter of the picture."""
+"""State of UT2004's `SET {Type Viewports}`: the camera that each viewport of a robot shows."""
 
 from __future__ import annotations
 
@@ -16,17 +16,15 @@ from catoptra_protocol.usarsim.reports import Viewport, ViewportsResult
 from catoptra_server.frames.multi_view import ViewportConfig
 
 _CONFIGS = tuple(config.value for config in ViewportConfig)
-# How clients switch a viewport off.
+# Clients differ in the word that switches a viewport off.
 _DISABLE_KEYWORDS = ("disable", "disabled", "none")
 
 
 class Viewports:
-    """What a client has asked for, kept and confirmed.
-
-    At first the first camera fills the picture.
-    """
+    """Viewports of one robot; at first the first camera fills the image."""
 
     def __init__(self, cameras: Sequence[str]) -> None:
+        """Start with the first of the robot's cameras, given by name."""
         self._cameras = tuple(cameras)
         self._config = _CONFIGS[0]
         first = [Viewport(name) for name in self._cameras[:1]]
@@ -34,24 +32,25 @@ class Viewports:
 
     @property
     def config(self) -> ViewportConfig:
-        """Return how the picture is divided."""
+        """Division of the image."""
         return ViewportConfig(self._config)
 
     @property
     def camera_names(self) -> tuple[str, ...]:
-        """Return the camera of each viewport by name; one that shows none has another word."""
+        """Camera of each viewport; a name that no camera has for a viewport that is off."""
         return tuple(viewport.camera for viewport in self._viewports)
 
     def execute(self, command: SetViewports, time_s: float) -> ViewportsResult:
-        """Take over what is named; a viewport that is not named stays as it is."""
-        known = {config.lower(): config for config in _CONFIGS}
-        wished = command.config or self._config
-        self._config = known.get(wished.lower(), self._config)
+        """Apply a command; viewports and division that the command leaves out keep their state."""
+        configs = {config.lower(): config for config in _CONFIGS}
+        requested = command.config or self._config
+        # An unknown Config fails, but the viewports of the same command are applied all the same.
+        self._config = configs.get(requested.lower(), self._config)
         self._viewports = tuple(
             old if name is None else self._viewport(name)
             for old, name in zip(self._viewports, command.cameras, strict=True)
         )
-        status = STATUS_OK if wished.lower() in known else STATUS_FAILED
+        status = STATUS_OK if requested.lower() in configs else STATUS_FAILED
         return ViewportsResult(time_s, self._config, self._viewports, status)
 
     def _viewport(self, name: str) -> Viewport:
