@@ -127,6 +127,7 @@ def apply_scene_effects(camera_state: CameraState, plan: EffectPlan) -> CameraSt
 
 
 def _find_decision(entry: _EffectEntry, summary: SceneSummary, threshold: float) -> EffectDecision:
+    # In every mode: applied twice, the disc of Defocus would blur the blurred image again.
     if entry.setting.effect.name in summary.superseded_effects:
         superseded = EffectBound(0.0, "another effect includes this one")
         return replace(_decide(entry.setting, superseded, threshold), enabled=False)

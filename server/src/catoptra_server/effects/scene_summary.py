@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from catoptra_server.scene.twist import AT_REST, Twist, Vector3
 
-# Rings of equal width from the image centre to the mirror's rim. Distances differ by ring, since the
-# floor below the robot is near and the surroundings at the rim are far.
+# Rings of equal width from the image centre to the mirror's rim. Distances differ by ring: the
+# floor below the robot is near, the surroundings at the rim are far.
 NUM_RINGS = 8
 
 
@@ -25,6 +25,8 @@ class ShadowLoss:
 NO_SHADOW_LOSS = ShadowLoss()
 
 
+# Defaults are the values of a scene without anything near, moving or casting shadows, so a summary
+# of radiance alone is `SceneSummary(max_radiance)`.
 @dataclass(frozen=True, slots=True)
 class SceneSummary:
     """Bounds on everything a frame can show. Hashable: equal summaries give equal decisions.

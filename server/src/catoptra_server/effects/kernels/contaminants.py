@@ -208,6 +208,6 @@ def _uniform_variates(count: int, key: UInt32Array) -> tuple[Floats, Floats, Flo
     """Three times (count,) uniform variates in (0, 1), the same for the same key."""
     index = np.arange(count, dtype=np.uint32)
     words = pcg3d(index + key[0], key[1:2], key[2:])
-    # Half a step keeps both ends out: a quantile of 0 or 1 has no position on the surface.
+    # Half a step centres each variate in its interval of 2^-32: neither 0 nor 1 occurs.
     first, second, third = ((word.astype(np.float64) + 0.5) / _WORD_RANGE for word in words)
     return first, second, third

@@ -54,8 +54,8 @@ def ring_scales_and_radii(camera: OmniCamera) -> tuple[Floats, Floats]:
     largest = np.maximum(scale.radial, scale.tangential)
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(scale.t)
     edges_px = np.linspace(0.0, camera.rim_radius_px, NUM_RINGS + 1)
-    # Rings may contain no sampled radius of their own, or reach beyond their last one: both edges
-    # belong to the maximum of each ring.
+    # The maximum of a ring may lie on its edge, between two sampled radii: both edges belong to
+    # each ring.
     radii = np.concatenate((radius_px, edges_px))
     at_edges = np.interp(edges_px, radius_px, largest)
     values = np.concatenate((largest, at_edges))

@@ -29,6 +29,7 @@ from catoptra_server.effects.effect import (
 )
 from catoptra_server.effects.scene_summary import SceneSummary
 
+# Green is the reference: its image keeps every bit.
 _RED, _BLUE = 0, 2
 
 

@@ -63,8 +63,8 @@ class Defocus:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Largest disc of anything in view, px."""
-        # Near discs count although this effect draws those of infinity: with DefocusByDepth left
-        # out by its own criterion, both differ by less than the threshold.
+        # Near discs count, too: this bound is then never below that of DefocusByDepth, for which
+        # this effect stands in where both discs differ by less than the threshold.
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         near_px = circle.diameter_px(min_distance_at_radius(summary, camera, radius_px))

@@ -69,6 +69,7 @@ class DefocusByDepth:
         radius_px = sample_radii_px(camera)
         circle = circle_of_confusion(self.aperture, camera, radius_px)
         min_distance_m = min_distance_at_radius(summary, camera, radius_px)
+        # Relative to infinity's disc, not absolute: Defocus already does that part without ranges.
         value = float(max_diameter_change_px(circle, min_distance_m).max())
         nearest_m = min(summary.visible_min_distances_m)
         lens = describe_lens(self.aperture, camera)
@@ -118,6 +119,8 @@ def max_diameter_change_px(circle: CircleOfConfusion, min_distance_m: Floats) ->
 
     The disc of a point behind the focus first shrinks, at most to a point, and then grows.
     """
+    # The signed diameter passes every value between infinity and the nearest distance, so a disc
+    # behind the focus may change more before the end than at the end.
     near_term = circle.near_term_px(min_distance_m)
     behind_focus = np.maximum(-circle.infinity_diameter_px, 0.0)
     shrinkage = np.minimum(near_term, behind_focus)

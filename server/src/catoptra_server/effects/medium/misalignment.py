@@ -66,6 +66,7 @@ class Misalignment:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Largest displacement of a pixel; the image's diagonal if no pixel is valid."""
+        # Decided without the map, which takes a Newton search for every pixel.
         if self.camera_pose_offset == CameraPoseOffset():
             return EffectBound(0.0, "the camera is aligned")
         lookup = lookup_offset_map(self, camera)
@@ -106,7 +107,8 @@ class Misalignment:
 @lru_cache(maxsize=4)
 def lookup_offset_map(effect: Misalignment, camera: OmniCamera) -> npt.NDArray[np.float32]:
     """Map, (h, w, 3): offset in u and v to the pixel to read, px; validity, 1 or 0 for black."""
-    # Offsets instead of positions: float32 keeps nine digits of a displacement of a few pixels.
+    # Offsets instead of positions: float32 keeps a displacement of a few pixels to 2e-7 px, but a
+    # position at 640 px only to 3e-5 px.
     offsets, valid = lookup_offsets_px(camera, effect.camera_pose_offset)
     lookup = np.concatenate((offsets, valid[..., None]), axis=-1).astype(np.float32)
     lookup.setflags(write=False)

@@ -47,6 +47,7 @@ class Vignetting:
         """Loss of the brightest light at the rim, in grey levels."""
         # At the rim and not in the image's corners: pixels outside the mirror are black.
         tangent = camera.rim_radius_px * inverse_focal_length(camera)
+        # A gain below 1 changes the brightest light most, and the rim has the smallest gain.
         value = max_change_by_gain((1.0 + tangent**2) ** -2, summary.max_radiance)
         angle = math.degrees(math.atan(tangent))
         return EffectBound(value, f"the rim is {angle:.2f} degrees off the lens's axis")

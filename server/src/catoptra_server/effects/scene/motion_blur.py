@@ -36,6 +36,7 @@ class MotionBlur:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Largest spread of a point, px."""
+        # The whole exposure, though centred on the pose: a point is spread over both halves.
         return max_displacement(summary, camera, self.exposure_s)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

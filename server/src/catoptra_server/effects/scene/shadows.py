@@ -31,6 +31,7 @@ class Shadows:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Loss, in grey levels, of the surface that changes most in shadow."""
+        # A pair and not a ratio: how visible a loss is depends on the light that remains.
         loss = summary.max_shadow_loss
         if loss.lost_radiance == 0.0:
             return EffectBound(0.0, "no object is in front of a directional or point light")

@@ -92,8 +92,7 @@ class AutoExposure:
 
 def mean_luminance(image: npt.NDArray[Real], camera: OmniCamera) -> float:
     """Mean luminance of the pixels that see the mirror."""
-    # Summed in float64: a float32 sum of 400 000 pixels would depend on its order in the digits
-    # that decide the last grey level.
+    # Summed in float64 for any image, so the gain of a float32 image is that of its reference.
     colours = image.sum(axis=(0, 1), dtype=np.float64)
     return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
 

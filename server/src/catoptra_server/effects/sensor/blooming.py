@@ -49,6 +49,8 @@ class Blooming:
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Gain of a black pixel with the brightest light above and below."""
+        # Weights sum to 1 over both sides: a black pixel with saturated columns above and below
+        # receives the whole fraction, and no pixel more.
         excess = max(summary.max_radiance - 1.0, 0.0)
         return EffectBound(
             grey_level(self.overflow_fraction * excess),
@@ -62,6 +64,7 @@ class Blooming:
 
     def weights(self) -> tuple[float, ...]:
         """Weights w_k of k = 1 .. n; the sum over both sides is 1."""
+        # A triangle: 2 (n + ... + 1) = n (n + 1) makes both sides sum to 1.
         rows = int(self.length_px)
         return tuple((rows + 1 - k) / (rows * (rows + 1)) for k in range(1, rows + 1))
 

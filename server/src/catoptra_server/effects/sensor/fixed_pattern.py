@@ -89,6 +89,7 @@ class FixedPattern:
         """Standard deviations, and the keys of both patterns."""
         return {
             "standard_deviations": float32_array(self.prnu, self.dsnu_e / self.full_well_e),
+            # Two streams: with one key sensitive pixels would also be the bright ones in the dark.
             "gain_noise_key": camera_noise_key(context.noise_seed, "PRNU"),
             "offset_noise_key": camera_noise_key(context.noise_seed, "DSNU"),
         }

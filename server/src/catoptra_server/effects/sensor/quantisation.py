@@ -57,6 +57,7 @@ class Quantisation:
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of the brightest light rounded up, at most white."""
+        # Clipped, as by the converter: read noise may have raised a full well above white.
         rounded = summary.max_radiance + 0.5 / self.max_code
         return replace(summary, max_radiance=min(rounded, 1.0))
 

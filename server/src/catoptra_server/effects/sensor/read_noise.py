@@ -67,6 +67,7 @@ class ReadNoise:
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Summary of the noisiest pixel."""
+        # Not clipped at white: the converter behind the amplifier does that.
         noise = MAX_NORMAL_VARIATE * self.standard_deviation
         return replace(summary, max_radiance=summary.max_radiance + noise)
 

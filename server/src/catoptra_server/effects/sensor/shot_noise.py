@@ -56,6 +56,7 @@ class ShotNoise:
             summary.max_radiance,
         )
         electrons = self.full_well_e * min(summary.max_radiance, 1.0)
+        # In electrons, since the signal-to-noise ratio is the square root of their number.
         return EffectBound(value, f"{electrons:.0f} electrons in the brightest pixel")
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:

@@ -58,6 +58,7 @@ class WhiteBalance:
         self, image: npt.NDArray[Real], camera: OmniCamera, context: CaptureContext
     ) -> npt.NDArray[Real]:
         """Clip the image at the full well and amplify red and blue."""
+        # Clipped before the gains: amplified afterwards a full well keeps the three colours' ratio.
         gains = np.array((self.red_gain, 1.0, self.blue_gain), dtype=image.dtype)
         return np.minimum(image, image.dtype.type(1.0)) * gains
 
