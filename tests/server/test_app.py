@@ -66,7 +66,7 @@ def test_server_when_signalled_ends_also_with_clients_connected(
 
 
 class _FailingView(FakeView):
-    def draw(self, exposure: object) -> object:  # type: ignore[override] # it never returns
+    def render(self, camera_state: object) -> object:  # type: ignore[override] # never returns
         raise DomainError("the lamp is broken")
 
 
