@@ -5,7 +5,7 @@ the image width. Then our extension (SPEC.md 5.5), in the shortest decimals that
 same doubles (the rim passes through degrees and may differ in its last bit). The only module that
 knows both sides: it works on pairs, so that neither the wire nor the optics imports the other.
 
-To add a mirror: its line in `_MIRROR_PARAMETERS` and, if it has a focal length, in
+To add a mirror: its line in `MIRROR_PARAMETERS` and, if it has a focal length, in
 `_capture_fov_deg`.
 """
 
@@ -23,7 +23,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 Pairs = tuple[tuple[str, str], ...]
 
 # Parameters of each mirror: the name on the wire and the attribute.
-_MIRROR_PARAMETERS: dict[str, tuple[tuple[str, str], ...]] = {
+MIRROR_PARAMETERS: dict[str, tuple[tuple[str, str], ...]] = {
     "hyperbolic": (("MirrorK", "k"), ("MirrorC", "c_m")),
     "parabolic": (("MirrorHorizonRadius", "horizon_radius_m"),),
 }
@@ -115,7 +115,7 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
 def _pairs_from_mirror(mirror: CentralMirror) -> Pairs:
     name = next(name for name, kind in MIRRORS.items() if isinstance(mirror, kind))
     parameters = (
-        (key, _format_number(getattr(mirror, field))) for key, field in _MIRROR_PARAMETERS[name]
+        (key, _format_number(getattr(mirror, field))) for key, field in MIRROR_PARAMETERS[name]
     )
     return (("Mirror", name), *parameters)
 
@@ -124,7 +124,7 @@ def _mirror_from_pairs(pairs: Pairs) -> CentralMirror:
     name = _require_value(pairs, "Mirror").lower()
     if name not in MIRRORS:
         raise _field_error("Mirror", name, "one of " + ", ".join(MIRRORS))
-    parameters = {field: _parse_number(pairs, key) for key, field in _MIRROR_PARAMETERS[name]}
+    parameters = {field: _parse_number(pairs, key) for key, field in MIRROR_PARAMETERS[name]}
     return MIRRORS[name](**parameters)
 
 

@@ -4,7 +4,7 @@ Time comes first where a sensor has one, then Type. Fields, decimals and the num
 on the dialect.
 
 To add a reading: its class beside similar ones (`readings_range`, `readings_encoders_and_tags`,
-`readings_gps`), its entries in the `Reading` union and in _READING_PARSERS, a vector in
+`readings_gps`), its entries in the `Reading` union and in READING_PARSERS, a vector in
 tests/conformance/data/reports, its row in SPEC.md 5.3.
 """
 
@@ -159,11 +159,11 @@ Reading = (
 
 def reading_from_message(message: Message) -> Reading | None:
     """Reading of a SEN line; None for an unknown sensor."""
-    reader = _READING_PARSERS.get(strict_fields.read_text(message, "Type").lower())
+    reader = READING_PARSERS.get(strict_fields.read_text(message, "Type").lower())
     return reader(message) if reader else None
 
 
-_READING_PARSERS: dict[str, Callable[[Message], Reading]] = {
+READING_PARSERS: dict[str, Callable[[Message], Reading]] = {
     "sonar": SonarReadings.from_message,
     "rangescanner": RangeScanReading.from_message,
     "ins": InsReading.from_message,

@@ -4,7 +4,7 @@ Field order and the number of decimals are those of real captures: clients index
 
 To add a report: its class beside similar ones (WORD, fields, `from_message`, `to_messages`: the
 lines in a dialect), its entries in the `Report` union and, if clients read the report, in
-_REPORT_PARSERS, a vector in tests/conformance/data/reports, its row in SPEC.md; for a sensor see
+REPORT_PARSERS, a vector in tests/conformance/data/reports, its row in SPEC.md; for a sensor see
 `readings`.
 """
 
@@ -123,7 +123,7 @@ def report_from_message(message: Message) -> Report | None:
     Raises:
         RemoteProtocolError: A field of a known report is missing or malformed; names the field.
     """
-    reader = _REPORT_PARSERS.get(message.word)
+    reader = REPORT_PARSERS.get(message.word)
     return reader(message) if reader else None
 
 
@@ -137,7 +137,7 @@ def _encode_line(message: Message, dialect: Dialect) -> bytes:
     return line
 
 
-_REPORT_PARSERS: dict[str, ReportParser] = {
+REPORT_PARSERS: dict[str, ReportParser] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
     "SEN": reading_from_message,

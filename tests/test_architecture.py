@@ -1,0 +1,311 @@
+"""ARCHITECTURE.md is true: its recipes and journeys name what exists, and its tables are guarded.
+
+A guard is a plain function from a table to the entries that some part of the repository does not
+know yet: specification, vectors, configuration, dispatch. Each finds nothing in the real table, and
+a dummy entry, added in memory, in every part that its recipe names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from catoptra_protocol import camera_conf
+from catoptra_protocol.optics.lenses import LENSES
+from catoptra_protocol.optics.mirrors import MIRRORS
+from catoptra_protocol.stream.messages import request_from_bytes
+from catoptra_protocol.stream.replies import REPLIES
+from catoptra_protocol.stream.requests import REQUESTS
+from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, command_from_message
+from catoptra_protocol.usarsim.grammar import Message, parse_message
+from catoptra_protocol.usarsim.readings import READING_PARSERS
+from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_message
+from catoptra_server.effects import EFFECT_TYPES
+from catoptra_server.effects.effect import EffectType
+from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.sensors import SENSOR_KINDS, SensorKind
+from catoptra_server.simulation import Fleet
+from catoptra_studies.effects.effect_cases import EFFECT_CASES
+from helpers.configs import REPOSITORY
+from helpers.robots import FakeClient, make_p2at, make_walled_world
+from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS
+
+ARCHITECTURE = REPOSITORY / "ARCHITECTURE.md"
+SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
+EFFECTS_PAGE = REPOSITORY / "docs/EFFECTS.md"
+CONFIGURATIONS_PAGE = REPOSITORY / "configs/README.md"
+SERVER = REPOSITORY / "server/src/catoptra_server"
+TESTS = REPOSITORY / "tests"
+DATA = REPOSITORY / "tests/conformance/data"
+DUMMY = "dummy"
+
+
+@cache
+def text_of(path: Path) -> str:
+    """Contents of a file."""
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def chapter(title: str) -> str:
+    """One chapter of ARCHITECTURE.md, without its title."""
+    return text_of(ARCHITECTURE).partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+
+
+# --- Citations of the form `frames/mailbox.py:Mailbox.put`, `sensors/<name>.py`, `configs/robots`.
+
+CODE = re.compile(r"`([\w./<>-]+/[\w.<>-]+|[\w<>]+\.(?:py|md|toml))(?::([\w.]+))?`")
+ROOTS = [
+    *(REPOSITORY / each / "src" / f"catoptra_{each}" for each in ("protocol", "server", "client")),
+    REPOSITORY / "studies/src/catoptra_studies",
+    REPOSITORY,
+]
+
+
+def is_defined(name: str, source: str) -> bool:
+    """Whether every part of a dotted name is a function, class, constant or field of a module."""
+    forms = (rf"(?m)\b(def|class) {part}\b|^ *{part} *[:=]" for part in name.split("."))
+    return all(re.search(form, source) for form in forms)
+
+
+def find_cited(path: str) -> list[Path]:
+    """Files or folders that a citation means; a `<name>` in it stands for any."""
+    pattern = re.sub(r"<\w+>", "*", path)
+    return [found for root in ROOTS for found in root.glob(pattern)]
+
+
+def dead_citations(text: str) -> list[str]:
+    """Citations of a text whose file does not exist, or does not define the name."""
+    dead = []
+    for path, name in CODE.findall(text):
+        found = find_cited(path)
+        if not found or (name and not any(is_defined(name, text_of(each)) for each in found)):
+            dead.append(f"{path}:{name}")
+    return dead
+
+
+@pytest.mark.parametrize("title", ["Layout", "Journeys", "Where a newcomer adds things"])
+def test_chapter_when_read_names_files_and_names_that_exist(title: str) -> None:
+    assert CODE.search(chapter(title))
+    assert dead_citations(chapter(title)) == []
+
+
+def test_citation_when_dead_is_found() -> None:
+    alive = "`frames/mailbox.py:Mailbox`, `sensors/<name>.py`, `configs/robots/p2at_omni.ini`"
+    assert dead_citations(alive) == []
+    dead = "`frames/gone.py`, `frames/mailbox.py:Gone`, `gone/<name>.py`"
+    assert len(dead_citations(dead)) == 3
+
+
+def test_recipes_when_read_have_three_columns_each() -> None:
+    rows = [line for line in chapter("Where a newcomer adds things").splitlines() if "|" in line]
+    assert len(rows) > 10
+    assert {line.count("|") - line.count("\\|") for line in rows} == {4}
+
+
+# --- Guards. Each returns entries of a table that a part of the repository does not know.
+
+
+def missing_in(path: Path, entries: Iterable[str], form: str = "`{}`") -> list[str]:
+    """Entries that a document does not mention, in backticks unless another form is given."""
+    text = text_of(path).lower()
+    return [entry for entry in entries if form.format(entry).lower() not in text]
+
+
+def words_without_vector(channel: str, words: Iterable[str]) -> list[str]:
+    """First words of lines that no vector of a channel contains."""
+    lines = b"\n".join(path.read_bytes() for path in sorted((DATA / channel).glob("*.bytes")))
+    return [word for word in words if not re.search(rf"(?i)\b{word}\b".encode(), lines)]
+
+
+@dataclass(frozen=True)
+class DummyCommand:
+    """A command that nothing but the table knows."""
+
+    WORD: ClassVar[str] = "DUMMY"
+
+    @classmethod
+    def from_message(cls, message: Message) -> DummyCommand:
+        return cls()
+
+
+def test_commands_are_specified_and_have_vectors() -> None:
+    assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == []
+    assert words_without_vector("commands", COMMAND_PARSERS) == []
+
+
+def test_command_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(COMMAND_PARSERS, "DUMMY", DummyCommand.from_message)  # type: ignore[arg-type]
+    command = command_from_message(parse_message("DUMMY"))
+    assert isinstance(command, DummyCommand)
+    assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == ["DUMMY"]
+    assert words_without_vector("commands", COMMAND_PARSERS) == ["DUMMY"]
+    fleet = Fleet([make_p2at()], (world := make_walled_world()), build_scene(world), seed=1)
+    with pytest.raises(AssertionError, match="DummyCommand"):
+        fleet.execute(FakeClient(), command, 0.0)
+
+
+def test_reports_are_specified_and_have_vectors() -> None:
+    assert missing_in(SPECIFICATION, REPORT_PARSERS, "{}") == []
+    assert words_without_vector("reports", REPORT_PARSERS) == []
+
+
+def test_report_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(REPORT_PARSERS, "DUMMY", lambda message: DUMMY)  # type: ignore[dict-item]
+    assert report_from_message(parse_message("DUMMY {Time 1.0}")) == DUMMY
+    assert missing_in(SPECIFICATION, REPORT_PARSERS, "{}") == ["DUMMY"]
+    assert words_without_vector("reports", REPORT_PARSERS) == ["DUMMY"]
+
+
+def readings_without_vector(types: Iterable[str]) -> list[str]:
+    """Sensor types of which no vector of a server holds a SEN line."""
+    lines = b"\n".join(path.read_bytes() for path in sorted((DATA / "reports").glob("*.bytes")))
+    return [each for each in types if not re.search(rf"(?i)\{{Type {each}\}}".encode(), lines)]
+
+
+def sensors_without_reading(kinds: Iterable[SensorKind]) -> list[str]:
+    """Classes of sensors in robot files whose readings no client could parse."""
+    unknown = []
+    for kind in kinds:
+        # A class carries UT2004's name, UDK's, or the one of its line: one of them is on the wire.
+        if not any(name.startswith(known) for name in kind.readers for known in READING_PARSERS):
+            unknown += list(kind.readers)
+    return unknown
+
+
+def test_sensors_are_specified_and_have_readings_and_vectors() -> None:
+    assert sensors_without_reading(SENSOR_KINDS) == []
+    assert missing_in(SPECIFICATION, READING_PARSERS, "type {}") == []
+    assert readings_without_vector(READING_PARSERS) == []
+
+
+def test_sensor_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = SensorKind(int, lambda *parts: parts, {DUMMY: lambda item: item})  # type: ignore[arg-type, return-value]
+    assert sensors_without_reading((*SENSOR_KINDS, kind)) == [DUMMY]
+    monkeypatch.setitem(READING_PARSERS, DUMMY, lambda message: DUMMY)  # type: ignore[arg-type, return-value]
+    assert sensors_without_reading((*SENSOR_KINDS, kind)) == []
+    assert report_from_message(parse_message("SEN {Type Dummy}")) == DUMMY
+    assert missing_in(SPECIFICATION, READING_PARSERS, "type {}") == [DUMMY]
+    assert readings_without_vector(READING_PARSERS) == [DUMMY]
+
+
+@dataclass(frozen=True)
+class DummyMessage:
+    """A message of the stream that nothing but its table knows."""
+
+    KIND: ClassVar[str] = DUMMY
+
+    id: int
+
+
+def kinds_without_vector(kinds: Iterable[str]) -> list[str]:
+    """Kinds of the stream's messages that no vector contains."""
+    data = b"".join(path.read_bytes() for path in sorted((DATA / "stream").glob("*.bytes")))
+    return [kind for kind in kinds if msgpack_str(kind) not in data]
+
+
+def msgpack_str(text: str) -> bytes:
+    """A short string as msgpack encodes it (fixstr)."""
+    return bytes([0xA0 | len(text)]) + text.encode()
+
+
+def kinds_without_sample(kinds: Iterable[str], samples: Iterable[Any]) -> list[str]:
+    """Kinds that the tests of the codec do not send: `helpers.stream_messages` lacks a sample."""
+    known = {sample.KIND for sample in samples}
+    return [kind for kind in kinds if kind not in known]
+
+
+@pytest.mark.parametrize("table", [REQUESTS, REPLIES])
+def test_stream_messages_are_specified_and_have_vectors(table: dict[str, Any]) -> None:
+    assert missing_in(SPECIFICATION, table) == []
+    assert kinds_without_vector(table) == []
+    assert kinds_without_sample(table, (*SAMPLE_REQUESTS, *SAMPLE_REPLIES)) == []
+
+
+def test_stream_request_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(REQUESTS, DUMMY, DummyMessage)  # type: ignore[arg-type]
+    assert request_from_bytes(msgpack_map(kind=DUMMY, id=7)) == DummyMessage(7)
+    assert missing_in(SPECIFICATION, REQUESTS) == [DUMMY]
+    assert kinds_without_vector(REQUESTS) == [DUMMY]
+    assert kinds_without_sample(REQUESTS, SAMPLE_REQUESTS) == [DUMMY]
+
+
+def msgpack_map(*, kind: str, id: int) -> bytes:
+    """A map of a short string and a small number, as msgpack encodes them."""
+    pairs = msgpack_str("kind") + msgpack_str(kind) + msgpack_str("id") + bytes([id])
+    return bytes([0x82]) + pairs
+
+
+def effects_without_case(names: Iterable[str]) -> list[str]:
+    """Effects without a page in `make effects`."""
+    shown = {case.effect.name for case in EFFECT_CASES}
+    return [name for name in names if name not in shown]
+
+
+def effects_without_shader(names: Iterable[str]) -> list[str]:
+    """Effects of the image that the raster renderer has no shader for."""
+    scene = {path.stem for path in (SERVER / "effects/scene").glob("*.py")}
+    stems = (re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names)
+    return [s for s in stems if s not in scene and not (SERVER / f"glsl/effect_{s}.frag").is_file()]
+
+
+def test_effects_are_documented_shown_and_have_shaders() -> None:
+    names = [effect.name for effect in EFFECT_TYPES]
+    assert missing_in(EFFECTS_PAGE, names) == []
+    assert missing_in(CONFIGURATIONS_PAGE, names, "{}") == []
+    assert effects_without_case(names) == []
+    assert effects_without_shader(names) == []
+
+
+def test_effect_when_added_is_noticed() -> None:
+    names = [effect.name for effect in (*EFFECT_TYPES, EffectType("DummyEffect", Vignetting))]
+    assert missing_in(EFFECTS_PAGE, names) == ["DummyEffect"]
+    assert missing_in(CONFIGURATIONS_PAGE, names, "{}") == ["DummyEffect"]
+    assert effects_without_case(names) == ["DummyEffect"]
+    assert effects_without_shader(names) == ["dummy_effect"]
+
+
+def mirrors_without_parameters(names: Iterable[str]) -> list[str]:
+    """Mirrors whose parameters no CONF line can carry."""
+    return [name for name in names if name not in camera_conf.MIRROR_PARAMETERS]
+
+
+def mirrors_not_configurable(names: Iterable[str]) -> list[str]:
+    """Mirrors that no robot file can name."""
+    section = text_of(SERVER / "config/omni_camera_section.py")
+    return [name for name in names if f'"{name}mirror"' not in section]
+
+
+def models_without_hard_cases(names: Iterable[str]) -> list[str]:
+    """Mirrors and lenses whose formulas the catalogue of hard cases does not name."""
+    cases = " ".join(path.as_posix() for path in (TESTS / "stability/cases").rglob("*.json"))
+    return [name for name in names if name not in cases]
+
+
+def test_mirrors_are_specified_configurable_and_have_hard_cases() -> None:
+    assert missing_in(SPECIFICATION, MIRRORS) == []
+    assert mirrors_without_parameters(MIRRORS) == []
+    assert mirrors_not_configurable(MIRRORS) == []
+    assert models_without_hard_cases(MIRRORS) == []
+
+
+def test_mirror_when_added_is_noticed() -> None:
+    names = [*MIRRORS, DUMMY]
+    assert missing_in(SPECIFICATION, names) == [DUMMY]
+    assert mirrors_without_parameters(names) == [DUMMY]
+    assert mirrors_not_configurable(names) == [DUMMY]
+    assert models_without_hard_cases(names) == [DUMMY]
+
+
+def test_lens_when_added_is_noticed() -> None:
+    assert missing_in(SPECIFICATION, LENSES) == []
+    assert models_without_hard_cases(LENSES) == []
+    assert missing_in(SPECIFICATION, [*LENSES, DUMMY]) == [DUMMY]
+    assert models_without_hard_cases([*LENSES, DUMMY]) == [DUMMY]
