@@ -64,7 +64,7 @@ def test_tolerance_when_no_plan_keeps_it_takes_the_best_and_says_so() -> None:
     assert not choice.target_met
     assert choice.plan.samples == 8
     assert choice.more_accurate is None
-    assert choice.plan.reason == "no plan keeps 0.01 px: the best that can be is 0.0884 px"
+    assert choice.plan.reason == "no plan stays within 0.01 px: the most accurate has 0.0884 px"
 
 
 def test_budget_when_plans_fit_takes_the_most_accurate_of_them() -> None:
@@ -80,7 +80,7 @@ def test_budget_when_nothing_fits_takes_the_cheapest_and_says_so() -> None:
     choice = choose_for(AccuracyTarget(budget_ms=0.1))
     assert not choice.target_met
     assert choice.faster is None
-    assert choice.plan.reason.startswith("no plan fits into 0.1 ms: the cheapest, about ")
+    assert choice.plan.reason.startswith("no plan fits into 0.1 ms: the cheapest takes about ")
 
 
 def test_tolerance_with_a_budget_when_both_can_be_kept_is_as_cheap_as_without() -> None:
@@ -94,7 +94,7 @@ def test_tolerance_with_a_budget_when_it_takes_too_long_keeps_the_budget_and_say
     assert not choice.target_met
     assert choice.predicted_ms is not None
     assert choice.predicted_ms <= 30.0
-    assert choice.plan.reason.startswith("0.1 px cannot be kept in that time, the most accurate")
+    assert choice.plan.reason.startswith("0.1 px is out of reach in that time, the most accurate")
 
 
 @pytest.mark.parametrize(

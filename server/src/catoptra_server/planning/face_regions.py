@@ -1,11 +1,11 @@
-"""Which parts of the cube's faces a mirror looks at, and how many texels each part gets.
+"""Regions of the cube's faces that a mirror sees, and their texel densities.
 
-The picture itself says how fine a part must be: where the mirror spreads one radian over R pixels
-along the radius and T pixels around it, a step on a face covers so many pixels, and a texel must
-not be longer than one of them, or a share of one. The bottom, which the mirror shows smallest, so
-needs a third of the side that the faces around need at the rim. Cutting those at the horizon would
-save another third of the texels; but what stands across the cut is drawn twice, which costs a
-scene of many triangles more than that.
+The image determines the density: where the mirror images one radian on R pixels radially and T
+pixels tangentially, a step on a face covers a number of pixels, and a texel must not be longer than
+one of them, or a fraction of one. The bottom face, which the mirror shows smallest, needs a third
+of the side of the side faces at the rim. Cutting the side faces at the horizon would save another
+third of the texels; but triangles across the cut would be rendered twice, which costs a large scene
+more.
 """
 
 from __future__ import annotations
@@ -25,22 +25,24 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.render.face_region import FaceRegion, FaceWindow
 
-# All parts together: 512 MiB of linear light. The longest side leaves room for two in a texture.
+# 512 MiB of linear light for all regions. The longest side leaves space for two regions in a
+# texture of 16 384.
 MAX_TEXELS = 2**26
 MAX_SIDE_TEXELS = 2**13
-# Density changes so slowly that the largest of a grid of this side is the largest to 0.1 %.
+# The density varies so slowly that the largest on a grid of this side is within 0.1 %.
 _GRID_SIDE = 65
 
 
 def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
-    """Return the smallest window of a face that holds all directions up to an incidence angle."""
+    """Smallest window of a face that contains all directions up to an incidence angle."""
     if face is Face.U:
         return FaceWindow()
     if face is Face.C:
+        # The whole bottom face from 45 degrees on: its corners reach 54.7.
         half = math.tan(max_incidence_rad) if max_incidence_rad < 0.25 * math.pi else 1.0
         return FaceWindow(-half, -half, half, half)
-    # On a side face t = cot(theta) / cos(azimuth off its middle): smallest in the middle below the
-    # horizon, at the edge of the face, sqrt 2 farther, above it.
+    # On a side face t = cot(theta) / cos(azimuth from the centre): smallest in the centre below the
+    # horizon, at the edge of the face, sqrt 2 farther, above.
     cotangent = 1.0 / math.tan(max_incidence_rad)
     highest = cotangent if cotangent > 0.0 else math.sqrt(2.0) * cotangent
     return FaceWindow(top=max(highest, -1.0))
@@ -49,19 +51,26 @@ def visible_window(face: Face, max_incidence_rad: float) -> FaceWindow:
 def face_regions(
     camera: OmniCamera, max_incidence_rad: float, *, size_px: int, texels_per_px: float
 ) -> tuple[FaceRegion, ...]:
-    """Return the parts up to an incidence angle: of a wished size, or by density where it is 0."""
+    """Regions up to an incidence angle.
+
+    Args:
+        size_px: Texels along a whole face; 0: by density.
+        texels_per_px: Lowest density in the image, for regions by density.
+    """
     if size_px:
         return regions_of_size(max_incidence_rad, size_px)
     return regions_by_density(camera, max_incidence_rad, texels_per_px=texels_per_px)
 
 
 def max_face_size_px(regions: tuple[FaceRegion, ...]) -> int:
-    """Return the side of a whole face in the finest of the parts' texels."""
-    return math.ceil(2.0 * max(max(part.columns_per_unit, part.rows_per_unit) for part in regions))
+    """Side of a whole face in the finest region's texels."""
+    return math.ceil(
+        2.0 * max(max(region.columns_per_unit, region.rows_per_unit) for region in regions)
+    )
 
 
 def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion, ...]:
-    """Return a part of each face that is seen, all of `size_px` texels for 90 degrees."""
+    """Regions of all visible faces, with `size_px` texels for 90 degrees."""
     windows = {
         face: visible_window(face, max_incidence_rad) for face in visible_faces(max_incidence_rad)
     }
@@ -72,24 +81,24 @@ def regions_of_size(max_incidence_rad: float, size_px: int) -> tuple[FaceRegion,
 def regions_by_density(
     camera: OmniCamera, max_incidence_rad: float, *, texels_per_px: float
 ) -> tuple[FaceRegion, ...]:
-    """Return the parts that a picture needs up to an incidence angle.
+    """Regions with the density that the image needs, up to an incidence angle.
 
-    No texel is longer than a pixel over `texels_per_px`, unless the atlas would grow beyond all
-    use: then all are coarser by one factor.
+    No texel is longer than a pixel over `texels_per_px`, unless the atlas would exceed MAX_TEXELS
+    or MAX_SIDE_TEXELS: all are then coarser by one factor.
     """
-    parts: list[FaceRegion] = []
-    for seen in regions_of_size(max_incidence_rad, 2):
-        if seen.face in (Face.N, Face.C, Face.U):
-            fitted = _fit_texel_density(camera, max_incidence_rad, seen, texels_per_px)
-        # The mirror is round: what fits one side face fits them all.
-        parts.append(replace(fitted, face=seen.face))
-    return _limit_texels(tuple(parts))
+    regions: list[FaceRegion] = []
+    for region in regions_of_size(max_incidence_rad, 2):
+        if region.face in (Face.N, Face.C, Face.U):
+            fitted = _fit_texel_density(camera, max_incidence_rad, region, texels_per_px)
+        # Side faces are alike by the mirror's symmetry: N's density serves all four.
+        regions.append(replace(fitted, face=region.face))
+    return _limit_texels(tuple(regions))
 
 
 def _fit_texel_density(
     camera: OmniCamera, max_incidence_rad: float, region: FaceRegion, texels_per_px: float
 ) -> FaceRegion:
-    """Return the part with as many texels as its densest place needs, in whole texels a face."""
+    """Region with the texels of its densest point, rounded up to whole texels a face."""
     columns, rows = (
         0.5 * math.ceil(2.0 * texels_per_px * longest)
         for longest in _max_density(camera, max_incidence_rad, region)
@@ -100,64 +109,71 @@ def _fit_texel_density(
 def _max_density(
     camera: OmniCamera, max_incidence_rad: float, region: FaceRegion
 ) -> tuple[float, float]:
-    """Return the most pixels that a unit of s and a unit of t cover where the mirror looks."""
+    """Largest number of pixels that a unit of s and a unit of t cover within the mirror's view."""
     window = region.window
     grid = np.meshgrid(
         np.linspace(window.left, window.right, _GRID_SIDE),
         np.linspace(window.top, window.bottom, _GRID_SIDE),
     )
-    places = np.concatenate(
+    points = np.concatenate(
         (np.stack(grid, axis=-1).reshape(-1, 2), _boundary_points(max_incidence_rad, region))
     )
-    covered = pixels_per_unit(camera, region.face, places)
-    seen = (
-        _incidence_rad(_directions_from_face_points(region.face, places))
+    covered = pixels_per_unit(camera, region.face, points)
+    is_visible = (
+        _incidence_rad(_directions_from_face_points(region.face, points))
         <= max_incidence_rad + 1e-9
     )
-    columns, rows = covered[seen].max(axis=0)
+    columns, rows = covered[is_visible].max(axis=0)
     return float(columns), float(rows)
 
 
 def _boundary_points(max_incidence_rad: float, region: FaceRegion) -> Floats:
-    """Return (n, 2) places in a part's window on the circle of the highest incidence."""
+    """(n, 2) points of a region's window on the circle of the largest incidence."""
     azimuth = np.linspace(-math.pi, math.pi, 8 * _GRID_SIDE + 1)
     ring = math.sin(max_incidence_rad)
     height = np.full_like(azimuth, math.cos(max_incidence_rad))
     circle = np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), height), axis=-1)
+    # Points at the very edge of the hemisphere would have infinite face coordinates.
     ahead = circle[circle @ MIRROR_FROM_FACE_ROTATIONS[region.face][:, 0] > 1e-6]
-    places = face_coordinates(ahead, np.full(len(ahead), region.face, dtype=np.intp))
+    points = face_coordinates(ahead, np.full(len(ahead), region.face, dtype=np.intp))
     window = region.window
     low, high = (window.left, window.top), (window.right, window.bottom)
-    inside: Floats = places[((places >= low) & (places <= high)).all(axis=-1)]
+    inside: Floats = points[((points >= low) & (points <= high)).all(axis=-1)]
     return inside
 
 
 def pixels_per_unit(camera: OmniCamera, face: Face, points: Floats) -> Floats:
-    """Return (n, 2): pixels that a unit of s and of t covers at (n, 2) places on a face.
+    """Pixels that a unit of s and a unit of t cover, at points on a face.
 
-    A step across the direction of length n moves the picture by R / n along the radius and by
-    T / n around it. Beyond the rim, where only coarse polygons look, the rim's density holds.
+    A step perpendicular to a direction of length n moves the image by R / n radially and T / n
+    tangentially. Beyond the rim, where only coarse meshes look, the density of the rim is used.
+
+    Args:
+        points: (n, 2) coordinates (s, t).
+
+    Returns:
+        (n, 2) pixels.
     """
     directions = _directions_from_face_points(face, points)
     x, y, z = directions.T
     rho, length = np.hypot(x, y), np.linalg.norm(directions, axis=-1)
     outwards = np.where(rho[:, None] > 0.0, directions[:, :2], (1.0, 0.0))
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
-    around = np.stack((-outwards[:, 1], outwards[:, 0], np.zeros_like(rho)), axis=-1)
+    tangent = np.stack((-outwards[:, 1], outwards[:, 0], np.zeros_like(rho)), axis=-1)
     level, down = outwards * (z / length)[:, None], -rho / length
-    along = np.concatenate((level, down[:, None]), axis=-1)
+    radial_direction = np.concatenate((level, down[:, None]), axis=-1)
     radial, tangential = _pixels_per_radian(camera, np.arctan2(rho, z))
     steps = MIRROR_FROM_FACE_ROTATIONS[face][:, 1:]
     radial, tangential = radial / length, tangential / length
     covered: Floats = np.hypot(
-        (along @ steps) * radial[:, None], (around @ steps) * tangential[:, None]
+        (radial_direction @ steps) * radial[:, None], (tangent @ steps) * tangential[:, None]
     )
     return covered
 
 
 def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Floats, Floats]:
-    """Return the (n,) pixels of a radian along the radius and around the axis."""
-    # On the axis both are the same; a millionth of a radian off it their formulas have values.
+    """(n,) pixels a radian, radially and tangentially."""
+    # On the axis both are equal; a millionth of a radian beside, their formulas have values.
     theta = np.clip(incidence_rad, 1e-6, camera.rim_rad)
     t = np.tan(0.5 * theta)
     h, mirror = camera.horizon_radius_px, camera.mirror
@@ -165,7 +181,7 @@ def _pixels_per_radian(camera: OmniCamera, incidence_rad: Floats) -> tuple[Float
 
 
 def _directions_from_face_points(face: Face, points: Floats) -> Floats:
-    """Return the (n, 3) directions of (n, 2) places, one unit ahead, in the mirror frame."""
+    """(n, 3) directions of (n, 2) points in the mirror frame, one unit ahead of the face."""
     local = np.concatenate((np.ones((len(points), 1)), points), axis=-1)
     directions: Floats = local @ MIRROR_FROM_FACE_ROTATIONS[face].T
     return directions
@@ -177,15 +193,16 @@ def _incidence_rad(directions: Floats) -> Floats:
 
 
 def _limit_texels(regions: tuple[FaceRegion, ...]) -> tuple[FaceRegion, ...]:
-    """Return the parts, coarser by one factor if there are too many texels or too long sides."""
-    most = MAX_TEXELS / sum(part.num_texels for part in regions)
-    longest = MAX_SIDE_TEXELS / max(max(part.size_texels) for part in regions)
-    factor = min(1.0, math.sqrt(most), longest)
+    """Regions coarsened by one factor, where texels or sides exceed the limits."""
+    area_factor = MAX_TEXELS / sum(region.num_texels for region in regions)
+    side_factor = MAX_SIDE_TEXELS / max(max(region.size_texels) for region in regions)
+    # Texels grow with the square of the density, sides with the density.
+    factor = min(1.0, math.sqrt(area_factor), side_factor)
     return tuple(
         replace(
-            part,
-            columns_per_unit=part.columns_per_unit * factor,
-            rows_per_unit=part.rows_per_unit * factor,
+            region,
+            columns_per_unit=region.columns_per_unit * factor,
+            rows_per_unit=region.rows_per_unit * factor,
         )
-        for part in regions
+        for region in regions
     )

@@ -1,8 +1,9 @@
-"""The planner: the cheapest plan that keeps a tolerance, or the most accurate within a budget.
+"""Choice of a plan for an accuracy target: the cheapest within a tolerance, the best in a budget.
 
-Every possible plan has an error, `ErrorBound.outline_px`, and a predicted time. Those that another
-plan beats in both are dropped; what is left is a ladder on which each step costs more and shows
-better. A choice is a step, and knows its neighbours: what a little more or less would cost.
+Every candidate has an error bound, `ErrorBound.outline_error_px`, and a predicted time. Candidates
+that another one beats in both are dropped; the others form a Pareto front, from the cheapest to the
+most accurate. A choice is a point of the front and names both neighbours, so that a client
+sees the price of a little more accuracy, and the gain of a little less.
 """
 
 from __future__ import annotations
@@ -18,39 +19,41 @@ from catoptra_server.robot.render_settings import AccuracyTarget
 
 
 class CostPredictor(Protocol):
-    """What knows how long plans take."""
+    """Prediction of frame times."""
 
     def predict_frame_ms(self, plan: RenderPlan) -> float:
-        """Return the predicted milliseconds of a frame."""
+        """Predicted milliseconds of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanOption:
-    """A possible plan: how far off an outline may be, and how long a frame takes by prediction."""
+    """Candidate plan with error bound and predicted cost."""
 
     plan: RenderPlan
     error_bound_px: float
+    """Largest displacement of an outline."""
     predicted_ms: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.plan.description}: {self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
-        )
+        numbers = f"{self.error_bound_px:.3g} px in {self.predicted_ms:.1f} ms"
+        return f"{self.plan.description}: {numbers}"
 
 
 @dataclass(frozen=True, slots=True)
 class PlanChoice:
-    """A plan, its bound (None: it has none), and its neighbours on the ladder where it has any.
-
-    ms: predicted; None where nobody asked what it costs. keeps_word: whether the dial is kept.
-    """
+    """Plan of a camera, with its bound and its neighbours on the Pareto front."""
 
     plan: RenderPlan
     bound: ErrorBound | None
+    """None for a plan whose error has no bound: a mesh under an orthographic camera."""
     predicted_ms: float | None = None
+    """None without an accuracy target: no cost is measured then."""
     target_met: bool = True
+    """Whether the plan meets the accuracy target."""
     more_accurate: PlanOption | None = None
+    """Next more accurate option."""
     faster: PlanOption | None = None
+    """Next cheaper option."""
 
     def __str__(self) -> str:
         cost = "" if self.predicted_ms is None else f"; about {self.predicted_ms:.1f} ms a frame"
@@ -62,73 +65,69 @@ class PlanChoice:
 def pareto_front(
     camera: OmniCamera, plans: Iterable[RenderPlan], costs: CostPredictor
 ) -> tuple[PlanOption, ...]:
-    """Return the options that nothing beats, from the cheapest to the most accurate."""
+    """Options that no other beats in both error and cost, from the cheapest on."""
     options = [
         PlanOption(p, error_bound(camera, p).outline_error_px, costs.predict_frame_ms(p))
         for p in plans
     ]
-    steps: list[PlanOption] = []
+    front: list[PlanOption] = []
+    # In order of cost, an option belongs to the front exactly if more accurate than all before.
     for option in sorted(options, key=lambda one: (one.predicted_ms, one.error_bound_px)):
-        if not steps or option.error_bound_px < steps[-1].error_bound_px:
-            steps.append(option)
-    return tuple(steps)
+        if not front or option.error_bound_px < front[-1].error_bound_px:
+            front.append(option)
+    return tuple(front)
 
 
 def choose_plan(
     camera: OmniCamera, options: tuple[PlanOption, ...], target: AccuracyTarget
 ) -> PlanChoice:
-    """Return the step that keeps a dial, with the reason in its plan; else the nearest to it."""
-    index, keeps_word, reason = _choose_option(options, target)
-    step = options[index]
+    """Choose the option that meets a target, or the nearest to it.
+
+    Args:
+        options: A Pareto front, not empty.
+    """
+    index, target_met, reason = _choose_option(options, target)
+    option = options[index]
     return PlanChoice(
-        plan=replace(step.plan, reason=reason),
-        bound=error_bound(camera, step.plan),
-        predicted_ms=step.predicted_ms,
-        target_met=keeps_word,
+        plan=replace(option.plan, reason=reason),
+        bound=error_bound(camera, option.plan),
+        predicted_ms=option.predicted_ms,
+        target_met=target_met,
         more_accurate=options[index + 1] if index + 1 < len(options) else None,
         faster=options[index - 1] if index else None,
     )
 
 
-def _choose_option(
-    options: tuple[PlanOption, ...], target: AccuracyTarget
-) -> tuple[int, bool, str]:
-    """Return which step it is, whether it keeps the dial, and why it was taken."""
-    exact = next(
-        (i for i, s in enumerate(options) if s.error_bound_px <= target.max_error_px), None
+_Selection = tuple[int, bool, str]  # index, whether the target is met, reason
+
+
+def _choose_option(options: tuple[PlanOption, ...], target: AccuracyTarget) -> _Selection:
+    tolerance_px, budget_ms = target.max_error_px, target.budget_ms
+    # The first within the tolerance is the cheapest: costs grow along the front.
+    in_tolerance = next(
+        (i for i, option in enumerate(options) if option.error_bound_px <= tolerance_px), None
     )
-    if not target.budget_ms:
-        return _choose_by_tolerance(options, target, exact)
-    fitting = [i for i, step in enumerate(options) if step.predicted_ms <= target.budget_ms]
-    if exact is not None and exact in fitting:
-        return (
-            exact,
-            True,
-            f"the cheapest within {target.max_error_px:g} px, in {target.budget_ms:g} ms",
-        )
-    broken = (
-        f"{target.max_error_px:g} px cannot be kept in that time, " if target.max_error_px else ""
-    )
-    if not fitting:
-        least = f"the cheapest, about {options[0].predicted_ms:.1f} ms"
-        return 0, False, f"{broken}no plan fits into {target.budget_ms:g} ms: {least}"
-    kept = f"the most accurate within {target.budget_ms:g} ms"
-    return (
-        fitting[-1],
-        not target.max_error_px,
-        f"{broken}{kept}, {options[fitting[-1]].error_bound_px:.3g} px",
-    )
+    if not budget_ms:
+        return _choose_by_tolerance(options, tolerance_px, in_tolerance)
+    in_budget = [i for i, option in enumerate(options) if option.predicted_ms <= budget_ms]
+    if in_tolerance is not None and in_tolerance in in_budget:
+        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, in {budget_ms:g} ms"
+    # In conflict the budget wins over the tolerance, as AccuracyTarget documents.
+    conflict = f"{tolerance_px:g} px is out of reach in that time, " if tolerance_px else ""
+    if not in_budget:
+        cheapest = f"the cheapest takes about {options[0].predicted_ms:.1f} ms"
+        return 0, False, f"{conflict}no plan fits into {budget_ms:g} ms: {cheapest}"
+    best = in_budget[-1]
+    reason = f"the most accurate within {budget_ms:g} ms, {options[best].error_bound_px:.3g} px"
+    return best, not tolerance_px, f"{conflict}{reason}"
 
 
 def _choose_by_tolerance(
-    options: tuple[PlanOption, ...], target: AccuracyTarget, index_in_tolerance: int | None
-) -> tuple[int, bool, str]:
-    if index_in_tolerance is not None:
-        kept = f"the cheapest within {target.max_error_px:g} px"
-        return (
-            index_in_tolerance,
-            True,
-            f"{kept}, {options[index_in_tolerance].error_bound_px:.3g} px",
-        )
-    best = f"the best that can be is {options[-1].error_bound_px:.3g} px"
-    return len(options) - 1, False, f"no plan keeps {target.max_error_px:g} px: {best}"
+    options: tuple[PlanOption, ...], tolerance_px: float, in_tolerance: int | None
+) -> _Selection:
+    if in_tolerance is not None:
+        bound_px = options[in_tolerance].error_bound_px
+        return in_tolerance, True, f"the cheapest within {tolerance_px:g} px, {bound_px:.3g} px"
+    last = len(options) - 1
+    best = f"the most accurate has {options[last].error_bound_px:.3g} px"
+    return last, False, f"no plan stays within {tolerance_px:g} px: {best}"

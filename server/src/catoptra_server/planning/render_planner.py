@@ -1,8 +1,9 @@
-"""How an eye is drawn: by its numbers, or by what its dial and measured costs say.
+"""Plans for the cameras of one scene, and the renderers that follow them.
 
-Nothing is measured before somebody turns a dial. Then every renderer that could draw is measured
-for this camera, once: the rates are kept on disk. While frames are drawn their real times correct
-the prediction by a factor a renderer. Belongs to the thread that made the renderers.
+Without an accuracy target a plan follows explicit numbers and no cost is measured. With a target,
+all renderers are measured once for the camera, and the rates are stored on disk; times of real
+frames then correct the predictions by one factor a renderer. Belongs to the thread that made the
+renderers.
 """
 
 from __future__ import annotations
@@ -33,12 +34,13 @@ log = logging.getLogger(__name__)
 MeasureCosts = Callable[
     [Renderer, RendererKind, OmniCamera, MirrorSurface, Sequence[CameraState]], list[PlanTiming]
 ]
-# Frames are a few times slower or faster than was measured, not more: else something else happened.
+# Real frames take a few times the measured time at most; a larger quotient comes from a suspended
+# process or a changed clock, and is not believed.
 _MAX_CORRECTION = 10.0
 
 
 class RenderPlanner:
-    """The renderers that could draw a scene, and what their frames cost."""
+    """Renderers of a scene with the measured costs of their frames."""
 
     def __init__(
         self,
@@ -57,16 +59,16 @@ class RenderPlanner:
 
     @property
     def default_kind(self) -> RendererKind:
-        """Return the kind of renderer that draws where nothing says otherwise."""
+        """Kind of the renderer that was chosen for the server."""
         return self._choice.kind
 
     @property
     def reason(self) -> str:
-        """Return why that one was taken."""
+        """Reason of that choice."""
         return self._choice.reason
 
     def get_renderer(self, kind: RendererKind) -> Renderer:
-        """Return a renderer of a kind, made now if it was not needed before."""
+        """Renderer of a kind, created at the first call."""
         if kind not in self._renderers:
             self._renderers[kind] = self._alternatives[kind]()
             log.info("%s", self._renderers[kind].describe())
@@ -75,7 +77,11 @@ class RenderPlanner:
     def choose_plan(
         self, camera: OmniCameraSpec, camera_states: Sequence[CameraState]
     ) -> PlanChoice:
-        """Return how to draw an eye; `exposures` are what is measured if a dial asks for it."""
+        """Choose the plan of a camera.
+
+        Args:
+            camera_states: States to measure costs from, for a camera with an accuracy target.
+        """
         plan = plan_from_settings(
             camera.render_settings, camera.camera, kind=self.default_kind, reason=self.reason
         )
@@ -83,30 +89,33 @@ class RenderPlanner:
         if not camera.render_settings.accuracy_target.is_set:
             return PlanChoice(plan, bound)
         if bound is None:
-            why = f"no dial can be kept where an error has no bound; {self.reason}"
-            return PlanChoice(replace(plan, reason=why), None, target_met=False)
+            reason = f"no target can be met: this mirror's error has no bound; {self.reason}"
+            return PlanChoice(replace(plan, reason=reason), None, target_met=False)
+        # Measured before candidates are listed: an alternative that fails to start leaves the list
+        # of kinds.
         model = self._get_cost_model(camera, camera_states)
         kinds = [kind for kind in RendererKind if kind in self._renderers]
-        steps = pareto_front(
+        options = pareto_front(
             camera.camera,
             generate_candidate_plans(camera.render_settings.surface, camera.camera, kinds),
             _CorrectedCosts(self, model),
         )
-        return choose_plan(camera.camera, steps, camera.render_settings.accuracy_target)
+        return choose_plan(camera.camera, options, camera.render_settings.accuracy_target)
 
     def predict_frame_ms(self, camera: OmniCameraSpec, plan: RenderPlan) -> float | None:
-        """Return what a plan is expected to cost now; None where its costs were never measured."""
+        """Predicted milliseconds of a plan's frames, corrected; None without measured costs."""
         model = self._models.get(_cost_key(camera))
         return _CorrectedCosts(self, model).predict_frame_ms(plan) if model else None
 
     def cost_correction(self, kind: RendererKind) -> float:
-        """Return by how much frames take longer than was measured."""
+        """Factor by which frames take longer than measured."""
         return self._corrections.get(kind, 1.0)
 
     def update_correction(self, camera: OmniCameraSpec, plan: RenderPlan, median_ms: float) -> None:
-        """Take note of what frames really take."""
+        """Update a renderer's factor by the median of real frames."""
         model = self._models.get(_cost_key(camera))
         if model is not None:
+            # Against the uncorrected prediction: a correction must not feed on itself.
             factor = median_ms / model.predict_frame_ms(plan)
             self._corrections[plan.renderer] = min(
                 max(factor, 1.0 / _MAX_CORRECTION), _MAX_CORRECTION
@@ -125,13 +134,13 @@ class RenderPlanner:
         return self._models[key]
 
     def _create_alternatives(self) -> None:
-        """Make what else could draw; what cannot be had after all is no choice."""
+        """Create all renderers; one that cannot be created is no candidate."""
         for kind in list(self._alternatives):
             try:
                 self.get_renderer(kind)
             except RendererUnavailableError as error:
                 del self._alternatives[kind]
-                log.info("%s is no choice: %s", kind.value, error)
+                log.info("%s is not available: %s", kind.value, error)
 
     def _find_rates(
         self,
@@ -145,10 +154,10 @@ class RenderPlanner:
             if self._cache
             else ""
         )
-        kept = self._cache.read(key) if self._cache else None
-        if kept is not None:
-            log.info("costs of %s are known from before", kind.value)
-            return kept
+        stored = self._cache.read(key) if self._cache else None
+        if stored is not None:
+            log.info("costs of %s read from the cache", kind.value)
+            return stored
         rates = fit_cost_model(
             camera.camera,
             self._measure(
@@ -161,24 +170,25 @@ class RenderPlanner:
         return rates
 
     def close(self) -> None:
-        """Free all renderers."""
+        """Close all renderers."""
         for renderer in self._renderers.values():
             renderer.close()
 
 
 class _CorrectedCosts:
-    """The costs of one camera, corrected by what frames really took."""
+    """Costs of one camera, corrected by real frames."""
 
     def __init__(self, planner: RenderPlanner, model: CostModel) -> None:
-        self._planning = planner
+        self._planner = planner
         self._model = model
 
     def predict_frame_ms(self, plan: RenderPlan) -> float:
-        return self._model.predict_frame_ms(plan) * self._planning.cost_correction(plan.renderer)
+        """Predicted milliseconds of a frame."""
+        return self._model.predict_frame_ms(plan) * self._planner.cost_correction(plan.renderer)
 
 
 def _cost_key(camera: OmniCameraSpec) -> tuple[OmniCamera, MirrorSurface]:
-    """Return what rates depend on."""
+    """Everything of a camera that rates depend on."""
     return camera.camera, camera.render_settings.surface
 
 
@@ -186,5 +196,5 @@ def _find_error_bound(camera: OmniCamera, plan: RenderPlan) -> ErrorBound | None
     try:
         return error_bound(camera, plan)
     except DomainError as error:
-        log.info("the error of this plan has no bound: %s", error)
+        log.info("this plan has no error bound: %s", error)
         return None
