@@ -1,8 +1,8 @@
 """White targets on black, whose outlines measure how far each pixel of a frame is displaced.
 
-A pixel that is lit off all targets, or dark on one, shows a point across an outline: it is displaced
-at least by its distance from that outline. Hundreds of pixels beside outlines come near the largest
-displacement of all, and none of them can overstate it.
+A pixel that is lit off all targets, or dark on one, shows a point across an outline: it is
+displaced at least by its distance from that outline. Hundreds of pixels beside outlines come near
+the largest displacement of all, and none of them can overstate it.
 """
 
 from __future__ import annotations

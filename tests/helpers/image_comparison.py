@@ -17,8 +17,8 @@ def level_differences(one: Image, other: Image) -> npt.NDArray[np.int64]:
 def mask_away_from_edges(image: Image, *, contrast: int = 6) -> npt.NDArray[np.bool_]:
     """(h, w) True where the 3 x 3 neighbours vary by less than `contrast` levels.
 
-    At an edge two renderers may both be right and show either side: a sample's position is rounded, a
-    cube face is made of texels.
+    At an edge two renderers may both be right and show either side: a sample's position is rounded,
+    a cube face is made of texels.
     """
     padded = np.pad(image.astype(np.int64), ((1, 1), (1, 1), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))

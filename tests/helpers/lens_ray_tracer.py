@@ -1,9 +1,9 @@
 """An omnidirectional camera with a finite aperture, ray by ray: the reference for lens effects.
 
-Each ray leaves the thin lens at a point of its aperture towards the point in focus for the pixel, is
-reflected at the mirror's surface, and continues into the scene. Written from the surfaces' equations,
-as quadrics alpha r^2 + beta z^2 + gamma z + delta = 0 in the mirror frame; only the image's scale
-comes from the camera model.
+Each ray leaves the thin lens at a point of its aperture towards the point in focus for the pixel,
+is reflected at the mirror's surface, and continues into the scene. Written from the surfaces'
+equations, as quadrics alpha r^2 + beta z^2 + gamma z + delta = 0 in the mirror frame; only the
+image's scale comes from the camera model.
 """
 
 from __future__ import annotations

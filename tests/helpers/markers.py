@@ -58,8 +58,8 @@ def _disc_pose(direction: Floats, distance_m: float) -> Pose:
 def marker_centroid(image: Image, near_px: Floats, *, window_px: float = 5.0) -> Floats:
     """(2,) centroid (u, v) of the light within a square around a (2,) pixel position.
 
-    Light is linear: sRGB levels would overweight the dim pixels of a disc's edge. Raises AssertionError
-    where the square is dark.
+    Light is linear: sRGB levels would overweight the dim pixels of a disc's edge. Raises
+    AssertionError where the square is dark.
     """
     rows, columns = (_window(centre, window_px, size) for centre, size in _axes(image, near_px))
     light = linear_from_srgb(image[rows, columns] / 255.0).sum(axis=-1)

@@ -58,8 +58,8 @@ def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
 def displacements_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: Floats) -> Floats:
     """(h, w, 2) displacement by the camera model, after some seconds, of the surface at each pixel.
 
-    twist: of the surface relative to the viewpoint, mirror frame. range_m, time_s: broadcast to (h, w).
-    NaN where the surface leaves the mirror.
+    twist: of the surface relative to the viewpoint, mirror frame. range_m, time_s: broadcast to (h,
+    w). NaN where the surface leaves the mirror.
     """
     pixels = pixel_sample_positions(camera)[..., 0, :]
     directions, on_mirror = direction_from_pixel(camera, pixels)

@@ -1,6 +1,7 @@
 """GLSL functions evaluated by the device, one fragment an input: the float32 half of a twin test.
 
-The main function comes from `tests/twins/shaders/`, the functions under test from the server's files.
+The main function comes from `tests/twins/shaders/`, the functions under test from the server's
+files.
 """
 
 from __future__ import annotations

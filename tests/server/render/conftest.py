@@ -26,7 +26,7 @@ def device() -> Iterator[GlDevice]:
 
 @pytest.fixture(params=["trace", "raster"])
 def make_renderer(request: pytest.FixtureRequest) -> Iterator[RendererFactory]:
-    """Return what makes a renderer of either kind; trace's threads end with the test."""
+    """Factory of renderers of either kind; trace's threads end with the test."""
     with ExitStack() as stack:
 
         def make_trace(world: World) -> Renderer:

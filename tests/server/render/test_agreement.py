@@ -48,7 +48,7 @@ from helpers.worlds import (
 def render_both(
     device: GlDevice, world: World, camera: OmniCamera, plan: RenderPlan
 ) -> tuple[Image, Image]:
-    """Return the picture of an omnidirectional camera by raster and by trace."""
+    """Image of an omnidirectional camera by raster and by trace."""
     with _renderers(device, world) as renderers:
         views = [renderer.prepare(camera, plan) for renderer in renderers]
         raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
@@ -66,7 +66,7 @@ def _renderers(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer,
 
 
 def assert_same(raster: Image, trace: Image, *, levels: int = 2, edges: float = 0.05) -> None:
-    """Assert that pictures differ by at most `levels` away from edges, which are few."""
+    """Assert that images differ by at most `levels` away from edges, which are few."""
     difference = level_differences(raster, trace)
     smooth = mask_away_from_edges(trace)
     assert smooth.mean() > 0.5
@@ -148,7 +148,7 @@ def test_single_face_equals_trace(device: GlDevice, face: Face, samples: int) ->
         views = [renderer.prepare_face(camera, samples) for renderer in renderers]
         raster, trace = (view.render(CAMERA_STATE).rgb for view in views)
         views[0].close()
-    # Samples stand in the same places: only what lies within a 256th of one may differ.
+    # Sample positions are equal: only surfaces within a 256th of a sample may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
@@ -163,7 +163,7 @@ BETWEEN_CORNERS_DEG = (9.0, 58.0, 103.0, 147.0, -160.0, -115.0, -70.0, -22.0)
 def marker_errors(
     device: GlDevice, surface: MirrorSurface, bearings_deg: tuple[float, ...] = BORDER_BEARINGS_DEG
 ) -> Floats:
-    """Return the (n,) distances in px of raster's markers from where the law puts them."""
+    """(n,) distances in px of raster's markers from the camera model's pixels."""
     camera = make_omni_camera(width_px=360)
     directions = marker_directions(INCIDENCE_DEG, bearings_deg)
     pose = CAMERA_STATE.world_from_mirror
@@ -187,6 +187,6 @@ def test_markers_appear_within_a_tenth_of_a_pixel(device: GlDevice) -> None:
 def test_markers_on_polygons_are_displaced_as_the_reference(
     device: GlDevice, polygons: int, largest_px: float
 ) -> None:
-    # The derived table's column "uv"; 64 places come near the largest error of all.
+    # The derived table's column "uv"; 64 bearings come near the largest error of all.
     errors = marker_errors(device, tessellation_from_polygon_count(polygons), BETWEEN_CORNERS_DEG)
     assert 0.4 * largest_px < errors.max() < 1.15 * largest_px

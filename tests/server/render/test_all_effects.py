@@ -29,40 +29,43 @@ from helpers.worlds import make_omni_camera, make_plan, make_test_world
 
 CAMERA = make_omni_camera(width_px=240)
 PLAN = make_plan(CAMERA, samples=3)
-# These change what there is to be seen, and have no pass.
+# These change the scene, and have no pass.
 SCENE_EFFECTS = ("SelfView", "Shadows", "RollingShutter", "MotionBlur")
 # Where the defaults do little: numbers that show.
 STRONG: dict[str, dict[str, float]] = {
     "Fog": {"density_per_m": 0.1, "red": 0.7},
     "DefocusByDepth": {"f_number": 2.0, "pixel_pitch_m": 1.1e-5},
     "Misalignment": {"x_m": 3e-4, "y_m": -2e-4, "axial_m": 1e-3},
-    "ChromaticAberration": {"red": 1.004, "blue": 0.997},
-    "MirrorReflectance": {"n": 2.8, "k": 3.4},
-    "Exposure": {"time_s": 0.03},
-    "WhiteBalance": {"red": 1.3, "blue": 0.8},
+    "ChromaticAberration": {"red_magnification": 1.004, "blue_magnification": 0.997},
+    "MirrorReflectance": {"refractive_index": 2.8, "extinction_coefficient": 3.4},
+    "Exposure": {"exposure_s": 0.03},
+    "WhiteBalance": {"red_gain": 1.3, "blue_gain": 0.8},
 }
 # The fixed part of the blur is in that by depth: never both.
 NAMES = [k.name for k in EFFECT_TYPES if k.name not in (*SCENE_EFFECTS, "Defocus")]
 CHAIN = tuple(make_effect(name, STRONG.get(name, {})) for name in NAMES)
-# What measures the whole picture before it runs.
+# Effects that measure the whole image first.
 METERED = ("AutoExposure", "MirrorDust")
-SHOT = replace(DRIVING_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
+CAMERA_STATE_WITH_ALL = replace(DRIVING_STATE, has_shadows=True, shutter=Shutter(0.04, 0.03, 6))
 
 
 def render_both(device: GlDevice, chain: tuple[ImageEffect, ...]) -> tuple[Image, Image]:
-    """Return the traced and the rastered picture behind a chain."""
+    """Traced and rastered image after a chain of effects."""
     world = make_test_world()
     scene = build_scene(world)
     trace = TraceRenderer(scene, world, threads=2)
     view = RasterRenderer(scene, world, device=device).prepare(CAMERA, PLAN)
-    both = trace.prepare(CAMERA, PLAN).render(SHOT, chain).rgb, view.render(SHOT, chain).rgb
+    both = (
+        trace.prepare(CAMERA, PLAN).render(CAMERA_STATE_WITH_ALL, chain).rgb,
+        view.render(CAMERA_STATE_WITH_ALL, chain).rgb,
+    )
     view.close()
     trace.close()
     return both
 
 
 def find_seam_mask() -> npt.NDArray[np.bool_]:
-    """Return (h, w) the pixels next to another face, within two of the border."""
+    """(h, w) mask of the pixels next to another face, within two of the border."""
     directions, on_mirror = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[..., 0, :])
     face = face_from_direction(directions)
     near = np.zeros(face.shape, dtype=bool)

@@ -77,7 +77,7 @@ def _box(pose: Pose, number: int) -> Item:
 
 
 def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
-    """Return the thin lens of which the picture's scale is the image distance."""
+    """Thin lens whose image distance is the image's scale."""
     focal_px, sharp = 1.0 / inverse_focal_length(camera), lens_focus_coordinate(aperture, camera)
     focal_m = 1.0 / (1.0 / (focal_px * aperture.pixel_pitch_m) + sharp)
     return pinhole_lens(
@@ -87,26 +87,26 @@ def make_lens(camera: OmniCamera, aperture: Aperture) -> LensRays:
 
 @cache
 def render_reference(name: str, *, objects_near: bool) -> Floats:
-    seen = make_site(name, objects_near=objects_near)
+    site = make_site(name, objects_near=objects_near)
     lens = make_lens(CAMERA, LENS)
-    pose = seen.exposure.world_from_mirror
-    return render_through_lens(lens, CAMERA, seen.world, pose, stride_px=EVERY_PX)
+    pose = site.camera_state.world_from_mirror
+    return render_through_lens(lens, CAMERA, site.world, pose, stride_px=EVERY_PX)
 
 
 def rmse_levels(
     light: Floats, expected: Floats, camera: OmniCamera = CAMERA, every_px: int = EVERY_PX
 ) -> float:
-    """Return how far a picture is off, in encoded grey levels, within the mirror's rim."""
+    """RMS error of an image, in encoded grey levels, within the mirror's rim."""
     inner = inner_pixels(camera, 4.0)[::every_px, ::every_px]
     greys = (255.0 * srgb_from_linear(np.clip(each, 0.0, 1.0)) for each in (light, expected))
     one, other = greys
     return float(np.sqrt(np.square(one - other)[inner].mean()))
 
 
-def is_traced(seen: CameraSite, *effects: ImageEffect) -> Floats:
-    renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)
+def render_traced(site: CameraSite, *effects: ImageEffect) -> Floats:
+    renderer = TraceRenderer(build_scene(site.world), site.world, threads=2)
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=5))
-    light = view.render_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX]
+    light = view.render_linear(site.camera_state, effects)[::EVERY_PX, ::EVERY_PX]
     renderer.close()
     return light.astype(np.float64)
 
@@ -115,7 +115,7 @@ def is_traced(seen: CameraSite, *effects: ImageEffect) -> Floats:
 def test_image_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
     expected = render_reference(name, objects_near=False)
     sharp, blurred = (
-        is_traced(make_site(name, objects_near=False), *e) for e in ((), (Defocus(LENS),))
+        render_traced(make_site(name, objects_near=False), *e) for e in ((), (Defocus(LENS),))
     )
     assert rmse_levels(blurred, expected) < 1.0
     assert rmse_levels(sharp, expected) > 2.0
@@ -124,8 +124,8 @@ def test_image_when_blurred_equals_that_of_a_traced_aperture(name: str) -> None:
 @pytest.mark.parametrize("name", POSES)
 def test_image_of_near_objects_needs_their_depths(name: str) -> None:
     expected = render_reference(name, objects_near=True)
-    seen = make_site(name, objects_near=True)
-    by_depth, fixed = (is_traced(seen, effect(LENS)) for effect in (DefocusByDepth, Defocus))
+    site = make_site(name, objects_near=True)
+    by_depth, fixed = (render_traced(site, effect(LENS)) for effect in (DefocusByDepth, Defocus))
     assert rmse_levels(by_depth, expected) < 1.0
     assert rmse_levels(by_depth, expected) < 0.95 * rmse_levels(fixed, expected)
 
@@ -134,11 +134,11 @@ def test_image_of_near_objects_needs_their_depths(name: str) -> None:
 def test_raster_image_when_blurred_equals_that_of_a_traced_aperture(
     device: GlDevice, name: str
 ) -> None:
-    seen = make_site(name, objects_near=True)
-    renderer = RasterRenderer(build_scene(seen.world), seen.world, device=device)
+    site = make_site(name, objects_near=True)
+    renderer = RasterRenderer(build_scene(site.world), site.world, device=device)
     plan = make_plan(CAMERA, samples=4, face_size_px=2 * WIDTH_PX, face_samples=2)
     view = renderer.prepare(CAMERA, plan)
-    blurred = view.render_linear(seen.exposure, (DefocusByDepth(LENS),))[::EVERY_PX, ::EVERY_PX]
+    blurred = view.render_linear(site.camera_state, (DefocusByDepth(LENS),))[::EVERY_PX, ::EVERY_PX]
     view.close()
     expected = render_reference(name, objects_near=True)
     assert rmse_levels(blurred.astype(np.float64), expected) < 1.0
@@ -154,13 +154,13 @@ def test_telecentric_image_when_blurred_equals_that_of_traced_cones() -> None:
         slope=0.5 * px_per_m * lens.pixel_pitch_m / lens.f_number,
         focus_height_m=lens_focus_coordinate(lens, camera),
     )
-    seen = make_site("corridor", objects_near=False)
-    pose = seen.exposure.world_from_mirror
-    expected = render_through_lens(rays, camera, seen.world, pose, stride_px=EVERY_PX)
-    renderer = TraceRenderer(build_scene(seen.world), seen.world, threads=2)
+    site = make_site("corridor", objects_near=False)
+    pose = site.camera_state.world_from_mirror
+    expected = render_through_lens(rays, camera, site.world, pose, stride_px=EVERY_PX)
+    renderer = TraceRenderer(build_scene(site.world), site.world, threads=2)
     view = renderer.prepare(camera, make_plan(camera, samples=4))
     sharp, blurred = (
-        view.render_linear(seen.exposure, effects)[::EVERY_PX, ::EVERY_PX].astype(np.float64)
+        view.render_linear(site.camera_state, effects)[::EVERY_PX, ::EVERY_PX].astype(np.float64)
         for effects in ((), (Defocus(lens),))
     )
     renderer.close()

@@ -52,7 +52,7 @@ def make_both(device: GlDevice, world: World) -> Iterator[tuple[RasterRenderer, 
 def render_ahead(
     make_renderer: RendererFactory, world: World, *objects: DynamicObject, at: Pose = HERE
 ) -> Image:
-    """Return what a camera at a place sees of a world and of bodies."""
+    """Image of a forward camera in a world with objects."""
     view = make_renderer(world).prepare_perspective(AHEAD, 1)
     image = view.render(CameraState(at, objects)).rgb
     view.close()
@@ -95,7 +95,7 @@ def test_raster_shows_robots_in_a_perspective_image_as_trace_does(device: GlDevi
         raster, trace = (
             r.prepare_perspective(camera, 2).render(camera_state).rgb for r in renderers
         )
-    # Samples stand in the same places: only what lies within a 256th of one may differ.
+    # Sample positions are equal: only surfaces within a 256th of a sample may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 
@@ -112,7 +112,7 @@ def test_wall_before_an_object_occludes_the_object(make_renderer: RendererFactor
         make_renderer, make_world(green_wall(1.0)), place_cube(2.0, 0.0, 0.0, size_m=1.2)
     )
     assert image[30, 30].tolist() == [0, 255, 0]
-    assert image[18, 30].tolist() == [255, 0, 0], "what looks over the wall is seen"
+    assert image[18, 30].tolist() == [255, 0, 0], "the part above the wall is visible"
 
 
 @pytest.mark.parametrize("first_is_nearer", [True, False])
@@ -135,7 +135,7 @@ def test_object_follows_its_pose(make_renderer: RendererFactory) -> None:
         image = view.render(CameraState(HERE, (place_cube(1.1, y, 0.0, size_m=0.2),))).rgb
         columns.append(np.nonzero(image[..., 0] > 128)[1].mean() + 0.5)
     view.close()
-    # Nearest side at 1 m: y of 0.3 m is 0.3 focal lengths of 52 px away from the middle.
+    # Nearest side at 1 m: y of 0.3 m is 0.3 focal lengths of 52 px away from the centre.
     assert columns == pytest.approx([30 - 15.6, 30, 30 + 15.6], abs=1.0)
 
 
@@ -145,16 +145,18 @@ def test_object_is_lit_as_the_same_mesh_in_the_scene(make_renderer: RendererFact
     lights = (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT)
     fixed = World("fixed", (green_wall(4.0), Item("box", box, place, look)), lights=lights)
     empty = World("empty", (green_wall(4.0),), lights=lights)
-    body = DynamicObject(build_object_mesh([(primitives.box(box), look)]), place)
+    dynamic_object = DynamicObject(build_object_mesh([(primitives.box(box), look)]), place)
     difference = level_differences(
-        render_ahead(make_renderer, fixed), render_ahead(make_renderer, empty, body)
+        render_ahead(make_renderer, fixed), render_ahead(make_renderer, empty, dynamic_object)
     )
     assert (difference > 1).mean() < 0.002
 
 
 def test_object_that_touches_the_viewpoint_is_not_cut_away(make_renderer: RendererFactory) -> None:
-    body = place_cube(0.51 + 0.005, 0.0, 0.0, size_m=1.0)
-    assert (render_ahead(make_renderer, make_world(green_wall(4.0)), body) == (255, 0, 0)).all()
+    dynamic_object = place_cube(0.51 + 0.005, 0.0, 0.0, size_m=1.0)
+    assert (
+        render_ahead(make_renderer, make_world(green_wall(4.0)), dynamic_object) == (255, 0, 0)
+    ).all()
 
 
 def test_viewpoint_within_an_object_sees_it_from_inside(make_renderer: RendererFactory) -> None:

@@ -46,14 +46,14 @@ SENSOR = tuple(
         ("ShotNoise", {}),
         ("ReadNoise", {}),
         ("Quantisation", {"adc_bits": 12}),
-        ("WhiteBalance", {"red": 1.3, "blue": 0.8}),
+        ("WhiteBalance", {"red_gain": 1.3, "blue_gain": 0.8}),
     )
 )
 FULL_WELL, BITS = 18000.0, 12
 STEPS = 2**BITS - 1
 GAIN = STEPS / FULL_WELL  # EMVA's K, codes an electron
 FLAT = make_omni_camera(width_px=160)
-MIDDLE = (slice(40, 120), slice(40, 120))
+CENTRE = (slice(40, 120), slice(40, 120))
 
 
 def test_renderers_with_a_simulated_sensor_agree(device: GlDevice) -> None:
@@ -63,8 +63,8 @@ def test_renderers_with_a_simulated_sensor_agree(device: GlDevice) -> None:
     raster = RasterRenderer(scene, world, device=device)
     calm = trace.prepare(CAMERA, plan).render(CAMERA_STATE).rgb
     view = raster.prepare(CAMERA, plan)
-    trace_world = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
-    difference = level_differences(view.render(CAMERA_STATE, SENSOR).rgb, trace_world)
+    trace_image = trace.prepare(CAMERA, plan).render(CAMERA_STATE, SENSOR).rgb
+    difference = level_differences(view.render(CAMERA_STATE, SENSOR).rgb, trace_image)
     smooth = mask_away_from_edges(calm)
     assert smooth.mean() > 0.5
     # One grey level: of the converter's codes either neighbour, rounded.
@@ -122,12 +122,12 @@ def test_fog_in_a_rendered_scene_stays_within_its_bound(background: float, step:
     assert change > 0.25 if bound > 0.5 else change <= 0.5
 
 
-def trace_world(world: World, device: GlDevice) -> OmniView:
+def prepare_trace(world: World, device: GlDevice) -> OmniView:
     renderer = TraceRenderer(build_scene(world), world, threads=1)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
 
-def rasterize_world(world: World, device: GlDevice) -> OmniView:
+def prepare_raster(world: World, device: GlDevice) -> OmniView:
     renderer = RasterRenderer(build_scene(world), world, device=device)
     return renderer.prepare(FLAT, make_plan(FLAT))
 
@@ -136,16 +136,16 @@ Prepare = Callable[[World, GlDevice], OmniView]
 
 
 def measure_codes(view: OmniView, chain: tuple[ImageEffect, ...], index: int) -> Floats:
-    """Return the codes of the middle of a flat field: one exposure."""
+    """Codes at the centre of a flat field, from one exposure."""
     camera_state = replace(CAMERA_STATE, noise_seed=NoiseSeed((1, 2), index))
-    return STEPS * view.render_linear(camera_state, chain)[MIDDLE].astype(np.float64)
+    return STEPS * view.render_linear(camera_state, chain)[CENTRE].astype(np.float64)
 
 
 def make_flat_field(level: float) -> World:
     return World("flat", (), background=(level, level, level))
 
 
-@pytest.mark.parametrize("prepare", [trace_world, rasterize_world])
+@pytest.mark.parametrize("prepare", [prepare_trace, prepare_raster])
 def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_sensor(
     device: GlDevice, prepare: Prepare
 ) -> None:
@@ -169,7 +169,7 @@ def test_photon_transfer_when_measured_has_the_gain_and_the_dark_noise_of_the_se
     assert dark == pytest.approx((GAIN * 13.0) ** 2 + 1.0 / 12.0, abs=0.03 * variances[-1])
 
 
-@pytest.mark.parametrize("prepare", [trace_world, rasterize_world])
+@pytest.mark.parametrize("prepare", [prepare_trace, prepare_raster])
 def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     device: GlDevice, prepare: Prepare
 ) -> None:
@@ -184,6 +184,6 @@ def test_nonuniformity_when_frames_are_averaged_is_that_of_the_sensor(
     dsnu_e = spreads[0] / GAIN
     temporal = GAIN**2 * 0.5 * FULL_WELL / 16
     prnu = np.sqrt(spreads[1] ** 2 - temporal - spreads[0] ** 2) / (0.5 * STEPS)
-    # In the dark half of the wells would hold less than nothing: their shot noise is none.
+    # In the dark half of the wells would be negative: they have no shot noise.
     assert dsnu_e == pytest.approx(30.0, rel=0.03)
     assert prnu == pytest.approx(0.02, rel=0.03)

@@ -1,7 +1,7 @@
-"""The bound of a plan against what renderers do: never exceeded, and never twice what is seen.
+"""The error bound of a plan against rendered frames: never exceeded, never twice the largest error.
 
-Trace says where each of its rays looks, so its largest error is measured on all of them. Raster
-says it by what it shows: pixels beside outlines of things (helpers/outlines).
+The rays of trace are known, so the largest error is measured on all of them. Raster's error is
+measured on its images: pixels beside outlines of targets (helpers/displacement_targets).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def make_bound_plan(
     size: int = 0,
     samples: int = 1,
 ) -> RenderPlan:
-    """Return a plan with one face sample a texel, and faces of a size, 0 = as the plan has them."""
+    """A plan with one face sample a texel, and faces of a size, 0 = the plan's own."""
     wish = RenderSettings(surface, samples, size, 1)
     return plan_from_settings(wish, camera, kind=kind, reason="test")
 
@@ -109,7 +109,7 @@ def make_lens_camera(lens: Lens) -> OmniCamera:
 
 
 def ray_directions(samples: RaySamples, camera_state: CameraState) -> Floats:
-    """Return (n, 3) where the rays of a frame look, in the mirror frame: as the view turns them."""
+    """(n, 3) directions of a frame's rays in the mirror frame, rotated to the world and back."""
     rotation = camera_state.world_from_mirror.rotation
     turned = samples.directions @ rotation.T.astype(np.float32)
     directions: Floats = turned.astype(np.float64) @ rotation
@@ -117,7 +117,7 @@ def ray_directions(samples: RaySamples, camera_state: CameraState) -> Floats:
 
 
 def ray_errors_px(camera: OmniCamera, plan: RenderPlan, camera_state: CameraState) -> Floats:
-    """Return (n,) displacements of the rays of one exposure that have a place in the image."""
+    """(n,) displacements of the rays of one exposure whose directions lie in the image."""
     samples = omni_rays(camera, plan)
     pixels = pixel_sample_positions(camera).reshape(-1, 2)[samples.pixels]
     error_px, known = displacement_px(camera, pixels, ray_directions(samples, camera_state))
@@ -125,7 +125,7 @@ def ray_errors_px(camera: OmniCamera, plan: RenderPlan, camera_state: CameraStat
 
 
 def widest_gap_px(camera: OmniCamera, plan: RenderPlan) -> float:
-    """Return how far within the rim the farthest pixel lies that should see the mirror."""
+    """Distance within the rim of the farthest pixel that misses the mirror wrongly."""
     pixels = pixel_sample_positions(camera).reshape(-1, 2)
     _, on_disc = direction_from_pixel(camera, pixels)
     on_disc[omni_rays(camera, plan).pixels] = False
@@ -156,7 +156,7 @@ def test_bound_of_polygon_rays_holds_within_a_factor_of_two(
     seen_px = max(errors_px.max(), widest_gap_px(camera, plan))
     bound = error_bound(camera, plan).geometric
     assert seen_px <= bound.max_px <= 2.0 * seen_px
-    # Pixel centres are one set of places of the image, the bound's are another.
+    # Pixel centres are one set of positions in the image, the bound's are another.
     rms_px = math.sqrt(np.square(errors_px).mean())
     assert bound.rms_px == pytest.approx(rms_px, rel=0.03)
 
@@ -215,7 +215,7 @@ def test_traced_frames_of_targets_are_within_the_bound(lens: Lens, surface: Mirr
     assert worst_px <= error_bound(camera, plan).geometric.max_px
 
 
-# What is drawn, the size of the faces (0: as the plan has them), how many things.
+# Surface, size of the faces (0: as the plan has them), number of targets.
 RASTER: list[tuple[Lens, MirrorSurface, int, int]] = [
     ((PAPER_MIRROR, 120.0, 360), PerPixel(), 0, 25),
     ((PAPER_MIRROR, 120.0, 360), PerPixel(), 128, 25),
@@ -284,7 +284,7 @@ def test_bound_of_the_coarsest_rastered_polygons_holds(device: GlDevice, way: st
 
 
 def centroid_errors_px(camera: OmniCamera, plan: RenderPlan) -> Floats:
-    """Return (n,) errors of the centroids of traced markers, in places all over a pixel."""
+    """(n,) errors of the centroids of traced markers, at positions all over a pixel."""
     rng = np.random.default_rng(3)
     positions = np.stack(np.meshgrid(*[np.arange(30.0, camera.width_px - 30.0, 8.0)] * 2), axis=-1)
     positions = positions.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (positions.size // 2, 2))

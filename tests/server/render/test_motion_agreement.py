@@ -48,11 +48,11 @@ def load_setup(world: str) -> StartupConfig:
     return load_world_setup(world)
 
 
-def trace_view(world: str) -> TraceRenderer:
+def make_trace(world: str) -> TraceRenderer:
     return TraceRenderer(load_setup(world).scene, load_setup(world).world, threads=2)
 
 
-def raster_view(world: str, device: GlDevice) -> RasterRenderer:
+def make_raster(world: str, device: GlDevice) -> RasterRenderer:
     return RasterRenderer(load_setup(world).scene, load_setup(world).world, device=device)
 
 
@@ -101,13 +101,13 @@ def assert_like_frames(world: str, view: OmniView, camera_state: CameraState) ->
     "moving", [driving_state, turning_state, state_with_object, spinning_state]
 )
 def test_blur_when_traced_equals_the_mean_of_64_frames(world: str, moving: Moving) -> None:
-    renderer = trace_view(world)
+    renderer = make_trace(world)
     assert_like_frames(world, renderer.prepare(CAMERA, PLAN), moving(START_POSES[world]))
     renderer.close()
 
 
 def test_blur_when_just_needed_changes_the_image() -> None:
-    renderer, start = trace_view("corridor"), START_POSES["corridor"]
+    renderer, start = make_trace("corridor"), START_POSES["corridor"]
     view = renderer.prepare(CAMERA, PLAN)
     camera_state = driving_camera_state(start, 0.0, 10.0)
     staged_for = with_scene_effects("corridor", camera_state, MotionBlur(T_S))
@@ -123,7 +123,7 @@ def test_blur_when_just_needed_changes_the_image() -> None:
 def test_blur_when_rastered_equals_the_mean_of_64_frames(
     device: GlDevice, world: str, moving: Moving
 ) -> None:
-    renderer = raster_view(world, device)
+    renderer = make_raster(world, device)
     view = renderer.prepare(CAMERA, PLAN)
     assert_like_frames(world, view, moving(START_POSES[world]))
     view.close()
@@ -134,7 +134,7 @@ ROWS = slice(2, None, 5)
 
 
 def rows_of_frames(view: OmniView, camera_state: CameraState) -> Floats:
-    """Return ROWS of the picture whose every row is that of the frame at its own time."""
+    """ROWS of the image whose every row is that of the frame at the row's own time."""
     rows = range(CAMERA.height_px)[ROWS]
     times_s = T_S * ((np.arange(CAMERA.height_px) + 0.5) / CAMERA.height_px - 0.5)
     frames = [
@@ -148,7 +148,7 @@ def rows_of_frames(view: OmniView, camera_state: CameraState) -> Floats:
     ("world", "moving"), [("corridor", turning_state), ("four_legged_2006", turning_state)]
 )
 def test_rows_when_read_one_by_one_are_those_of_frames(world: str, moving: Moving) -> None:
-    renderer, camera_state = trace_view(world), moving(START_POSES[world])
+    renderer, camera_state = make_trace(world), moving(START_POSES[world])
     view = renderer.prepare(CAMERA, make_plan(CAMERA, samples=6))
     expected = rows_of_frames(view, camera_state)
     sharp = view.render_linear(camera_state)[ROWS].astype(np.float64)

@@ -39,7 +39,7 @@ def renderers(device: GlDevice, world: World) -> dict[str, Renderer]:
 
 
 def spread_directions(camera: PerspectiveCamera) -> Floats:
-    """Return (n, 3) directions over the picture, far enough from its borders for a marker."""
+    """(n, 3) directions all over the image, far enough from its borders for a marker."""
     u = np.linspace(14.0, camera.width_px - 14.0, 7) + 0.3
     v = np.linspace(14.0, camera.height_px - 14.0, 5) + 0.2
     pixel = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
@@ -55,8 +55,8 @@ def test_markers_appear_within_a_tenth_of_a_pixel(
 ) -> None:
     camera = PerspectiveCamera(320, 240, math.radians(fov_deg))
     directions = spread_directions(camera)
-    # Off the axis a disc's centroid is not its middle's pixel but f r^2 tan / cos^2 of the angle
-    # away: 0.05 px in the corners of 120 degrees for a disc of 1.4 px in the middle.
+    # Off the axis a disc's centroid is not its centre's pixel but f r^2 tan / cos^2 of the angle
+    # away: 0.05 px in the corners of 120 degrees for a disc of 1.4 px at the centre.
     diameter = 1.4 / camera.focal_length_px
     world = marker_world(
         directions, world_from_mirror=CAMERA_STATE.world_from_mirror, diameter_rad=diameter
@@ -76,7 +76,7 @@ def test_raster_equals_trace(device: GlDevice, samples: int) -> None:
         renderer.prepare_perspective(CAMERA, samples).render(CAMERA_STATE).rgb
         for renderer in renderers(device, world).values()
     )
-    # Samples stand in the same places: only what lies within a 256th of one may differ.
+    # Sample positions are equal: only surfaces within a 256th of a sample may differ.
     assert (level_differences(raster, trace) > 2).mean() < 0.002
 
 

@@ -44,7 +44,7 @@ TEN_KM = (10_000.0, -7_000.0, 300.0)
 
 @pytest.fixture(params=WAYS)
 def render_world(request: pytest.FixtureRequest) -> Iterator[Draw]:
-    """Return what draws a world with a camera, from a pose, in one of the ways."""
+    """Function that renders a world with a camera, from a pose, by one of the renderers."""
     with ExitStack() as stack:
 
         def render_image(
@@ -77,7 +77,7 @@ def make_world(*items: Item) -> World:
 
 
 def make_mesh_item(folder: Path, text: str) -> Item:
-    """Return a world's item of an OBJ file with this text."""
+    """A world's item of an OBJ file with this text."""
     path = folder / "hard.obj"
     path.write_text(text)
     return Item("hard", MeshFile(path), Pose.identity(), GREEN)
@@ -90,7 +90,7 @@ def test_wall_when_it_nearly_touches_the_viewpoint_is_not_cut_away(
     wall = Item("wall", Box((1.0, 4.0, 4.0)), Pose.from_rpy((0.5 + gap_m, 0.0, 0.0)), GREEN)
     camera = make_omni_camera(width_px=64, rim_deg=110.0)
     image = render_world(make_world(wall), camera, Pose.identity())
-    # Forward is up: all directions with x > 0 within 89 degrees of the wall's middle meet it.
+    # Forward is up: all directions with x > 0 within 89 degrees of the wall's centre hit it.
     ahead, behind = image[4:31, 32], image[33:60, 32]
     assert (ahead[:, 1] == 255).all()
     assert (behind[:, 2] == 255).all()
@@ -134,7 +134,7 @@ def test_triangles_when_thin_as_hairs_are_rendered_or_not_but_harm_nothing(
 @pytest.mark.parametrize(
     "lights",
     [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
-    ids=["sun", "lamp"],
+    ids=["directional light", "point light"],
 )
 def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
     render_world: Draw, lights: tuple[object, ...]
@@ -153,20 +153,22 @@ def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
     there = render_world(
         replace(far, lights=shifted), camera, offset @ CAMERA_STATE.world_from_mirror
     )
-    # Float64 keeps places to 2e-12 m there, and all float32 is relative to the world's middle:
+    # Float64 keeps positions to 2e-12 m there, and all float32 is relative to the world's centre:
     # only samples whose ray passes an edge within 1e-6 m may show its other side.
     assert (level_differences(here, there) > 1).mean() < 1e-3
 
 
 @pytest.mark.parametrize("c_m", [1e-3, 1e3])
-@pytest.mark.parametrize("tessellation", [None, Tessellation(24, 10)], ids=["law", "polygons"])
+@pytest.mark.parametrize(
+    "tessellation", [None, Tessellation(24, 10)], ids=["camera model", "polygons"]
+)
 def test_mirror_of_a_millimetre_or_a_kilometre_equals_the_papers(
     render_world: Draw, c_m: float, tessellation: Tessellation | None
 ) -> None:
     usual, scaled = (
         make_omni_camera(width_px=96, mirror=HyperbolicMirror(11.546, c)) for c in (0.2321, c_m)
     )
-    # A central mirror's picture does not depend on its size; polygons are looked up in float32.
+    # A central mirror's image does not depend on its size; polygons are looked up in float32.
     here = render_world(make_test_world(), usual, CAMERA_STATE.world_from_mirror, tessellation)
     there = render_world(make_test_world(), scaled, CAMERA_STATE.world_from_mirror, tessellation)
     assert (level_differences(here, there) > 1).mean() < 2e-3

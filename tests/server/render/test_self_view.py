@@ -31,7 +31,7 @@ from helpers.worlds import HEMISPHERE_LIGHT, make_omni_camera, make_plan, make_t
 MIRROR = Pose.from_rpy((0.0, 0.0, -0.4543))
 # On the floor of the test room, where no object lies between mirror and robot.
 BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
-WHITE = World("nothing", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
+WHITE = World("empty", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
 
 
 def camera_state_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:

@@ -52,7 +52,7 @@ from helpers.worlds import DIRECTIONAL_LIGHT as ROOM_SUN
 from helpers.worlds import POINT_LIGHT as ROOM_LAMP
 
 CAMERA = PerspectiveCamera(160, 160, math.radians(80.0))
-# 1.5 m above the floor, x ahead turned down; a little aside so that nothing lines up by accident.
+# 1.5 m above the floor, x ahead turned down; a little off so that no edge lines up by accident.
 ABOVE = Pose.from_rpy((0.05, 0.03, -1.5), (0.0, -0.5 * math.pi, 0.0))
 BOXES = make_world(
     floor_item(),
@@ -73,7 +73,7 @@ def camera_ray_hits(at: Pose, *objects: DynamicObject) -> CameraState:
 
 
 def reference_image(world: World, at: Pose) -> tuple[Image, np.ndarray]:
-    """Return what a camera shows by the float64 model, and (h, w) which pixels are certain."""
+    """Image of a camera by the float64 model, and (h, w) mask of certain pixels."""
     scene = build_scene(world)
     v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px] + 0.5
     rays, _ = CAMERA.direction_from_pixel(np.stack((u, v), axis=-1))
@@ -81,25 +81,25 @@ def reference_image(world: World, at: Pose) -> tuple[Image, np.ndarray]:
     distance, normals = EmbreeRayCaster(scene).closest_hits(
         np.tile(at.translation, (len(rays), 1)), rays
     )
-    met = np.flatnonzero(np.isfinite(distance))
-    points = at.translation + distance[met, None] * rays[met]
+    hits = np.flatnonzero(np.isfinite(distance))
+    points = at.translation + distance[hits, None] * rays[hits]
     # Which triangle: that of the same normal whose plane is nearest.
     height = np.einsum("mi,nmi->nm", scene.normals, points[:, None] - scene.corners[:, 0])
-    other = scene.normals @ normals[met].T < 1.0 - 1e-9
+    other = scene.normals @ normals[hits].T < 1.0 - 1e-9
     triangle = np.argmin(np.abs(height) + 10.0 * other.T, axis=1)
     radiance = np.tile(np.asarray(world.background), (len(rays), 1))
-    radiance[met], sure = reference_radiance(scene, world, triangle, points)
+    radiance[hits], is_certain = reference_radiance(scene, world, triangle, points)
     certain = np.ones(len(rays), dtype=bool)
-    certain[met] = sure
+    certain[hits] = is_certain
     greys = np.rint(255.0 * srgb_from_linear(radiance)).astype(np.uint8)
     shape = (CAMERA.height_px, CAMERA.width_px)
     return greys.reshape(*shape, 3), certain.reshape(shape)
 
 
 LIGHTS: dict[str, tuple[Light, ...]] = {
-    "sun": (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
-    "lamp": (DIM_HEMISPHERE_LIGHT, POINT_LIGHT),
-    "two suns and two lamps": (
+    "directional": (DIM_HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
+    "point": (DIM_HEMISPHERE_LIGHT, POINT_LIGHT),
+    "two directional and two point": (
         DIM_HEMISPHERE_LIGHT,
         DIRECTIONAL_LIGHT,
         POINT_LIGHT,
@@ -121,7 +121,7 @@ def test_shadows_when_boxes_stand_on_a_floor_are_those_of_the_reference(
     )
     changed = level_differences(expected, without) > 5
     assert 300 < changed.sum() < 0.5 * changed.size
-    # A pixel is 16 mm of the floor, texels are 3 mm: what is smooth is two texels from an outline.
+    # A pixel is 16 mm of the floor, texels are 3 mm: smooth pixels are two texels from an edge.
     smooth = mask_away_from_edges(expected, contrast=4) & certain
     assert smooth.mean() > 0.7
     assert level_differences(image, expected)[smooth].max() <= 1
@@ -172,9 +172,11 @@ def test_object_in_the_light_casts_the_shadow_of_the_same_mesh_in_the_scene(
     box, place = Box((0.3, 0.2, 0.3)), Pose.from_rpy((0.3, 0.1, -0.15), (0.0, 0.0, 0.4))
     for lights in LIGHTS.values():
         fixed = make_world(floor_item(), box_item(0.3, 0.1, -0.15, (0.3, 0.2, 0.3)), lights=lights)
-        body = DynamicObject(build_object_mesh([(primitives.box(box), GREY)]), place)
+        dynamic_object = DynamicObject(build_object_mesh([(primitives.box(box), GREY)]), place)
         moving = render(
-            make_renderer, make_world(floor_item(), lights=lights), camera_ray_hits(ABOVE, body)
+            make_renderer,
+            make_world(floor_item(), lights=lights),
+            camera_ray_hits(ABOVE, dynamic_object),
         )
         difference = level_differences(moving, render(make_renderer, fixed, camera_ray_hits(ABOVE)))
         assert (difference > 1).mean() < 0.006
@@ -188,13 +190,13 @@ def test_object_in_the_shadow_of_the_scene_is_dark(make_renderer: RendererFactor
         roof,
         lights=(DIM_HEMISPHERE_LIGHT, DirectionalLight((0.0, 0.0, 1.0), (0.5,) * 3)),
     )
-    body = DynamicObject(
+    dynamic_object = DynamicObject(
         build_object_mesh([(primitives.box(Box((0.2, 0.2, 0.2))), GREY)]), Pose.from_rpy((0, 0, 0))
     )
     at = Pose.from_rpy((0.0, 0.0, -0.6), (0.0, -0.5 * math.pi, 0.0))
     dark, bright = (
         render(make_renderer, world, e)
-        for e in (camera_ray_hits(at, body), CameraState(at, (body,)))
+        for e in (camera_ray_hits(at, dynamic_object), CameraState(at, (dynamic_object,)))
     )
     centre = (CAMERA.height_px // 2, CAMERA.width_px // 2)
     assert dark[centre].tolist() == [108] * 3, "0.5 * 0.3 of the sky, encoded"

@@ -24,7 +24,7 @@ def find_near_and_far(corners: Floats, viewpoint: tuple[float, float, float]) ->
 
 
 def make_wall(turn_rad: float) -> Floats:
-    """Return two triangles of an upright wall 4 m x 2 m through the origin, turned about z."""
+    """Two triangles of an upright wall 4 m x 2 m through the origin, rotated about z."""
     corners = np.array([[[-2, 0, -1], [2, 0, -1], [2, 0, 1]], [[-2, 0, -1], [2, 0, 1], [-2, 0, 1]]])
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -30,7 +30,7 @@ def fit(
 
 
 def project(frame: ShadowProjection, points: Floats, viewpoint: Floats) -> Floats:
-    """Return (n, 4): u, v, depth and w of points in the scene's frame, seen from a viewpoint."""
+    """(n, 4): u, v, depth and w of points in the scene's frame, for a viewpoint."""
     positions = np.concatenate((points - viewpoint, np.ones((len(points), 1))), axis=-1)
     clip = positions @ frame.map_from_offset(viewpoint).T
     return np.concatenate((clip[:, :3] / clip[:, 3:], clip[:, 3:]), axis=-1)
@@ -82,8 +82,13 @@ def test_point_light_when_fitted_projects_each_caster_into_the_face_that_the_sha
 def test_objects_when_fitted_lie_within_their_map() -> None:
     casters = ShadowCasters.from_objects(TWO_ROBOTS, origin=ORIGIN, light_positions=(LAMP_AT,))
     (frame,) = fit(DirectionalLight((0.6, 0.0, 0.8), (1.0, 1.0, 1.0)), casters)
-    for body in TWO_ROBOTS:
-        corners = body.world_from_object.transform_points(body.mesh.corners).reshape(-1, 3) - ORIGIN
+    for dynamic_object in TWO_ROBOTS:
+        corners = (
+            dynamic_object.world_from_object.transform_points(dynamic_object.mesh.corners).reshape(
+                -1, 3
+            )
+            - ORIGIN
+        )
         at = project(frame, corners, np.zeros(3))[:, :3]
         assert ((at > 0.0) & (at < 1.0)).all()
     assert casters.min_distances_m[0] > 90.0

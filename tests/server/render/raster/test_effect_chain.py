@@ -82,7 +82,7 @@ def test_chain_however_long_has_two_images_at_most(
 
 
 def record_textures(context: moderngl.Context) -> list[moderngl.Texture]:
-    """Return a list that every texture made in a context from now on is put in."""
+    """A list of every texture created in a context from now on."""
     created: list[moderngl.Texture] = []
     make = type(context).texture
 

@@ -124,7 +124,7 @@ def test_cell_without_surfaces_has_no_draw_call(
 def test_cell_without_objects_has_no_draw_call(
     device: GlDevice, at: tuple[float, float, float], faces: int
 ) -> None:
-    empty = World("nothing", (), background=(0.2, 0.2, 0.2))
+    empty = World("empty", (), background=(0.2, 0.2, 0.2))
     renderer = RasterRenderer(build_scene(empty), empty, device=device)
     here = CameraState(Pose.identity())
     assert count_draws(renderer, 120.0, here).num_draw_calls == 0

@@ -19,7 +19,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
 from helpers.worlds import make_omni_camera, make_plan
 
-# Off centre, not square, cut by the image: nothing of the mirror may be left out.
+# Off centre, not square, cut by the image: no part of the mirror may be left out.
 OFF_CENTRE = OmniCamera(HyperbolicMirror(11.546, 0.2), 160, 120, (70.0, 66.0), 40.0, 2.0, 0.4)
 
 
@@ -29,7 +29,7 @@ def test_polygon_contains_every_sample_that_sees_the_mirror(camera: OmniCamera) 
     corners = 0.5 * (rim_polygon(camera) + 1.0) * size
     along = np.roll(corners, -1, axis=0) - corners
     outwards = np.stack((along[:, 1], -along[:, 0]), axis=-1)
-    # A pixel is drawn where its centre is inside, and then for all its samples.
+    # A pixel is rendered where its centre is inside, and then with all its samples.
     _, seen = direction_from_pixel(camera, pixel_sample_positions(camera, 4))
     centres = pixel_sample_positions(camera)[:, :, 0][seen.any(axis=-1)]
     beyond = np.einsum("pci,ci->pc", centres[:, None] - corners, outwards)

@@ -10,7 +10,7 @@ from catoptra_server.render.raster.passes import LINEAR_DTYPE, AveragePass, Outp
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from catoptra_server.scene.colour import srgb_from_linear
 
-WIDTH, HEIGHT = 5, 3  # an odd width: rows of 15 bytes are aligned to nothing
+WIDTH, HEIGHT = 5, 3  # an odd width: rows of 15 bytes have no alignment
 EXPOSURE = CameraState(Pose.identity())
 
 

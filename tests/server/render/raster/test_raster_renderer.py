@@ -64,7 +64,7 @@ def test_object_appears_mirrored_at_the_camera_model_s_pixel(
     device: GlDevice, place: tuple[float, float, float]
 ) -> None:
     expected, _ = pixel_from_direction(CAMERA, np.array(place))
-    # A box is no point: its middle in the picture is within two pixels of its centre's.
+    # A box is no point: its centroid in the image is within two pixels of its centre's.
     assert red_centroid(render_image(device, make_box(*place), HERE)) == pytest.approx(
         expected, abs=2.0
     )
@@ -147,7 +147,7 @@ def test_wall_that_touches_the_viewpoint_is_not_cut_away(device: GlDevice) -> No
         Material((1, 0, 0), unlit=True),
     )
     image = render_image(device, World("wall", (wall,)), HERE)
-    assert (image[30, 60] == (255, 0, 0)).all(), "ahead is up in the picture"
+    assert (image[30, 60] == (255, 0, 0)).all(), "ahead is up in the image"
     assert (image[90, 60] == 0).all()
 
 

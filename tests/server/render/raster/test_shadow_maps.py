@@ -96,7 +96,7 @@ def test_maps_when_a_program_samples_them_are_defined_by_number(device: GlDevice
         (DIRECTIONAL_LIGHT,) * (MAX_SHADOWED_DIRECTIONAL_LIGHTS + 1),
         (POINT_LIGHT,) * (MAX_SHADOWED_POINT_LIGHTS + 1),
     ],
-    ids=["suns", "lamps"],
+    ids=["directional lights", "point lights"],
 )
 def test_maps_when_lights_are_too_many_are_rejected_by_number(
     device: GlDevice, lights: tuple[Light, ...]

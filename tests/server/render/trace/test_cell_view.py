@@ -45,7 +45,7 @@ CAMERA = make_omni_camera(width_px=240)
 
 
 def make_clutter(seed: int) -> World:
-    """Return a floor with thin bars, wires, confetti and boxes through each other, luminous."""
+    """A floor with thin bars, wires, confetti and boxes through each other, unlit."""
     rng = np.random.default_rng(seed)
 
     def random_item(name: str, shape: Box | Rectangle, reach: float, turns: float) -> Item:
@@ -62,7 +62,7 @@ def make_clutter(seed: int) -> World:
 
 
 def random_poses(count: int, seed: int = 3) -> list[Pose]:
-    """Return places above the floor, leaning a little."""
+    """Poses above the floor, slightly tilted."""
     rng = np.random.default_rng(seed)
     return [
         Pose.from_rpy(
@@ -91,7 +91,7 @@ def render_images(
 
 
 def max_difference(world: World, camera_states: list[CameraState], **how: object) -> int:
-    """Return the greatest difference from tracing every ray, in grey levels."""
+    """Greatest difference from tracing every ray, in grey levels."""
     stride_px = how.pop("stride_px", 4)
     filled = render_images(world, camera_states, stride_px=stride_px, **how)  # type: ignore[arg-type]
     trace_image = render_images(world, camera_states, stride_px=1, **how)  # type: ignore[arg-type]
@@ -160,7 +160,7 @@ def test_image_when_of_small_triangles_is_that_of_all_rays() -> None:
 @pytest.mark.parametrize(
     "lights",
     [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
-    ids=["texture", "lamp"],
+    ids=["texture", "point light"],
 )
 @pytest.mark.parametrize("samples", [1, 2])
 def test_light_when_it_varies_over_a_filled_cell_is_that_of_rays_to_a_level(

@@ -20,7 +20,7 @@ POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
 def find_covered(centre: Floats, radius_m: float) -> Floats:
-    """Return the cells (rows, columns) that a sphere in the mirror frame covers."""
+    """Cells (rows, columns) that a sphere in the mirror frame covers."""
     centre, radius = POSE.transform_points(np.atleast_2d(centre)), np.array([radius_m])
     cells = covered_cells(
         centre, radius, pose=POSE, table=ProjectionTable.from_camera(CAMERA), grid=GRID

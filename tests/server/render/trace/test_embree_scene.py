@@ -28,7 +28,7 @@ DOWN = (0.0, 0.0, 1.0)
 
 
 def make_floor_world(material: Material, *lights: Light) -> World:
-    """Return a floor of 2 x 2 m, 1 m below the origin, under a blue background."""
+    """A floor of 2 x 2 m, 1 m below the origin, under a blue background."""
     floor = Item("floor", Rectangle((2.0, 2.0)), Pose.from_rpy((0.0, 0.0, 1.0)), material)
     return World("w", (floor,), lights=lights, background=(0.0, 0.0, 1.0))
 
@@ -36,7 +36,7 @@ def make_floor_world(material: Material, *lights: Light) -> World:
 def trace_colours(
     world: World, *rays: tuple[tuple[float, float, float], tuple[float, float, float]]
 ) -> list[list[int]]:
-    """Return the colours that rays (origin, direction) bring back."""
+    """Colours of rays (origin, direction)."""
     scene = EmbreeScene(build_scene(world), world)
     origins = np.array([origin for origin, _ in rays]) - scene.origin
     directions = np.array([direction for _, direction in rays])
@@ -74,7 +74,7 @@ def test_point_light_when_above_lights_by_the_position_of_the_hit() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "colour"),
     [
-        (0.5, -0.5, [255, 0, 0]),  # ahead on the left: the picture's top left
+        (0.5, -0.5, [255, 0, 0]),  # ahead on the left: the image's top left
         (0.5, 0.5, [0, 255, 0]),
         (-0.5, -0.5, [0, 0, 255]),
         (-0.5, 0.5, [255, 255, 255]),

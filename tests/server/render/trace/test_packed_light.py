@@ -10,7 +10,7 @@ from catoptra_server.scene.colour import srgb_from_linear
 
 
 def unpack_pixels(radiance: np.ndarray, samples: int) -> np.ndarray:
-    """Return (n, 3) colours of (3, n * samples) radiance."""
+    """(n, 3) colours of (3, n * samples) radiance."""
     scale = SrgbScale.for_samples(samples)
     return scale.unpack(scale.sum_pixels(scale.pack(radiance.astype(np.float32))))
 
@@ -20,7 +20,7 @@ def test_pixels_when_averaged_are_those_of_float64(samples: int) -> None:
     radiance = np.random.default_rng(1).uniform(0.0, 1.0, (3, 500 * samples)) ** 3
     mean = radiance.reshape(3, 500, samples).mean(axis=-1)
     expected = 255.0 * srgb_from_linear(mean.T)
-    # Half a level is rounding; the rest is what the scale's levels add, 0.4 of one at most.
+    # Half a level is rounding; the rest is the scale's own levels, 0.4 of one at most.
     assert np.abs(unpack_pixels(radiance, samples) - expected).max() <= 0.5 + 0.4
 
 

@@ -11,7 +11,7 @@ from catoptra_server.scene.shading import sample_texture
 
 
 def twin_differences(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Return how far the padded texture is from the reference at (n, 2) float32 coordinates."""
+    """Differences between the padded texture and the reference at (n, 2) float32 coordinates."""
     uv = uv.astype(np.float32)
     value = PaddedTexture.from_image(texture).sample(uv[:, 0], uv[:, 1]).T
     return np.abs(value - sample_texture(linear_from_srgb(texture / 255.0), uv.astype(np.float64)))
@@ -22,7 +22,7 @@ def test_texture_when_looked_up_anywhere_is_its_twin(shape: tuple[int, int]) -> 
     random = np.random.default_rng(1)
     texture = random.integers(0, 256, (*shape, 3), dtype=np.uint8)
     uv = random.uniform(-3.0, 3.0, (2000, 2))
-    # float32 places a coordinate of 3 to 2e-7, 4e-6 of a texel here; contrast is 1 at most.
+    # float32 rounds a coordinate of 3 to 2e-7, 4e-6 of a texel here; contrast is 1 at most.
     assert twin_differences(texture, uv).max() < 1e-5
 
 

@@ -67,18 +67,18 @@ def test_magnification_bounds_the_displacement_by_a_small_rotation(camera: OmniC
 
 def test_table_when_the_rim_is_next_to_the_asymptote_neither_ends_nor_jumps() -> None:
     camera = make_omni_camera(width_px=640, mirror=HyperbolicMirror(2.001, 0.2), rim_deg=91.28)
-    law = ProjectionTable.from_camera(camera)
-    theta = np.linspace(0.0, math.acos(law.min_height) - 1e-3, 20_001)
-    u, _ = law.pixel_from_direction(np.sin(theta), np.zeros_like(theta), np.cos(theta))
-    v = law.pixel_from_direction(
+    table = ProjectionTable.from_camera(camera)
+    theta = np.linspace(0.0, math.acos(table.min_height) - 1e-3, 20_001)
+    u, _ = table.pixel_from_direction(np.sin(theta), np.zeros_like(theta), np.cos(theta))
+    v = table.pixel_from_direction(
         *(f(theta).astype(np.float32) for f in (np.sin, np.zeros_like, np.cos))
     )[1]
     steps = np.abs(np.diff(v))
-    # No step is larger than what the greatest magnification makes of it, and of the table's steps.
-    bound = law.max_pixels_per_radian(theta[1:]) * np.diff(theta) + 2.0 * MAX_PIXEL_ERROR_PX
+    # No step in pixels exceeds the greatest magnification times the angle, plus the table's error.
+    bound = table.max_pixels_per_radian(theta[1:]) * np.diff(theta) + 2.0 * MAX_PIXEL_ERROR_PX
     assert np.ptp(u) < 1e-3
     assert (steps <= bound).all()
-    assert np.isfinite(law.max_magnification).all()
+    assert np.isfinite(table.max_magnification).all()
 
 
 @pytest.mark.parametrize("rim_deg", [178.0, 179.9])

@@ -63,13 +63,13 @@ def test_object_in_view_is_visible_and_only_there() -> None:
 def test_scene_behind_an_object_is_not_traced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    colours, asked = shade_pixels(2), []
+    colours, num_traced = shade_pixels(2), []
     whole = EmbreeScene.trace_radiance
 
     def counting_trace(
         scene: EmbreeScene, origins: np.ndarray, *args: object, **how: object
     ) -> object:
-        asked.append(len(origins))
+        num_traced.append(len(origins))
         return whole(scene, origins, *args, **how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(EmbreeScene, "trace_radiance", counting_trace)
@@ -77,7 +77,7 @@ def test_scene_behind_an_object_is_not_traced(
     rays = np.float32([[1, 0, 0], [1, 0.01, 0], [-1, 0, 0], [0, 1, 0]])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     found = colours.shade_rays(rays, colours.transform_view(camera_state), off_mirror=NONE)
-    assert asked == [2]
+    assert num_traced == [2]
     assert found[0].tolist() == [255, 0, 0]
 
 

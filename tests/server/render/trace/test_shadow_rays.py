@@ -57,9 +57,12 @@ def test_point_under_an_item_without_shadow_is_lit() -> None:
 
 def test_point_under_an_object_is_shadowed_from_the_directional_light() -> None:
     mesh = build_object_mesh([(box(Box((0.4, 0.4, 0.02))), GREY)])
-    body = DynamicObject(mesh, Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.2, 0.3)))
-    assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, body) == [0.0, 0.5]
-    below = dataclasses.replace(body, world_from_object=Pose.from_rpy((0.0, 0.0, 0.5)))
+    dynamic_object = DynamicObject(mesh, Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.2, 0.3)))
+    assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, dynamic_object) == [
+        0.0,
+        0.5,
+    ]
+    below = dataclasses.replace(dynamic_object, world_from_object=Pose.from_rpy((0.0, 0.0, 0.5)))
     assert irradiance(make_world(floor_item(), lights=(NOON,)), PLACES, below) == [0.5, 0.5]
 
 

@@ -69,7 +69,7 @@ def test_light_when_facets_are_turned_away_or_unlit_does_not_vary() -> None:
     triangles = np.arange(-1, 14, dtype=np.int32)
     varies = shadowed.has_varying_light(triangles)
     assert not varies[0], "the background"
-    assert varies[1:3].all(), "the floor under the sun"
+    assert varies[1:3].all(), "the floor under the directional light"
     assert 0 < varies[3:].sum() < 12, "half of the box"
     assert not plain.has_varying_light(triangles).any()
 

@@ -26,14 +26,14 @@ def make_grid(side_px: int = 4) -> CellGrid:
 def find_crossed(
     ends: Floats, grid: CellGrid, *, plane: tuple[float, float, float] = (0, 0, 0)
 ) -> set:
-    """Return the cells that lines, given in the mirror frame, pass in front of m . d = 1 / far."""
+    """Cells that edges, given in the mirror frame, cross in front of m . d = 1 / far."""
     outlines = SilhouetteEdges(POSE.transform_points(ends), LAW, grid)
     vectors = np.tile(np.float32(plane), (grid.rows * grid.columns, 1))
     return set(outlines.find_cells(POSE, vectors).tolist())
 
 
 def sample_cells(ends: Floats, grid: CellGrid) -> set[int]:
-    """Return the cells of many points of a line, as the law has them."""
+    """Cells of many points of an edge by the camera model."""
     along = np.linspace(0.0, 1.0, 20_001)[:, None]
     pixels, seen = pixel_from_direction(CAMERA, ends[0] + along * (ends[1] - ends[0]))
     column, row = np.floor(pixels[seen] / grid.side_px).astype(int).T
@@ -63,7 +63,7 @@ def test_edge_when_of_no_length_or_through_the_viewpoint_is_no_error() -> None:
 
 @pytest.mark.parametrize(("far_m", "is_hidden"), [(0.999, True), (1.0, False), (1.001, False)])
 def test_edge_when_behind_a_plane_crosses_no_cell(far_m: float, is_hidden: bool) -> None:
-    # A line on the plane x = 1 m; what lies in x = far hides it, or does not.
+    # An edge on the plane x = 1 m; a surface at x = far occludes the edge, or does not.
     ends = np.array([[[1.0, -0.5, 0.2], [1.0, 0.5, 0.6]]])
     assert (not find_crossed(ends, make_grid(), plane=(1.0 / far_m, 0.0, 0.0))) == is_hidden
 

@@ -74,7 +74,7 @@ def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(mirror: CentralMirror
     incidence = (20.0, 33.0, 45.0, 60.0, 75.0, 90.0, 104.0, 118.0)
     directions = marker_directions(incidence, tuple(range(-180, 180, 24)))
     world = marker_world(directions, world_from_mirror=CAMERA_STATE.world_from_mirror)
-    # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 find their middle to 0.1 px.
+    # 6 x 6 samples: the smallest markers are a pixel wide, 4 x 4 locate their centre to 0.1 px.
     image = render_image(world, camera, make_plan(camera, samples=6))
     positions, seen = pixel_from_direction(camera, directions)
     assert seen.all()

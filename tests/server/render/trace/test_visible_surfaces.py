@@ -17,7 +17,7 @@ POSE = Pose.from_rpy((0.2, 0.1, -0.3), (0.1, 0.2, 0.5))
 
 
 def make_box(folder: Path) -> SceneMesh:
-    """Return a textured box in front of the pose."""
+    """A textured box in front of the pose."""
     material = Material((1.0, 1.0, 1.0), write_smooth_texture(folder / "t.png"))
     at = Pose.from_rpy((3.0, 1.0, 0.5), (0.3, 0.1, 0.2))
     return build_scene(World("w", (Item("box", Box((1.0, 2.0, 0.5)), at, material),)))
