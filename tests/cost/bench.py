@@ -29,8 +29,9 @@ from catoptra_client.robot_client import RobotClient
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
-from catoptra_server.render.render_plan import RenderSettings, plan_from_settings
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.startup import StartupConfig, read_startup_config
 
 ROOT = Path(__file__).parents[2]
@@ -152,7 +153,7 @@ def _measure_fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[floa
         delivered, elapsed_s = _measure_delivery(int(ports[0]), int(ports[1]))
         process.terminate()
         _, log = process.communicate()
-    drawn = re.search(r"(\d+) shots in", log)
+    drawn = re.search(r"(\d+) frames captured in", log)
     assert drawn is not None, log
     # All frames since the start count on both sides, the warm-up too.
     return int(drawn[1]) / elapsed_s, delivered / elapsed_s

@@ -1,4 +1,4 @@
-"""A finished picture is encoded once for all who ask for the same kind."""
+"""Payloads of a frame: each encoding computed once, whatever the number of connections."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def make_image(height: int, width: int) -> npt.NDArray[np.uint8]:
     return np.random.default_rng(1).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
-def test_payload_when_asked_for_by_threads_at_once_is_encoded_once(
+def test_payload_when_requested_by_concurrent_threads_is_encoded_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     calls: list[ImageType] = []
@@ -32,7 +32,7 @@ def test_payload_when_asked_for_by_threads_at_once_is_encoded_once(
         calls.append(image_type)
         return b"payload"
 
-    monkeypatch.setattr(frame_module, "encoded_payload", count_encode)
+    monkeypatch.setattr(frame_module, "encode_payload", count_encode)
     frame = make_frame(make_image(4, 4))
     threads = [threading.Thread(target=frame.encode, args=(ImageType.RAW,)) for _ in range(8)]
     for thread in threads:
@@ -43,12 +43,12 @@ def test_payload_when_asked_for_by_threads_at_once_is_encoded_once(
     assert calls == [ImageType.RAW, ImageType.BAD]
 
 
-def test_jpeg_when_asked_for_by_both_transports_is_one() -> None:
+def test_jpeg_when_requested_by_both_transports_is_encoded_once() -> None:
     frame = make_frame(make_image(8, 8))
     assert frame.encode(ImageEncoding.JPEG) is frame.encode(ImageType.GOOD)
 
 
-def test_png_and_raw_of_the_stream_when_decoded_are_the_picture() -> None:
+def test_png_and_raw_of_the_stream_when_decoded_are_the_image() -> None:
     rgb = make_image(6, 5)
     frame = make_frame(rgb)
     png = cv2.imdecode(

@@ -83,9 +83,9 @@ def test_smaller_picture_lies_in_the_corner_and_is_not_resized() -> None:
 
 
 def test_larger_picture_and_one_too_many_are_refused() -> None:
-    with pytest.raises(DomainError, match="321 x 10 px does not fit"):
+    with pytest.raises(DomainError, match="321 x 10 px exceeds its tile"):
         compose_tiles(UDK_LAYOUT, [grey_image(321, 10, 1)])
-    with pytest.raises(DomainError, match="picture 4 has no tile"):
+    with pytest.raises(DomainError, match="image 4 has no tile"):
         compose_tiles(UDK_LAYOUT, [None] * 4 + [grey_image(10, 10, 1)])
 
 
@@ -95,7 +95,7 @@ def test_picture_cannot_be_written_to() -> None:
 
 @pytest.mark.parametrize("layout", [(0, 1, 1, 1), (1, 0, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)])
 def test_layout_without_pixels_is_refused(layout: tuple[int, int, int, int]) -> None:
-    with pytest.raises(DomainError, match="no picture"):
+    with pytest.raises(DomainError, match="has no pixel"):
         TileLayout(*layout, 1, 1)
 
 

@@ -21,7 +21,7 @@ from catoptra_server.frames.frame_request import (
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.frames.render_thread import RenderThread, max_bounds, render_frame
-from catoptra_server.frames.view_cache import ViewState
+from catoptra_server.frames.view_cache import RenderedView, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import RenderSettings
@@ -63,8 +63,8 @@ def test_frame_when_of_one_tile_is_the_picture_itself() -> None:
 
 
 class _DecidingViews(FakeViewProvider):
-    def render(self, take: ViewRequest) -> RenderedImage:
-        return dataclasses.replace(super().render(take), effects=(BLOOMING,))
+    def render(self, request: ViewRequest) -> RenderedView:
+        return dataclasses.replace(super().render(request), effect_decisions=(BLOOMING,))
 
 
 def test_frame_when_of_one_camera_tells_its_effects_and_of_several_none() -> None:
@@ -179,7 +179,8 @@ def test_bound_of_several_pictures_is_the_worst_of_each() -> None:
     views = FakeViewProvider()
     one, four = (views.error_bound(OmniCameraSpec(CAMERA.camera, wish)) for wish in plans)
     assert one is not None
-    assert max_bounds([four, one]) == one.as_dict()
+    assert four is not None
+    assert max_bounds([four.as_dict(), one.as_dict()]) == one.as_dict()
 
 
 def test_question_when_asked_is_answered_by_the_drawing_thread() -> None:

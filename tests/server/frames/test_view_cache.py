@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -110,7 +111,7 @@ def test_close_frees_all() -> None:
 def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
     renderer = CountingRenderer()
     views, eye = make_cache(renderer), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
-    assert "test" in str(views.plan(eye))
+    assert "test" in views.prepare(eye)
     views.render(ViewRequest(eye, CAMERA_STATE))
     assert renderer.log == ["prepare omni 8"]
 
@@ -149,7 +150,7 @@ def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
 def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
     renderer = EffectRenderer()
     picture = make_cache(renderer).render(ViewRequest(camera_spec_with(), CAMERA_STATE))
-    assert (renderer.log, picture.effects) == (["prepare omni 8", "draw"], ())
+    assert (renderer.log, picture.effect_decisions) == (["prepare omni 8", "draw"], ())
 
 
 def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
@@ -158,7 +159,9 @@ def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> No
         ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE)
     )
     assert renderer.log == ["prepare omni 8", "radiance", "draw"]
-    assert [(one.effect, one.enabled) for one in picture.effects] == [("Quantisation", False)]
+    assert [(one.effect, one.enabled) for one in picture.effect_decisions] == [
+        ("Quantisation", False)
+    ]
 
 
 def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
@@ -170,7 +173,7 @@ def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepa
     rendered = [entry for entry in renderer.log if entry != "radiance"]
     expected = ["draw Quantisation", "draw Blooming Quantisation", "draw Quantisation"]
     assert rendered == ["prepare omni 8", *expected]
-    assert [[one.enabled for one in picture.effects] for picture in pictures] == [
+    assert [[one.enabled for one in picture.effect_decisions] for picture in pictures] == [
         [False, True],
         [True, True],
         [False, True],
@@ -193,7 +196,7 @@ def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
     with caplog.at_level(logging.INFO):
         for renderer.max_radiance in (0.4, 0.6, 0.8):
             pictures.append(views.render(ViewRequest(eye, CAMERA_STATE)))
-    assert len({picture.effects for picture in pictures}) == 3
+    assert len({picture.effect_decisions for picture in pictures}) == 3
     assert sum("effects:" in record.message for record in caplog.records) == 1
 
 
@@ -265,7 +268,7 @@ def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
     with caplog.at_level("INFO"):
         render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 2]
-    assert "18.0 ms a frame (median), 10 ms asked: too slow" in caplog.text
+    assert "18.0 ms a frame (median), budget 10 ms: too slow" in caplog.text
 
 
 def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCaptureFixture) -> None:
@@ -273,7 +276,7 @@ def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCapture
     with caplog.at_level("INFO"):
         render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 1]
-    assert caplog.text.count("there is nothing better to do") == 1
+    assert caplog.text.count("no better plan") == 1
 
 
 def test_budget_when_frames_become_fast_again_is_used_again() -> None:
@@ -289,9 +292,9 @@ def test_frame_s_plan_when_it_is_chosen_again_is_the_one_that_drew_it() -> None:
     renderer = SlowRenderer(2.0)
     views, take = make_budgeted_cache(renderer, 10.0)
     for _ in range(100):
-        drawn = views.render(take).stage_ms["trace"]
-        plan = views.plan(take.camera)
-        assert drawn == 2.0 * plan.samples**2
+        rendered = views.render(take)
+        samples = math.sqrt(rendered.image.stage_ms["trace"] / 2.0)
+        assert f" {samples:.0f}^2 samples" in rendered.plan
 
 
 def test_eye_when_asked_for_is_answered_without_being_prepared() -> None:
@@ -308,9 +311,12 @@ def test_bound_when_a_view_is_prepared_is_published_until_it_makes_room() -> Non
     published = ErrorBoundTable()
     views, take = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)
     assert published.get(take.camera) is None
-    views.render(take)
-    assert published.get(take.camera) is views.error_bound(take.camera) is not None
+    rendered = views.render(take)
+    bound = published.get(take.camera)
+    assert bound is not None
+    assert rendered.error_bounds == bound.as_dict()
 
 
 def test_ordinary_camera_has_no_bound() -> None:
-    assert make_cache(CountingRenderer()).error_bound(PerspectiveCamera(20, 10, 1.0)) is None
+    request = ViewRequest(PerspectiveCamera(20, 10, 1.0), CAMERA_STATE)
+    assert make_cache(CountingRenderer()).render(request).error_bounds is None

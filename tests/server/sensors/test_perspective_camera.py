@@ -9,9 +9,7 @@ import pytest
 
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
-from catoptra_server.robot.mount import (
-    Mount,
-)
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.robot_description import PerspectiveCameraDescription
 from catoptra_server.sensors.perspective_camera import PerspectiveCameraSensor
 from helpers.robots import make_p2at

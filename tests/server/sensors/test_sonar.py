@@ -124,6 +124,6 @@ def test_configuration_when_of_udk_tells_the_limit() -> None:
 def test_range_when_level_over_a_floor_is_to_what_stands_beyond() -> None:
     # The lowest rays of the cone meet the floor at 0.84 m, 80 degrees from its normal.
     moment = dataclasses.replace(
-        context_in_room(), around=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457)))
+        context_in_room(), environment=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457)))
     )
     assert make_ring().read(moment).items == (("F1", pytest.approx(4.0)),)

@@ -155,10 +155,11 @@ def test_joints_when_driven_in_one_line_all_move() -> None:
 def test_bodies_when_asked_for_leave_one_robot_out() -> None:
     fleet = make_fleet()
     one, _ = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
-    ((pose, size_m),) = fleet.other_robot_boxes(fleet.find_robot(one))
+    robot = fleet.find_robot(one)
+    assert robot is not None
+    ((pose, size_m),) = fleet.sense(robot).robot_boxes
     assert size_m == (0.3, 0.3, 0.3)
     assert tuple(pose.translation) == (2.0, 0.0, -0.15)
-    assert len(fleet.other_robot_boxes(None)) == 2
 
 
 def test_package_when_commanded_in_either_way_moves() -> None:

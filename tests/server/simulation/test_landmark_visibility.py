@@ -13,8 +13,6 @@ from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.render_settings import RenderSettings
@@ -55,9 +53,7 @@ def compute_visibility(
 ) -> LandmarkVisibility:
     """Return what an eye 0.5 m over the floor sees of one landmark."""
     pose = Pose.from_rpy((x_m, 0.0, -HEIGHT_M), (0.0, 0.0, yaw_rad))
-    (found,) = compute_landmark_visibility(
-        ViewRequest(camera_spec, CameraState(pose)), [landmark], environment
-    )
+    (found,) = compute_landmark_visibility(camera_spec, pose, [landmark], environment)
     return found
 
 
@@ -124,9 +120,5 @@ def test_goal_when_looked_at_from_behind_is_hidden_by_its_own_back(
 
 
 def test_landmarks_when_there_are_none_are_none() -> None:
-    assert (
-        compute_landmark_visibility(
-            ViewRequest(PERSPECTIVE, CameraState(Pose.identity())), [], EMPTY_ENVIRONMENT
-        )
-        == ()
-    )
+    found = compute_landmark_visibility(PERSPECTIVE, Pose.identity(), [], EMPTY_ENVIRONMENT)
+    assert found == ()

@@ -290,7 +290,7 @@ def test_frame_when_wanted_by_many_is_drawn_once() -> None:
     (frame,) = collect_frames(
         1, CommandReceived(client, INIT), *(5 * [FrameRequested()]), view=view
     )
-    assert len(view.exposures) == 1
+    assert len(view.camera_states) == 1
     assert (frame.sequence, frame.metadata.camera, frame.time_s) == (1, "OmniCam", 0.0)
     np.testing.assert_array_equal(frame.rgb, 1)
 
@@ -331,7 +331,7 @@ def test_camera_when_nobody_watches_is_not_drawn() -> None:
         simulation.post(CommandReceived(client, command))
     simulation.post(StopRequested())
     simulation.run()
-    assert view.exposures == []
+    assert view.camera_states == []
 
 
 class TickingClock:
@@ -389,7 +389,7 @@ def test_realtime_when_asked_to_step_fails() -> None:
 def test_realtime_when_far_behind_goes_on_from_now(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         client = run_realtime(0.2, TickingClock(0.03, 0.0, 0.0, 7.0))
-    assert "7.0 s behind" in caplog.text
+    assert "lags by 7.0 s" in caplog.text
     times = [r.time_s for r in client.reports if isinstance(r, VehicleStatus)]
     assert times == [0.0, 0.2]
 

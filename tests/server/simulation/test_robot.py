@@ -8,12 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from catoptra_protocol.usarsim.commands import Drive, LinkCommand, MisPkg
+from catoptra_protocol.usarsim.commands import Drive, GetConf, GetGeo, LinkCommand, MisPkg
 from catoptra_protocol.usarsim.reports import (
     EncoderReadings,
     GroundTruthReading,
     MissionPackageStatus,
     OdometryReading,
+    VehicleConfiguration,
+    VehicleGeometry,
     VehicleStatus,
 )
 from catoptra_server.random_sources import RandomSource
@@ -28,6 +30,7 @@ from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.obstacle_grid import build_obstacle_grid
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.twist import AT_REST
+from catoptra_server.simulation.get_commands import execute_get_conf, execute_get_geo
 from catoptra_server.simulation.robot import Robot
 from helpers.robots import ENCODER, ODOMETRY, make_p2at, make_walled_world
 
@@ -181,7 +184,8 @@ def test_odometry_when_driving_a_circle_closes_it() -> None:
 
 
 def test_configuration_when_of_the_robot_names_the_model() -> None:
-    configuration = spawn().vehicle_configuration()
+    (configuration,) = execute_get_conf(spawn(), GetConf("Robot"))
+    assert isinstance(configuration, VehicleConfiguration)
     assert (configuration.vehicle_type, configuration.name) == ("GroundVehicle", "OmniP2AT")
     assert configuration.max_speed_rad_s == 5.385
 
@@ -193,7 +197,8 @@ def test_part_when_of_a_sensor_is_found_in_any_case(type_: str) -> None:
 
 
 def test_geometry_when_of_the_robot_is_the_reference_p2at() -> None:
-    geometry = spawn().vehicle_geometry()
+    (geometry,) = execute_get_geo(spawn(), GetGeo("Robot"))
+    assert isinstance(geometry, VehicleGeometry)
     assert geometry.dimensions_m == (0.5238, 0.4968, 0.2913)
     assert (geometry.wheel_radius_m, geometry.wheel_separation_m) == (0.13, 0.4712)
 

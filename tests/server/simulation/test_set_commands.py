@@ -28,7 +28,9 @@ CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.349
 
 def drive_robot() -> Robot:
     """Return a robot that has gone 0.26 m."""
-    description = make_p2at(sensors=(SCANNER, INS, ODOMETRY, ENCODER), perspective_cameras=(CAMERA,))
+    description = make_p2at(
+        sensors=(SCANNER, INS, ODOMETRY, ENCODER), perspective_cameras=(CAMERA,)
+    )
     robot = Robot(description, PlanarPose(0.0, 0.0, 0.0), name="R", seed=1, time_s=0.0)
     free = build_obstacle_grid(build_scene(make_walled_world()), low_m=0.03, high_m=1.0)
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
