@@ -110,7 +110,7 @@ def test_effect_when_it_runs_adds_its_own_pass_and_program_and_no_other(
     assert view.pass_names == ("faces", "mirror", *ranges, name, "encode")
     added = {built.split()[0] for built in set(renderer.program_names) - before}
     others = {"range", "pixel_range"} if ranges else set()
-    others |= {"meter"} if name in METERED else set()
+    others |= {"mean_luminance"} if name in METERED else set()
     assert len(added) == 1 + len(others)
     assert added >= others
     view.close()

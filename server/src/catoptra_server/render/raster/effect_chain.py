@@ -152,7 +152,7 @@ class EffectPass:
 
     def draw(self, camera_state: CameraState) -> None:
         """Fill the target: every pixel is written, so nothing is cleared."""
-        # Passed as a function: only auto-exposure calls it, and only that call builds the meter.
+        # Passed as a function: auto-exposure and dust call it, and only that call builds the meter.
         measure_mean = partial(self._meter.measure_mean_luminance, self._camera)
         uniforms = self._effect.uniforms(
             self._camera, CaptureContext(camera_state.noise_seed), measure_mean
