@@ -33,42 +33,44 @@ def test_camera_when_its_file_names_effects_is_explained_row_by_row(
     assert cost.startswith("a frame takes ")
 
 
-def test_camera_when_its_file_names_none_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_camera_without_effects_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--robot", "p2at_omni", *QUESTION]) == 0
     assert "no effects: the robot file names none" in capsys.readouterr().out
 
 
-def test_explanation_when_asked_for_as_json_has_the_same_decisions(
+def test_explanation_as_json_has_the_same_decisions(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["--robot", "p2at_omni_real", *QUESTION, "--pose", "0.5,0,1", "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    running = {one["effect"] for one in told["effects"] if one["is_on"]}
-    assert set(told["ms"]) == running & set(IMAGE_EFFECTS), "a scene's are part of its drawing"
-    assert told["others_ms"] > 0.0
+    (report,) = json.loads(capsys.readouterr().out)
+    running = {one["effect"] for one in report["effects"] if one["enabled"]}
+    assert set(report["effect_ms"]) == running & set(IMAGE_EFFECTS), (
+        "scene effects are part of other stages"
+    )
+    assert report["other_ms"] > 0.0
 
 
-def test_robot_when_it_has_no_such_camera_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+def test_robot_without_an_omnidirectional_camera_is_no_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--robot", "p2at", *QUESTION]) == 0
     assert capsys.readouterr().out == "no robot has an omnidirectional camera\n"
 
 
-def test_file_when_it_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_file_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--robot", "nobody.ini", *QUESTION]) == 2
     assert "nobody.ini" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("pose", ["1,2", "a,b,c", "1,2,nan"])
-def test_pose_when_it_is_none_is_refused(pose: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_malformed_pose_is_rejected(pose: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--robot", "p2at_omni", *QUESTION, "--pose", pose])
     assert "pose" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("velocity", ["1", "a,b,c", "0,inf,0"])
-def test_velocity_when_it_is_none_is_refused(
-    velocity: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_malformed_velocity_is_rejected(velocity: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--robot", "p2at_omni", *QUESTION, "--velocity", velocity])
     assert "a velocity is three numbers VX,VY,YAWRATE" in capsys.readouterr().err
@@ -83,22 +85,22 @@ def camera_at(velocity: PlanarVelocity, *, yaw_rad: float = 0.0) -> CameraState:
     return build_camera_state(robot, omni, PlanarPose(1.0, 2.0, yaw_rad), velocity)
 
 
-def test_velocity_when_told_is_that_of_the_mirror_in_the_worlds_axes() -> None:
-    # It looks to the right of x, and turns clockwise: what is 0.2 m ahead goes to its right too.
+def test_velocity_is_that_of_the_mirror_in_world_axes() -> None:
+    # The robot faces y and turns clockwise: the mirror, 0.2 m ahead, also moves to the right.
     twist = camera_at(PlanarVelocity(0.5, 0.1, 0.7), yaw_rad=0.5 * math.pi).twist
     assert twist.linear_m_s == pytest.approx((-0.1 - 0.2 * 0.7, 0.5, 0.0))
     assert twist.angular_rad_s == pytest.approx((0.0, 0.0, 0.7))
 
 
-def test_own_body_when_the_robot_moves_stands_still_in_its_picture() -> None:
-    exposure = camera_at(PlanarVelocity(0.5, 0.1, 0.7), yaw_rad=0.3)
-    assert exposure.ego_body is not None
-    assert exposure.twist.speed_m_s > 0.4
-    assert relative_twist(exposure, exposure.ego_body).speed_m_s == pytest.approx(0.0, abs=1e-15)
+def test_ego_body_of_a_moving_robot_is_at_rest_in_the_image() -> None:
+    state = camera_at(PlanarVelocity(0.5, 0.1, 0.7), yaw_rad=0.3)
+    assert state.ego_body is not None
+    assert state.twist.speed_m_s > 0.4
+    assert relative_twist(state, state.ego_body).speed_m_s == pytest.approx(0.0, abs=1e-15)
 
 
-def test_robot_when_nothing_is_said_stands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_robot_without_a_velocity_is_at_rest(capsys: pytest.CaptureFixture[str]) -> None:
     assert camera_at(ZERO_VELOCITY).twist == AT_REST
     assert main(["--robot", "p2at_omni_real", *QUESTION, "--velocity", "0.5,0,0.3"]) == 0
-    told = capsys.readouterr().out
-    assert "the robot is seen up to 46.7 degrees from the axis" in told
+    printed = capsys.readouterr().out
+    assert "the robot is in view up to 46.7 degrees from the axis" in printed

@@ -19,6 +19,7 @@ from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.bundled_files import FileKind, find_configuration
 from catoptra_server.config.server_file import MAX_FRAME_SKIP, ServerOptions
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
 
 EXIT_CANNOT_START = 2
@@ -84,7 +85,7 @@ def _build_parser() -> argparse.ArgumentParser:
         help="the image port shows a tile for each camera, such as 2x2:320x240")  # fmt: skip
     add("--dialect", choices=[d.value for d in Dialect], default=Dialect.UT2004.value,
         help="dialect of the control port: USARSim for UT2004 (default) or for UDK")  # fmt: skip
-    add("--renderer", choices=["auto", "trace", "raster"], default="auto")
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
     add(
         "--threads",
         type=_parse_threads,

@@ -1,6 +1,6 @@
-"""`catoptra-server explain`: which effects a robot's camera needs in a world, why, at what cost.
+"""`catoptra-server explain`: effects that a robot's camera needs in a world, and their cost.
 
-The decision is the one that the server takes; the milliseconds are medians of frames drawn here.
+The decisions are the server's own; the milliseconds are medians of frames rendered here.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.bundled_files import find_configuration
 from catoptra_server.effects.effect_plan import EffectDecision, format_decisions
 from catoptra_server.frames.frame_request import ViewRequest
+from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.render_plan import requested_samples
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.dynamic_object import DynamicObject
@@ -32,21 +34,23 @@ from catoptra_server.simulation.robot_meshes import build_ego_mesh
 from catoptra_server.startup import StartupConfig, read_startup_config
 
 EXIT_FAILURE = 2
-# A median of few is enough: what is told is which effect costs, not how much to a tenth.
+# Five suffice: the report compares effects with each other, not to a tenth of a millisecond.
 _NUM_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
 class PlanarVelocity:
-    """How a robot drives, in its own axes: ahead, to its right; clockwise seen from above."""
+    """Velocity of a robot in its own axes."""
 
     forward_m_s: float = 0.0
     right_m_s: float = 0.0
+    """Sideways, to the robot's right."""
     yaw_rate_rad_s: float = 0.0
+    """Clockwise seen from above."""
 
     @property
     def twist(self) -> Twist:
-        """Return it as a motion of the robot's frame, told at its origin in its own axes."""
+        """Same motion as a twist of the robot's frame, in the robot's axes."""
         return Twist((self.forward_m_s, self.right_m_s, 0.0), (0.0, 0.0, self.yaw_rate_rad_s))
 
 
@@ -55,104 +59,112 @@ ZERO_VELOCITY = PlanarVelocity()
 
 @dataclass(frozen=True, slots=True)
 class CameraEffectReport:
-    """What was decided for one camera.
-
-    ms: by effect that runs; what changes the scene takes its time in the stages of the drawing.
-    others_ms: those, and all others.
-    """
+    """Decisions about the effects of one camera, and the time of a frame."""
 
     robot: str
+    """Class of the robot."""
     camera: str
     plan: str
     effects: tuple[EffectDecision, ...]
+    """Decisions in optical order."""
     effect_ms: dict[str, float]
+    """Median milliseconds of each enabled image effect; a scene effect has no stage of its own."""
     other_ms: float
+    """Median milliseconds of all other stages, scene effects included."""
 
     def __str__(self) -> str:
-        whole = self.other_ms + sum(self.effect_ms.values())
+        effects_ms = sum(self.effect_ms.values())
+        total_ms = self.other_ms + effects_ms
         head = f"{self.robot} {self.camera}: {self.plan}"
-        cost = f"a frame takes {whole:.1f} ms, {sum(self.effect_ms.values()):.1f} of it for effects"
+        cost = f"a frame takes {total_ms:.1f} ms, {effects_ms:.1f} ms of them for effects"
         return "\n".join((head, format_decisions(self.effects, self.effect_ms), cost))
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Explain; return 0, or 2 with a message if it could not be done."""
+    """Run the command; return the exit status, 0, or 2 after a message for a failure."""
     parsed = _build_parser().parse_args(arguments)
     try:
-        setup = read_startup_config(
+        startup = read_startup_config(
             [find_configuration("robots", parsed.robot)], find_configuration("worlds", parsed.world)
         )
-        explained = [
+        reports = [
             *explain_cameras(
-                setup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
+                startup, renderer=parsed.renderer, pose=parsed.pose, velocity=parsed.velocity
             )
         ]
     except CatoptraError as error:
         print(f"catoptra-server explain: {error}", file=sys.stderr)
         return EXIT_FAILURE
     if parsed.json:
-        print(json.dumps([asdict(one) for one in explained], indent=2))
+        print(json.dumps([asdict(report) for report in reports], indent=2))
     else:
-        print("\n\n".join(map(str, explained)) or "no robot has an omnidirectional camera")
+        print("\n\n".join(map(str, reports)) or "no robot has an omnidirectional camera")
     return 0
 
 
 def explain_cameras(
-    setup: StartupConfig,
+    startup: StartupConfig,
     *,
     renderer: str,
     pose: PlanarPose | None = None,
     velocity: PlanarVelocity = ZERO_VELOCITY,
 ) -> Iterator[CameraEffectReport]:
-    """Yield what was decided for each class's camera, drawn where a robot starts, or at a place."""
-    for robot in setup.robots:
+    """Yield the report of each robot class with an omnidirectional camera.
+
+    Args:
+        pose: Pose of the robot; None: the world's first start pose.
+        velocity: Velocity of the robot during the exposure.
+    """
+    for robot in startup.robots:
         if robot.omni_camera is not None:
-            exposure = build_camera_state(
-                robot, robot.omni_camera, pose or _start_pose(setup), velocity
+            camera_state = build_camera_state(
+                robot, robot.omni_camera, pose or _start_pose(startup), velocity
             )
-            yield _explain_camera(setup, robot, robot.omni_camera, renderer, exposure)
+            yield _explain_camera(startup, robot, robot.omni_camera, renderer, camera_state)
 
 
 def build_camera_state(
     robot: RobotDescription, omni: OmniCameraDescription, pose: PlanarPose, velocity: PlanarVelocity
 ) -> CameraState:
-    """Return the exposure of a robot's camera at a place, while the robot drives."""
+    """State of a robot's camera at a pose, while the robot drives."""
     base = pose.at_height(robot.drive.ride_height_m)
-    mirror = base @ omni.robot_from_mirror
     twist = velocity.twist.rotate(base.rotation)
     mesh = build_ego_mesh(robot)
-    return CameraState(
-        mirror,
-        twist=twist.at_offset(mirror.translation - base.translation),
+    return mounted_camera_state(
+        base,
+        omni.robot_from_mirror,
+        twist=twist,
         ego_body=DynamicObject(mesh, base, twist) if mesh is not None else None,
     )
 
 
 def _explain_camera(
-    startup_files: StartupConfig,
+    startup: StartupConfig,
     robot: RobotDescription,
     omni: OmniCameraDescription,
     renderer: str,
     camera_state: CameraState,
 ) -> CameraEffectReport:
     samples = requested_samples(omni.render_settings)
-    choice = choose_renderer(renderer, startup_files.scene, startup_files.world, samples=samples)
-    views = ViewCache(RenderPlanner(choice), SceneSummarizer(setup.scene, setup.world))
-    eye = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-    drawn = [views.render(ViewRequest(eye, camera_state)) for _ in range(_NUM_FRAMES)]
-    plan = str(views.plan(eye))
+    choice = choose_renderer(renderer, startup.scene, startup.world, samples=samples)
+    views = ViewCache(RenderPlanner(choice), SceneSummarizer(startup.scene, startup.world))
+    spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+    rendered = [views.render(ViewRequest(spec, camera_state)) for _ in range(_NUM_FRAMES)]
     views.close()
-    stages = {name: median(one.stage_ms[name] for one in drawn) for name in drawn[0].stage_ms}
-    running = {d.effect: stages.pop(d.effect) for d in drawn[0].effects if d.effect in stages}
-    others_ms = sum(stages.values())
+    frame_ms = [view.image.stage_ms for view in rendered]
+    stages = {name: median(stage_ms[name] for stage_ms in frame_ms) for name in frame_ms[0]}
+    decisions = rendered[0].effect_decisions
+    effect_ms = {d.effect: stages.pop(d.effect) for d in decisions if d.effect in stages}
+    other_ms = sum(stages.values())
     return CameraEffectReport(
-        robot.class_name, omni.name, plan, drawn[0].effects, running, others_ms
+        robot.class_name, omni.name, rendered[0].plan, decisions, effect_ms, other_ms
     )
 
 
-def _start_pose(setup: StartupConfig) -> PlanarPose:
-    """Return the first start place of the world, its middle if it has none."""
-    for start in setup.world.starts:
+def _start_pose(startup: StartupConfig) -> PlanarPose:
+    """First start pose of the world; the origin for a world without one."""
+    # Position and heading only: height and tilt follow from the floor and the robot's ride height.
+    for start in startup.world.starts:
         return PlanarPose(start.location_m[0], start.location_m[1], start.rotation_rad[2])
     return PlanarPose(0.0, 0.0, 0.0)
 
@@ -160,17 +172,17 @@ def _start_pose(setup: StartupConfig) -> PlanarPose:
 def _build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="catoptra-server explain",
-        description="Tell which effects a robot's camera needs in a world, why, at what cost.",
+        description="Report the effects that a robot's camera needs in a world, with their cost.",
     )
     add = parser.add_argument
-    add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a shipped one")
-    add("--world", required=True, metavar="FILE", help="world ini, or the name of a shipped one")
-    add("--renderer", choices=["auto", "trace", "raster"], default="auto")
+    add("--robot", required=True, metavar="FILE", help="robot ini, or the name of a bundled one")
+    add("--world", required=True, metavar="FILE", help="world ini, or the name of a bundled one")
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO)
     add("--pose", type=_parse_pose, metavar="X,Y,YAW",
-        help="from where it is drawn, in metres and radians; default: the first start")  # fmt: skip
+        help="pose of the robot, in metres and radians; default: the first start pose")  # fmt: skip
     add("--velocity", type=_parse_velocity, metavar="VX,VY,YAWRATE", default=ZERO_VELOCITY,
-        help="how the robot moves while it is drawn: metres a second ahead and to its right, "
-             "radians a second clockwise from above; default: it stands")  # fmt: skip
+        help="velocity of the robot during the exposure: metres a second ahead and to the right, "
+             "radians a second clockwise from above; default: at rest")  # fmt: skip
     add("--json", action="store_true", help="print JSON")
     return parser
 
@@ -184,11 +196,11 @@ def _parse_velocity(text: str) -> PlanarVelocity:
 
 
 def _parse_three_floats(text: str, expected: str) -> tuple[float, float, float]:
-    """Return three finite numbers with commas between them."""
+    """Three finite numbers, separated by commas."""
     try:
-        x, y, turn = map(float, text.split(","))
+        first, second, third = map(float, text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{expected}, not {text!r}") from None
-    if not all(map(math.isfinite, (x, y, turn))):
+    if not all(map(math.isfinite, (first, second, third))):
         raise argparse.ArgumentTypeError(f"{expected}, not {text!r}")
-    return x, y, turn
+    return first, second, third

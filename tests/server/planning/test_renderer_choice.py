@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+import catoptra_server
 from catoptra_protocol.errors import DomainError, RendererUnavailableError
 from catoptra_server.planning.renderer_choice import RendererChoice, choose_renderer
 from catoptra_server.render import raster
@@ -118,3 +121,33 @@ def test_trace_does_not_load_opengl() -> None:
 
 def test_error_of_a_missing_opengl_is_a_renderer_unavailable_error() -> None:
     assert issubclass(OpenGLMissingError, RendererUnavailableError)
+
+
+# Beside the renderers themselves: their names, their creation, their settings, their checks.
+MODULES_THAT_KNOW_THE_KINDS = {
+    "doctor/renderer_devices.py",
+    "planning/candidate_plans.py",
+    "planning/renderer_choice.py",
+    "render/renderer_kind.py",
+}
+
+
+def names_a_kind(module: Path) -> bool:
+    """Whether a module names a member of RendererKind, by attribute or by value."""
+    values = {kind.value for kind in RendererKind}
+    return any(
+        (isinstance(node, ast.Attribute) and node.attr in RendererKind.__members__)
+        or (isinstance(node, ast.Constant) and node.value in values)
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8")))
+    )
+
+
+def test_kinds_of_renderers_are_told_apart_in_four_modules() -> None:
+    package = Path(catoptra_server.__file__).parent
+    renderers = {package / "render" / kind.value for kind in RendererKind}
+    found = {
+        str(module.relative_to(package))
+        for module in package.rglob("*.py")
+        if not renderers & set(module.parents) and names_a_kind(module)
+    }
+    assert found == MODULES_THAT_KNOW_THE_KINDS

@@ -1,4 +1,4 @@
-"""What a frame's random numbers are keyed by."""
+"""Seed of the image noise of one exposure."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from catoptra_server.random_sources import RandomSource
 
 @dataclass(frozen=True, slots=True)
 class NoiseSeed:
-    """A camera, by two 32-bit words, and an exposure of it.
-
-    index: the robot's tick at the exposure, not a count of pictures, so that nobody who asks for
-    one more picture changes the noise of others; an exposure asked for twice is the same.
-    """
+    """Key of a camera and of an exposure, for counter-based random numbers."""
 
     camera_key: tuple[int, int] = (0, 0)
+    """Two 32-bit words that identify the camera."""
+    # Not a count of frames: a further request then changes nobody's noise, and two channels that
+    # show one exposure have the same noise.
     tick: int = 0
+    """Tick of the robot at the exposure."""
 
     @classmethod
     def from_source(cls, source: RandomSource, tick: int) -> NoiseSeed:
-        """Return the key of an exposure of the camera that a stream belongs to."""
+        """Seed of the exposure at a tick, of the camera that a random source belongs to."""
         word = source.key[0]
         return cls((word & 0xFFFFFFFF, word >> 32), tick)
 

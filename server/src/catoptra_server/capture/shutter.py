@@ -1,14 +1,15 @@
-"""Shutter of an exposure that lasts: times at which to render, and their weights by image row.
+"""Exposure and readout times: time samples of a long exposure, and their weights in each row.
 
-The image is a weighted mean, in linear radiance, of sharp images: row v of h is exposed from
-t_v - T/2 to t_v + T/2, T the exposure, t_v = R ((v + 1/2) / h - 1/2), R the readout; both are
-centred on the pose. The total time, T + R, is cut into equal slots, each rendered at its centre
-with camera, objects, occlusions and shadows of that time. A row's weight of a slot is the fraction
-of the row's exposure within the slot; the weights sum to 1, so no light is lost.
+An image of a moving scene is the mean, in linear light, of sharp images: row v of h is exposed from
+t_v - T/2 to t_v + T/2, T the exposure time, t_v = R ((v + 1/2) / h - 1/2), R the readout time; both
+are centred on the pose. The whole time, T + R, is divided into equal slots, and one sharp image is
+rendered at the centre of each, with camera, objects, occlusion and shadows of that time. A row's
+weight of a slot is the fraction of the row's exposure within the slot; the weights sum to 1, so no
+light is lost.
 
-Error: nothing moves within a slot. Steps of a pixel while the shutter is open leave less than a
-grey level of rms against 64 time samples, since pixels are means already; a row that shows one time
-sample alone is off by up to half a slot, so displacement during the readout counts four times.
+Error: within a slot everything stands still. Steps of a pixel during the exposure leave less than a
+grey level of rms against 64 time samples, since pixels are means already; a row that shows a single
+slot is off by up to half a slot, so the displacement during the readout counts four times.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 # One time sample alone would be a sharp image, however far objects move.
 _MIN_TIME_SAMPLES, MAX_TIME_SAMPLES = 2, 64
+# Pixels between time samples; a quarter for rows with one slot alone (see above).
 _MAX_STEP_PX, _MAX_ROW_STEP_PX = 1.0, 0.25
 
 RowWeights = npt.NDArray[np.float32]  # (rows,)
@@ -28,10 +30,10 @@ RowWeights = npt.NDArray[np.float32]  # (rows,)
 
 @dataclass(frozen=True, slots=True)
 class Shutter:
-    """Exposure and readout of an image, cut into slots of equal time."""
+    """Exposure and readout times, with the displacement that the time samples have to resolve."""
 
     exposure_s: float
-    """Time for which each row is exposed."""
+    """Exposure time of a row."""
     readout_s: float
     """Time from the first row's exposure to that of a row after the last; 0: a global shutter."""
     num_steps: float
@@ -60,11 +62,11 @@ class Shutter:
         return tuple(((i + 0.5) / count - 0.5) * total_s for i in range(count))
 
     def row_weights(self, num_rows: int) -> npt.NDArray[np.float32]:
-        """Weight of each slot in each row, (num_time_samples, num_rows)."""
+        """(num_time_samples, num_rows) weight of each slot in each row."""
         total_s, count = self.exposure_s + self.readout_s, self.num_time_samples
         centre_s = self.readout_s * ((np.arange(num_rows) + 0.5) / num_rows - 0.5)
         edges_s = (np.arange(count + 1) / count - 0.5) * total_s
-        # The limit of a short exposure: each row lies in one slot, and the division below is 0 / 0.
+        # A row of no duration shows exactly one slot; the fraction below would be 0 / 0.
         if self.exposure_s == 0.0:
             slot = np.searchsorted(edges_s[1:-1], centre_s, side="right")
             return np.equal.outer(np.arange(count), slot).astype(np.float32)

@@ -20,6 +20,7 @@ from catoptra_server.doctor.ports import check_ports, check_running_server
 from catoptra_server.doctor.processors import check_processors
 from catoptra_server.doctor.renderer_devices import check_renderers
 from catoptra_server.doctor.subprocess_check import run_in_subprocess
+from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 
 _EXIT_STATUS_HELP = (
     "exit status: 0 = no problem, 1 = the server can start, with warnings, 2 = it cannot start"
@@ -99,7 +100,7 @@ def _build_parser() -> argparse.ArgumentParser:
     add("--robot", action="append", default=[], metavar="FILE",
         help="robot ini or name; again for more (default: all bundled ones)")  # fmt: skip
     add("--world", action="append", default=[], metavar="FILE", help="world ini or name, likewise")
-    add("--renderer", choices=["auto", "trace", "raster"], default="auto",
+    add("--renderer", choices=RENDERER_NAMES, default=AUTO,
         help="renderer of the server; the other one is not checked")  # fmt: skip
     add("--host", default="127.0.0.1", help="address on which the server will listen")
     add("--control-port", type=_parse_port, default=3000, metavar="PORT")
