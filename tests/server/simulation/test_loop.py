@@ -8,13 +8,31 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable, Sequence
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, Command, Drive, GetConf, Init, Step
+from catoptra_protocol.usarsim.commands import (
+    COMMAND_PARSERS,
+    Command,
+    Drive,
+    DriveJoints,
+    GetConf,
+    GetGeo,
+    GetStartPoses,
+    Init,
+    JointCommand,
+    LinkCommand,
+    MisPkg,
+    MultiDrive,
+    Set,
+    SetViewports,
+    Step,
+    Trace,
+)
 from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
@@ -98,6 +116,50 @@ def run_commands(
     simulation.post(StopRequested())
     simulation.run()
     return client
+
+
+COMMANDS: tuple[Command, ...] = (
+    Init("OmniP2AT", location_m=(1.0, 0.0, 0.0)),
+    Drive(1.0, 1.0),
+    DriveJoints((JointCommand("CameraPan", 0.1),)),
+    MultiDrive((("CameraPan", 0.1),)),
+    MisPkg("CameraPanTilt", (LinkCommand(1, 0.1),)),
+    Set("Odometry", opcode="RESET"),
+    SetViewports("SingleView"),
+    Trace(enabled=True),
+    GetConf("Robot"),
+    GetGeo("Robot"),
+    GetStartPoses(),
+    Step(0.02),
+)
+
+
+def test_commands_when_listed_are_all_of_the_protocol() -> None:
+    assert {type(command) for command in COMMANDS} == set(get_args(Command))
+
+
+@pytest.mark.parametrize("is_spawned", [True, False])
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
+def test_command_when_of_the_protocol_is_handled(command: Command, is_spawned: bool) -> None:
+    # A command without a case raises: see `Fleet.execute`.
+    run_commands(*([INIT] if is_spawned else []), command)
+
+
+@dataclasses.dataclass(frozen=True)
+class _DummyEvent:
+    """A command or an event that no dispatch has a case for."""
+
+
+def test_command_when_unknown_to_the_dispatch_raises() -> None:
+    with pytest.raises(AssertionError, match="_DummyEvent"):
+        run_commands(INIT, _DummyEvent())  # type: ignore[arg-type] # on purpose
+
+
+def test_event_when_unknown_to_the_dispatch_raises() -> None:
+    simulation = make_simulation()
+    simulation.post(_DummyEvent())  # type: ignore[arg-type] # on purpose
+    with pytest.raises(AssertionError, match="_DummyEvent"):
+        simulation.run()
 
 
 def results(client: FakeClient) -> list[CommandResult]:
