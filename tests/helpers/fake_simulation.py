@@ -1,4 +1,4 @@
-"""A stream server without a simulation: a camera that draws when asked, and a record of posts."""
+"""A stream server without a simulation: a camera that renders on request, and a record of events."""
 
 from __future__ import annotations
 
@@ -40,28 +40,30 @@ SERVER_INFO = ServerInfo(
 
 @dataclass
 class FakeSimulation:
-    """Counts what is drawn, keeps what is posted. Every byte of a picture is the frame's number.
+    """Renders requested frames and records all other events.
 
-    draws: whether a wanted frame ever comes.
+    Every byte of an image is the number of its frame.
     """
 
     width: int = 8
     height: int = 6
     renders_frames: bool = True
+    """Whether a requested frame ever arrives."""
     num_rendered: int = 0
+    """Frames rendered so far."""
     posted_events: list[SimulationEvent] = field(default_factory=list)
     mailboxes: Mailboxes | None = None
 
-    def post(self, request: SimulationEvent) -> None:
-        """Draw at once what is wanted; keep what else is posted."""
-        match request:
+    def post(self, event: SimulationEvent) -> None:
+        """Render a requested frame at once; record any other event."""
+        match event:
             case FrameRequested(channel=channel):
                 if self.renders_frames:
                     self._render(channel)
             case FrameRendered():
                 pass
             case _:
-                self.posted_events.append(request)
+                self.posted_events.append(event)
 
     def _render(self, channel: Channel) -> None:
         assert self.mailboxes is not None
@@ -90,7 +92,7 @@ class FakeSimulation:
 
 @asynccontextmanager
 async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[StreamServer]:
-    """Serve a scene on a free port."""
+    """Serve a fake simulation on a free port."""
     simulation.mailboxes = Mailboxes(simulation.post, prefetch=False)
     async with serve_stream(
         HOST,
@@ -98,6 +100,6 @@ async def serve_fake_simulation(simulation: FakeSimulation) -> AsyncIterator[Str
         mailboxes=simulation.mailboxes,
         post=simulation.post,
         server_info=SERVER_INFO,
-        query_plan=lambda eye, tell: tell(FakeViewProvider().view_state(eye)),
+        query_plan=lambda camera, reply: reply(FakeViewProvider().view_state(camera)),
     ) as server:
         yield server

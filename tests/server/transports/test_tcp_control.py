@@ -1,4 +1,4 @@
-"""The control port over the loopback, with a simulation that only keeps what is asked."""
+"""The control port over the loopback, with a simulation that only records events."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ INIT = b"INIT {ClassName P2AT} {Location 0,0,0}\r\n"
 
 
 class PostRecorder:
-    """Keeps requests, and lets a scene wait for the next one."""
+    """Records events, and lets a scenario wait for the next one."""
 
     def __init__(self) -> None:
-        self._requests: asyncio.Queue[SimulationEvent] = asyncio.Queue()
+        self._events: asyncio.Queue[SimulationEvent] = asyncio.Queue()
 
-    def __call__(self, request: SimulationEvent) -> None:
-        self._requests.put_nowait(request)
+    def __call__(self, event: SimulationEvent) -> None:
+        self._events.put_nowait(event)
 
-    async def wait_for_request(self) -> SimulationEvent:
-        return await self._requests.get()
+    async def wait_for_event(self) -> SimulationEvent:
+        return await self._events.get()
 
     async def wait_for_client(self) -> Client:
-        """Return who sent the next command."""
-        request = await self.wait_for_request()
-        assert isinstance(request, CommandReceived)
-        return request.client
+        """Client of the next command."""
+        event = await self.wait_for_event()
+        assert isinstance(event, CommandReceived)
+        return event.client
 
 
 async def read_greeting(reader: asyncio.StreamReader) -> None:
@@ -60,7 +60,7 @@ def test_connection_when_accepted_is_greeted_first() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000])
-def test_commands_when_cut_anyhow_are_posted_in_order(size: int) -> None:
+def test_commands_in_any_segmentation_are_posted_in_order(size: int) -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
@@ -69,15 +69,15 @@ def test_commands_when_cut_anyhow_are_posted_in_order(size: int) -> None:
             for start in range(0, len(data), size):
                 writer.write(data[start : start + size])
                 await writer.drain()
-            commands = [(await posted.wait_for_request()).command for _ in range(3)]  # type: ignore[union-attr] # all are Asked
+            commands = [(await posted.wait_for_event()).command for _ in range(3)]  # type: ignore[union-attr] # all are CommandReceived
             assert commands == [Init("P2AT", location_m=(0, 0, 0)), Drive(left=1.0), Step(0.2)]
             writer.close()
 
     run_scenario(scenario())
 
 
-@pytest.mark.parametrize("gently", [True, False])
-def test_client_when_it_leaves_in_any_way_is_posted_as_left(gently: bool) -> None:
+@pytest.mark.parametrize("is_graceful", [True, False])
+def test_client_when_it_disconnects_in_any_way_is_posted_as_disconnected(is_graceful: bool) -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
@@ -85,13 +85,13 @@ def test_client_when_it_leaves_in_any_way_is_posted_as_left(gently: bool) -> Non
             writer.write(INIT + b"DRIVE {Left 1")
             await read_greeting(reader)
             client = await posted.wait_for_client()
-            writer.close() if gently else abort(writer)
-            assert await posted.wait_for_request() == ClientDisconnected(client)
+            writer.close() if is_graceful else abort(writer)
+            assert await posted.wait_for_event() == ClientDisconnected(client)
 
     run_scenario(scenario())
 
 
-def test_reports_when_delivered_by_another_thread_arrive_whole_and_in_order() -> None:
+def test_reports_when_delivered_by_another_thread_arrive_complete_and_in_order() -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
@@ -115,7 +115,7 @@ def test_reports_when_delivered_by_another_thread_arrive_whole_and_in_order() ->
     run_scenario(scenario())
 
 
-def test_init_when_refused_may_be_sent_again_and_is_answered_by_silence() -> None:
+def test_init_when_rejected_has_no_reply_and_may_be_repeated() -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
@@ -124,18 +124,16 @@ def test_init_when_refused_may_be_sent_again_and_is_answered_by_silence() -> Non
             writer.write(INIT)
             client = await posted.wait_for_client()
             client.reject_init()
-            client.deliver(
-                [CommandResult(0.0, "Step", "Clock")]
-            )  # a mark: what was sent before it?
+            client.deliver([CommandResult(0.0, "Step", "Clock")])  # a marker: nothing precedes it
             assert (await reader.readline()).startswith(b"RES ")
             writer.write(INIT)
-            assert isinstance((await posted.wait_for_request()).command, Init)  # type: ignore[union-attr] # Asked
+            assert isinstance((await posted.wait_for_event()).command, Init)  # type: ignore[union-attr] # CommandReceived
             writer.close()
 
     run_scenario(scenario())
 
 
-def test_report_when_it_cannot_be_sent_is_left_out_and_the_others_are_not(
+def test_report_when_invalid_is_skipped_and_the_others_are_sent(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def scenario() -> None:
@@ -172,12 +170,10 @@ def test_garbage_when_sent_is_ignored_and_both_connections_stay_usable(garbage: 
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
             (in_, out), (other_in, other_out) = await connect(server), await connect(server)
             out.write(garbage + b"\r\n" + INIT + b"GETCONF {Type Robot}\r\n")
-            request = await posted.wait_for_request()
-            while not (
-                isinstance(request, CommandReceived) and request.command == GetConf("Robot")
-            ):
-                request = await posted.wait_for_request()
-            request.client.deliver([STATUS])
+            event = await posted.wait_for_event()
+            while not (isinstance(event, CommandReceived) and event.command == GetConf("Robot")):
+                event = await posted.wait_for_event()
+            event.client.deliver([STATUS])
             await read_greeting(in_)
             assert await in_.readline() == line_from_report(STATUS)
             other_out.write(INIT)
@@ -190,26 +186,26 @@ def test_garbage_when_sent_is_ignored_and_both_connections_stay_usable(garbage: 
     run_scenario(scenario())
 
 
-def test_client_when_it_reads_nothing_misses_sensor_cycles_and_then_is_cut_off() -> None:
+def test_client_when_it_reads_nothing_misses_sensor_cycles_and_is_then_disconnected() -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-            deaf = await connect_without_reading(server)
-            await asyncio.get_running_loop().sock_sendall(deaf, INIT)
+            unread = await connect_without_reading(server)
+            await asyncio.get_running_loop().sock_sendall(unread, INIT)
             client = await posted.wait_for_client()
-            left = asyncio.create_task(posted.wait_for_request())
-            for _ in range(2000):  # 16 MB of cycles: only so many are kept
+            disconnected = asyncio.create_task(posted.wait_for_event())
+            for _ in range(2000):  # 16 MB of cycles: most are dropped
                 client.deliver(80 * [STATUS])
                 await asyncio.sleep(0)
-            assert not left.done()
-            answer = Configuration("X", (("Name", 4000 * "x"),))
-            for _ in range(4000):  # answers are kept for it, up to a limit
-                client.deliver([answer])
+            assert not disconnected.done()
+            reply = Configuration("X", (("Name", 4000 * "x"),))
+            for _ in range(4000):  # replies are queued up to a limit
+                client.deliver([reply])
                 await asyncio.sleep(0)
-                if left.done():
+                if disconnected.done():
                     break
-            assert await left == ClientDisconnected(client)
-            deaf.close()
+            assert await disconnected == ClientDisconnected(client)
+            unread.close()
 
     run_scenario(scenario())
 
@@ -218,19 +214,19 @@ def test_client_when_another_reads_nothing_is_served() -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
-            deaf = await connect_without_reading(server)
-            await asyncio.get_running_loop().sock_sendall(deaf, INIT)
-            stuck = await posted.wait_for_client()
+            unread = await connect_without_reading(server)
+            await asyncio.get_running_loop().sock_sendall(unread, INIT)
+            blocked = await posted.wait_for_client()
             reader, writer = await connect(server)
             await read_greeting(reader)
             writer.write(INIT)
             client = await posted.wait_for_client()
             for i in range(300):
-                stuck.deliver(80 * [STATUS])
+                blocked.deliver(80 * [STATUS])
                 client.deliver([CommandResult(float(i), "Step", "Clock")])
                 assert f"{{Time {i}.0000}}".encode() in await reader.readline()
             writer.close()
-            deaf.close()
+            unread.close()
 
     run_scenario(scenario())
 

@@ -1,4 +1,4 @@
-"""The image port over the loopback, with a mailbox that is filled when asked."""
+"""The image port over the loopback, with frames rendered on request."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import pytest
 from catoptra_client.frame_sources.image_client import rgb_from_encoded_frame
 from catoptra_protocol.usarsim.image_port import EncodedFrame, ImageFrameReader, ImageType
 from catoptra_server.frames.frame import Frame
+from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.simulation import FrameRequested, SimulationEvent
+from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
 from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
 
@@ -22,21 +23,21 @@ RAW = ImageOptions(ImageType.RAW)
 
 
 class CountingCamera:
-    """Draws at once when asked: every byte of the picture is the frame's number."""
+    """Renders at once on request: every byte of an image is the number of its frame."""
 
     def __init__(self, width: int = 8, height: int = 6) -> None:
         self.num_rendered = 0
         self.mailboxes: Mailboxes | None = None
         self._shape = (height, width, 3)
 
-    def post(self, request: SimulationEvent) -> None:
-        if not isinstance(request, FrameRequested):
+    def post(self, event: SimulationEvent) -> None:
+        if not isinstance(event, FrameRequested):
             return
         self.num_rendered += 1
         rgb = np.full(self._shape, self.num_rendered % 256, dtype=np.uint8)
         rgb[0, 0] = (10, 20, 30)
         assert self.mailboxes is not None
-        self.mailboxes.put(Frame(self.num_rendered, 0.0, rgb, 0.0, 0.0, channel=request.channel))
+        self.mailboxes.put(Frame(self.num_rendered, 0.0, rgb, 0.0, 0.0, channel=event.channel))
 
 
 @asynccontextmanager
@@ -49,17 +50,17 @@ async def serve_camera(
 
 
 async def read_frames(reader: asyncio.StreamReader, count: int) -> list[EncodedFrame]:
-    """Return the next frames of a connection, and check that no byte follows them."""
-    wire, found = ImageFrameReader(), list[EncodedFrame]()
-    while len(found) < count:
+    """Next frames of a connection, with a check that no byte follows."""
+    frame_reader, frames = ImageFrameReader(), list[EncodedFrame]()
+    while len(frames) < count:
         data = await reader.read(65536)
         assert data, "the server closed"
-        found += wire.receive(data)
-    assert len(found) == count
-    return found
+        frames += frame_reader.receive(data)
+    assert len(frames) == count
+    return frames
 
 
-def test_frame_when_asked_for_has_type_length_and_picture() -> None:
+def test_frame_when_requested_has_type_length_and_image() -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera()) as server:
             reader, writer = await connect(server)
@@ -73,7 +74,7 @@ def test_frame_when_asked_for_has_type_length_and_picture() -> None:
 
 
 @pytest.mark.parametrize("image_type", ImageType, ids=lambda t: t.name)
-def test_frame_when_of_any_type_says_so(image_type: ImageType) -> None:
+def test_frame_of_any_type_has_its_tag(image_type: ImageType) -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera(), ImageOptions(image_type)) as server:
             reader, writer = await connect(server)
@@ -86,7 +87,7 @@ def test_frame_when_of_any_type_says_so(image_type: ImageType) -> None:
     run_scenario(scenario())
 
 
-def test_frames_when_asked_for_in_one_piece_are_different_and_in_order() -> None:
+def test_frames_when_requested_in_one_segment_are_different_and_in_order() -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera()) as server:
             reader, writer = await connect(server)
@@ -100,7 +101,7 @@ def test_frames_when_asked_for_in_one_piece_are_different_and_in_order() -> None
     run_scenario(scenario())
 
 
-def test_rectangle_when_asked_for_is_cut_out() -> None:
+def test_region_when_requested_is_cropped() -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera()) as server:
             reader, writer = await connect(server)
@@ -114,7 +115,7 @@ def test_rectangle_when_asked_for_is_cut_out() -> None:
     run_scenario(scenario())
 
 
-def test_viewer_when_in_legacy_mode_gets_one_frame_unasked() -> None:
+def test_client_in_legacy_mode_gets_one_unsolicited_frame() -> None:
     async def scenario() -> None:
         async with serve_camera(
             CountingCamera(), ImageOptions(ImageType.RAW, legacy_mode=True)
@@ -128,22 +129,22 @@ def test_viewer_when_in_legacy_mode_gets_one_frame_unasked() -> None:
     run_scenario(scenario())
 
 
-def test_viewer_when_it_asks_for_nothing_costs_no_picture() -> None:
+def test_client_when_it_requests_nothing_costs_no_frame() -> None:
     async def scenario() -> None:
         camera = CountingCamera()
         async with serve_camera(camera) as server:
             _, writer = await connect(server)
-            reader, asking = await connect(server)
-            asking.write(b"OK")
+            reader, requesting = await connect(server)
+            requesting.write(b"OK")
             await read_frames(reader, 1)
             assert camera.num_rendered == 1
             writer.close()
-            asking.close()
+            requesting.close()
 
     run_scenario(scenario())
 
 
-def test_viewers_when_many_ask_at_once_each_get_one() -> None:
+def test_clients_when_many_request_at_once_each_get_a_frame() -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera(), prefetch=True) as server:
             ends = [await connect(server) for _ in range(8)]
@@ -165,9 +166,9 @@ def test_viewers_when_many_ask_at_once_each_get_one() -> None:
         b"ok\r\n" + 65536 * b"{",
         b"",
     ],
-    ids=["random", "no line end", "swallowed", "braces", "nothing"],
+    ids=["random", "no line end", "discarded pairs", "braces", "nothing"],
 )
-def test_garbage_when_sent_is_answered_by_nothing_and_then_served(garbage: bytes) -> None:
+def test_garbage_when_sent_has_no_reply_and_the_next_request_has(garbage: bytes) -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera()) as server:
             reader, writer = await connect(server)
@@ -179,29 +180,32 @@ def test_garbage_when_sent_is_answered_by_nothing_and_then_served(garbage: bytes
     run_scenario(scenario())
 
 
-def test_bytes_when_random_never_break_another_viewer() -> None:
+def test_bytes_when_random_never_affect_another_client() -> None:
     async def scenario() -> None:
         async with serve_camera(CountingCamera()) as server:
-            (_, rude), (reader, writer) = await connect(server), await connect(server)
-            rude.write(np.random.default_rng(2).bytes(5000))
+            (_, malformed), (reader, writer) = await connect(server), await connect(server)
+            malformed.write(np.random.default_rng(2).bytes(5000))
             for _ in range(20):
                 writer.write(b"OK")
                 await read_frames(reader, 1)
-            abort(rude)
+            abort(malformed)
             writer.close()
 
     run_scenario(scenario())
 
 
-def test_viewer_when_another_vanishes_mid_frame_is_served() -> None:
+def test_client_when_another_disconnects_mid_frame_is_served() -> None:
     async def scenario() -> None:
         async with serve_camera(
             CountingCamera(2000, 1000)
-        ) as server:  # 6 MB: more than a socket takes at once
-            (gone_in, gone_out), (reader, writer) = await connect(server), await connect(server)
-            gone_out.write(b"OK")
-            await gone_in.readexactly(1000)
-            abort(gone_out)
+        ) as server:  # 6 MB: more than a socket accepts at once
+            (lost_reader, lost_writer), (reader, writer) = (
+                await connect(server),
+                await connect(server),
+            )
+            lost_writer.write(b"OK")
+            await lost_reader.readexactly(1000)
+            abort(lost_writer)
             writer.write(b"OKOK")
             await read_frames(reader, 2)
             writer.close()
@@ -209,19 +213,19 @@ def test_viewer_when_another_vanishes_mid_frame_is_served() -> None:
     run_scenario(scenario())
 
 
-def test_viewer_when_another_never_reads_is_served() -> None:
+def test_client_when_another_never_reads_is_served() -> None:
     async def scenario() -> None:
         camera = CountingCamera(2000, 1000)
         async with serve_camera(camera) as server:
-            deaf = await connect_without_reading(server)
-            await asyncio.get_running_loop().sock_sendall(deaf, 100 * b"OK")
+            unread = await connect_without_reading(server)
+            await asyncio.get_running_loop().sock_sendall(unread, 100 * b"OK")
             reader, writer = await connect(server)
             for _ in range(10):
                 writer.write(b"OK")
                 await read_frames(reader, 1)
-            # The deaf one was drawn for until its first frames stuck, not a hundred times.
+            # The other client's frames were rendered until its buffers were full, not a hundred.
             assert camera.num_rendered < 20
             writer.close()
-            deaf.close()
+            unread.close()
 
     run_scenario(scenario())

@@ -1,4 +1,4 @@
-"""A port and its connections end together, whatever the peers do."""
+"""Port and connections end together, whatever the peers do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
         writer.write(data)
 
 
-def test_conversation_when_its_peer_leaves_ends_having_sent_all() -> None:
+def test_connection_when_its_peer_disconnects_ends_after_all_bytes_are_sent() -> None:
     async def scenario() -> None:
         async with serve_tcp(HOST, 0, echo) as server:
             reader, writer = await connect(server)
@@ -58,7 +58,7 @@ def test_block_when_left_ends_a_connection_that_reads_nothing() -> None:
     run_scenario(scenario())
 
 
-def test_conversation_when_the_connection_breaks_is_noted_without_a_traceback(
+def test_connection_when_broken_is_logged_without_a_traceback(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def broken(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -72,11 +72,11 @@ def test_conversation_when_the_connection_breaks_is_noted_without_a_traceback(
 
     with caplog.at_level(logging.INFO):
         run_scenario(scenario())
-    assert "broke off: no route any more" in caplog.text
+    assert "disconnected: no route any more" in caplog.text
     assert "Traceback" not in caplog.text
 
 
-def test_conversation_when_another_one_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_connection_when_another_one_fails_continues(caplog: pytest.LogCaptureFixture) -> None:
     async def fragile(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while data := await reader.read(1000):
             writer.write(bytes([100 // (data[0] - ord("0"))]))
@@ -92,7 +92,7 @@ def test_conversation_when_another_one_fails_goes_on(caplog: pytest.LogCaptureFi
             bad_out.close()
 
     run_scenario(scenario())
-    assert "ZeroDivisionError" in caplog.text  # a fault of ours is told, with its place
+    assert "ZeroDivisionError" in caplog.text  # a bug is logged with its location
 
 
 def test_port_when_in_use_is_an_os_error() -> None:
@@ -105,7 +105,7 @@ def test_port_when_in_use_is_an_os_error() -> None:
     run_scenario(scenario())
 
 
-def test_peer_name_when_asked_is_the_address() -> None:
+def test_peer_name_is_the_address() -> None:
     async def scenario() -> None:
         async with serve_tcp(HOST, 0, echo) as server:
             _, writer = await connect(server)
@@ -115,7 +115,7 @@ def test_peer_name_when_asked_is_the_address() -> None:
     run_scenario(scenario())
 
 
-def test_connection_when_there_are_enough_is_closed_and_taken_once_one_has_left(
+def test_connection_when_the_limit_is_reached_is_closed_and_later_accepted(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def scenario() -> None:
@@ -123,14 +123,14 @@ def test_connection_when_there_are_enough_is_closed_and_taken_once_one_has_left(
             (_, first), (reader, second) = await connect(server), await connect(server)
             assert await reader.read() == b""
             first.close()
-            answer = b""
-            while not answer:  # its end is found out soon
+            data = b""
+            while not data:  # the end of the first is detected soon
                 reader, third = await connect(server)
                 third.write(b"x")
                 third.write_eof()
-                answer = await reader.read()
+                data = await reader.read()
                 third.close()
             second.close()
 
     run_scenario(scenario())
-    assert "sent away: 1 are served, no more" in caplog.text
+    assert "rejected: the limit of 1 connections is reached" in caplog.text

@@ -1,1 +1,6 @@
-"""The sockets: asyncio around the sans-I/O protocol. One file a port, on top of `listening`."""
+"""The sockets of the server: asyncio around the protocols of `catoptra_protocol`.
+
+`tcp_control` and `tcp_image` are the two ports of USARSim, on top of `tcp_server`; `stream` is the
+ZeroMQ stream. Commands go to the simulation as events, frames come from mailboxes: no transport
+knows how a robot moves or how an image is rendered.
+"""

@@ -1,4 +1,4 @@
-"""The control port (TCP 3000): one connection is one robot."""
+"""Server of the control port (TCP 3000): one connection is one robot."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from catoptra_server.transports.tcp_server import peer_name, serve_tcp
 
 log = logging.getLogger(__name__)
 
-# A client that reads nothing: beyond the first bound it misses sensor cycles, beyond the second (it
-# asks and asks and does not read the answers) it is cut off, so that it costs nobody else memory.
+# Bounds on the unsent bytes of a client that does not read: above the first its periodic reports
+# are dropped, above the second (it sends queries without reading the replies) it is disconnected,
+# so that memory stays bounded.
 _DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
 _DISCONNECT_ABOVE_BYTES = 1024 * 1024
 _READ_BYTES = 16 * 1024
-_PERIODIC_WORDS = ("SEN", "STA", "MISSTA")  # what comes again by itself
+# Reports that are repeated in the next cycle.
+_PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
 
 
 class ControlPeer:
-    """One connection, as the simulation sees it: its methods may be called from any thread."""
+    """One connection as a client of the simulation; its methods may be called from any thread."""
 
     def __init__(self, writer: asyncio.StreamWriter, protocol: ControlServer) -> None:
         self._loop = asyncio.get_running_loop()
@@ -34,31 +36,31 @@ class ControlPeer:
         self.address = peer_name(writer)
 
     def deliver(self, reports: Sequence[Report]) -> None:
-        """Send reports as one piece: clients that read clumsily lose least that way."""
+        """Send reports."""
         self._loop.call_soon_threadsafe(self._send, tuple(reports))
 
     def reject_init(self) -> None:
-        """Let the client try INIT again. The protocol has no message for it: silence."""
+        """Let the client try INIT again; the protocol has no message for a rejection."""
         self._loop.call_soon_threadsafe(self._protocol.reject_init)
 
     def _send(self, reports: Sequence[Report]) -> None:
-        waiting = self._writer.transport.get_write_buffer_size()
+        unsent = self._writer.transport.get_write_buffer_size()
         if self._writer.is_closing():
             return
-        if waiting > _DISCONNECT_ABOVE_BYTES:
-            log.warning("%s reads nothing: cut off with %d bytes waiting", self.address, waiting)
+        if unsent > _DISCONNECT_ABOVE_BYTES:
+            log.warning("%s reads nothing: disconnected, %d bytes unsent", self.address, unsent)
             self._writer.transport.abort()
             return
-        if waiting > _DROP_PERIODIC_ABOVE_BYTES and all(
-            report.WORD in _PERIODIC_WORDS for report in reports
-        ):
+        is_periodic = all(report.WORD in _PERIODIC_WORDS for report in reports)
+        if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
+        # One write for all: clients that read line by line from one segment lose least that way.
         data = b"".join(map(self._encode, reports))
         log.debug("to %s: %r", self.address, data)
         self._writer.write(data)
 
     def _encode(self, report: Report) -> bytes:
-        """Return a report's bytes; none of one that cannot be sent, so that the others can."""
+        """Bytes of a report; empty for an invalid one, so that the others are sent."""
         try:
             return self._protocol.send(report)
         except LocalProtocolError as error:
@@ -75,9 +77,18 @@ def serve_control(
     dialect: Dialect = Dialect.UT2004,
     max_connections: int | None = None,
 ) -> AbstractAsyncContextManager[asyncio.Server]:
-    """Listen for robots' controllers; everything that they ask is posted to the simulation.
+    """Serve controllers of robots until the block ends.
 
-    most: of them at once; None = any number.
+    Args:
+        host: Host name or address of the interface.
+        port: TCP port; 0 = a free one.
+        greeting: First line on each connection.
+        post: Hands an event to the simulation; thread-safe.
+        dialect: Dialect of the reports.
+        max_connections: Limit of concurrent connections; None = unlimited.
+
+    Raises:
+        OSError: The port is not available.
     """
 
     async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -92,6 +103,6 @@ def serve_control(
                     post(CommandReceived(client, command))
         finally:
             post(ClientDisconnected(client))
-            log.info("controller %s gone", client.address)
+            log.info("controller %s disconnected", client.address)
 
     return serve_tcp(host, port, handle_connection, max_connections=max_connections)

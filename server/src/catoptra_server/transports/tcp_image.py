@@ -1,4 +1,4 @@
-"""The image port (TCP 5003): one frame for each request, as USARSim's image server answers."""
+"""Server of the image port (TCP 5003): one frame per request, as in USARSim's image server."""
 
 from __future__ import annotations
 
@@ -28,35 +28,45 @@ _READ_BYTES = 4 * 1024
 
 @dataclass(frozen=True, slots=True)
 class ImageOptions:
-    """How frames are sent. legacy: one frame unasked on connecting, as ImageSrv did.
-
-    multi_view: the tiles of the screen, where it has some.
-    """
+    """Options of the image port."""
 
     image_type: ImageType = ImageType.GOOD
+    """Encoding of all frames."""
     legacy_mode: bool = False
+    """Whether a new connection gets one frame without a request, as in ImageSrv."""
     multi_view: TileLayout | None = None
+    """Tiles of the image-port picture; None without tiles."""
 
 
 def serve_images(
     host: str, port: int, *, mailboxes: Mailboxes, options: ImageOptions
 ) -> AbstractAsyncContextManager[asyncio.Server]:
-    """Listen for viewers. Each is served at its own pace; a slow one slows nobody else."""
+    """Serve image clients until the block ends, each at its own pace.
+
+    Args:
+        host: Host name or address of the interface.
+        port: TCP port; 0 = a free one.
+        mailboxes: Newest frame of each channel.
+        options: Encoding, legacy mode and tiles.
+
+    Raises:
+        OSError: The port is not available.
+    """
 
     async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        peer = peer_name(writer)
-        log.info("viewer %s connected", peer)
-        viewer = _ImagePeer(writer, mailboxes, options)
+        address = peer_name(writer)
+        log.info("image client %s connected", address)
+        peer = _ImagePeer(writer, mailboxes, options)
         try:
-            await viewer.answer_requests(reader)
+            await peer.answer_requests(reader)
         finally:
-            log.info("viewer %s gone after %d frames", peer, viewer.num_sent)
+            log.info("image client %s disconnected after %d frames", address, peer.num_sent)
 
     return serve_tcp(host, port, handle_connection)
 
 
 class _ImagePeer:
-    """One connection. While a frame is on its way no request is read: TCP holds them back."""
+    """One connection; reads no request while a frame is pending: TCP holds further ones back."""
 
     def __init__(
         self, writer: asyncio.StreamWriter, mailboxes: Mailboxes, options: ImageOptions
@@ -68,7 +78,7 @@ class _ImagePeer:
         self.num_sent = 0
 
     async def answer_requests(self, reader: asyncio.StreamReader) -> None:
-        """Answer requests, in order, until the viewer leaves."""
+        """Reply to requests, in order, until the client disconnects."""
         if self._options.legacy_mode:
             await self._answer(FullFrameRequest())
         requests = ImageRequestReader()
@@ -77,16 +87,17 @@ class _ImagePeer:
                 await self._answer(request)
 
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
-        channel, wanted = _select_channel(request, self._options.multi_view)
+        channel, region = _select_channel(request, self._options.multi_view)
         frame = await self._next_frame(channel)
-        payload = await asyncio.to_thread(_encode_payload, frame, wanted, self._options.image_type)
+        # In a thread: encoding takes milliseconds, in which the loop serves other clients.
+        payload = await asyncio.to_thread(_encode_payload, frame, region, self._options.image_type)
         self._writer.write(encode_frame_header(self._options.image_type, len(payload)))
         self._writer.write(payload)
         await self._writer.drain()
         self.num_sent += 1
 
     async def _next_frame(self, channel: Channel) -> Frame:
-        """Return a frame of a channel that this viewer has not seen."""
+        """Next frame of a channel that this client has not received."""
         mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
         frame = await mailbox.wait_for_newer(last)
         self._subscriptions[channel] = (mailbox, frame.sequence)
@@ -96,17 +107,19 @@ class _ImagePeer:
 def _select_channel(
     request: FullFrameRequest | RegionRequest, multi_view: TileLayout | None
 ) -> tuple[Channel, FullFrameRequest | RegionRequest]:
-    """Return what to draw for a request: one tile alone if it asks for no more of a multi-view."""
+    """Channel and region of a request; a region inside one tile has the channel of that tile."""
     if multi_view is None or isinstance(request, FullFrameRequest):
         return IMAGE_PORT, request
     x, y, width, height = request.x, request.y, request.width, request.height
-    touched = multi_view.tiles_overlapping(x, y, width, height)
-    tile = multi_view.tile_at(touched[0]) if len(touched) == 1 else None
+    tiles = multi_view.tiles_overlapping(x, y, width, height)
+    tile = multi_view.tile_at(tiles[0]) if len(tiles) == 1 else None
     if tile is None:
         return IMAGE_PORT, request
+    # A region beyond the picture is clipped to its last pixel (SPEC.md 7.3), here before the shift
+    # into the tile.
     last_x, last_y = multi_view.width_px - 1, multi_view.height_px - 1
-    within = RegionRequest(min(x, last_x) - tile.x_px, min(y, last_y) - tile.y_px, width, height)
-    return ImagePortChannel(touched[0]), within
+    in_tile = RegionRequest(min(x, last_x) - tile.x_px, min(y, last_y) - tile.y_px, width, height)
+    return ImagePortChannel(tiles[0]), in_tile
 
 
 def _encode_payload(
@@ -114,5 +127,5 @@ def _encode_payload(
 ) -> bytes:
     if isinstance(request, FullFrameRequest):
         return frame.encode(image_type)
-    part = crop(frame.rgb, request.x, request.y, request.width, request.height)
-    return encode_payload(part, image_type)
+    region = crop(frame.rgb, request.x, request.y, request.width, request.height)
+    return encode_payload(region, image_type)

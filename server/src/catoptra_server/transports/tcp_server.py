@@ -1,4 +1,4 @@
-"""A listening port whose end is certain: with it ends every connection, whatever its peer does.
+"""A TCP server that ends with certainty: all its connections end too, whatever their peers do.
 
 An asyncio server alone leaves its connections open, and from Python 3.12 on waits for their peers.
 """
@@ -20,33 +20,45 @@ log = logging.getLogger(__name__)
 async def serve_tcp(
     host: str, port: int, handler: ConnectionHandler, *, max_connections: int | None = None
 ) -> AsyncIterator[asyncio.Server]:
-    """Hold a conversation with everyone who connects, until the block ends.
+    """Run a handler for every connection until the block ends.
 
-    A conversation ends when it returns or its connection breaks; what was written to it is still
-    sent. most: conversations at once; a connection beyond them is closed without a word. Raises
-    OSError if the port cannot be had.
+    A connection ends when its handler returns or the connection breaks; bytes written before are
+    still sent.
+
+    Args:
+        host: Host name or address of the interface.
+        port: TCP port; 0 = a free one.
+        handler: Coroutine of one connection.
+            max_connections: Limit of concurrent connections; further ones are closed at once. None
+            = unlimited.
+
+    Raises:
+        OSError: The port is not available.
     """
     tasks: set[asyncio.Task[None]] = set()
-    # A closed connection still counts while its peer has not read what was written to it.
+    # A closed connection counts too, until its peer has read the bytes written before.
     transports: weakref.WeakSet[asyncio.WriteTransport] = weakref.WeakSet()
 
     async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None, "a coroutine runs in a task"
         if max_connections is not None and len(tasks) >= max_connections:
-            log.warning("%s sent away: %d are served, no more", peer_name(writer), max_connections)
+            limit = "%s rejected: the limit of %d connections is reached"
+            log.warning(limit, peer_name(writer), max_connections)
             writer.close()
             return
         tasks.add(task)
         transports.add(writer.transport)
         try:
             await handler(reader, writer)
-        except OSError as error:  # a reset, a time-out, a host that cannot be reached any more
-            log.info("%s broke off: %s", peer_name(writer), error)
+        except OSError as error:
+            log.info("%s disconnected: %s", peer_name(writer), error)
         except asyncio.CancelledError:
-            pass  # the block ends; Python 3.11 would log a cancelled task as a fault
-        except Exception:  # the top of a task; before Python 3.11.3 asyncio would tell nobody
-            log.exception("the conversation with %s failed: a fault of ours", peer_name(writer))
+            # The block ends; Python 3.11 would log a cancelled task as a failure.
+            pass
+        except Exception:
+            # The top of a task; before Python 3.11.3 asyncio would not report the exception.
+            log.exception("connection of %s failed: a bug in the server", peer_name(writer))
         finally:
             tasks.discard(task)
             writer.close()
@@ -64,5 +76,5 @@ async def serve_tcp(
 
 
 def peer_name(writer: asyncio.StreamWriter) -> str:
-    """Return the other end's address, for logs."""
+    """Address of the other end, for logs."""
     return "{}:{}".format(*writer.get_extra_info("peername")[:2])

@@ -1,4 +1,4 @@
-"""The port before the ROUTER: what passes unchanged, who is sent away, and that nothing is left."""
+"""The connection guard: unchanged bytes, rejected connections, and complete clean-up."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Listener = socket.socket | ExhaustedListener
 
 @dataclass
 class GuardedPort:
-    """An open turnstile: its port, and the connections that come out of it inside."""
+    """An open guard: its port, and its connections to the inside."""
 
     port: int
     accepted: asyncio.Queue[Streams]
@@ -50,15 +50,15 @@ class GuardedPort:
 
 @asynccontextmanager
 async def open_guard(folder: Path, listener: Listener | None = None) -> AsyncIterator[GuardedPort]:
-    came: asyncio.Queue[Streams] = asyncio.Queue()
+    accepted: asyncio.Queue[Streams] = asyncio.Queue()
     path = str(folder / "inside")
-    server = await asyncio.start_unix_server(lambda *ends: came.put_nowait(ends), path)
-    port_is_ours = listener or create_listener(HOST, 0)
-    gate = ConnectionGuard(port_is_ours, path)
+    server = await asyncio.start_unix_server(lambda *ends: accepted.put_nowait(ends), path)
+    bound = listener or create_listener(HOST, 0)
+    guard = ConnectionGuard(bound, path)
     try:
-        yield GuardedPort(port_is_ours.getsockname()[1], came)
+        yield GuardedPort(bound.getsockname()[1], accepted)
     finally:
-        gate.close()
+        guard.close()
         server.close()
 
 
@@ -71,14 +71,14 @@ def connect_client(port: int) -> Iterator[socket.socket]:
 
 
 async def relay(folder: Path, sent: bytes) -> bytes:
-    """Return what of some bytes reached the inside before the connection was ended."""
-    async with open_guard(folder) as gate:
-        with connect_client(gate.port) as end:
-            reader, writer = await gate.accepted.get()
+    """Bytes that reach the inside before the connection ends."""
+    async with open_guard(folder) as guard:
+        with connect_client(guard.port) as end:
+            reader, writer = await guard.accepted.get()
             await asyncio.get_running_loop().sock_sendall(end, sent)
-            got = await reader.read()
+            received = await reader.read()
             writer.close()
-            return got
+            return received
 
 
 def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: Path) -> None:
@@ -86,18 +86,18 @@ def test_bytes_when_larger_than_every_buffer_pass_both_ways_unchanged(tmp_path: 
         loop = asyncio.get_running_loop()
         up = HELLO + 3000 * zmtp_frame(bytes(range(250)))
         down = bytes(range(256)) * 16_000
-        async with open_guard(tmp_path) as gate:
-            with connect_client(gate.port) as end:
-                reader, writer = await gate.accepted.get()
+        async with open_guard(tmp_path) as guard:
+            with connect_client(guard.port) as end:
+                reader, writer = await guard.accepted.get()
                 sending = asyncio.create_task(loop.sock_sendall(end, up))
                 writer.write(down)
                 assert await reader.readexactly(len(up)) == up
-                got = bytearray()
-                while len(got) < len(down):
-                    got += await loop.sock_recv(end, 100_000)
+                received = bytearray()
+                while len(received) < len(down):
+                    received += await loop.sock_recv(end, 100_000)
                 await sending
                 writer.close()
-        assert got == down
+        assert received == down
 
     run_scenario(scenario())
 
@@ -116,11 +116,11 @@ def test_connection_when_not_of_zmtp_3_is_ended(tmp_path: Path) -> None:
     run_scenario(scenario())
 
 
-def test_connection_when_the_client_leaves_is_ended_after_its_last_bytes(tmp_path: Path) -> None:
+def test_connection_when_the_client_disconnects_ends_after_its_last_bytes(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with open_guard(tmp_path) as gate:
-            with connect_client(gate.port) as end:
-                reader, writer = await gate.accepted.get()
+        async with open_guard(tmp_path) as guard:
+            with connect_client(guard.port) as end:
+                reader, writer = await guard.accepted.get()
                 end.send(HELLO)
             assert await reader.read() == HELLO
             writer.close()
@@ -128,79 +128,79 @@ def test_connection_when_the_client_leaves_is_ended_after_its_last_bytes(tmp_pat
     run_scenario(scenario())
 
 
-def test_connection_when_the_inside_ends_it_is_ended(tmp_path: Path) -> None:
+def test_connection_when_the_router_ends_it_is_ended(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with open_guard(tmp_path) as gate:
-            with connect_client(gate.port) as end:
-                _, writer = await gate.accepted.get()
-                writer.write(b"last words")
+        async with open_guard(tmp_path) as guard:
+            with connect_client(guard.port) as end:
+                _, writer = await guard.accepted.get()
+                writer.write(b"last bytes")
                 writer.close()
                 loop = asyncio.get_running_loop()
-                assert await loop.sock_recv(end, 100) == b"last words"
+                assert await loop.sock_recv(end, 100) == b"last bytes"
                 assert await loop.sock_recv(end, 100) == b""
 
     run_scenario(scenario())
 
 
-def test_client_when_it_reads_nothing_holds_the_inside_back(tmp_path: Path) -> None:
+def test_client_when_it_reads_nothing_blocks_the_inside(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with open_guard(tmp_path) as gate:
-            with socket.socket() as deaf:
-                deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
-                deaf.connect((HOST, gate.port))
-                _, writer = await gate.accepted.get()
+        async with open_guard(tmp_path) as guard:
+            with socket.socket() as unread:
+                unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
+                unread.connect((HOST, guard.port))
+                _, writer = await guard.accepted.get()
                 writer.transport.set_write_buffer_limits(0)
-                block, given = bytes(1_000_000), 0
-                # It ends when the block stays here; the kernel holds a few megabytes at most.
-                while given < 100 and writer.transport.get_write_buffer_size() == 0:
+                block, written = bytes(1_000_000), 0
+                # Ends when a block stays in this process: the kernel buffers a few megabytes.
+                while written < 100 and writer.transport.get_write_buffer_size() == 0:
                     writer.write(block)
-                    given += 1
+                    written += 1
                     for _ in range(100):
                         await asyncio.sleep(0)
-                assert given < 100
+                assert written < 100
                 writer.transport.abort()
 
     run_scenario(scenario())
 
 
-def test_connection_when_there_are_enough_is_closed_and_the_others_stay(
+def test_connection_when_the_limit_is_reached_is_closed_and_the_others_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_guard, "MOST_CONNECTIONS", 1)
+    monkeypatch.setattr(connection_guard, "MAX_CONNECTIONS", 1)
 
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
-        async with open_guard(tmp_path) as gate:
-            with connect_client(gate.port) as first:
-                reader, writer = await gate.accepted.get()
-                with connect_client(gate.port) as second:
+        async with open_guard(tmp_path) as guard:
+            with connect_client(guard.port) as first:
+                reader, writer = await guard.accepted.get()
+                with connect_client(guard.port) as second:
                     assert await loop.sock_recv(second, 1) == b""
                 first.send(HELLO)
                 assert await reader.readexactly(len(HELLO)) == HELLO
             assert await reader.read() == b""
-            with connect_client(gate.port):  # a place is free again
-                _, other = await gate.accepted.get()
+            with connect_client(guard.port):  # below the limit again
+                _, other = await guard.accepted.get()
             for end in (writer, other):
                 end.close()
 
     run_scenario(scenario())
 
 
-def test_connection_when_nobody_is_inside_is_closed(tmp_path: Path) -> None:
+def test_connection_when_there_is_no_router_is_closed(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with open_guard(tmp_path) as gate:
+        async with open_guard(tmp_path) as guard:
             (tmp_path / "inside").unlink()
-            with connect_client(gate.port) as end:
+            with connect_client(guard.port) as end:
                 assert await asyncio.get_running_loop().sock_recv(end, 1) == b""
 
     run_scenario(scenario())
 
 
-def test_connections_when_the_turnstile_closes_are_ended(tmp_path: Path) -> None:
+def test_connections_when_the_guard_closes_are_ended(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with open_guard(tmp_path) as gate:
-            end = socket.create_connection((HOST, gate.port))
-            reader, writer = await gate.accepted.get()
+        async with open_guard(tmp_path) as guard:
+            end = socket.create_connection((HOST, guard.port))
+            reader, writer = await guard.accepted.get()
         assert await reader.read() == b""
         writer.close()
         with end:
@@ -209,22 +209,22 @@ def test_connections_when_the_turnstile_closes_are_ended(tmp_path: Path) -> None
     run_scenario(scenario())
 
 
-def test_connection_when_descriptors_are_short_is_let_in_later(
+def test_connection_when_descriptors_are_exhausted_is_accepted_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_guard, "_ACCEPT_AGAIN_S", 0.0)
+    monkeypatch.setattr(connection_guard, "_ACCEPT_RETRY_S", 0.0)
 
     async def scenario() -> None:
         listener = ExhaustedListener()
-        async with open_guard(tmp_path, listener) as gate:
-            with connect_client(gate.port):
-                _, writer = await gate.accepted.get()
+        async with open_guard(tmp_path, listener) as guard:
+            with connect_client(guard.port):
+                _, writer = await guard.accepted.get()
                 writer.close()
         assert listener.num_failed == 1
 
     run_scenario(scenario())
 
 
-def test_host_when_unknown_raises_os_error_that_names_it() -> None:
+def test_host_when_unknown_raises_os_error_with_its_name() -> None:
     with pytest.raises(OSError, match=r"stream port no\.such\.host\.invalid:5005: "):
         create_listener("no.such.host.invalid", 5005)

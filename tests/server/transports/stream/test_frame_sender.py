@@ -1,4 +1,4 @@
-"""One subscriber's slot: the newest frame, once, to whoever asked."""
+"""Frames of one client: the newest one, once per request."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from helpers.stream_messages import CAMERA_MODEL
 from helpers.stream_peer import connect_raw_peer
 
 
-def test_frame_when_asked_for_has_a_header_that_tells_everything() -> None:
+def test_frame_when_requested_has_a_complete_header() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
-                header, picture = await peer.get_frame()
-                assert picture == bytes([1]) * (8 * 6 * 3)
+                header, image = await peer.get_frame()
+                assert image == bytes([1]) * (8 * 6 * 3)
                 assert (header.robot, header.camera, header.sequence) == ("OmniP2AT", "Omni", 1)
                 assert header.time_s == 0.1
                 assert header.world_from_robot.position_m == (0.01, 0.0, -0.2)
@@ -37,35 +37,35 @@ def test_frame_when_asked_for_has_a_header_that_tells_everything() -> None:
 
 
 @pytest.mark.parametrize("encoding", [ImageEncoding.JPEG, ImageEncoding.PNG])
-def test_frame_when_of_an_encoding_is_a_file_of_that_kind(encoding: ImageEncoding) -> None:
+def test_frame_when_of_an_encoding_is_a_file_of_that_type(encoding: ImageEncoding) -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(32, 16)) as server:
             with connect_raw_peer(server.port) as peer:
-                header, picture = await peer.get_frame(encoding)
+                header, image = await peer.get_frame(encoding)
                 assert header.encoding is encoding
-                assert picture.startswith({"jpeg": b"\xff\xd8", "png": b"\x89PNG"}[encoding.value])
-                bgr = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+                assert image.startswith({"jpeg": b"\xff\xd8", "png": b"\x89PNG"}[encoding.value])
+                bgr = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
                 assert bgr is not None
                 assert (bgr == 1).all()
 
     run_scenario(scenario())
 
 
-def test_request_when_repeated_is_answered_once() -> None:
+def test_request_when_repeated_has_one_reply() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
-                ask = bytes_from_message(GetFrameRequest(9, "", "", ImageEncoding.RAW))
-                await peer.send(ask)
-                await peer.send(ask)
+                data = bytes_from_message(GetFrameRequest(9, "", "", ImageEncoding.RAW))
+                await peer.send(data)
+                await peer.send(data)
                 assert (await peer.receive())[0].id == 9  # type: ignore[union-attr] # a header
-                await peer.send(ask)
+                await peer.send(data)
                 assert (await peer.get_frame())[0].sequence == 2
 
     run_scenario(scenario())
 
 
-def test_frames_when_drawn_for_others_are_counted_as_missed() -> None:
+def test_frames_when_rendered_for_others_are_counted_as_missed() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as slow, connect_raw_peer(server.port) as fast:
@@ -79,26 +79,26 @@ def test_frames_when_drawn_for_others_are_counted_as_missed() -> None:
 
 
 @pytest.mark.parametrize(("robot", "camera"), [("Other", ""), ("", "Rear")])
-def test_camera_when_there_is_no_such_one_is_refused_with_its_name(robot: str, camera: str) -> None:
+def test_camera_when_missing_is_an_error_with_its_name(robot: str, camera: str) -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
-                answer = await peer.send_request(
+                reply = await peer.send_request(
                     GetFrameRequest(1, robot, camera, ImageEncoding.RAW)
                 )
-                assert isinstance(answer, Error)
-                assert (robot or camera) in answer.reason
+                assert isinstance(reply, Error)
+                assert (robot or camera) in reply.reason
 
     run_scenario(scenario())
 
 
-def test_camera_when_named_and_shown_is_sent() -> None:
+def test_camera_when_named_and_present_is_sent() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
-                answer = await peer.send_request(
+                reply = await peer.send_request(
                     GetFrameRequest(1, "OmniP2AT", "Omni", ImageEncoding.RAW)
                 )
-                assert not isinstance(answer, Error)
+                assert not isinstance(reply, Error)
 
     run_scenario(scenario())

@@ -1,4 +1,4 @@
-"""Where landmarks are at once; what a camera sees of them when the simulation has looked."""
+"""True landmarks at once; projections once the simulation has computed them."""
 
 from __future__ import annotations
 
@@ -21,49 +21,49 @@ from helpers.loopback import run_scenario
 async def query_landmarks(
     request: GetLandmarksRequest, visible: tuple[LandmarkVisibility, ...] | None
 ) -> Reply:
-    """Return the answer, where the simulation's thread sees so much, at 1.5 s."""
-    answers: asyncio.Queue[Reply] = asyncio.Queue()
+    """Reply to a request, with these projections of the simulation's thread at 1.5 s."""
+    replies: asyncio.Queue[Reply] = asyncio.Queue()
 
-    def post(sought: SimulationEvent) -> None:
-        assert isinstance(sought, LandmarksRequested)
-        assert sought.channel == CameraChannel("A", "")
-        thread = threading.Thread(target=sought.reply, args=(1.5, visible))
+    def post(event: SimulationEvent) -> None:
+        assert isinstance(event, LandmarksRequested)
+        assert event.channel == CameraChannel("A", "")
+        thread = threading.Thread(target=event.reply, args=(1.5, visible))
         thread.start()
         thread.join()
 
-    handle_landmarks_request(request, (LANDMARK,), send_reply=answers.put_nowait, post=post)
-    return await answers.get()
+    handle_landmarks_request(request, (LANDMARK,), send_reply=replies.put_nowait, post=post)
+    return await replies.get()
 
 
-def test_landmarks_when_no_camera_is_named_are_told_without_the_simulation() -> None:
+def test_landmarks_without_a_camera_are_sent_without_the_simulation() -> None:
     async def scenario() -> None:
-        answer = await query_landmarks(GetLandmarksRequest(1), None)
-        assert isinstance(answer, LandmarksReply)
-        assert (answer.landmarks[0].name, answer.landmarks[0].visible) == ("a", None)
-        assert answer.time_s is None
+        reply = await query_landmarks(GetLandmarksRequest(1), None)
+        assert isinstance(reply, LandmarksReply)
+        assert (reply.landmarks[0].name, reply.landmarks[0].visible) == ("a", None)
+        assert reply.time_s is None
 
     run_scenario(scenario())
 
 
-def test_landmarks_when_a_camera_is_named_are_told_as_it_sees_them() -> None:
+def test_landmarks_of_a_camera_have_their_projections() -> None:
     async def scenario() -> None:
-        seen = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
-        answer = await query_landmarks(GetLandmarksRequest(2, "A"), (seen,))
-        assert isinstance(answer, LandmarksReply)
-        (record,) = answer.landmarks
-        assert (record.pixel, record.visible, answer.time_s) == ((3.0, 4.0), True, 1.5)
+        projected = LandmarkVisibility(LANDMARK, (3.0, 4.0), True)
+        reply = await query_landmarks(GetLandmarksRequest(2, "A"), (projected,))
+        assert isinstance(reply, LandmarksReply)
+        (record,) = reply.landmarks
+        assert (record.pixel, record.visible, reply.time_s) == ((3.0, 4.0), True, 1.5)
 
     run_scenario(scenario())
 
 
-def test_landmarks_when_there_is_no_such_camera_are_refused() -> None:
+def test_landmarks_of_a_missing_camera_are_an_error() -> None:
     async def scenario() -> None:
-        refused = Error(3, "there is no camera of robot 'A'")
-        assert await query_landmarks(GetLandmarksRequest(3, "A", ""), None) == refused
+        error = Error(3, "there is no camera of robot 'A'")
+        assert await query_landmarks(GetLandmarksRequest(3, "A", ""), None) == error
 
     run_scenario(scenario())
 
 
-def test_refusal_when_nobody_is_named_speaks_of_the_screen() -> None:
-    said = "there is no camera 'Rear' of the robot on the screen"
-    assert camera_not_found(4, "", "Rear") == Error(4, said)
+def test_error_when_no_robot_is_named_speaks_of_the_image_port() -> None:
+    reason = "there is no camera 'Rear' of the robot on the image port"
+    assert camera_not_found(4, "", "Rear") == Error(4, reason)

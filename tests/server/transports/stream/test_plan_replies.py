@@ -1,4 +1,4 @@
-"""The question goes through the simulation and the drawing thread, and comes back as one answer."""
+"""A plan request passes through simulation and render thread, and has one reply."""
 
 from __future__ import annotations
 
@@ -17,49 +17,49 @@ from helpers.stream_peer import connect_raw_peer
 def query_plan(
     request: SetAccuracyRequest, *, has_camera: bool = True
 ) -> tuple[Reply, list[AccuracyTargetChanged]]:
-    """Return the answer of a server whose simulation has, or has not, a camera; and its posts."""
-    scene = FakeSimulation()
-    answers: list[Reply] = []
+    """Reply of a server whose simulation has, or has not, a camera; and the posted events."""
+    simulation = FakeSimulation()
+    replies: list[Reply] = []
 
     async def scenario() -> None:
-        async with serve_fake_simulation(scene) as server:
+        async with serve_fake_simulation(simulation) as server:
             with connect_raw_peer(server.port) as peer:
                 await peer.send(bytes_from_message(request))
                 await peer.send(bytes_from_message(GetStatusRequest(99)))
-                answers.append((await peer.receive())[0])  # refused at once, or the status
-                for turned in accuracy_changes(scene):
-                    dial = AccuracyTarget().with_changes(
-                        max_error_px=turned.max_error_px, budget_ms=turned.budget_ms
+                replies.append((await peer.receive())[0])  # an error, or the status
+                for change in accuracy_changes(simulation):
+                    target = AccuracyTarget().with_changes(
+                        max_error_px=change.max_error_px, budget_ms=change.budget_ms
                     )
-                    eye = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=dial))
-                    turned.reply(eye if has_camera else None, turned.camera or "Omni")
-                    answers.append((await peer.receive())[0])
+                    spec = OmniCameraSpec(CAMERA.camera, RenderSettings(accuracy_target=target))
+                    change.reply(spec if has_camera else None, change.camera or "Omni")
+                    replies.append((await peer.receive())[0])
 
     run_scenario(scenario())
-    return (answers[-1], accuracy_changes(scene))
+    return (replies[-1], accuracy_changes(simulation))
 
 
-def accuracy_changes(scene: FakeSimulation) -> list[AccuracyTargetChanged]:
-    return [post for post in scene.posted_events if isinstance(post, AccuracyTargetChanged)]
+def accuracy_changes(simulation: FakeSimulation) -> list[AccuracyTargetChanged]:
+    return [event for event in simulation.posted_events if isinstance(event, AccuracyTargetChanged)]
 
 
-def test_plan_when_a_tolerance_is_asked_tells_how_the_camera_is_drawn_by_it() -> None:
-    answer, posted = query_plan(SetAccuracyRequest(1, "", 0.5, None))
-    assert isinstance(answer, PlanReply)
-    assert (answer.id, answer.camera, answer.max_error_px, answer.budget_ms) == (1, "Omni", 0.5, 0)
-    assert answer.error_bounds is not None
-    assert answer.error_bound_px == answer.error_bounds["outline_px"]
-    assert (answer.median_frame_ms, answer.cost_ms, answer.more_accurate) == (12.5, None, None)
+def test_plan_when_a_tolerance_is_set_describes_the_resulting_plan() -> None:
+    reply, posted = query_plan(SetAccuracyRequest(1, "", 0.5, None))
+    assert isinstance(reply, PlanReply)
+    assert (reply.id, reply.camera, reply.max_error_px, reply.budget_ms) == (1, "Omni", 0.5, 0)
+    assert reply.error_bounds is not None
+    assert reply.error_bound_px == reply.error_bounds["outline_px"]
+    assert (reply.median_frame_ms, reply.cost_ms, reply.more_accurate) == (12.5, None, None)
     assert [(p.camera, p.max_error_px, p.budget_ms) for p in posted] == [("", 0.5, None)]
 
 
-def test_plan_when_there_is_no_such_camera_is_refused() -> None:
-    answer, _ = query_plan(SetAccuracyRequest(2, "Rear", None, None), has_camera=False)
-    assert isinstance(answer, Error)
-    assert "no omnidirectional camera 'Rear'" in answer.reason
+def test_plan_of_a_missing_camera_is_an_error() -> None:
+    reply, _ = query_plan(SetAccuracyRequest(2, "Rear", None, None), has_camera=False)
+    assert isinstance(reply, Error)
+    assert "no robot with an omnidirectional camera 'Rear'" in reply.reason
 
 
-def test_plan_when_a_negative_budget_is_asked_is_refused_before_anything_is_turned() -> None:
-    answer, posted = query_plan(SetAccuracyRequest(3, "", None, -1.0))
-    assert answer == Error(3, "budget_ms must be 0 (not asked) or more, not -1.0")
+def test_plan_with_a_negative_budget_is_an_error_before_any_change() -> None:
+    reply, posted = query_plan(SetAccuracyRequest(3, "", None, -1.0))
+    assert reply == Error(3, "budget_ms must be 0 (no target) or more, not -1.0")
     assert posted == []

@@ -1,4 +1,4 @@
-"""The ROUTER socket: what is sent, what is not, and what happens when it cannot be had."""
+"""The ROUTER socket: complete delivery, full and disconnected peers, and a port that is in use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from helpers.loopback import HOST, run_scenario
 from helpers.stream_peer import connect_raw_peer
 from helpers.zmtp import LONG, MORE, connect_with_handshake, send_until_disconnect, zmtp_frame
 
-# More than the kernel keeps of a connection that is not read: a few megabytes.
+# More than the kernel buffers for a connection without a reader: a few megabytes.
 UNTERMINATED_BYTES = 32_000_000
 UNTERMINATED = {
     "small parts": zmtp_frame(bytes(30), MORE) * 3000,
@@ -23,7 +23,7 @@ UNTERMINATED = {
 
 
 class RouterFixture:
-    """A socket that keeps what it received."""
+    """A socket that records its messages."""
 
     def __init__(self, host: str = HOST) -> None:
         self.received: asyncio.Queue[tuple[bytes, list[bytes]]] = asyncio.Queue()
@@ -38,7 +38,7 @@ class RouterFixture:
         self.socket.close()
 
 
-def test_messages_when_many_come_at_once_are_all_received_in_order() -> None:
+def test_messages_when_many_arrive_at_once_are_all_received_in_order() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
             for number in range(100):
@@ -49,7 +49,7 @@ def test_messages_when_many_come_at_once_are_all_received_in_order() -> None:
     run_scenario(scenario())
 
 
-def test_message_when_sent_between_receptions_loses_none() -> None:
+def test_message_when_sent_between_receptions_causes_no_loss() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
             for _ in range(50):
@@ -61,10 +61,10 @@ def test_message_when_sent_between_receptions_loses_none() -> None:
     run_scenario(scenario())
 
 
-def test_messages_when_the_peer_reads_as_fast_as_they_come_are_all_sent() -> None:
+def test_messages_when_the_peer_reads_at_once_are_all_sent() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
-            for _ in range(2000):  # without a look at what was taken, one in hundreds is refused
+            for _ in range(2000):  # without the query of events one in hundreds fails
                 await peer.send(b"ping")
                 identity, _ = await router.received.get()
                 assert router.socket.send(identity, [b"pong"]) is SendResult.SENT
@@ -73,7 +73,7 @@ def test_messages_when_the_peer_reads_as_fast_as_they_come_are_all_sent() -> Non
     run_scenario(scenario())
 
 
-def test_message_when_sent_after_the_end_is_for_nobody() -> None:
+def test_message_when_sent_after_the_end_has_no_peer() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
             await peer.send(b"ping")
@@ -83,26 +83,26 @@ def test_message_when_sent_after_the_end_is_for_nobody() -> None:
     run_scenario(scenario())
 
 
-def test_suspects_when_a_connection_ended_are_who_it_was_until_sending_tells() -> None:
+def test_possible_disconnects_are_confirmed_by_sending() -> None:
     async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port) as stays:
-            await stays.send(b"ping")
+        with RouterFixture() as router, connect_raw_peer(router.socket.port) as connected:
+            await connected.send(b"ping")
             await router.received.get()
-            with connect_raw_peer(router.socket.port) as goes:
-                await goes.send(b"ping")
-                gone, _ = await router.received.get()
-            suspects: set[bytes] = set()
-            while not suspects:
-                suspects = router.socket.poll_disconnects()
+            with connect_raw_peer(router.socket.port) as leaving:
+                await leaving.send(b"ping")
+                identity, _ = await router.received.get()
+            disconnects: set[bytes] = set()
+            while not disconnects:
+                disconnects = router.socket.poll_disconnects()
                 await asyncio.sleep(0)
-            assert suspects == {gone}
-            while router.socket.send(gone, [b"there?"]) is not SendResult.DISCONNECTED:
+            assert disconnects == {identity}
+            while router.socket.send(identity, [b"there?"]) is not SendResult.DISCONNECTED:
                 await asyncio.sleep(0)
 
     run_scenario(scenario())
 
 
-def test_message_when_the_peer_was_never_there_is_not_sent() -> None:
+def test_message_to_an_unknown_peer_is_not_sent() -> None:
     async def scenario() -> None:
         with RouterFixture() as router:
             assert router.socket.send(b"nobody", [b"a"]) is SendResult.DISCONNECTED
@@ -110,9 +110,12 @@ def test_message_when_the_peer_was_never_there_is_not_sent() -> None:
     run_scenario(scenario())
 
 
-def test_messages_when_the_peer_reads_nothing_end_in_full() -> None:
+def test_messages_when_the_peer_reads_nothing_fill_its_queue() -> None:
     async def scenario() -> None:
-        with RouterFixture() as router, connect_raw_peer(router.socket.port, keeps=1) as peer:
+        with (
+            RouterFixture() as router,
+            connect_raw_peer(router.socket.port, high_water_mark=1) as peer,
+        ):
             await peer.send(b"here")
             identity, _ = await router.received.get()
             sent = [router.socket.send(identity, [bytes(1_000_000)]) for _ in range(100)]
@@ -122,17 +125,17 @@ def test_messages_when_the_peer_reads_nothing_end_in_full() -> None:
     run_scenario(scenario())
 
 
-def test_port_when_in_use_raises_os_error_that_names_it() -> None:
+def test_port_when_in_use_raises_os_error_with_its_number() -> None:
     async def scenario() -> None:
-        with socket.create_server((HOST, 0)) as taken:
-            port = taken.getsockname()[1]
+        with socket.create_server((HOST, 0)) as in_use:
+            port = in_use.getsockname()[1]
             with pytest.raises(OSError, match=f"stream port 127.0.0.1:{port}: Address already"):
                 RouterSocket(HOST, port, print)
 
     run_scenario(scenario())
 
 
-def test_host_when_a_name_is_resolved() -> None:
+def test_host_name_is_resolved() -> None:
     async def scenario() -> None:
         with RouterFixture("localhost") as router:
             assert router.socket.port > 0
@@ -141,7 +144,7 @@ def test_host_when_a_name_is_resolved() -> None:
 
 
 @pytest.mark.parametrize("block", UNTERMINATED.values(), ids=UNTERMINATED)
-def test_peers_when_their_messages_never_end_are_cut_off_and_another_is_served(
+def test_peers_when_their_messages_never_end_are_disconnected_and_others_served(
     block: bytes,
 ) -> None:
     async def scenario() -> None:
@@ -162,24 +165,26 @@ def test_peers_when_their_messages_never_end_are_cut_off_and_another_is_served(
 
 
 def _attack(port: int, block: bytes) -> int:
-    """Never end a message; return how many bytes of it went until the connection was ended."""
+    """Send an endless message; the number of bytes until the connection ended."""
     return send_until_disconnect(port, block, max_bytes=UNTERMINATED_BYTES)
 
 
-def test_peers_when_they_break_off_inside_a_message_leave_nothing_to_others() -> None:
+def test_peers_when_they_disconnect_inside_a_message_do_not_affect_others() -> None:
     async def scenario() -> None:
         with RouterFixture() as router, connect_raw_peer(router.socket.port) as peer:
             for _ in range(10):
-                with await asyncio.to_thread(connect_with_handshake, router.socket.port) as rude:
-                    rude.sendall(zmtp_frame(b"half", MORE))
-            await peer.send(b"whole")
+                with await asyncio.to_thread(connect_with_handshake, router.socket.port) as broken:
+                    broken.sendall(zmtp_frame(b"half", MORE))
+            await peer.send(b"complete")
             _, parts = await router.received.get()
-            assert parts == [b"whole"]
+            assert parts == [b"complete"]
 
     run_scenario(scenario())
 
 
-def test_socket_when_closed_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_socket_when_closed_removes_its_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
     async def scenario() -> None:
@@ -191,7 +196,7 @@ def test_socket_when_closed_leaves_no_file(tmp_path: Path, monkeypatch: pytest.M
     run_scenario(scenario())
 
 
-def test_socket_when_its_private_end_cannot_be_had_says_what_to_do(
+def test_socket_when_its_private_endpoint_fails_names_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     deep = tmp_path / ("deep" * 30)  # longer than the address of a Unix socket may be
@@ -199,7 +204,7 @@ def test_socket_when_its_private_end_cannot_be_had_says_what_to_do(
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
 
     async def scenario() -> None:
-        with pytest.raises(OSError, match="set TMPDIR to a short path"):
+        with pytest.raises(OSError, match="set TMPDIR to a short, writable path"):
             RouterSocket(HOST, 0, print)
         assert list(deep.iterdir()) == []
 

@@ -1,4 +1,4 @@
-"""One client and its robot, with a simulation whose answers the test gives."""
+"""One client and its robot, with a simulation whose reports the test delivers."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from catoptra_protocol.usarsim.reports import (
     StartPoses,
     VehicleStatus,
 )
-from catoptra_server.simulation import ClientDisconnected, CommandReceived
-from catoptra_server.simulation import SimulationEvent as SimulationRequest
+from catoptra_server.simulation import ClientDisconnected, CommandReceived, SimulationEvent
 from catoptra_server.transports.stream.stream_peer import StreamPeer
 from helpers.fake_simulation import FakeSimulation, serve_fake_simulation
 from helpers.loopback import run_scenario
@@ -37,15 +36,15 @@ ODOMETRY = OdometryReading("Odometry", 1.0, 2.0, 0.5)
 
 
 class PeerSession:
-    """A raw peer, the server's view of it, and what it posted."""
+    """A raw peer, its StreamPeer in the server, and the posted events."""
 
-    def __init__(self, raw: RawPeer, client: StreamPeer, posted: list[SimulationRequest]) -> None:
+    def __init__(self, raw: RawPeer, client: StreamPeer, posted: list[SimulationEvent]) -> None:
         self.raw = raw
         self.client = client
         self.posted = posted
 
     async def request(self, request: Request, *reports: Report) -> Reply:
-        """Ask; let the simulation deliver reports once it was asked; return the answer."""
+        """Send a request; deliver reports after the event of the request; return the reply."""
         before = len(self.posted)
         await self.raw.send(bytes_from_message(request))
         if reports:
@@ -55,134 +54,134 @@ class PeerSession:
         return (await self.raw.receive())[0]
 
     async def spawn(self) -> Reply:
-        """Spawn a robot."""
+        """Spawn a robot; the reply."""
         return await self.request(SPAWN, ODOMETRY, STATUS)
 
 
 @asynccontextmanager
 async def open_session() -> AsyncIterator[PeerSession]:
-    record = FakeSimulation()
-    async with serve_fake_simulation(record) as server:
+    simulation = FakeSimulation()
+    async with serve_fake_simulation(simulation) as server:
         with connect_raw_peer(server.port) as raw:
             await raw.send_request(GetStatusRequest(1000))
-            yield PeerSession(raw, server.peers[0], record.posted_events)
+            yield PeerSession(raw, server.peers[0], simulation.posted_events)
 
 
-def test_spawn_when_the_robot_is_there_reports_its_first_readings() -> None:
+def test_spawn_when_successful_returns_the_first_readings() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            answer = await talk.spawn()
+        async with open_session() as session:
+            reply = await session.spawn()
             init = Init("USARBot.OmniP2AT", "Mine", None, (0.0, 0.0, 0.0), "Centre")
-            assert talk.posted == [CommandReceived(talk.client, init)]
-            assert isinstance(answer, SensorReports)
-            assert answer.id == 1
-            assert [line[:3] for line in answer.reports] == ["SEN", "STA"]
+            assert session.posted == [CommandReceived(session.client, init)]
+            assert isinstance(reply, SensorReports)
+            assert reply.id == 1
+            assert [line[:3] for line in reply.reports] == ["SEN", "STA"]
 
     run_scenario(scenario())
 
 
-def test_spawn_when_refused_says_so_and_may_be_repeated() -> None:
+def test_spawn_when_rejected_is_an_error_and_may_be_repeated() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            await talk.raw.send(bytes_from_message(SPAWN))
-            while not talk.posted:
-                await talk.raw.send_request(GetStatusRequest(next(talk.raw.ids)))
-            talk.client.reject_init()
-            answer, _ = await talk.raw.receive()
-            assert isinstance(answer, Error)
-            assert "unknown class" in answer.reason
-            assert isinstance(await talk.spawn(), SensorReports)
+        async with open_session() as session:
+            await session.raw.send(bytes_from_message(SPAWN))
+            while not session.posted:
+                await session.raw.send_request(GetStatusRequest(next(session.raw.ids)))
+            session.client.reject_init()
+            reply, _ = await session.raw.receive()
+            assert isinstance(reply, Error)
+            assert "unknown class" in reply.reason
+            assert isinstance(await session.spawn(), SensorReports)
 
     run_scenario(scenario())
 
 
-def test_spawn_when_there_is_a_robot_or_a_name_that_breaks_lines_is_refused() -> None:
+def test_spawn_when_there_is_a_robot_or_a_name_that_breaks_lines_is_an_error() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            for name, said in (("a}b", "braces"), ("a" * 257, "256 characters")):
+        async with open_session() as session:
+            for name, expected_reason in (("a}b", "braces"), ("a" * 257, "256 characters")):
                 bad = SpawnRequest(2, "USARBot.OmniP2AT", name, None, (0.0, 0.0, 0.0), "Centre")
-                answer = await talk.request(bad)
-                assert isinstance(answer, Error)
-                assert said in answer.reason
-            await talk.spawn()
-            answer = await talk.request(SPAWN)
-            assert isinstance(answer, Error)
-            assert "reset first" in answer.reason
+                reply = await session.request(bad)
+                assert isinstance(reply, Error)
+                assert expected_reason in reply.reason
+            await session.spawn()
+            reply = await session.request(SPAWN)
+            assert isinstance(reply, Error)
+            assert "reset first" in reply.reason
 
     run_scenario(scenario())
 
 
-def test_drive_when_there_is_a_robot_is_handed_on_and_refused_without() -> None:
+def test_drive_with_a_robot_is_posted_and_without_one_an_error() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
+        async with open_session() as session:
             drive = DriveRequest(5, 1.0, None, True)
-            answer = await talk.request(drive)
-            assert isinstance(answer, Error)
-            assert "spawn one first" in answer.reason
-            await talk.spawn()
-            assert await talk.request(drive) == Ok(5)
-            assert talk.posted[-1] == CommandReceived(talk.client, Drive(1.0, None, True))
+            reply = await session.request(drive)
+            assert isinstance(reply, Error)
+            assert "spawn one first" in reply.reason
+            await session.spawn()
+            assert await session.request(drive) == Ok(5)
+            assert session.posted[-1] == CommandReceived(session.client, Drive(1.0, None, True))
 
     run_scenario(scenario())
 
 
-def test_step_when_done_reports_the_cycle_and_when_failed_says_why() -> None:
+def test_step_when_successful_returns_the_cycle_and_when_failed_the_reason() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            done = CommandResult(1.2, "Step", "Clock", "OK")
-            answer = await talk.request(StepRequest(6, 0.2), ODOMETRY, done)
-            assert talk.posted == [CommandReceived(talk.client, Step(0.2))]
-            assert isinstance(answer, SensorReports)
-            assert [line[:3] for line in answer.reports] == ["SEN", "RES"]
+        async with open_session() as session:
+            succeeded = CommandResult(1.2, "Step", "Clock", "OK")
+            reply = await session.request(StepRequest(6, 0.2), ODOMETRY, succeeded)
+            assert session.posted == [CommandReceived(session.client, Step(0.2))]
+            assert isinstance(reply, SensorReports)
+            assert [line[:3] for line in reply.reports] == ["SEN", "RES"]
             failed = CommandResult(1.2, "Step", "Clock", "Failed")
-            answer = await talk.request(StepRequest(7, 0.2), failed)
-            assert isinstance(answer, Error)
-            assert "--clock lockstep" in answer.reason
+            reply = await session.request(StepRequest(7, 0.2), failed)
+            assert isinstance(reply, Error)
+            assert "--clock lockstep" in reply.reason
 
     run_scenario(scenario())
 
 
-def test_steps_when_too_many_are_on_their_way_are_refused() -> None:
+def test_step_when_too_many_are_pending_is_an_error() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
+        async with open_session() as session:
             for number in range(1, 18):
-                await talk.raw.send(bytes_from_message(StepRequest(number, 0.1)))
-            answer, _ = await talk.raw.receive()
-            assert isinstance(answer, Error)
-            assert answer.id == 17
+                await session.raw.send(bytes_from_message(StepRequest(number, 0.1)))
+            reply, _ = await session.raw.receive()
+            assert isinstance(reply, Error)
+            assert reply.id == 17
 
     run_scenario(scenario())
 
 
-def test_reset_when_the_removal_is_over_is_done_and_old_readings_are_dropped() -> None:
+def test_reset_when_the_removal_is_complete_is_ok_and_old_readings_are_dropped() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            await talk.spawn()
-            await talk.raw.send(bytes_from_message(ResetRequest(8)))
-            while len(talk.posted) < 3:
-                await talk.raw.send_request(GetStatusRequest(next(talk.raw.ids)))
-            assert talk.posted[1:] == [
-                ClientDisconnected(talk.client),
-                CommandReceived(talk.client, GetStartPoses()),
+        async with open_session() as session:
+            await session.spawn()
+            await session.raw.send(bytes_from_message(ResetRequest(8)))
+            while len(session.posted) < 3:
+                await session.raw.send_request(GetStatusRequest(next(session.raw.ids)))
+            assert session.posted[1:] == [
+                ClientDisconnected(session.client),
+                CommandReceived(session.client, GetStartPoses()),
             ]
-            talk.client.deliver([STATUS])  # of the robot that is about to leave
-            talk.client.deliver([StartPoses(())])
-            assert (await talk.raw.receive())[0] == Ok(8)
-            answer = await talk.request(GetReadingsRequest(9))
-            assert isinstance(answer, Error)
-            assert isinstance(await talk.spawn(), SensorReports)
+            session.client.deliver([STATUS])  # of the removed robot
+            session.client.deliver([StartPoses(())])
+            assert (await session.raw.receive())[0] == Ok(8)
+            reply = await session.request(GetReadingsRequest(9))
+            assert isinstance(reply, Error)
+            assert isinstance(await session.spawn(), SensorReports)
 
     run_scenario(scenario())
 
 
-def test_readings_when_asked_for_are_the_newest_of_each_sensor() -> None:
+def test_readings_when_requested_are_the_newest_of_each_sensor() -> None:
     async def scenario() -> None:
-        async with open_session() as talk:
-            await talk.spawn()
-            talk.client.deliver([OdometryReading("Odometry", 7.0, 2.0, 0.5)])
-            answer = await talk.request(GetReadingsRequest(9))
-            assert isinstance(answer, SensorReports)
-            odometry, status = answer.reports
+        async with open_session() as session:
+            await session.spawn()
+            session.client.deliver([OdometryReading("Odometry", 7.0, 2.0, 0.5)])
+            reply = await session.request(GetReadingsRequest(9))
+            assert isinstance(reply, SensorReports)
+            odometry, status = reply.reports
             assert "7.0" in odometry
             assert status.startswith("STA")
 

@@ -1,4 +1,4 @@
-"""The stream over the loopback: requests, rude peers, and those beside them."""
+"""The stream over the loopback: requests, malformed messages, and their effect on other clients."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from helpers.stream_messages import CAMERA_MODEL
 from helpers.stream_peer import connect_raw_peer
 
 
-def test_requests_about_the_server_are_answered() -> None:
+def test_requests_about_the_server_have_replies() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
@@ -41,9 +41,9 @@ def test_requests_about_the_server_are_answered() -> None:
                 assert (camera.camera, camera.camera_model) == ("Omni", CAMERA_MODEL)
                 assert camera.plan == "traced"
                 assert camera.robot_from_mirror.position_m == (0.1, 0.0, -0.5)
-                marks = await peer.send_request(GetLandmarksRequest(2))
-                assert isinstance(marks, LandmarksReply)
-                assert marks.landmarks[0].upper_colour == "yellow"
+                landmarks = await peer.send_request(GetLandmarksRequest(2))
+                assert isinstance(landmarks, LandmarksReply)
+                assert landmarks.landmarks[0].upper_colour == "yellow"
                 starts = await peer.send_request(GetStartPosesRequest(3))
                 assert isinstance(starts, StartPosesReply)
                 assert starts.start_poses == SERVER_INFO.start_poses
@@ -54,12 +54,12 @@ def test_requests_about_the_server_are_answered() -> None:
     run_scenario(scenario())
 
 
-def test_camera_when_unknown_is_refused_with_those_that_are_known() -> None:
+def test_camera_when_unknown_is_an_error_with_the_known_ones() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
-                answer = await peer.send_request(GetCameraRequest(1, "Rear"))
-                assert answer == Error(1, "no camera 'Rear': this server's robots have Omni")
+                reply = await peer.send_request(GetCameraRequest(1, "Rear"))
+                assert reply == Error(1, "no camera 'Rear': this server's robots have Omni")
 
     run_scenario(scenario())
 
@@ -70,132 +70,131 @@ MALFORMED = {
     "text": (b"INIT {ClassName USARBot.P2AT}\r\n",),
     "no kind": (msgpack.packb({"id": 1}),),
     "unknown kind": (msgpack.packb({"kind": "fly", "id": 1}),),
-    "missing field": (msgpack.packb({"kind": "ask_step", "id": 1}),),
-    "not finite": (msgpack.packb({"kind": "ask_step", "id": 1, "time_s": float("inf")}),),
-    "a part too many": (msgpack.packb({"kind": "ask_status", "id": 1}), b"more"),
-    "an answer": (msgpack.packb({"kind": "pulse", "version": 1}),),
+    "missing field": (msgpack.packb({"kind": "step", "id": 1}),),
+    "not finite": (msgpack.packb({"kind": "step", "id": 1, "time_s": float("inf")}),),
+    "two parts": (msgpack.packb({"kind": "get_status", "id": 1}), b"more"),
+    "a reply": (msgpack.packb({"kind": "heartbeat", "version": 1}),),
 }
 
 
 @pytest.mark.parametrize("parts", MALFORMED.values(), ids=MALFORMED.keys())
-def test_message_when_malformed_is_refused_and_nobody_is_disturbed(
+def test_message_when_malformed_is_an_error_and_disturbs_no_other_client(
     parts: tuple[bytes, ...],
 ) -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
-            with connect_raw_peer(server.port) as rude, connect_raw_peer(server.port) as other:
+            with connect_raw_peer(server.port) as malformed, connect_raw_peer(server.port) as other:
                 assert (await other.get_frame())[0].sequence == 1
-                assert await rude.receive_error(*parts)
+                assert await malformed.receive_error(*parts)
                 assert (await other.get_frame())[0].sequence == 2
-                assert (await rude.get_frame())[0].sequence == 3
+                assert (await malformed.get_frame())[0].sequence == 3
 
     run_scenario(scenario())
 
 
-def test_part_when_longer_than_any_request_ends_its_connection_only() -> None:
+def test_part_when_longer_than_any_request_ends_only_its_connection() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
-            with connect_raw_peer(server.port) as rude, connect_raw_peer(server.port) as other:
-                await rude.send(bytes(1024 * 1024))
+            with connect_raw_peer(server.port) as malformed, connect_raw_peer(server.port) as other:
+                await malformed.send(bytes(1024 * 1024))
                 for number in range(1, 4):
                     assert (await other.get_frame())[0].sequence == number
 
     run_scenario(scenario())
 
 
-def test_camera_when_nobody_asks_for_frames_is_not_drawn() -> None:
+def test_camera_when_no_client_requests_frames_is_not_rendered() -> None:
     async def scenario() -> None:
-        drawn = FakeSimulation()
-        async with serve_fake_simulation(drawn) as server:
+        simulation = FakeSimulation()
+        async with serve_fake_simulation(simulation) as server:
             with connect_raw_peer(server.port) as peer:
                 for number in range(1, 20):
                     await peer.send_request(GetStatusRequest(number))
                 server.send_heartbeats()
-        assert drawn.num_rendered == 0
+        assert simulation.num_rendered == 0
 
     run_scenario(scenario())
 
 
-def test_subscriber_when_it_stalls_costs_one_frame_and_no_other_its_own() -> None:
+def test_client_when_it_stalls_costs_one_frame_and_none_of_another_client() -> None:
     async def scenario() -> None:
-        drawn = FakeSimulation(640, 480)
-        async with serve_fake_simulation(drawn) as server:
+        simulation = FakeSimulation(640, 480)
+        async with serve_fake_simulation(simulation) as server:
             with (
-                connect_raw_peer(server.port, keeps=1) as stalled,
+                connect_raw_peer(server.port, high_water_mark=1) as stalled,
                 connect_raw_peer(server.port) as other,
             ):
                 await stalled.request_frame()
                 headers = [(await other.get_frame())[0] for _ in range(100)]
         sequences = [header.sequence for header in headers]
         assert sequences == sorted(set(sequences))
-        # 100 for one, at most one more for the other: nothing is drawn for who does not read.
-        assert sequences[-1] <= drawn.num_rendered <= 101
+        # 100 for one client, at most one for the other, which does not read.
+        assert sequences[-1] <= simulation.num_rendered <= 101
         assert {header.dropped_frames for header in headers} == {0}
 
     run_scenario(scenario())
 
 
-def test_subscriber_when_it_asks_and_asks_without_reading_is_sent_a_bounded_number() -> None:
+def test_client_when_it_requests_without_reading_is_sent_a_bounded_number() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation(640, 480)) as server:
             with (
-                connect_raw_peer(server.port, keeps=1) as stalled,
+                connect_raw_peer(server.port, high_water_mark=1) as stalled,
                 connect_raw_peer(server.port) as other,
             ):
                 for _ in range(100):
                     await stalled.request_frame()
                     await other.get_frame()
-                rude, served = sorted(
-                    (p.frame_sender for p in server.peers), key=lambda slot: slot.num_sent
-                )
-                # Eight of 0.9 MB wait here, the rest is in the kernel's buffers and the peer's.
-                assert 1 <= rude.num_sent <= 25
-                assert rude.num_dropped >= 50
+                senders = [peer.frame_sender for peer in server.peers]
+                unread, served = sorted(senders, key=lambda sender: sender.num_sent)
+                # Eight of 0.9 MB are queued, the rest is in the buffers of the kernel and the peer.
+                assert 1 <= unread.num_sent <= 25
+                assert unread.num_dropped >= 50
                 assert (served.num_sent, served.num_dropped) == (100, 0)
 
     run_scenario(scenario())
 
 
-def test_peer_when_its_connection_is_gone_leaves_the_simulation() -> None:
+def test_peer_when_its_connection_ends_is_removed_from_the_simulation() -> None:
     async def scenario() -> None:
-        record = FakeSimulation()
-        async with serve_fake_simulation(record) as server:
+        simulation = FakeSimulation()
+        async with serve_fake_simulation(simulation) as server:
             with connect_raw_peer(server.port) as peer:
                 await peer.send_request(GetStatusRequest(1))
                 (client,) = server.peers
-            while not record.posted_events:
+            while not simulation.posted_events:
                 server.send_heartbeats()
                 await asyncio.sleep(0)
-            assert record.posted_events == [ClientDisconnected(client)]
+            assert simulation.posted_events == [ClientDisconnected(client)]
             assert server.peers == ()
 
     run_scenario(scenario())
 
 
-def test_peer_when_busy_is_sent_a_few_pulses_only_and_stays() -> None:
+def test_peer_when_busy_is_sent_a_few_heartbeats_only_and_stays() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as busy:
                 await busy.send_request(GetStatusRequest(1))
-                for _ in range(1000):  # more than its socket keeps
+                for _ in range(1000):  # more than its socket can queue
                     server.send_heartbeats()
                 await busy.send(bytes_from_message(GetStatusRequest(2)))
-                pulses = 0
-                while (await busy.receive_head()).KIND == "pulse":
-                    pulses += 1
-                # ZeroMQ takes fewer where it cannot send as fast as this loop.
-                assert 0 < pulses <= stream_server.MAX_IDLE_HEARTBEATS
+                num_heartbeats = 0
+                while (await busy.receive_head()).KIND == "heartbeat":
+                    num_heartbeats += 1
+                # ZeroMQ accepts fewer where it cannot send as fast as this loop.
+                assert 0 < num_heartbeats <= stream_server.MAX_IDLE_HEARTBEATS
                 server.send_heartbeats()
-                assert (await busy.receive_head()).KIND == "pulse"
+                assert (await busy.receive_head()).KIND == "heartbeat"
                 assert len(server.peers) == 1
 
     run_scenario(scenario())
 
 
-def test_peer_when_it_waits_is_sent_every_pulse() -> None:
+def test_peer_when_it_waits_is_sent_every_heartbeat() -> None:
     async def scenario() -> None:
-        blind = FakeSimulation(renders_frames=False)
-        async with serve_fake_simulation(blind) as server:
+        idle = FakeSimulation(renders_frames=False)
+        async with serve_fake_simulation(idle) as server:
             with connect_raw_peer(server.port) as waiting:
                 await waiting.send_request(GetStatusRequest(1))
                 await waiting.request_frame()
@@ -203,15 +202,15 @@ def test_peer_when_it_waits_is_sent_every_pulse() -> None:
                     await asyncio.sleep(0)
                 for _ in range(100):
                     server.send_heartbeats()
-                    assert (await waiting.receive_head()).KIND == "pulse"
+                    assert (await waiting.receive_head()).KIND == "heartbeat"
 
     run_scenario(scenario())
 
 
-def test_peer_when_gone_after_long_idleness_leaves_and_others_stay() -> None:
+def test_peer_when_disconnected_after_long_idleness_is_removed_and_others_stay() -> None:
     async def scenario() -> None:
-        scene = FakeSimulation()
-        async with serve_fake_simulation(scene) as server:
+        simulation = FakeSimulation()
+        async with serve_fake_simulation(simulation) as server:
             with connect_raw_peer(server.port) as other:
                 await other.send_request(GetStatusRequest(1))
                 with connect_raw_peer(server.port) as peer:
@@ -222,13 +221,13 @@ def test_peer_when_gone_after_long_idleness_leaves_and_others_stay() -> None:
                 while len(server.peers) == 2:
                     server.send_heartbeats()
                     await asyncio.sleep(0)
-                assert [type(request) for request in scene.posted_events] == [ClientDisconnected]
+                assert [type(event) for event in simulation.posted_events] == [ClientDisconnected]
                 await other.send_request(GetStatusRequest(2))
 
     run_scenario(scenario())
 
 
-def test_answer_when_delivered_after_the_end_goes_nowhere() -> None:
+def test_reply_when_sent_after_the_end_is_dropped() -> None:
     async def scenario() -> None:
         async with serve_fake_simulation(FakeSimulation()) as server:
             with connect_raw_peer(server.port) as peer:
@@ -239,7 +238,7 @@ def test_answer_when_delivered_after_the_end_goes_nowhere() -> None:
     run_scenario(scenario())
 
 
-def test_peers_when_there_are_enough_further_ones_are_refused(
+def test_peer_when_the_limit_is_reached_gets_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(stream_server, "MAX_PEERS", 1)
@@ -249,21 +248,21 @@ def test_peers_when_there_are_enough_further_ones_are_refused(
             with connect_raw_peer(server.port) as first, connect_raw_peer(server.port) as second:
                 await first.send_request(GetStatusRequest(1))
                 assert await second.send_request(GetStatusRequest(5)) == Error(
-                    5, "1 clients are served, no more"
+                    5, "the limit of 1 clients is reached"
                 )
 
     run_scenario(scenario())
 
 
-def test_server_when_it_ends_ends_every_peer() -> None:
+def test_server_when_it_ends_disconnects_every_peer() -> None:
     async def scenario() -> None:
-        record = FakeSimulation()
-        async with serve_fake_simulation(record) as server:
+        simulation = FakeSimulation()
+        async with serve_fake_simulation(simulation) as server:
             with connect_raw_peer(server.port) as peer:
                 await peer.send_request(GetStatusRequest(1))
                 await peer.send(bytes_from_message(GetFrameRequest(2, "", "", ImageEncoding.RAW)))
                 (client,) = server.peers
                 server.disconnect_peers()
-                assert record.posted_events == [ClientDisconnected(client)]
+                assert simulation.posted_events == [ClientDisconnected(client)]
 
     run_scenario(scenario())

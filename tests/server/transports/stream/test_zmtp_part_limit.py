@@ -1,4 +1,4 @@
-"""Bytes of ZeroMQ peers, fed whole and byte by byte: who ends their messages passes."""
+"""Bytes of ZeroMQ peers, in one piece and byte by byte: only endless messages raise."""
 
 from __future__ import annotations
 
@@ -12,51 +12,51 @@ PART = zmtp_frame(b"part", MORE)
 LAST = zmtp_frame(b"last")
 PING = zmtp_frame(b"\x04PING\0\0", COMMAND)
 
-GOOD = {
+VALID = {
     "a message": LAST,
     "empty messages": 100 * zmtp_frame(b""),
-    "as many parts as may be": (MAX_PARTS - 1) * PART + LAST,
+    "the maximum of parts": (MAX_PARTS - 1) * PART + LAST,
     "many messages of several parts": 100 * (PART + PART + LAST),
     "long lengths": 100 * (zmtp_frame(bytes(300), LONG | MORE) + zmtp_frame(b"", LONG)),
     "a body that looks like parts": zmtp_frame(PART * 20, LONG),
     "commands between parts": 3 * (PART + PING) + LAST,
     "many commands": 100 * PING,
 }
-BAD = {
-    "a part too many": MAX_PARTS * PART,
+INVALID = {
+    "more than the maximum of parts": MAX_PARTS * PART,
     "empty parts": MAX_PARTS * zmtp_frame(b"", MORE),
     "long parts": MAX_PARTS * zmtp_frame(bytes(300), LONG | MORE),
     "parts hidden behind commands": MAX_PARTS * (PING + PART),
     "parts after good messages": 5 * (PART + LAST) + MAX_PARTS * PART,
     "a command with more": zmtp_frame(b"\x04PING\0\0", COMMAND | MORE),
 }
-PIECES = {"whole": 10_000_000, "by 7 bytes": 7, "byte by byte": 1}
+PIECES = {"one piece": 10_000_000, "by 7 bytes": 7, "byte by byte": 1}
 
 
 def feed_pieces(data: bytes, piece_bytes: int) -> None:
-    parts = ZmtpPartCounter()
-    for at in range(0, len(data), piece_bytes):
-        parts.feed(data[at : at + piece_bytes])
+    counter = ZmtpPartCounter()
+    for start in range(0, len(data), piece_bytes):
+        counter.feed(data[start : start + piece_bytes])
 
 
 @pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
-@pytest.mark.parametrize("said", GOOD.values(), ids=GOOD)
-def test_messages_when_they_end_pass(said: bytes, piece_bytes: int) -> None:
-    feed_pieces(GREETING + READY + said, piece_bytes)
+@pytest.mark.parametrize("messages", VALID.values(), ids=VALID)
+def test_messages_when_they_end_pass(messages: bytes, piece_bytes: int) -> None:
+    feed_pieces(GREETING + READY + messages, piece_bytes)
 
 
 @pytest.mark.parametrize("piece_bytes", PIECES.values(), ids=PIECES)
-@pytest.mark.parametrize("said", BAD.values(), ids=BAD)
-def test_message_when_it_has_too_many_parts_raises(said: bytes, piece_bytes: int) -> None:
+@pytest.mark.parametrize("messages", INVALID.values(), ids=INVALID)
+def test_message_when_it_has_too_many_parts_raises(messages: bytes, piece_bytes: int) -> None:
     with pytest.raises(RemoteProtocolError, match="parts"):
-        feed_pieces(GREETING + READY + said, piece_bytes)
+        feed_pieces(GREETING + READY + messages, piece_bytes)
 
 
 def test_message_when_it_has_too_many_parts_raises_before_its_bytes_are_passed() -> None:
-    parts = ZmtpPartCounter()
-    parts.feed(GREETING + READY + (MAX_PARTS - 1) * PART)
+    counter = ZmtpPartCounter()
+    counter.feed(GREETING + READY + (MAX_PARTS - 1) * PART)
     with pytest.raises(RemoteProtocolError, match="more than 8 parts"):
-        parts.feed(PART[:2])
+        counter.feed(PART[:2])
 
 
 OTHER_GREETINGS = {

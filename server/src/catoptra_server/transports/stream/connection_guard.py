@@ -1,8 +1,8 @@
-"""The stream's public port: all pass to the ROUTER behind it but messages that do not end.
+"""The public port of the stream: a relay to the private ROUTER that ends endless messages.
 
-Bytes go both ways unchanged, over a local socket that only this user can open. One read each way
-waits here at most: what the ROUTER does not take stays in the client's TCP connection, and what the
-client does not take in the ROUTER. Measured in tests/measurements/unterminated_messages.py.
+Bytes pass unchanged both ways, over a local socket that only this user can open. At most one read
+per direction is buffered here: bytes that the ROUTER does not accept stay in the client's TCP
+connection, and vice versa. Measured in tests/measurements/unterminated_messages.py.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from catoptra_server.transports.stream.zmtp_part_limit import ZmtpPartCounter
 
 log = logging.getLogger(__name__)
 
-# All clients that are served and some to refuse in words; each takes three file descriptors, and
+# All clients and some more, which get an error in reply; each takes three file descriptors, and
 # many systems give a process 1024.
 MAX_CONNECTIONS = 288
-# Requests are small. A frame should take few turns of the loop.
+# Requests are small; a frame should take few turns of the loop.
 _UPSTREAM_READ_BYTES = 8 * 1024
 _DOWNSTREAM_READ_BYTES = 256 * 1024
-# Without a free descriptor a connection waits at the port; asking at once again burns time only.
+# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
+# and only burn processor time.
 _ACCEPT_RETRY_S = 1.0
 
 CheckBytes = Callable[[bytes], None]
@@ -31,10 +32,14 @@ CloseCallback = Callable[[Exception | None], None]
 
 
 def create_listener(host: str, port: int) -> socket.socket:
-    """Return a socket on a host's first address. Raises OSError that names host and port."""
+    """Listening socket on the first address of a host.
+
+    Raises:
+        OSError: The address is not available; names host and port.
+    """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        family, _, _, _, address = found[0]
+        infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, _, _, _, address = infos[0]
         dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
         listener = socket.create_server(
             address, family=family, backlog=MAX_CONNECTIONS, dualstack_ipv6=dual
@@ -46,7 +51,7 @@ def create_listener(host: str, port: int) -> socket.socket:
 
 
 class ConnectionGuard:
-    """A listening socket, and all who came in by it to the Unix socket at `path`."""
+    """A listening socket, and its connections to the Unix socket at `path`."""
 
     def __init__(self, listener: socket.socket, path: str) -> None:
         self._loop = asyncio.get_running_loop()
@@ -56,11 +61,11 @@ class ConnectionGuard:
         self._listen()
 
     def close(self) -> None:
-        """Let go of the port and of every connection."""
+        """Release the port and close every connection."""
         self._loop.remove_reader(self._listener)
         self._listener.close()
-        for passage in list(self._connections):
-            passage.close()
+        for connection in list(self._connections):
+            connection.close()
 
     def _listen(self) -> None:
         if self._listener.fileno() >= 0:
@@ -68,41 +73,43 @@ class ConnectionGuard:
 
     def _accept(self) -> None:
         try:
-            outside, address = self._listener.accept()
+            client_socket, address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError as error:
-            log.warning("stream port takes nobody for %g s: %s", _ACCEPT_RETRY_S, error)
+            log.warning("stream port accepts no connection for %g s: %s", _ACCEPT_RETRY_S, error)
             self._loop.remove_reader(self._listener)
             self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
             return
         try:
-            self._open_connection(outside, address[0])
+            self._open_connection(client_socket, address[0])
         except OSError as error:
             log.warning("stream connection of %s closed: %s", address[0], error)
-            outside.close()
+            client_socket.close()
 
     def _open_connection(self, client_socket: socket.socket, client_host: str) -> None:
         if len(self._connections) >= MAX_CONNECTIONS:
-            raise OSError(f"{MAX_CONNECTIONS} connections are there")
+            raise OSError(f"the limit of {MAX_CONNECTIONS} connections is reached")
         client_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        inside = socket.socket(socket.AF_UNIX)
+        router_socket = socket.socket(socket.AF_UNIX)
         try:
-            for end in (client_socket, inside):
+            for end in (client_socket, router_socket):
                 end.setblocking(False)
-            inside.connect(self._path)
+            router_socket.connect(self._path)
         except OSError:
-            inside.close()
+            router_socket.close()
             raise
-        self._connections.add(
-            _GuardedConnection(
-                client_socket, inside, client_host=client_host, on_close=self._connections.discard
-            )
+        connection = _GuardedConnection(
+            client_socket,
+            router_socket,
+            client_host=client_host,
+            on_close=self._connections.discard,
         )
+        self._connections.add(connection)
 
 
 class _GuardedConnection:
-    """One client's two sockets; both end when either does."""
+    """The two sockets of one client; both end when either does."""
 
     def __init__(
         self,
@@ -132,7 +139,7 @@ class _GuardedConnection:
         )
 
     def close(self) -> None:
-        """End both connections."""
+        """Close both sockets."""
         loop = asyncio.get_running_loop()
         for end in self._sockets:
             loop.remove_reader(end)
@@ -147,7 +154,7 @@ class _GuardedConnection:
 
 
 class _Relay:
-    """One way of a passage. While the sink does not take what was read, nothing more is read."""
+    """One direction of a connection; reads nothing more until the sink has accepted everything."""
 
     def __init__(
         self,
@@ -190,7 +197,7 @@ class _Relay:
             self._loop.add_reader(self._source, self._receive)
 
     def _send_pending(self) -> bool:
-        """Give what the sink takes; return whether the passage still stands."""
+        """Send as much as the sink accepts; False if the connection has ended."""
         try:
             self._pending = self._pending[self._sink.send(self._pending) :]
         except BlockingIOError:
@@ -202,4 +209,4 @@ class _Relay:
 
 
 def _accept_any(_: bytes) -> None:
-    """Pass what the ROUTER says."""
+    """Pass all bytes of the ROUTER, which is ours."""

@@ -1,4 +1,4 @@
-"""The stream's answer to where landmarks are, and to which of them a camera sees."""
+"""Replies to landmark requests: true positions, and projections into a camera."""
 
 from __future__ import annotations
 
@@ -21,35 +21,45 @@ def handle_landmarks_request(
     send_reply: Callable[[Reply], None],
     post: Callable[[SimulationEvent], None],
 ) -> None:
-    """Answer at once, or as soon as the simulation has looked through the camera in question."""
+    """Reply at once, or with a camera as soon as the simulation has projected the landmarks.
+
+    Args:
+        request: Request of the client.
+        landmarks: True landmarks of the world.
+        send_reply: Sends the reply; called on the loop.
+        post: Hands an event to the simulation.
+    """
     if request.robot is None and request.camera is None:
         send_reply(LandmarksReply(request.id, tuple(map(_record_from_landmark, landmarks))))
         return
+    # The simulation replies in its own thread; sockets belong to the loop.
     loop = asyncio.get_running_loop()
 
-    def reply(time_s: float, seen: tuple[LandmarkVisibility, ...] | None) -> None:
-        loop.call_soon_threadsafe(send_reply, _landmarks_reply(request, time_s, seen))
+    def reply(time_s: float, visibilities: tuple[LandmarkVisibility, ...] | None) -> None:
+        loop.call_soon_threadsafe(send_reply, _landmarks_reply(request, time_s, visibilities))
 
     post(LandmarksRequested(CameraChannel(request.robot or "", request.camera or ""), reply))
 
 
 def camera_not_found(id_: int, robot: str, camera: str) -> Error:
-    """Return the refusal of a camera that is not there."""
-    whose = f"robot {robot!r}" if robot else "the robot on the screen"
-    which = f"camera {camera!r}" if camera else "camera"
-    return Error(id_, f"there is no {which} of {whose}")
+    """Error for a camera that does not exist, with its name."""
+    owner = f"robot {robot!r}" if robot else "the robot on the image port"
+    name = f"camera {camera!r}" if camera else "camera"
+    return Error(id_, f"there is no {name} of {owner}")
 
 
 def _landmarks_reply(
-    request: GetLandmarksRequest, time_s: float, visible: tuple[LandmarkVisibility, ...] | None
+    request: GetLandmarksRequest,
+    time_s: float,
+    visibilities: tuple[LandmarkVisibility, ...] | None,
 ) -> Reply:
-    if visible is None:
+    if visibilities is None:
         return camera_not_found(request.id, request.robot or "", request.camera or "")
     records = (
         dataclasses.replace(
             _record_from_landmark(one.landmark), pixel=one.pixel, visible=one.is_visible
         )
-        for one in visible
+        for one in visibilities
     )
     return LandmarksReply(request.id, tuple(records), time_s)
 

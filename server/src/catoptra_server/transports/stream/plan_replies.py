@@ -1,6 +1,6 @@
-"""The stream's answer to how a robot's camera is drawn, after its dial was turned if that is asked.
+"""Replies to accuracy requests: the rendering plan of a camera, under a new target if given.
 
-The simulation knows the camera, the drawing thread how it draws it: the question goes through both.
+The simulation knows the camera, the render thread its plan: a request passes through both.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from collections.abc import Callable
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.stream.replies import Error, PlanAlternative, PlanReply, Reply
 from catoptra_protocol.stream.requests import SetAccuracyRequest
-from catoptra_server.frames.frame_request import OmniCameraSpec
 from catoptra_server.frames.render_thread import PlanCallback
 from catoptra_server.frames.view_cache import ViewState
-from catoptra_server.planning.planner import PlanOption
+from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.planning.plan_choice import PlanOption
 from catoptra_server.robot.render_settings import AccuracyTarget
 from catoptra_server.simulation import AccuracyTargetChanged, Client, SimulationEvent
 
-# Hands over an eye; the second is called, by any thread, with how it is drawn.
+# Camera, and the callback with its plan, called by any thread.
 QueryPlan = Callable[[OmniCameraSpec, PlanCallback], None]
 
 
@@ -30,7 +30,16 @@ def handle_plan_request(
     post: Callable[[SimulationEvent], None],
     query_plan: QueryPlan,
 ) -> None:
-    """Answer once the simulation has turned the dial and the drawing thread has planned."""
+    """Reply once the simulation has set the target and the render thread has planned.
+
+    Args:
+        request: Request of the client.
+        client: Client with the robot.
+        send_reply: Sends the reply; called on the loop.
+        post: Hands an event to the simulation.
+        query_plan: Hands a camera to the render thread.
+    """
+    # Checked here and not in the simulation, so that a wrong number has its reply at once.
     try:
         AccuracyTarget().with_changes(
             max_error_px=request.max_error_px, budget_ms=request.budget_ms
@@ -40,14 +49,14 @@ def handle_plan_request(
         return
     loop = asyncio.get_running_loop()
 
-    def query_camera_plan(eye: OmniCameraSpec | None, name: str) -> None:
+    def query_camera_plan(camera: OmniCameraSpec | None, name: str) -> None:
         def reply(state: ViewState | None) -> None:
-            loop.call_soon_threadsafe(send_reply, _plan_reply(request.id, name, eye, state))
+            loop.call_soon_threadsafe(send_reply, _plan_reply(request.id, name, camera, state))
 
-        if eye is None:
+        if camera is None:
             reply(None)
         else:
-            query_plan(eye, reply)
+            query_plan(camera, reply)
 
     post(
         AccuracyTargetChanged(
@@ -56,17 +65,18 @@ def handle_plan_request(
     )
 
 
-def _plan_reply(id_: int, name: str, eye: OmniCameraSpec | None, state: ViewState | None) -> Reply:
-    if eye is None or state is None:
-        return Error(
-            id_, f"your robot has no omnidirectional camera {name[:80]!r}, or is not there"
-        )
-    choice, dial = state.choice, eye.render_settings.accuracy_target
+def _plan_reply(
+    id_: int, name: str, camera: OmniCameraSpec | None, state: ViewState | None
+) -> Reply:
+    if camera is None or state is None:
+        reason = f"this client has no robot with an omnidirectional camera {name[:80]!r}"
+        return Error(id_, reason)
+    choice, target = state.choice, camera.render_settings.accuracy_target
     return PlanReply(
         id=id_,
         camera=name,
-        max_error_px=dial.max_error_px,
-        budget_ms=dial.budget_ms,
+        max_error_px=target.max_error_px,
+        budget_ms=target.budget_ms,
         plan=str(choice.plan),
         target_met=choice.target_met,
         error_bound_px=choice.bound.outline_error_px if choice.bound else None,

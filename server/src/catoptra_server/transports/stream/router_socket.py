@@ -1,8 +1,9 @@
-"""The stream's ROUTER socket on the asyncio loop: the server's one door to ZeroMQ.
+"""The ROUTER socket of the stream on the asyncio loop: the only module of the server with zmq.
 
-It never blocks and never queues without bound: what a peer does not take is not sent, what a peer
-sends too fast waits in that peer's own TCP connection. ZeroMQ alone cannot hold the second promise
-against a message that never ends, so the public port is a turnstile's, and the ROUTER sits behind.
+The socket never blocks and never queues without limit: a message for a full peer is not sent, and
+messages from a fast peer wait in the TCP connection of that peer. ZeroMQ alone does not give the
+second guarantee for a message that never ends, so a connection guard owns the public port, with the
+ROUTER behind the guard.
 """
 
 from __future__ import annotations
@@ -23,26 +24,26 @@ from catoptra_server.transports.stream.connection_guard import (
     create_listener,
 )
 
-# Messages that wait for one peer, beside what its TCP connection holds. A peer that keeps to one
-# request a time never has more than one frame, one answer and some pulses there.
+# Messages that wait for one peer, besides its TCP connection. A peer with one pending request has
+# at most one frame, one reply and some heartbeats there.
 _SEND_HIGH_WATER_MARK = 8
-# Messages of one peer that wait for us; the rest stays in TCP, which holds the peer back.
+# Messages of one peer that wait for the server; the rest stays in TCP, which blocks the peer.
 _RECEIVE_HIGH_WATER_MARK = 16
-# A part that is announced longer ends its connection before memory is taken for it.
+# A longer part ends its connection as soon as its length is read, before memory is allocated.
 _MAX_PART_BYTES = 8 * 1024
-# Messages read in one go, before other work of the loop has its turn.
+# Messages per turn of the loop, so that a busy peer does not starve the others.
 _MAX_MESSAGES_PER_READ = 32
-# A peer whose host vanished without a word is given up after this silence of its connection; a
-# living process answers from ZeroMQ's own thread, however busy it is.
+# A peer whose host vanished without closing is disconnected after the timeout; a live process
+# replies from ZeroMQ's own thread, even when busy.
 _PING_INTERVAL_MS = 2000
 _PING_TIMEOUT_MS = 6000
-_MONITOR_ENDPOINT = "inproc://ends"
+_MONITOR_ENDPOINT = "inproc://monitor"
 
 MessageHandler = Callable[[bytes, list[bytes]], None]
 
 
 class SendResult(Enum):
-    """What became of a message."""
+    """Outcome of a send."""
 
     SENT = auto()
     QUEUE_FULL = auto()
@@ -50,22 +51,32 @@ class SendResult(Enum):
 
 
 class RouterSocket:
-    """A bound socket. `received` is called with a peer's identity and the parts it sent."""
+    """A bound ROUTER behind a connection guard."""
 
     def __init__(self, host: str, port: int, on_message: MessageHandler) -> None:
+        """Bind the port.
+
+        Args:
+            host: Host name or address of the interface.
+            port: TCP port; 0 = a free one, see `port`.
+            on_message: Called with the identity of a peer and the parts of its message.
+
+        Raises:
+            OSError: The port, or the private socket of the ROUTER, is not available.
+        """
         self._loop = asyncio.get_running_loop()
         self._on_message = on_message
-        with ExitStack() as kept:
-            listener = kept.enter_context(create_listener(host, port))
+        with ExitStack() as resources:
+            listener = resources.enter_context(create_listener(host, port))
             self.port: int = listener.getsockname()[1]
-            # A directory of 0700: nobody else gets round the turnstile.
-            path = kept.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
+            # A directory of mode 0700: no other user can bypass the guard.
+            path = resources.enter_context(TemporaryDirectory(prefix="catoptra-")) + "/stream"
             context = zmq.Context(io_threads=1)
-            kept.callback(context.destroy, linger=0)
+            resources.callback(context.destroy, linger=0)
             self._monitor = context.socket(zmq.PAIR)
             self._socket = _bind_router(context, f"ipc://{path}", monitor=self._monitor)
-            kept.callback(ConnectionGuard(listener, path).close)
-            self._release = kept.pop_all().close
+            resources.callback(ConnectionGuard(listener, path).close)
+            self._release = resources.pop_all().close
         self._connections: dict[bytes, int] = {}
         self._is_closed = False
         self._scheduled_read: asyncio.Handle | None = None
@@ -73,17 +84,17 @@ class RouterSocket:
         self._schedule_read()
 
     def send(self, peer: bytes, parts: Sequence[bytes]) -> SendResult:
-        """Send a message at once, or not at all; once this is closed, nobody is there."""
+        """Send a message at once, or not at all; a closed socket has no connected peers."""
         if self._is_closed:
             return SendResult.DISCONNECTED
-        sent = self._try_send(peer, parts)
-        if sent is SendResult.QUEUE_FULL:
-            # ZeroMQ takes note of what peers have taken only now and then, unless asked what is up.
+        result = self._try_send(peer, parts)
+        if result is SendResult.QUEUE_FULL:
+            # ZeroMQ notices only now and then that peers have read, except on this query.
             self._socket.get(zmq.EVENTS)
-            sent = self._try_send(peer, parts)
-        # Both may take the one readiness that the file descriptor tells of.
+            result = self._try_send(peer, parts)
+        # The file descriptor signals once, and either call may consume the signal of a message.
         self._schedule_read()
-        return sent
+        return result
 
     def _try_send(self, peer: bytes, parts: Sequence[bytes]) -> SendResult:
         try:
@@ -98,9 +109,10 @@ class RouterSocket:
         return SendResult.SENT
 
     def poll_disconnects(self) -> set[bytes]:
-        """Return peers that may be gone: a connection ended where theirs was since the last call.
+        """Peers that may have disconnected since the last call.
 
-        Whether it was theirs, sending tells soon: a file descriptor may be another's by now.
+        The monitor reports file descriptors, which another connection may use by now: a send to the
+        peer decides.
         """
         ended: set[int] = set()
         while self._monitor.poll(0):
@@ -108,7 +120,7 @@ class RouterSocket:
         return {peer for peer, connection in self._connections.items() if connection in ended}
 
     def close(self) -> None:
-        """Let go of the port, and of everything that waits to be sent."""
+        """Release the port and drop all unsent messages."""
         self._is_closed = True
         self._loop.remove_reader(self._socket.FD)
         if self._scheduled_read is not None:
@@ -137,25 +149,34 @@ class RouterSocket:
 def _bind_router(
     context: zmq.Context[zmq.Socket[bytes]], endpoint: str, *, monitor: zmq.Socket[bytes]
 ) -> zmq.Socket[bytes]:
-    """Return the socket; all limits are set before it is bound, later they would not count.
+    """Bind a ROUTER, with its limits and a monitor of disconnections.
 
-    ends: a PAIR that is told of every connection that ended.
+    Args:
+        context: ZeroMQ context.
+        endpoint: Private endpoint.
+        monitor: PAIR socket that receives an event for every connection that ends.
+
+    Raises:
+        OSError: The endpoint is not available.
     """
     router = context.socket(zmq.ROUTER)
+    # All options before bind: later ones do not apply to connections of the endpoint.
     router.set(zmq.BACKLOG, MAX_CONNECTIONS)
     router.set(zmq.SNDHWM, _SEND_HIGH_WATER_MARK)
     router.set(zmq.RCVHWM, _RECEIVE_HIGH_WATER_MARK)
     router.set(zmq.MAXMSGSIZE, _MAX_PART_BYTES)
-    router.set(zmq.ROUTER_MANDATORY, 1)  # say who is gone or full, instead of dropping in silence
+    # A send to a disconnected or full peer fails, in place of a silent drop.
+    router.set(zmq.ROUTER_MANDATORY, 1)
     router.set(zmq.HEARTBEAT_IVL, _PING_INTERVAL_MS)
     router.set(zmq.HEARTBEAT_TIMEOUT, _PING_TIMEOUT_MS)
     router.set(zmq.LINGER, 0)
     router.monitor(_MONITOR_ENDPOINT, zmq.EVENT_DISCONNECTED)
-    monitor.set(zmq.RCVHWM, 0)  # nobody may have to wait for us to read it
+    # Without a limit: ZeroMQ's thread must never wait for the loop to read the monitor.
+    monitor.set(zmq.RCVHWM, 0)
     monitor.connect(_MONITOR_ENDPOINT)
     try:
         router.bind(endpoint)
     except zmq.ZMQError as error:
-        said = f"{endpoint}: {error.strerror}: set TMPDIR to a short path that can be written"
-        raise OSError(error.errno, said) from error
+        reason = f"{endpoint}: {error.strerror}: set TMPDIR to a short, writable path"
+        raise OSError(error.errno, reason) from error
     return router

@@ -1,4 +1,4 @@
-"""What the stream tells of a server, and what does not change while it runs."""
+"""Constant information about the server for replies of the stream, and conversions to records."""
 
 from __future__ import annotations
 
@@ -14,27 +14,36 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.world_description import World
 
-CameraKey = tuple[str, str]  # class of the robot, name of the camera
+# Class of the robot, name of the camera.
+CameraKey = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
-    """A camera's law, as the pairs of CONF, where its viewpoint sits, and how it is drawn."""
+    """An omnidirectional camera of a robot class."""
 
     camera_model: Pairs
+    """Pairs of CONF."""
     robot_from_mirror: Pose
+    """Pose of the effective viewpoint."""
     plan: str | None = None
+    """Description of the rendering plan, if known at the start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServerInfo:
-    """Classes that can be spawned, the clock, and cameras by class and name."""
+    """Server, world, robot classes, clock, cameras, landmarks and start poses."""
 
     server: str
+    """Product and release."""
     world: str
+    """Name of the world."""
     class_names: tuple[str, ...]
+    """Robot classes that can be spawned."""
     clock: str
+    """`realtime` or `lockstep`."""
     cameras: dict[CameraKey, CameraInfo]
+    """Omnidirectional cameras by class of the robot and name of the camera."""
     landmarks: tuple[Landmark, ...]
     start_poses: tuple[StartPoseRecord, ...]
 
@@ -42,14 +51,21 @@ class ServerInfo:
 def build_server_info(
     robots: Sequence[RobotDescription], world: World, *, clock: str, plans: Mapping[str, str]
 ) -> ServerInfo:
-    """Return the facts of a server; plans by class name."""
+    """Collect the information about a server.
+
+    Args:
+        robots: Robot classes.
+        world: World.
+        clock: `realtime` or `lockstep`.
+        plans: Description of the rendering plan by class name.
+    """
     cameras: dict[CameraKey, CameraInfo] = {}
     for robot in robots:
         omni = robot.omni_camera
         if omni is not None:
-            law = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
+            pairs = pairs_from_omni_camera(omni.camera, robot.viewpoint_height_m)
             plan = plans.get(robot.class_name)
-            cameras[robot.class_name, omni.name] = CameraInfo(law, omni.robot_from_mirror, plan)
+            cameras[robot.class_name, omni.name] = CameraInfo(pairs, omni.robot_from_mirror, plan)
     return ServerInfo(
         server=f"Catoptra {version('catoptra-server')}",
         world=world.name,
@@ -64,7 +80,8 @@ def build_server_info(
 
 
 def transform_from_pose(pose: Pose) -> Transform:
-    """Return a pose as it is sent."""
+    """Transform of a pose, for a message."""
+    # msgpack encodes Python's floats, not those of NumPy.
     x, y, z = map(float, pose.translation)
     a, b, c, d, e, f, g, h, i = map(float, pose.rotation.ravel())
     return Transform((x, y, z), (a, b, c, d, e, f, g, h, i))
@@ -73,7 +90,7 @@ def transform_from_pose(pose: Pose) -> Transform:
 def records_from_decisions(
     decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
 ) -> tuple[EffectRecord, ...]:
-    """Return decisions as they are sent; stage_ms: of the picture that they were taken for."""
+    """Records of effect decisions, with the durations of a frame by stage."""
     return tuple(
         _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
     )

@@ -1,7 +1,7 @@
 """One client of the stream: its requests, its robot, its frames.
 
-To the simulation it is a client like a TCP connection. Several requests may be on their way; each
-is answered by one message that carries its id.
+To the simulation it is a client like a TCP connection. Several requests may be pending; each gets
+one reply with its id.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Sequence
+from typing import assert_never
 
 from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.limits import MAX_NAME_CHARS
@@ -18,7 +19,6 @@ from catoptra_protocol.stream.requests import (
     DriveRequest,
     GetFrameRequest,
     GetReadingsRequest,
-    Request,
     ResetRequest,
     SpawnRequest,
     StepRequest,
@@ -38,15 +38,19 @@ from catoptra_protocol.usarsim.reports import (
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.simulation import ClientDisconnected, CommandReceived
-from catoptra_server.simulation import SimulationEvent as SimulationRequest
+from catoptra_server.simulation import ClientDisconnected, CommandReceived, SimulationEvent
 from catoptra_server.transports.stream.frame_sender import FrameSender, SendMessage
 
 log = logging.getLogger(__name__)
 
-# Steps or resets on their way: more than any program that waits for its answers has.
+# More than any program that waits for its replies has pending.
 _MAX_PENDING_STEPS = 16
-_NO_ROBOT = "there is no robot of yours: spawn one first (a lost connection takes its robot along)"
+_NO_ROBOT = "this client has no robot: spawn one first (a lost connection removes its robot)"
+
+# Requests of a single client; StreamServer serves the others.
+PeerRequest = (
+    GetFrameRequest | SpawnRequest | StepRequest | ResetRequest | DriveRequest | GetReadingsRequest
+)
 
 
 class StreamPeer:
@@ -55,7 +59,7 @@ class StreamPeer:
     def __init__(
         self,
         send: SendMessage,
-        post: Callable[[SimulationRequest], None],
+        post: Callable[[SimulationEvent], None],
         frame_sender: FrameSender,
     ):
         self._loop = asyncio.get_running_loop()
@@ -70,28 +74,28 @@ class StreamPeer:
         self.has_robot = False
 
     def deliver(self, reports: Sequence[Report]) -> None:
-        """Take reports of the simulation."""
+        """Receive reports of the simulation."""
         self._loop.call_soon_threadsafe(self._handle_reports, tuple(reports))
 
     def reject_init(self) -> None:
-        """Take note that no robot was spawned."""
+        """Receive the rejection of a spawn."""
         self._loop.call_soon_threadsafe(self._fail_spawn)
 
     def disconnect(self) -> None:
-        """End everything that goes on for this client; its robot leaves the world."""
+        """Cancel pending work; the robot is removed from the world."""
         self.frame_sender.close()
         self._post(ClientDisconnected(self))
 
     def send_reply(self, reply: Reply) -> None:
-        """Send an answer; one that the client does not take is lost."""
+        """Send a reply; lost if the client does not read."""
         self._send([bytes_from_message(reply)])
 
     def reset_idle_count(self) -> None:
-        """Take note that the client asked for something: it has read what came before."""
+        """Record a request: the client has read its earlier messages."""
         self._idle_heartbeats = 0
 
     def wants_heartbeat(self, max_idle: int) -> bool:
-        """Count a pulse; return whether it is due: one that waits for nothing gets a few only."""
+        """Whether a heartbeat is due; counts those without a pending request, up to `max_idle`."""
         if (
             self._pending_spawn is not None
             or self._pending_steps
@@ -102,8 +106,8 @@ class StreamPeer:
         self._idle_heartbeats += 1
         return self._idle_heartbeats <= max_idle
 
-    def handle_request(self, request: Request) -> None:
-        """Serve what concerns the client's own robot and frames."""
+    def handle_request(self, request: PeerRequest) -> None:
+        """Serve a request about the client's own robot and frames."""
         match request:
             case GetFrameRequest():
                 self.frame_sender.submit(request)
@@ -113,13 +117,15 @@ class StreamPeer:
                 self._step(id_, time_s)
             case ResetRequest(id_):
                 self._reset(id_)
-            case _ if not self.has_robot:
+            case DriveRequest() | GetReadingsRequest() if not self.has_robot:
                 self.send_reply(Error(request.id, _NO_ROBOT))
             case DriveRequest(id_, left, right, normalized):
                 self._post_command(Drive(left, right, normalized))
                 self.send_reply(Ok(id_))
             case GetReadingsRequest(id_):
                 self.send_reply(SensorReports(id_, _lines_from_reports(self._readings.values())))
+            case _:
+                assert_never(request)
 
     def _post_command(self, command: Command) -> None:
         self._post(CommandReceived(self, command))
@@ -137,13 +143,14 @@ class StreamPeer:
         self._post_command(init)
 
     def _find_spawn_error(self, init: Init) -> str:
-        """Return why a robot cannot even be asked for; empty if it can."""
+        """Reason against a spawn before the simulation decides; empty if there is none."""
         if self.has_robot or self._pending_spawn is not None:
             return "this client has its robot: reset first, or connect again for another"
         if max(map(len, (init.class_name, init.name or "", init.start or ""))) > MAX_NAME_CHARS:
             return f"a name of more than {MAX_NAME_CHARS} characters"
         try:
-            line_from_command(init)  # names go into lines of the control protocol
+            # Names go into lines of the control protocol, where a brace would forge a block.
+            line_from_command(init)
         except LocalProtocolError as error:
             return str(error)
         return ""
@@ -151,7 +158,8 @@ class StreamPeer:
     def _fail_spawn(self) -> None:
         id_, self._pending_spawn = self._pending_spawn, None
         if id_ is not None:
-            self.send_reply(Error(id_, "no robot: unknown class, or no such start; ask for status"))
+            reason = "no robot: unknown class or start pose; see class_names of get_status"
+            self.send_reply(Error(id_, reason))
 
     def _step(self, id_: int, time_s: float) -> None:
         if self._reject_if_busy(id_):
@@ -162,15 +170,20 @@ class StreamPeer:
     def _reject_if_busy(self, id_: int) -> bool:
         busy = len(self._pending_steps) + len(self._pending_resets) >= _MAX_PENDING_STEPS
         if busy:
-            said = f"{_MAX_PENDING_STEPS} steps or resets are on their way: wait for their answers"
-            self.send_reply(Error(id_, said))
+            reason = f"{_MAX_PENDING_STEPS} steps or resets are pending: wait for their replies"
+            self.send_reply(Error(id_, reason))
         return busy
 
     def _reset(self, id_: int) -> None:
-        """Remove the robot; done once the simulation has answered something that comes after."""
+        """Remove the robot.
+
+        The reply is sent once the simulation has replied to a command after the removal.
+        """
         if self._reject_if_busy(id_):
             return
         self._post(ClientDisconnected(self))
+        # The simulation has no reply to a disconnection; that of the next command follows the
+        # removal, since events are processed in order.
         self._post_command(GetStartPoses())
         self._pending_resets.append(id_)
         self._readings.clear()
@@ -181,16 +194,17 @@ class StreamPeer:
             self._handle_reports_in_reset(reports)
             return
         for report in reports:
-            # One entry a sensor: as many as the robot's own file lists.
+            # One entry per sensor: as many as the robot file lists.
             self._readings[(type(report), getattr(report, "name", ""))] = report
         if reports and isinstance(reports[-1], CommandResult):
             self._finish_step(reports, reports[-1])
+        # A status is part of every first delivery, of a robot without sensors too.
         elif self._pending_spawn is not None and any(isinstance(r, VehicleStatus) for r in reports):
             id_, self._pending_spawn, self.has_robot = self._pending_spawn, None, True
             self.send_reply(SensorReports(id_, _lines_from_reports(reports)))
 
     def _handle_reports_in_reset(self, reports: tuple[Report, ...]) -> None:
-        """Drop what the removed robot still said; take the answer that its removal is over."""
+        """Drop reports of the removed robot until the reply that follows its removal."""
         if any(isinstance(report, StartPoses) for report in reports):
             self.send_reply(Ok(self._pending_resets.pop(0)))
         elif reports and isinstance(reports[-1], CommandResult):
@@ -203,12 +217,12 @@ class StreamPeer:
         if result.status == "OK":
             self.send_reply(SensorReports(id_, _lines_from_reports(reports)))
         else:
-            self.send_reply(Error(id_, "no step: run the server with --clock lockstep, and step by "
-                                     "0 s to a minute"))  # fmt: skip
+            reason = "no step: run the server with --clock lockstep, and step by 0 s to 60 s"
+            self.send_reply(Error(id_, reason))
 
 
 def _lines_from_reports(reports: Iterable[Report]) -> tuple[str, ...]:
-    """Return reports as lines of the control protocol, without those that cannot be sent."""
+    """Lines of the control protocol, without reports that have no valid line."""
     lines: list[str] = []
     for report in reports:
         try:

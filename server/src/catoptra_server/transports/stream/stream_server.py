@@ -1,7 +1,7 @@
-"""The modern stream (ZeroMQ, TCP 5005): requests and answers, and frames, on one ROUTER socket.
+"""Server of the ZeroMQ stream (TCP 5005): requests, replies and frames on one ROUTER socket.
 
-Each client pulls: a frame is sent to whoever asked for one, the newest there is. So every client
-has its own pace, nothing queues, and a client that stalls costs nobody anything.
+Clients pull: the reply to a frame request is the newest frame. So every client has its own pace,
+nothing queues, and a client that stalls has no cost for any other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from catoptra_protocol.stream.requests import (
     SetAccuracyRequest,
 )
 from catoptra_server.frames.mailbox import Mailboxes
-from catoptra_server.simulation import SimulationEvent as SimulationRequest
+from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.stream.frame_sender import FrameSender
 from catoptra_server.transports.stream.landmark_replies import handle_landmarks_request
 from catoptra_server.transports.stream.plan_replies import QueryPlan, handle_plan_request
@@ -43,14 +43,15 @@ from catoptra_server.transports.stream.stream_peer import StreamPeer
 
 log = logging.getLogger(__name__)
 
-# How often every client is told that the server lives, and found out if it is gone.
+# A client treats three missed heartbeats as a lost server; also the interval at which the server
+# detects ended connections.
 HEARTBEAT_INTERVAL_S = 0.5
 _HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
-# Pulses in a row to a client that asks for nothing. It may be busy and not read: what it has not
-# read must not fill what its ZeroMQ keeps (64 messages in our client's), or its connection stands
-# still, and with it the answers to PING by which its robot stays.
+# Heartbeats in a row to a client without a pending request. A busy program may not read: its unread
+# heartbeats must not fill the queue of its ZeroMQ (64 messages in our client), or its connection
+# stalls, and with it the answers to PING that keep its robot in the world.
 MAX_IDLE_HEARTBEATS = 16
-# Clients at once; each may hold a robot.
+# Each client may have a robot.
 MAX_PEERS = 256
 
 
@@ -63,10 +64,23 @@ class StreamServer:
         port: int,
         *,
         mailboxes: Mailboxes,
-        post: Callable[[SimulationRequest], None],
+        post: Callable[[SimulationEvent], None],
         server_info: ServerInfo,
         query_plan: QueryPlan,
     ) -> None:
+        """Bind the port.
+
+        Args:
+            host: Host name or address of the interface.
+            port: TCP port; 0 = a free one, see `port`.
+            mailboxes: Newest frame of each channel.
+            post: Hands an event to the simulation; thread-safe.
+            server_info: Constant part of the replies.
+            query_plan: Hands a camera to the render thread, for its plan.
+
+        Raises:
+            OSError: The port is not available.
+        """
         self._mailboxes = mailboxes
         self._post = post
         self._server_info = server_info
@@ -78,47 +92,45 @@ class StreamServer:
 
     @property
     def peers(self) -> tuple[StreamPeer, ...]:
-        """Return those who are served, in the order in which they came."""
+        """Connected clients, in the order of their first requests."""
         return tuple(self._peers.values())
 
     def close(self) -> None:
-        """End all clients' business and the socket."""
+        """Disconnect all clients and close the socket."""
         self.disconnect_peers()
         self._socket.close()
 
     def disconnect_peers(self) -> None:
-        """End all clients' business."""
+        """Disconnect all clients: their robots are removed."""
         for identity in list(self._peers):
             self._disconnect(identity)
 
     def send_heartbeats(self) -> None:
-        """Tell clients that the server lives; forget those whose connection is gone.
+        """Send due heartbeats, and remove clients whose connection has ended.
 
-        Only sending tells who is gone, and ZeroMQ may take note of it a moment late: who is
-        suspected is sent one now and one at the next pulse.
+        Only a failed send identifies the client of an ended connection, and ZeroMQ may report the
+        end a moment late: a possibly disconnected client gets one heartbeat now and one at the next
+        call.
         """
-        suspects = self._socket.poll_disconnects()
+        ended = self._socket.poll_disconnects()
+        to_check = ended | self._possibly_disconnected
         for identity, peer in list(self._peers.items()):
-            if (
-                peer.wants_heartbeat(MAX_IDLE_HEARTBEATS)
-                or identity in suspects | self._possibly_disconnected
-            ):
+            if peer.wants_heartbeat(MAX_IDLE_HEARTBEATS) or identity in to_check:
                 self._send(identity, [_HEARTBEAT])
-        self._possibly_disconnected = suspects
+        self._possibly_disconnected = ended
 
     def _send(self, identity: bytes, parts: list[bytes]) -> SendResult:
-        sent = self._socket.send(identity, parts)
-        if sent is SendResult.DISCONNECTED:
+        result = self._socket.send(identity, parts)
+        if result is SendResult.DISCONNECTED:
             self._disconnect(identity)
-        return sent
+        return result
 
     def _disconnect(self, identity: bytes) -> None:
         peer = self._peers.pop(identity, None)
         if peer is not None:
             peer.disconnect()
-            log.info(
-                "stream client %s gone after %d frames", identity.hex(), peer.frame_sender.num_sent
-            )
+            num_sent = peer.frame_sender.num_sent
+            log.info("stream client %s disconnected after %d frames", identity.hex(), num_sent)
 
     def _handle_message(self, identity: bytes, parts: list[bytes]) -> None:
         try:
@@ -130,34 +142,37 @@ class StreamServer:
         log.debug("from stream client %s: %s", identity.hex(), request)
         peer = self._peers.get(identity) or self._add_peer(identity)
         if peer is None:
-            refusal = Error(request.id, f"{MAX_PEERS} clients are served, no more")
-            self._send(identity, [bytes_from_message(refusal)])
+            error_reply = Error(request.id, f"the limit of {MAX_PEERS} clients is reached")
+            self._send(identity, [bytes_from_message(error_reply)])
             return
         peer.reset_idle_count()
         self._handle_request(peer, request)
 
     def _add_peer(self, identity: bytes) -> StreamPeer | None:
-        """Return a new client; None if there are enough."""
+        """New client; None at the limit."""
         if len(self._peers) >= MAX_PEERS:
             return None
 
         def send(parts: list[bytes]) -> SendResult:
             return self._send(identity, parts)
 
-        slot = FrameSender(send, self._mailboxes)
-        peer = self._peers[identity] = StreamPeer(send, self._post, slot)
-        log.info("stream client %s came", identity.hex())
+        frame_sender = FrameSender(send, self._mailboxes)
+        peer = self._peers[identity] = StreamPeer(send, self._post, frame_sender)
+        log.info("stream client %s connected", identity.hex())
         return peer
 
     def _handle_request(self, peer: StreamPeer, request: Request) -> None:
-        """Serve what concerns the whole server; leave the rest to the client."""
+        """Serve requests about the server itself; all others belong to the client.
+
+        A request without a case here or in StreamPeer fails the type check.
+        """
         match request:
-            case GetCameraRequest(id_, name):
-                peer.send_reply(self._camera_reply(id_, name))
+            case GetCameraRequest(id_, camera):
+                peer.send_reply(self._camera_reply(id_, camera))
             case GetLandmarksRequest():
-                known = self._server_info.landmarks
+                landmarks = self._server_info.landmarks
                 handle_landmarks_request(
-                    request, known, send_reply=peer.send_reply, post=self._post
+                    request, landmarks, send_reply=peer.send_reply, post=self._post
                 )
             case SetAccuracyRequest():
                 handle_plan_request(
@@ -174,24 +189,24 @@ class StreamServer:
             case _:
                 peer.handle_request(request)
 
-    def _camera_reply(self, id_: int, name: str) -> CameraReply | Error:
-        """Return the first camera with a name, or the first of all."""
-        for (class_name, name), facts in self._server_info.cameras.items():
-            if name in ("", name):
-                law, mount = dict(facts.camera_model), transform_from_pose(facts.robot_from_mirror)
-                return CameraReply(id_, class_name, name, law, mount, facts.plan)
+    def _camera_reply(self, id_: int, camera: str) -> CameraReply | Error:
+        """Reply with the first camera of a name; an empty name selects the first of all."""
+        for (class_name, name), info in self._server_info.cameras.items():
+            if camera in ("", name):
+                model, mount = dict(info.camera_model), transform_from_pose(info.robot_from_mirror)
+                return CameraReply(id_, class_name, name, model, mount, info.plan)
         known = ", ".join(name for _, name in self._server_info.cameras) or "none"
-        return Error(id_, f"no camera {name[:80]!r}: this server's robots have {known}")
+        return Error(id_, f"no camera {camera[:80]!r}: this server's robots have {known}")
 
     def _status_reply(self, id_: int, peer: StreamPeer) -> StatusReply:
-        facts = self._server_info
+        info = self._server_info
         return StatusReply(
             version=SCHEMA_VERSION,
             id=id_,
-            server=facts.server,
-            world=facts.world,
-            class_names=facts.class_names,
-            clock=facts.clock,
+            server=info.server,
+            world=info.world,
+            class_names=info.class_names,
+            clock=info.clock,
             num_clients=len(self._peers),
             has_robot=peer.has_robot,
             sent_frames=peer.frame_sender.num_sent,
@@ -204,20 +219,24 @@ async def serve_stream(
     port: int,
     *,
     mailboxes: Mailboxes,
-    post: Callable[[SimulationRequest], None],
+    post: Callable[[SimulationEvent], None],
     server_info: ServerInfo,
     query_plan: QueryPlan,
 ) -> AsyncIterator[StreamServer]:
-    """Listen for clients of the stream until the block ends. Raises OSError without the port."""
+    """Serve the stream until the block ends; for the arguments see StreamServer.
+
+    Raises:
+        OSError: The port is not available.
+    """
     server = StreamServer(
         host, port, mailboxes=mailboxes, post=post, server_info=server_info, query_plan=query_plan
     )
-    pulses = asyncio.create_task(_run_heartbeats(server))
+    heartbeats = asyncio.create_task(_run_heartbeats(server))
     try:
         yield server
     finally:
-        pulses.cancel()
-        await asyncio.gather(pulses, return_exceptions=True)
+        heartbeats.cancel()
+        await asyncio.gather(heartbeats, return_exceptions=True)
         server.close()
 
 

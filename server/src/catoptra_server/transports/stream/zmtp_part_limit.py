@@ -1,50 +1,56 @@
-"""What a ZeroMQ peer sends, read just far enough to see a message that does not end. No sockets.
+"""Limit on the parts of a ZMTP message, without sockets.
 
-libzmq keeps all parts of a message before anybody sees it, and limits only the single part. Source:
-ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then frames of a byte of flags, a length
-of 1 or 8 bytes and a body.
+libzmq buffers all parts of a message before the application gets the first one, and limits only the
+single part. Source: ZMTP 3.1 (rfc.zeromq.org/spec/37): a greeting of 64 bytes, then frames of a
+byte of flags, a length of 1 or 8 bytes and a body.
 """
 
 from __future__ import annotations
 
 from catoptra_protocol.errors import RemoteProtocolError
 
-# A request is one part; a few more are refused in words, which helps who writes a client.
+# A request is one part; with a few more the client gets an error in words, which helps its author.
 MAX_PARTS = 8
 _GREETING_BYTES = 64
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 2, 9
-# Older peers have frames of another form.
+# Frames of older versions have another form.
 _MIN_VERSION = 3
 _MORE, _LONG, _COMMAND = 1, 2, 4
 
 
 class ZmtpPartCounter:
-    """Counts the parts of one connection's messages as its bytes come."""
+    """Counter of the parts in one connection's messages, fed with its bytes."""
 
     def __init__(self) -> None:
-        self._head = bytearray()  # of the greeting or of a frame, as far as it came
+        # Of the greeting or of a frame, as far as received.
+        self._head = bytearray()
         self._head_bytes = _GREETING_BYTES
         self._parse_head = self._read_greeting
-        self._body_bytes = 0  # still to come
-        self._parts = 0  # of the message that has not ended
+        self._remaining_body_bytes = 0
+        # Of the message that has not ended.
+        self._num_parts = 0
 
     def feed(self, data: bytes) -> None:
-        """Take the next bytes. Raises RemoteProtocolError if they must not reach libzmq."""
-        at = 0
-        while at < len(data):
-            if self._body_bytes:
-                taken = min(self._body_bytes, len(data) - at)
-                self._body_bytes -= taken
+        """Parse the next bytes.
+
+        Raises:
+            RemoteProtocolError: The bytes must not reach libzmq.
+        """
+        position = 0
+        while position < len(data):
+            if self._remaining_body_bytes:
+                consumed = min(self._remaining_body_bytes, len(data) - position)
+                self._remaining_body_bytes -= consumed
             else:
-                taken = self._head_bytes - len(self._head)
-                self._head += data[at : at + taken]
+                consumed = self._head_bytes - len(self._head)
+                self._head += data[position : position + consumed]
                 if len(self._head) == self._head_bytes:
                     self._parse_head()
-            at += taken
+            position += consumed
 
     def _read_greeting(self) -> None:
         head = self._head
-        # As libzmq tells versions apart: it must not take for an older one what passes here.
+        # The same test as in libzmq, which must not parse an accepted greeting as an older version.
         if head[0] != 0xFF or not head[9] & 1 or head[10] < _MIN_VERSION:
             raise RemoteProtocolError(f"no greeting of ZMTP 3: it begins {head[:11].hex(' ')}")
         self._parse_head = self._read_frame
@@ -60,7 +66,7 @@ class ZmtpPartCounter:
             self._head_bytes = _LONG_HEAD_BYTES
             return
         self._count_part(flags)
-        self._body_bytes = int.from_bytes(self._head[1:], "big")
+        self._remaining_body_bytes = int.from_bytes(self._head[1:], "big")
         self._expect_frame_head()
 
     def _count_part(self, flags: int) -> None:
@@ -69,6 +75,6 @@ class ZmtpPartCounter:
             if flags & _MORE:
                 raise RemoteProtocolError("a ZMTP command with more parts to follow")
             return
-        self._parts = self._parts + 1 if flags & _MORE else 0
-        if self._parts == MAX_PARTS:
+        self._num_parts = self._num_parts + 1 if flags & _MORE else 0
+        if self._num_parts == MAX_PARTS:
             raise RemoteProtocolError(f"a message of more than {MAX_PARTS} parts")
