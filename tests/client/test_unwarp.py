@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_client.unwarp import CylinderGeometry, PerspectiveGeometry, make_unwarp_map, unwarp
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import (
     camera_with_inscribed_rim,
     direction_from_pixel,
@@ -18,7 +18,7 @@ from catoptra_protocol.optics.omni_camera import (
 )
 
 CAMERA = camera_with_inscribed_rim(
-    HyperbolicMirror(k=11.546, c_m=0.2321), width_px=360, height_px=360, rim_rad=math.radians(120)
+    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120)
 )
 CYLINDER = CylinderGeometry(columns=720, rows=170, top_slope=-0.15, bottom_slope=1.5)
 FORWARD = PerspectiveGeometry(width_px=161, height_px=121, horizontal_fov_rad=math.radians(60))

@@ -10,7 +10,7 @@ from catoptra_client.frame_sources.stream.landmark_projections import LandmarkPr
 from catoptra_client.landmarks import Detection
 from catoptra_client.localization import OdometryPose
 from catoptra_protocol.landmarks import Landmark
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_studies.degradation.recorded_drive import LabelledFrame, RecordedDrive
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
@@ -21,7 +21,7 @@ SIDE = Landmark("aside", "beacon", 0.0, 2.0, 0.1, 0.1, 0.2, 0.4, "magenta", "cya
 FAR = Landmark("far", "beacon", -3.0, 0.0, 0.1, 0.1, 0.2, 0.4, "yellow", "cyan")
 FIELD = (NEAR, SIDE, FAR)
 CAMERA = camera_with_inscribed_rim(
-    HyperbolicMirror(11.546, 0.2321), width_px=40, height_px=40, rim_rad=math.radians(120.0)
+    PAPER_MIRROR, width_px=40, height_px=40, rim_rad=math.radians(120.0)
 )
 _STATIONARY_STEP = DriveStep(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0), ())
 

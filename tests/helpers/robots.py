@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.reports import Report
@@ -77,7 +77,7 @@ GPS = GpsDescription("GPS", 0.2, FORWARD_MOUNT)
 CAMERA = OmniCameraDescription(
     name="OmniCam",
     camera=camera_with_inscribed_rim(
-        HyperbolicMirror(11.546, 0.2321), width_px=8, height_px=6, rim_rad=math.radians(120.0)
+        PAPER_MIRROR, width_px=8, height_px=6, rim_rad=math.radians(120.0)
     ),
     robot_from_mirror=Pose.from_rpy((0.0, 0.0, -0.4543)),
     texture_clients=(),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, CentralMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
@@ -33,7 +33,6 @@ from catoptra_server.scene.world_description import (
 HEMISPHERE_LIGHT = HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3))
 DIRECTIONAL_LIGHT = DirectionalLight((0.28, 0.19, -0.94), (0.4, 0.4, 0.4))
 POINT_LIGHT = PointLight((0.4, -0.5, -1.4), (0.9, 0.7, 0.4))
-PAPER_MIRROR = HyperbolicMirror(11.546, 0.2321)
 # 0.6 m over the floor, off every axis and turned, so that nothing lines up by accident.
 CAMERA_STATE = CameraState(Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3)))
 

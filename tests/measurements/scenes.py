@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
@@ -72,7 +72,7 @@ def make_thin_objects_world() -> World:
 def make_camera(width_px: int = 640) -> OmniCamera:
     """Return the paper's camera."""
     return camera_with_inscribed_rim(
-        HyperbolicMirror(11.546, 0.2321),
+        PAPER_MIRROR,
         width_px=width_px,
         height_px=width_px,
         rim_rad=math.radians(120.0),

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
@@ -28,8 +33,8 @@ MIRRORS: list[tuple[str, CentralMirror, float]] = [
     ("a plane, nearly", HyperbolicMirror(2.001, 0.2), 80.0),
     ("strongly curved", HyperbolicMirror(2.1, 0.2), 100.0),
     ("curved", HyperbolicMirror(4.0, 0.2), 120.0),
-    ("the paper's", HyperbolicMirror(11.546, 0.2321), 120.0),
-    ("the paper's, high rim", HyperbolicMirror(11.546, 0.2321), 150.0),
+    ("the paper's", PAPER_MIRROR, 120.0),
+    ("the paper's, high rim", PAPER_MIRROR, 150.0),
     ("nearly parabolic", HyperbolicMirror(1e3, 0.2), 120.0),
     ("hardly hyperbolic", HyperbolicMirror(1e6, 0.2), 120.0),
     ("parabolic", ParabolicMirror(0.03), 135.0),

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark, read_landmarks
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
@@ -46,7 +46,7 @@ AMBIENT_LIGHT, DIRECT_LIGHT = 0.55, 0.5
 @functools.cache
 def make_camera() -> OmniCamera:
     """Return the paper's camera: 360 x 360 px, rim at 120 degrees."""
-    mirror = HyperbolicMirror(k=11.546, c_m=0.2321)
+    mirror = PAPER_MIRROR
     return camera_with_inscribed_rim(
         mirror, width_px=360, height_px=360, rim_rad=math.radians(120.0)
     )

@@ -11,9 +11,14 @@ from catoptra_protocol.optics.image_scale import (
     shows_whole_rim,
     visible_radii_px,
 )
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
-from helpers.worlds import PAPER_MIRROR, make_omni_camera
+from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)
 CROPPED = OmniCamera(PAPER_MIRROR, 200, 100, (-30.0, 40.0), 103.0, math.radians(120.0))

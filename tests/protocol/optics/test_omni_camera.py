@@ -12,7 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     camera_with_inscribed_rim,
@@ -23,7 +28,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 
-HYPERBOLIC = HyperbolicMirror(11.546, 0.2321)
+HYPERBOLIC = PAPER_MIRROR
 
 
 def make_camera(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel
 from catoptra_server.frames.encode import crop
 from catoptra_server.frames.multi_view import (
@@ -16,7 +17,6 @@ from catoptra_server.frames.multi_view import (
     viewport_layout,
 )
 from catoptra_server.render.renderer import Image
-from helpers.worlds import PAPER_MIRROR
 
 UDK_LAYOUT = multi_view_layout(2, 2, width_px=320, height_px=240)
 

@@ -11,7 +11,12 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.planning.face_regions import (
@@ -25,7 +30,7 @@ from catoptra_server.planning.face_regions import (
     visible_window,
 )
 from catoptra_server.render.face_region import FaceRegion
-from helpers.worlds import PAPER_MIRROR, make_omni_camera
+from helpers.worlds import make_omni_camera
 
 RIMS_DEG = (40.0, 60.0, 90.0, 91.0, 105.0, 120.0, 125.2, 130.0, 140.0, 150.0)
 

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
@@ -20,7 +25,7 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
 from catoptra_server.scene.mirror_mesh import Tessellation
-from helpers.worlds import PAPER_MIRROR, make_omni_camera
+from helpers.worlds import make_omni_camera
 
 
 def make_plan(camera: OmniCamera, kind: RendererKind, surface: MirrorSurface) -> RenderPlan:

@@ -15,7 +15,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, pixel_from_direction
 from catoptra_server.render.raster import RasterRenderer
@@ -75,9 +80,9 @@ def assert_same(raster: Image, trace: Image, *, levels: int = 2, edges: float = 
 
 
 MIRRORS: dict[str, tuple[CentralMirror, float]] = {
-    "the paper's": (HyperbolicMirror(11.546, 0.2321), 120.0),
-    "sixth face": (HyperbolicMirror(11.546, 0.2321), 140.0),
-    "looks down only": (HyperbolicMirror(11.546, 0.2321), 40.0),
+    "the paper's": (PAPER_MIRROR, 120.0),
+    "sixth face": (PAPER_MIRROR, 140.0),
+    "looks down only": (PAPER_MIRROR, 40.0),
     "strongly curved": (HyperbolicMirror(3.0, 0.2), 105.0),
     "parabolic": (ParabolicMirror(0.03), 110.0),
 }

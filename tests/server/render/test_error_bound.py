@@ -13,7 +13,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
@@ -44,7 +49,7 @@ from helpers.displacement_targets import (
     scatter_squares,
 )
 from helpers.markers import marker_centroid, marker_directions, marker_world
-from helpers.worlds import CAMERA_STATE, PAPER_MIRROR, make_omni_camera
+from helpers.worlds import CAMERA_STATE, make_omni_camera
 
 STRONG = HyperbolicMirror(3.0, 0.1)
 NEARLY_PLANE = HyperbolicMirror(2.1, 0.2)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
@@ -180,7 +180,7 @@ def test_image_when_tiny_or_odd_is_rendered_to_its_last_pixel(
 ) -> None:
     width, height = size
     radius = 0.5 * math.hypot(width, height)
-    mirror = HyperbolicMirror(11.546, 0.2321)
+    mirror = PAPER_MIRROR
     ratio = float(mirror.radius_ratio_from_t(np.array(math.tan(math.radians(60.0)))))
     # The rim circle goes around the image: every pixel sees the mirror.
     camera = OmniCamera(

@@ -16,7 +16,7 @@ from catoptra_protocol.optics.cube_map import (
     face_coordinates,
     face_from_direction,
 )
-from catoptra_protocol.optics.mirrors import HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.scene.mirror_mesh import (
@@ -26,7 +26,7 @@ from catoptra_server.scene.mirror_mesh import (
     mirror_polygons,
     tessellation_from_polygon_count,
 )
-from helpers.worlds import PAPER_MIRROR, make_omni_camera
+from helpers.worlds import make_omni_camera
 
 TESSELLATIONS = [Tessellation(4, 4), Tessellation(8, 2), Tessellation(32, 32), Tessellation(3, 1)]
 CAMERA = make_omni_camera()
@@ -34,14 +34,14 @@ CAMERA = make_omni_camera()
 
 def image_corners(camera: OmniCamera, corners: Floats) -> Floats:
     """Return (..., 2) places of corners in the image plane, in units of the 90-degree circle."""
-    scale = HyperbolicMirror(11.546, 0.2321).s
+    scale = PAPER_MIRROR.s
     return scale * corners[..., :2] / (camera.mirror.pinhole_distance_m - corners[..., 2:])
 
 
 @pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
 def test_corners_when_made_lie_on_eq_1(split: Tessellation) -> None:
     corners = build_mirror_mesh(CAMERA, split).corners
-    k, c = 11.546, 0.2321
+    k, c = PAPER_MIRROR.k, PAPER_MIRROR.c_m
     r = np.hypot(corners[..., 0], corners[..., 1])
     residual = (corners[..., 2] - 0.5 * c) ** 2 - r**2 * (0.5 * k - 1) - 0.25 * c * c * (k - 2) / k
     np.testing.assert_allclose(residual / c**2, 0.0, atol=1e-15)
@@ -162,7 +162,3 @@ def test_split_when_of_any_n_is_a_surface() -> None:
 def test_split_when_no_surface_is_refused(sectors: int, rings: int) -> None:
     with pytest.raises(DomainError, match="at least 3 x 1"):
         Tessellation(sectors, rings)
-
-
-def test_paper_mirror_is_the_one_of_the_tests() -> None:
-    assert CAMERA.mirror == PAPER_MIRROR == HyperbolicMirror(11.546, 0.2321)

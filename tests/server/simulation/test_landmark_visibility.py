@@ -10,7 +10,7 @@ import pytest
 
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.lenses import PerspectiveCamera
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim, direction_from_pixel
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.planning.camera_spec import CameraSpec, OmniCameraSpec
@@ -35,7 +35,7 @@ GOAL = Landmark("g", "goal", 2.7, 0.0, 0.8, 0.3, 0.0, 0.3, "cyan", "cyan")
 GREY = {"cyan": (0.5, 0.5, 0.5), "yellow": (0.5, 0.5, 0.5)}
 OMNI = OmniCameraSpec(
     camera_with_inscribed_rim(
-        HyperbolicMirror(11.546, 0.2321), width_px=200, height_px=200, rim_rad=math.radians(120.0)
+        PAPER_MIRROR, width_px=200, height_px=200, rim_rad=math.radians(120.0)
     ),
     RenderSettings(),
 )

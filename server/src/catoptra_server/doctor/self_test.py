@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
@@ -32,7 +32,7 @@ from catoptra_server.scene.world_description import Item, Material, Ring, World
 
 # The paper's mirror (K, C in metres) at the paper's resolution, with the rim at 120 degrees.
 _CAMERA = camera_with_inscribed_rim(
-    HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
+    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
 # A disc of 1.2 degrees has 8 texels across a face of 768: the bound holds for markers of that size.
 _RENDER_SETTINGS = RenderSettings(PerPixel(), samples=4, face_size_px=768, face_samples=4)

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, ParabolicMirror
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.kernels.lens_blur import (
     Aperture,
     circle_of_confusion,
@@ -23,10 +24,9 @@ from catoptra_server.effects.kernels.lens_blur import (
     sample_radii_px,
     virtual_image_depth_m,
 )
-from catoptra_server.effects.medium.vignetting import inverse_focal_length
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 from helpers.lens_ray_tracer import Quadric
-from helpers.worlds import PAPER_MIRROR, make_omni_camera
+from helpers.worlds import make_omni_camera
 
 CAMERA = make_omni_camera(width_px=360)
 # 8 mm focused at 268 mm has its image at 8.246 mm: in pixels of 7.4 um.

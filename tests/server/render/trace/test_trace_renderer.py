@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_protocol.optics.mirrors import CentralMirror, HyperbolicMirror, ParabolicMirror
+from catoptra_protocol.optics.mirrors import (
+    PAPER_MIRROR,
+    CentralMirror,
+    HyperbolicMirror,
+    ParabolicMirror,
+)
 from catoptra_protocol.optics.omni_camera import (
     OmniCamera,
     direction_from_pixel,
@@ -66,7 +71,7 @@ def render_image(
 
 @pytest.mark.parametrize(
     "mirror",
-    [HyperbolicMirror(11.546, 0.2321), HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
+    [PAPER_MIRROR, HyperbolicMirror(4.0, 0.1), ParabolicMirror(0.05)],
     ids=["the paper's", "strongly curved", "parabolic"],
 )
 def test_marker_when_rendered_is_within_a_tenth_of_a_pixel(mirror: CentralMirror) -> None:

@@ -5,7 +5,7 @@ the half-angle tangent, surface, domain, source), then add its line here.
 """
 
 from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
-from catoptra_protocol.optics.mirrors.hyperbolic import HyperbolicMirror
+from catoptra_protocol.optics.mirrors.hyperbolic import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 
 MIRRORS: dict[str, type[CentralMirror]] = {
@@ -13,4 +13,4 @@ MIRRORS: dict[str, type[CentralMirror]] = {
     "parabolic": ParabolicMirror,
 }
 
-__all__ = ["MIRRORS", "CentralMirror", "HyperbolicMirror", "ParabolicMirror"]
+__all__ = ["MIRRORS", "PAPER_MIRROR", "CentralMirror", "HyperbolicMirror", "ParabolicMirror"]

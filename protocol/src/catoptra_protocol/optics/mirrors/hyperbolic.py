@@ -127,3 +127,9 @@ class HyperbolicMirror:
         inside = (t >= 0.0) & (left > 0.0)
         require_domain(inside, t, "an image radius needs 0 <= t = tan(theta / 2) < 1 / kappa")
         return left
+
+
+# The paper prints c = 2.321 without a unit; 0.1 m a unit makes a mirror of 85 mm, as in the robot
+# files (MetresPerUnit).
+PAPER_MIRROR = HyperbolicMirror(k=11.546, c_m=0.2321)
+"""Mirror of the paper, by the constants of Eq. 1. Source: Schmits & Visser 2009."""
