@@ -6,8 +6,8 @@ import moderngl
 import numpy as np
 import pytest
 
+from catoptra_server.effects.kernels.luminance import mean_luminance
 from catoptra_server.effects.kernels.noise import frame_noise_key, normal_variates
-from catoptra_server.effects.sensor.auto_exposure import mean_luminance
 from catoptra_server.render.raster.effect_chain import EffectPass, LinearImageTarget, LuminanceMeter
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
 from helpers.effect_measurement import (

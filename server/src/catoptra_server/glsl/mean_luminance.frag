@@ -1,5 +1,5 @@
 // Provides the sum of one rectangle of pixels; GRID_SIDE x GRID_SIDE rectangles cover the image.
-// Twin: catoptra_server.effects.sensor.auto_exposure.mean_luminance.
+// Twin: catoptra_server.effects.kernels.luminance.mean_luminance.
 uniform sampler2D image;
 out vec4 colour;
 

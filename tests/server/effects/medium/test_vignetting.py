@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.optics.mirrors import ParabolicMirror
-from catoptra_server.effects.medium.vignetting import (
-    Vignetting,
-    cosine_fourth_map,
-    inverse_focal_length,
-)
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
+from catoptra_server.effects.medium.vignetting import Vignetting, cosine_fourth_map
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
@@ -32,15 +29,6 @@ def test_axis_when_a_pixel_is_there_keeps_its_light() -> None:
     assert cosine_fourth_map(camera)[48, 48, 0] == 1.0
     image = np.ones((97, 97, 3))
     np.testing.assert_array_equal(Vignetting().apply(image, camera, CAPTURE_CONTEXT)[48, 48], 1.0)
-
-
-def test_darkening_follows_the_angle_of_the_ray_to_the_mirrors_point() -> None:
-    # From a point of the mirror and the pinhole alone, without a focal length.
-    t = np.array(0.7 * CAMERA.rim_t)
-    r, z = CAMERA.mirror.surface_point(t)
-    psi = math.atan2(float(r), CAMERA.mirror.pinhole_distance_m - float(z))
-    radius_px = CAMERA.horizon_radius_px * float(CAMERA.mirror.radius_ratio_from_t(t))
-    assert math.atan(radius_px * inverse_focal_length(CAMERA)) == pytest.approx(psi, rel=1e-12)
 
 
 def test_orthographic_camera_has_no_vignetting() -> None:

@@ -1,14 +1,13 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from catoptra_server.effects.sensor.auto_exposure import (
+from catoptra_server.effects.kernels.luminance import (
     LUMINANCE_WEIGHTS,
-    AutoExposure,
     count_mirror_pixels,
     mean_luminance,
 )
+from catoptra_server.effects.sensor.auto_exposure import AutoExposure
 from helpers.effect_measurement import (
     CAMERA,
     CAPTURE_CONTEXT,
@@ -24,9 +23,7 @@ DEFAULT_AUTO_EXPOSURE = AutoExposure(0.18, 0.1, 10.0)
 @pytest.mark.parametrize("largest", [0.1, 1.0, 5.0])
 def test_mean_when_the_gain_suffices_is_the_target(largest: float) -> None:
     behind = DEFAULT_AUTO_EXPOSURE.apply(make_test_pattern(largest), CAMERA, CAPTURE_CONTEXT)
-    rim = make_test_pattern().any(axis=-1)
     measured = behind.sum(axis=(0, 1)) @ LUMINANCE_WEIGHTS / count_mirror_pixels(CAMERA)
-    assert rim.sum() <= count_mirror_pixels(CAMERA)
     assert measured == pytest.approx(0.18, rel=1e-12)
 
 
@@ -35,11 +32,6 @@ def test_gain_when_the_target_is_out_of_reach_stays_at_its_limit(
     largest: float, gain: float
 ) -> None:
     assert DEFAULT_AUTO_EXPOSURE.gain(mean_luminance(make_test_pattern(largest), CAMERA)) == gain
-
-
-def test_gain_when_light_is_float32_is_that_of_float64() -> None:
-    single = mean_luminance(make_test_pattern().astype(np.float32), CAMERA)
-    assert single == pytest.approx(mean_luminance(make_test_pattern(), CAMERA), rel=1e-6)
 
 
 def test_pinned_gain_is_disabled_by_the_criterion() -> None:

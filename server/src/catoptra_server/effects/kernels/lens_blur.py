@@ -36,7 +36,7 @@ import numpy as np
 from catoptra_protocol.optics.image_scale import visible_radii_px
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.effects.medium.vignetting import inverse_focal_length
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.scene_summary import NUM_RINGS, SceneSummary
 
 # Discs are smooth in the radius: this many radii find the largest to 1e-4.

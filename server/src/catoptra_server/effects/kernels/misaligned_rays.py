@@ -21,7 +21,7 @@ from catoptra_protocol.optics.omni_camera import (
     pixel_sample_positions,
 )
 from catoptra_protocol.optics.transforms import rotation_from_rpy
-from catoptra_server.effects.medium.vignetting import inverse_focal_length
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 
 # Newton's method squares the error in each step; for offsets of a tenth of the mirror twelve steps
 # are enough. Rays that have not converged by then count as missing the mirror.

@@ -29,6 +29,7 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
 from catoptra_server.effects.scene_summary import SceneSummary
 
@@ -73,20 +74,6 @@ class Vignetting:
             "centre_px": float32_array(*camera.centre_px),
             "inverse_focal_length": float32_array(inverse_focal_length(camera)),
         }
-
-
-def inverse_focal_length(camera: OmniCamera) -> float:
-    """Return 1 / f of the capture camera, 1/px; 0 if orthographic.
-
-    Equivalent: tan(psi) of an image radius of 1 px. The inverse, since f itself is infinite for an
-    orthographic camera.
-    """
-    pinhole_m = camera.mirror.pinhole_distance_m
-    if math.isinf(pinhole_m):
-        return 0.0
-    # From the rim, whose position on the mirror and whose image radius are both known exactly.
-    r, z = camera.mirror.surface_point(np.array(camera.rim_t))
-    return float(r) / (pinhole_m - float(z)) / camera.rim_radius_px
 
 
 @lru_cache(maxsize=4)

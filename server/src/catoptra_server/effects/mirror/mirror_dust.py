@@ -52,12 +52,12 @@ from catoptra_server.effects.kernels.disc_kernel import (
 )
 from catoptra_server.effects.kernels.grey_levels import grey_level, max_change_by_gain
 from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion_map
+from catoptra_server.effects.kernels.luminance import mean_luminance
 from catoptra_server.effects.kernels.mirror_surface_table import mirror_surface_table
 from catoptra_server.effects.kernels.noise import camera_noise_key
 from catoptra_server.effects.kernels.symmetric_kernels import convolve_symmetric
 from catoptra_server.effects.medium.defocus import APERTURE_PARAMETERS
 from catoptra_server.effects.scene_summary import SceneSummary
-from catoptra_server.effects.sensor.auto_exposure import mean_luminance
 
 # Logarithm of the number of pixels of which none exceeds the maximum coverage.
 _LOG_RARITY = math.log(1e12)

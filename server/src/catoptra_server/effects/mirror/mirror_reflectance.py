@@ -31,8 +31,8 @@ from catoptra_server.effects.effect import (
     Uniforms,
     float32_array,
 )
+from catoptra_server.effects.kernels.focal_length import inverse_focal_length
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
-from catoptra_server.effects.medium.vignetting import inverse_focal_length
 from catoptra_server.effects.scene_summary import SceneSummary
 
 # The shader interpolates between gains at this many radii, within 6e-7 for steel in the paper's

@@ -12,17 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import ClassVar
 
-import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.omni_camera import (
-    OmniCamera,
-    direction_from_pixel,
-    pixel_sample_positions,
-)
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import (
     GREY_LEVELS,
@@ -34,10 +28,8 @@ from catoptra_server.effects.effect import (
     float32_array,
 )
 from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.kernels.luminance import mean_luminance
 from catoptra_server.effects.scene_summary import SceneSummary
-
-# Rec. 709, for linear red, green, blue.
-LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,19 +80,6 @@ class AutoExposure:
     ) -> Uniforms:
         """Gain."""
         return {"gain": float32_array(self.gain(measure_mean_luminance()))}
-
-
-def mean_luminance(image: npt.NDArray[Real], camera: OmniCamera) -> float:
-    """Mean luminance of the pixels that see the mirror."""
-    # Summed in float64 for any image, so the gain of a float32 image is that of its reference.
-    colours = image.sum(axis=(0, 1), dtype=np.float64)
-    return float(colours @ LUMINANCE_WEIGHTS) / max(count_mirror_pixels(camera), 1)
-
-
-@lru_cache(maxsize=16)
-def count_mirror_pixels(camera: OmniCamera) -> int:
-    """Number of pixels whose centre sees the mirror; all others are black."""
-    return int(direction_from_pixel(camera, pixel_sample_positions(camera))[1].sum())
 
 
 EFFECT_TYPE = EffectType(

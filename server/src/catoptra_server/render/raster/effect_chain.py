@@ -19,8 +19,8 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.capture_context import CaptureContext
 from catoptra_server.effects.effect import ImageEffect
+from catoptra_server.effects.kernels.luminance import LUMINANCE_WEIGHTS, count_mirror_pixels
 from catoptra_server.effects.kernels.noise import QUANTILE_TABLE_SIDE, normal_quantile_table
-from catoptra_server.effects.sensor.auto_exposure import LUMINANCE_WEIGHTS, count_mirror_pixels
 from catoptra_server.render.raster.passes import AveragePass, Pass
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms, set_sampler
 from catoptra_server.render.renderer import LinearImage
@@ -163,6 +163,8 @@ class EffectPass:
                 continue
             uniform = self._program[name]
             assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
+            # Effects give arrays in the layout and type of their uniforms; moderngl rejects any
+            # other size.
             uniform.write(values.tobytes())
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
