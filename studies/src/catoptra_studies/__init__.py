@@ -1,1 +1,6 @@
-"""Studies of cameras, renderers and localization: the only code that may use server and client."""
+"""Studies with a Catoptra server: the paper's experiment, accuracy against cost, image effects.
+
+`experiment` and `degradation` reach their servers by address or as processes and import nothing of
+catoptra_server. `accuracy_cost`, `effects` and `camera_figures` render with the server's own code.
+All of them share `plot_style`, `progress_display`, `paper_values` and the writers in `reports`.
+"""

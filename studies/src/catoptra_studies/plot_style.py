@@ -1,7 +1,8 @@
-"""How every figure looks, and the only door to Matplotlib: palette, page, pixel-exact pictures.
+"""Palette, pages and charts of every figure; the only module that imports Matplotlib.
 
-Places and sizes on a page are device pixels from its top left corner, so that a rendered picture
-can be shown pixel by pixel. Nothing is changed at import; a page's settings end with it.
+A page is laid out in device pixels from its top left corner, so that a rendered image can be shown
+pixel by pixel. A chart is laid out by Matplotlib and has any size in inches. Both set Matplotlib's
+settings for their own block only.
 """
 
 from __future__ import annotations
@@ -14,23 +15,34 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.renderer import Image
+
+Image = npt.NDArray[np.uint8]
+"""(h, w, 3) RGB image."""
+
+# Matplotlib publishes no types.
+Page = Any
+Axes = Any
 
 FOREGROUND, MUTED, LIGHT_GREY, BACKGROUND = "#1c2833", "#66727d", "#d7dce1", "#ffffff"
 RED, BLUE, ORANGE, TEAL = "#d1293d", "#1f5fa8", "#d97706", "#138a74"
 
-# 200 device pixels an inch: a page of PAGE_WIDTH_PX is shown at half its pixels on a report's 760 px
-# column and stays crisp on a dense display.
-_DPI = 200
+# One colour for one quantity in every chart of a drive.
+TRUTH = "#222222"
+ODOMETRY = "#d1495b"
+ESTIMATE = "#2e6fbb"
+ACCEPTED = "#2a9d5c"
+REJECTED = "#d98c21"
+LANDMARK_COLOURS = {"cyan": "#00aadc", "magenta": "#e1238c", "yellow": "#e8c400"}
+
+# 200 device pixels an inch: a page of PAGE_WIDTH_PX is shown at half its pixels in a report's
+# column of 760 px and stays crisp on a dense display.
+_PAGE_DPI = 200
 PAGE_WIDTH_PX = 1520
-# A report holds all figures in one file; a page above this is one of many drawn lines, and loses
-# nothing that an eye can see.
+_CHART_DPI = 110
+# A report embeds all its figures. Pages above this size are those of many thin lines, which look
+# the same in 256 colours; rendered frames stay below.
 _MAX_FULL_COLOUR_BYTES = 280_000
-# Matplotlib's objects come without types.
-Page = Any
-Axes = Any
 
 _SETTINGS = {
     "font.family": "DejaVu Sans",
@@ -53,39 +65,61 @@ _SETTINGS = {
     "lines.linewidth": 1.4,
     "mathtext.fontset": "dejavusans",
 }
+_CHART_SETTINGS = _SETTINGS | {
+    "font.size": 10.0,
+    "axes.titlesize": 11.0,
+    "axes.titleweight": "bold",
+}
 
 
 @contextmanager
 def open_page(width_px: int, height_px: int) -> Iterator[Page]:
-    """Yield an empty page; draw and save it inside. Raises CatoptraError without Matplotlib."""
-    try:
-        from matplotlib import rc_context
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise CatoptraError(
-            "the figures need Matplotlib: pip install 'catoptra-server[figures]'"
-        ) from error
+    """Yield an empty page of exact size; draw inside the block and end with `save_page`."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     with rc_context(_SETTINGS):
-        drawn = Figure(figsize=(width_px / _DPI, height_px / _DPI), dpi=_DPI, facecolor=BACKGROUND)
-        FigureCanvasAgg(drawn)
-        yield drawn
+        size = (width_px / _PAGE_DPI, height_px / _PAGE_DPI)
+        # pyplot would keep the figure alive and choose a window system.
+        page = Figure(figsize=size, dpi=_PAGE_DPI, facecolor=BACKGROUND)
+        FigureCanvasAgg(page)
+        yield page
 
 
 def save_page(page: Page, path: Path) -> None:
-    """Write a page as PNG; only a page that would be too large is reduced to 256 colours."""
+    """Write a page as PNG, with 256 colours where the file would be too large otherwise."""
     from PIL import Image as PillowImage
 
     page.canvas.draw()
     pixels = PillowImage.fromarray(np.asarray(page.canvas.buffer_rgba())[..., :3].copy())
     pixels.save(path, optimize=True)
     if path.stat().st_size > _MAX_FULL_COLOUR_BYTES:
+        # Dithering would add noise to flat colours and make the file larger again.
         pixels.quantize(256, dither=PillowImage.Dither.NONE).save(path, optimize=True)
 
 
+@contextmanager
+def open_chart(path: Path, **arguments: Any) -> Iterator[Any]:
+    """Yield a Matplotlib figure with automatic layout, written to a file when the block ends.
+
+    Args:
+        path: PNG file to write.
+        **arguments: Arguments of matplotlib.figure.Figure, such as figsize in inches.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(_CHART_SETTINGS):
+        figure = Figure(layout="constrained", **arguments)
+        yield figure
+        figure.savefig(path, dpi=_CHART_DPI)
+
+
 def add_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
-    """Return axes on a rectangle of the page."""
-    page_width, page_height = page.get_size_inches() * _DPI
+    """Add axes on a rectangle of the page, all in device pixels."""
+    page_width, page_height = page.get_size_inches() * _PAGE_DPI
+    # Matplotlib counts fractions from the lower left corner.
     return page.add_axes(
         (
             left / page_width,
@@ -97,40 +131,57 @@ def add_axes(page: Page, left: float, top: float, width: float, height: float) -
 
 
 def add_pixel_axes(page: Page, left: float, top: float, width: float, height: float) -> Axes:
-    """Return bare axes whose data coordinates are their own pixels, v down."""
-    bare = add_axes(page, left, top, width, height)
-    bare.set(xlim=(0.0, width), ylim=(height, 0.0))
-    bare.axis("off")
-    return bare
+    """Add axes without lines whose data coordinates are device pixels, v down."""
+    axes = add_axes(page, left, top, width, height)
+    axes.set(xlim=(0.0, width), ylim=(height, 0.0))
+    axes.axis("off")
+    return axes
 
 
 def show_image(page: Page, image: Image, left: int, top: int, width: int) -> Axes:
-    """Show an image pixel by pixel, each as a block of equal size where `width` is a multiple.
+    """Show an image pixel by pixel.
 
-    Returns axes over it, in the image's own pixel coordinates.
+    Args:
+        page: Page to draw on.
+        image: Image to show.
+        left: Device pixels from the page's left edge.
+        top: Device pixels from the page's upper edge.
+        width: Device pixels of the image's row; a multiple of its pixels makes all blocks equal.
+
+    Returns:
+        Axes over the image, in the image's own pixel coordinates.
     """
     rows, columns = image.shape[:2]
     height = round(width * rows / columns)
-    shown = add_axes(page, left, top, width, height)
-    shown.axis("off")
+    axes = add_axes(page, left, top, width, height)
+    axes.axis("off")
+    # Repeated here, not by Matplotlib, whose resampling moves edges by a pixel.
     row = np.arange(height) * rows // height
     column = np.arange(width) * columns // width
-    shown.imshow(image[row][:, column], extent=(0, columns, rows, 0), interpolation="none")
-    shown.set(xlim=(0, columns), ylim=(rows, 0), aspect="auto")
-    return shown
+    axes.imshow(image[row][:, column], extent=(0, columns, rows, 0), interpolation="none")
+    axes.set(xlim=(0, columns), ylim=(rows, 0), aspect="auto")
+    return axes
 
 
 def add_text(page: Page, left: float, top: float, text: str, **options: Any) -> None:
-    """Write on the page; (left, top) is where the text begins, unless options align it."""
-    page_width, page_height = page.get_size_inches() * _DPI
-    aligned = {"ha": "left", "va": "top"} | options
-    page.text(left / page_width, 1.0 - top / page_height, text, **aligned)
+    """Write text whose upper left corner is (left, top), unless `options` aligns otherwise."""
+    page_width, page_height = page.get_size_inches() * _PAGE_DPI
+    alignment = {"ha": "left", "va": "top"} | options
+    page.text(left / page_width, 1.0 - top / page_height, text, **alignment)
 
 
 def fill_polygons(
     axes: Axes, corners: Floats, colours: Floats, *, edge: str = "face", line: float = 0.25
 ) -> None:
-    """Fill (n, k, 2) polygons with (n, 3) or (n, 4) colours, in order; edges hide the seams."""
+    """Fill polygons in the order given.
+
+    Args:
+        axes: Axes to draw on.
+        corners: (n, k, 2) corners in data coordinates.
+        colours: (n, 3) or (n, 4) colours in [0, 1].
+        edge: Colour of the edges; "face" hides the seams between neighbours.
+        line: Width of the edges in points.
+    """
     from matplotlib.collections import PolyCollection
 
     axes.add_collection(
@@ -139,18 +190,26 @@ def fill_polygons(
     )
 
 
-def show_skewed_image(axes: Axes, image: Image, data_from_unit: npt.NDArray[np.float64]) -> None:
-    """Show an image on a parallelogram; (2, 3) maps its plane, [-1, 1] right and down, to data."""
+def show_skewed_image(axes: Axes, image: Image, data_from_unit: Floats) -> None:
+    """Show an image on a parallelogram.
+
+    Args:
+        axes: Axes to draw on.
+        image: Image to show.
+        data_from_unit: (2, 3) affine map from the image's plane, [-1, 1] right and down, to data
+            coordinates.
+    """
     from matplotlib.patches import Polygon
     from matplotlib.transforms import Affine2D
 
     matrix = np.vstack((data_from_unit, (0.0, 0.0, 1.0)))
-    shown = axes.imshow(
+    artist = axes.imshow(
         image,
         extent=(-1.0, 1.0, 1.0, -1.0),
         transform=Affine2D(matrix) + axes.transData,
         interpolation="bilinear",
         interpolation_stage="rgba",
     )
-    outline = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) @ data_from_unit.T
-    shown.set_clip_path(Polygon(outline, transform=axes.transData))
+    # Resampling leaves a ragged edge, which the clip path cuts along the parallelogram.
+    corners = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) @ data_from_unit.T
+    artist.set_clip_path(Polygon(corners, transform=axes.transData))

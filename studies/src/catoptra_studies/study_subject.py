@@ -1,104 +1,170 @@
-"""What the study draws: one robot's camera at a few places of a world, by each renderer."""
+"""One robot's camera at a few poses in a world, rendered by the server's own code.
+
+Accuracy against cost and the camera figures share it: the study of cost compares all renderers at
+several poses, a figure takes one frame of the trace renderer.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.errors import CatoptraError, RendererUnavailableError
+from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.renderer_choice import choose_renderer
-from catoptra_server.render.raster import OpenGLMissingError
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderPlan,
-    RenderSettings,
-    plan_from_settings,
-)
-from catoptra_server.render.renderer import Image, Renderer, View
+from catoptra_server.render.render_plan import RenderPlan
+from catoptra_server.render.renderer import FaceCamera, Renderer, View
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import OmniCameraDescription
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.robot.robot_description import OmniCameraDescription, RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh, build_scene
 from catoptra_server.scene.world_description import World
-from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel
+from catoptra_studies.plot_style import Image
 
-# The most that a plan allows.
+# The largest number of samples that a plan allows.
 REFERENCE_SAMPLES = 16
-# Beside a start place, since a world's middle is on its lines, where no mirror bends them: metres
-# back and left of it, degrees to the right. Small enough for a corridor.
+# Metres back and left of the first start pose, degrees to the right. A world's centre is on its
+# lines, which run straight through the image's centre where no mirror bends them; so no pose is on
+# the start itself. Half a metre at most, since the corridor is not wider.
 _POSE_OFFSETS = ((0.45, 0.35, 25.0), (-0.5, 0.2, 70.0), (0.15, -0.4, 160.0), (-0.3, -0.3, 250.0))
+# Figures show the exact image, and trace is exact and runs everywhere.
+FIGURE_RENDERERS = (RendererKind.TRACE,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudySubject:
-    """A camera of the wished size in a world. renderers: without raster where OpenGL is missing."""
+    """A camera in a world, with everything needed to render it."""
 
     camera: OmniCamera
+    """The robot's camera, with a square image of the study's size."""
+
     world: World
+    """Description of the world, as its file gives it."""
+
     scene: SceneMesh
+    """Triangles of the world."""
+
     renderers: Mapping[RendererKind, Renderer]
+    """Renderers that run here: raster is missing where OpenGL is."""
+
     camera_states: tuple[CameraState, ...]
+    """State of the camera at each pose."""
 
-    def plan_level(self, level: AccuracyLevel) -> RenderPlan:
-        """Return the plan of a step."""
-        return plan_from_settings(
-            level.render_settings, self.camera, kind=level.renderer_kind, reason="measured"
-        )
+    resolution_scale: float = 1.0
+    """Factor on the sizes that figures request; below 1 only in tests, to save time."""
 
-    def prepare_view(self, level: AccuracyLevel) -> View:
-        """Return the view of a step."""
-        return self.renderers[level.renderer_kind].prepare(self.camera, self.plan_level(level))
+    def resize_camera(self, size_px: int) -> OmniCamera:
+        """The subject's camera with a square image of another size."""
+        return resize_camera(self.camera, size_px)
+
+    def plan(self, kind: RendererKind, settings: RenderSettings) -> RenderPlan:
+        """Plan of the settings for the subject's camera."""
+        return plan_from_settings(settings, self.camera, kind=kind, reason="measured")
+
+    def prepare_view(self, kind: RendererKind, settings: RenderSettings) -> View:
+        """Prepare a view, to be closed by the caller."""
+        return self.renderers[kind].prepare(self.camera, self.plan(kind, settings))
 
     def render_reference(self, samples: int) -> tuple[Image, ...]:
-        """Return the exact frame of each exposure: a ray a sample, none left out."""
-        wish = RenderSettings(PerPixel(), samples, stride_px=1)
-        view = self.prepare_view(AccuracyLevel("reference", RendererKind.TRACE, wish))
+        """Render the exact frame at each pose, of samples^2 rays a pixel."""
+        # Stride 1 casts every ray: no cell is filled from its corners.
+        settings = RenderSettings(PerPixel(), samples, stride_px=1)
+        view = self.prepare_view(RendererKind.TRACE, settings)
         try:
-            return tuple(view.render(exposure).rgb for exposure in self.camera_states)
+            return tuple(view.render(state).rgb for state in self.camera_states)
         finally:
             view.close()
+
+    def render_frame(
+        self, size_px: int, samples: int, *, surface: MirrorSurface | None = None
+    ) -> Image:
+        """Render the frame at the first pose.
+
+        Args:
+            size_px: Width and height of the image, before `resolution_scale`.
+            samples: Samples along a pixel's side.
+            surface: Mirror mesh to look up; None evaluates the camera model in every ray.
+
+        Returns:
+            (size, size, 3) RGB image.
+        """
+        camera = self.resize_camera(round(size_px * self.resolution_scale))
+        resized = dataclasses.replace(self, camera=camera)
+        settings = RenderSettings(surface or PerPixel(), samples)
+        return _render_once(
+            resized.prepare_view(RendererKind.TRACE, settings), self.camera_states[0]
+        )
+
+    def render_face(self, face: Face, size_px: int, samples: int) -> Image:
+        """Render the view of one virtual camera of the cube, at the first pose."""
+        camera = FaceCamera(face, round(size_px * self.resolution_scale))
+        view = self.renderers[RendererKind.TRACE].prepare_face(camera, samples)
+        return _render_once(view, self.camera_states[0])
+
+
+def _render_once(view: View, state: CameraState) -> Image:
+    try:
+        return view.render(state).rgb
+    finally:
+        view.close()
 
 
 @contextmanager
 def open_study_subject(
-    robot_file: Path, world_file: Path, *, size_px: int, num_poses: int
+    robot_file: Path,
+    world_file: Path,
+    *,
+    size_px: int | None = None,
+    poses: Sequence[PlanarPose] | None = None,
+    kinds: Sequence[RendererKind] = tuple(RendererKind),
+    resolution_scale: float = 1.0,
 ) -> Iterator[StudySubject]:
-    """Yield what two files describe.
+    """Read two files and start the renderers.
 
-    Raises ConfigError for a bad file, CatoptraError for a robot without a mirror camera.
+    Args:
+        robot_file: Robot with an omnidirectional camera.
+        world_file: World in which the robot stands.
+        size_px: Width and height of the image; None keeps the size in the robot file.
+        poses: Poses of the robot; None takes those of `study_poses`.
+        kinds: Renderers to start; raster is left out where OpenGL is missing.
+        resolution_scale: Factor on the sizes that figures request.
+
+    Raises:
+        ConfigError: A file cannot be read.
+        CatoptraError: The robot has no omnidirectional camera.
     """
     description, _ = read_robot(robot_file)
-    omni = description.omni_camera
-    if omni is None:
-        raise CatoptraError(
-            f"{robot_file}: {description.class_name} has no omnidirectional camera to measure: take a "
-            "robot with StaticMeshes, CamTexActors and Cameras, such as p2at_omni.ini"
-        )
-    described, _ = read_world(world_file)
-    scene = build_scene(described)
-    with ExitStack() as opened:
-        renderers = _open_renderers(scene, described, opened)
-        height_m = description.drive.ride_height_m
+    omni = _require_omni_camera(description, robot_file)
+    world, _ = read_world(world_file)
+    scene = build_scene(world)
+    height_m = description.drive.ride_height_m
+    with ExitStack() as stack:
         yield StudySubject(
-            camera=resize_camera(omni.camera, size_px),
-            world=described,
+            camera=omni.camera if size_px is None else resize_camera(omni.camera, size_px),
+            world=world,
             scene=scene,
-            renderers=renderers,
-            camera_states=_camera_states(described, omni, height_m)[:num_poses],
+            renderers=_open_renderers(kinds, scene, world, stack),
+            camera_states=tuple(
+                CameraState(pose.at_height(height_m) @ omni.robot_from_mirror)
+                for pose in poses or study_poses(world)
+            ),
+            resolution_scale=resolution_scale,
         )
 
 
 def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
-    """Return the camera with a square image of another size, its rim inscribed as before."""
+    """The camera with a square image of another size, its rim inscribed as before."""
     scale = size_px / min(camera.width_px, camera.height_px)
     return dataclasses.replace(
         camera,
@@ -109,39 +175,44 @@ def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
     )
 
 
-def _open_renderers(
-    scene: SceneMesh, world: World, stack: ExitStack
-) -> dict[RendererKind, Renderer]:
-    found = {}
-    for kind in RendererKind:
-        try:
-            found[kind] = choose_renderer(kind.value, scene, world).renderer
-        except OpenGLMissingError:
-            continue
-        stack.callback(found[kind].close)
-    return found
-
-
-def _camera_states(
-    world: World, omni: OmniCameraDescription, height_m: float
-) -> tuple[CameraState, ...]:
-    start = _first_start_pose(world)
-    return tuple(
-        CameraState(_offset_pose(start, *place).at_height(height_m) @ omni.robot_from_mirror)
-        for place in _POSE_OFFSETS
-    )
-
-
-def _first_start_pose(world: World) -> PlanarPose:
+def first_start_pose(world: World) -> PlanarPose:
+    """Pose of a world's first start, or the origin in a world without starts."""
     if not world.starts:
         return PlanarPose(0.0, 0.0, 0.0)
     (x_m, y_m, _), (_, _, yaw_rad) = world.starts[0].location_m, world.starts[0].rotation_rad
     return PlanarPose(x_m, y_m, yaw_rad)
 
 
+def study_poses(world: World) -> tuple[PlanarPose, ...]:
+    """Four poses around a world's first start, from which no line looks straight."""
+    start = first_start_pose(world)
+    return tuple(_offset_pose(start, *offset) for offset in _POSE_OFFSETS)
+
+
 def _offset_pose(start: PlanarPose, back_m: float, left_m: float, turn_deg: float) -> PlanarPose:
-    """Return the pose a step back and left of a start place, turned to the right."""
-    offset = Pose.from_rpy((-back_m, -left_m, 0.0))
-    moved = start.at_height(0.0) @ offset
-    x_m, y_m, _ = moved.translation
+    """Move a pose back and left along its own axes, then turn it to the right."""
+    x_m, y_m, _ = (start.at_height(0.0) @ Pose.from_rpy((-back_m, -left_m, 0.0))).translation
     return PlanarPose(float(x_m), float(y_m), start.yaw_rad + math.radians(turn_deg))
+
+
+def _require_omni_camera(robot: RobotDescription, file: Path) -> OmniCameraDescription:
+    if robot.omni_camera is None:
+        raise CatoptraError(
+            f"{file}: {robot.class_name} has no omnidirectional camera: take a robot with "
+            "StaticMeshes, CamTexActors and Cameras, such as configs/robots/p2at_omni.ini"
+        )
+    return robot.omni_camera
+
+
+def _open_renderers(
+    kinds: Sequence[RendererKind], scene: SceneMesh, world: World, stack: ExitStack
+) -> dict[RendererKind, Renderer]:
+    """Start the renderers that run here; the stack closes them."""
+    renderers = {}
+    for kind in kinds:
+        try:
+            renderers[kind] = choose_renderer(kind.value, scene, world).renderer
+        except RendererUnavailableError:
+            continue
+        stack.callback(renderers[kind].close)
+    return renderers

@@ -1,8 +1,6 @@
-"""The command `catoptra-server cost`: measure what accuracy costs, write cost.json and pictures.
+"""The command `catoptra-studies cost`: measure accuracy, cost and localization, write the report.
 
-What can be told without a program that uses the frames: everything up to the picture. The client's
-`python -m catoptra_studies.experiment.cost` adds landmarks and localisation to cost.json; then this
-command with --tell writes the report and the pictures of numbers anew, and measures nothing.
+All results are in cost.json; `--report-only` writes report and plots of an existing one again.
 """
 
 from __future__ import annotations
@@ -12,73 +10,90 @@ import os
 import platform
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
 from catoptra_protocol.errors import CatoptraError
+from catoptra_server.config.bundled_files import find_configuration
 from catoptra_studies.accuracy_cost.cost_plots import write_result_plots
 from catoptra_studies.accuracy_cost.cost_report import format_cost_report, format_summary_table
 from catoptra_studies.accuracy_cost.cost_results import read_cost_results, write_cost_results
-from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig, run_cost_study
+from catoptra_studies.accuracy_cost.cost_study import CostStudyConfig, measure_rendering
+from catoptra_studies.accuracy_cost.localization_study import (
+    measure_localization,
+    select_key_levels,
+)
+from catoptra_studies.progress_display import open_progress, print_error, print_line
 from catoptra_studies.reports.marked_block import replace_block
 
 EXIT_FAILURE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, or tell what was measured; return 0, or 2 with a message if it could not be done."""
-    parsed = _parser().parse_args(arguments)
-    console = Console(stderr=True)
+    """Run the study; return 0, or 2 after one line about the reason."""
+    parsed = _make_parser().parse_args(arguments)
     try:
         parsed.output.mkdir(parents=True, exist_ok=True)
-        if not parsed.tell:
-            with _progress(console) as progress:
-                write_cost_results(
-                    run_cost_study(_study_config(parsed), progress), parsed.output / "cost.json"
-                )
+        if not parsed.report_only:
+            _measure(parsed)
         _write_report(parsed)
     except (CatoptraError, OSError) as error:
-        console.print(f"catoptra-server cost: {error}", style="red", markup=False, soft_wrap=True)
+        print_error(f"catoptra-studies cost: {error}")
         return EXIT_FAILURE
-    console.print(f"report: {_report_path(parsed)}", markup=False, highlight=False)
+    print_line(f"report: {_report_path(parsed)}")
     return 0
 
 
+def _measure(parsed: argparse.Namespace) -> None:
+    config = _study_config(parsed)
+    path = parsed.output / "cost.json"
+    with open_progress() as progress:
+        results = measure_rendering(config, progress)
+        # Written twice: half an hour of measuring must not be lost with a drive that fails.
+        write_cost_results(results, path)
+        if parsed.drives:
+            levels = select_key_levels(results.levels)
+            localization = measure_localization(config, levels, progress)
+            write_cost_results(replace(results, localization=localization), path)
+
+
 def _write_report(parsed: argparse.Namespace) -> None:
-    document = read_cost_results(parsed.output / "cost.json")
-    write_result_plots(document, parsed.output)
-    _report_path(parsed).write_text(format_cost_report(document), encoding="utf-8")
+    # Read back rather than passed on, so that --report-only cannot differ from a full run.
+    results = read_cost_results(parsed.output / "cost.json")
+    write_result_plots(results, parsed.output)
+    _report_path(parsed).write_text(format_cost_report(results), encoding="utf-8")
     if parsed.readme:
-        replace_block(parsed.readme, "cost", format_summary_table(document))
+        replace_block(parsed.readme, "cost", format_summary_table(results))
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
-    chosen: Path = parsed.report or parsed.output / "COST.md"
-    return chosen
+    path: Path = parsed.report or parsed.output / "COST.md"
+    return path
 
 
 def _study_config(parsed: argparse.Namespace) -> CostStudyConfig:
     return CostStudyConfig(
-        robot_file=parsed.robot,
-        world_files=tuple(parsed.world),
+        robot_file=find_configuration("robots", parsed.robot),
+        world_files=tuple(find_configuration("worlds", world) for world in parsed.world),
         size_px=parsed.size,
         is_quick=parsed.quick,
         output_folder=parsed.output,
         date=time.strftime("%Y-%m-%d"),
-        machine=_machine_description(parsed.machine),
+        machine=_describe_machine(parsed.machine),
+        num_runs=parsed.runs,
+        seed=parsed.seed,
     )
 
 
-def _machine_description(remark: str) -> str:
+def _describe_machine(remark: str) -> str:
+    # Not os.cpu_count(): a container often has fewer processors than its host.
     processors = f"{len(os.sched_getaffinity(0))} processors ({_processor_name()})"
-    told = f"{platform.machine()} with {processors}, Python {platform.python_version()}"
-    return f"{told}, {remark}" if remark else told
+    machine = f"{platform.machine()} with {processors}, Python {platform.python_version()}"
+    return f"{machine}, {remark}" if remark else machine
 
 
 def _processor_name() -> str:
-    """Return the processor's name, as Linux tells it."""
+    """Name of the processor; platform.processor() gives none on Linux."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -87,44 +102,36 @@ def _processor_name() -> str:
     return next(names, "of unknown name")
 
 
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description:<28}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-    )
-
-
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="catoptra-server cost",
-        description="Measure what accuracy costs in time, from 16 polygons to exact rays.",
+        prog="catoptra-studies cost",
+        description="Measure what accuracy costs in time and gains in localization, from mirrors "
+        "of 16 polygons to exact rays.",
     )
     add = parser.add_argument
-    add("--robot", type=Path, required=True, metavar="FILE", help="robot ini with a mirror camera")
-    add("--world", type=Path, required=True, action="append", metavar="FILE",
-        help="world ini; frame rates are measured in all given, all else in the first")  # fmt: skip
-    add(
-        "--size",
-        type=_image_size,
-        default=360,
-        metavar="N",
-        help="of the square picture (default 360)",
-    )
-    add("--quick", action="store_true", help="fewer steps and frames: within a minute")
+    add("--robot", default="p2at_omni", metavar="FILE",
+        help="robot ini with a mirror camera, or a bundled name (default p2at_omni)")  # fmt: skip
+    add("--world", nargs="+", default=["four_legged_2006", "corridor"], metavar="FILE",
+        help="world ini or name; frame rates are measured in all, all else in the first "
+        "(default four_legged_2006 corridor)")  # fmt: skip
+    add("--size", type=_parse_size, default=360, metavar="N",
+        help="pixels along the side of the square image (default 360)")  # fmt: skip
+    add("--quick", action="store_true", help="fewer levels and frames, one drive for each level")
+    add("--drives", action=argparse.BooleanOptionalAction, default=True,
+        help="drive robots to measure detection and localization (default: yes)")  # fmt: skip
+    add("--runs", type=int, default=10, help="drives for each key level (default 10)")
+    add("--seed", type=int, default=0, help="seed of all random numbers of the drives")
     add("--output", type=Path, default=Path("out/cost"), metavar="DIR",
-        help="where cost.json and the pictures go (default out/cost)")  # fmt: skip
-    add("--report", type=Path, metavar="FILE", help="default: COST.md in the output")
+        help="folder for cost.json and plots (default out/cost)")  # fmt: skip
+    add("--report", type=Path, metavar="FILE", help="report to write (default: COST.md in DIR)")
     add("--readme", type=Path, metavar="FILE", help="file whose cost block gets the short table")
-    add("--machine", default="", metavar="WORDS", help="to be said of this machine in the report")
-    add("--tell", action="store_true", help="measure nothing: tell what cost.json holds")
+    add("--machine", default="", metavar="TEXT", help="remark about the machine for the report")
+    add("--report-only", action="store_true", help="measure nothing: write the report of cost.json")
     return parser
 
 
-def _image_size(text: str) -> int:
+def _parse_size(text: str) -> int:
     size = int(text)
     if not 16 <= size <= 4096:
-        raise argparse.ArgumentTypeError(f"a picture is 16 to 4096 px wide here, not {size}")
+        raise argparse.ArgumentTypeError(f"the image must be 16 to 4096 px wide, not {size}")
     return size

@@ -1,8 +1,4 @@
-"""What the study measured, as data and as cost.json: the report and the pictures are made of it.
-
-The client's side adds `landmarks`: what the frames of the key steps are worth to a program that
-finds landmarks in them and localises the robot by them.
-"""
+"""Results of the study as data and as cost.json, the source of its report and its plots."""
 
 from __future__ import annotations
 
@@ -14,79 +10,127 @@ from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 RowT = TypeVar("RowT")
 
 
 @dataclass(frozen=True, slots=True)
 class StudyConditions:
-    """What was measured on what. rounds: frames of each step; poses: places they are seen from."""
+    """Circumstances under which the study was measured."""
 
     date: str
+
     machine: str
+    """Processor, interpreter and the user's remark."""
+
     renderers: tuple[str, ...]
+    """Description of each renderer that ran."""
+
     robot: str
     world: str
+
     size_px: int
+    """Width and height of the image."""
+
     is_quick: bool
+    """Whether few levels and frames were measured."""
+
     num_rounds: int
+    """Timed frames of each level."""
+
     num_poses: int
+    """Poses at which images are compared."""
+
     reference_samples: int
+    """Samples along a pixel's side of the exact reference."""
 
 
 @dataclass(frozen=True, slots=True)
 class LevelCost:
-    """A step of the ladder: what it is, what it costs, how far off it is.
-
-    polygons: 0 = per pixel. bound_*: of planning/error_bound. rmse in grey levels, psnr_db, ssim:
-    against the supersampled trace. robot_lines: of a robot file that asks for it.
-    """
+    """Cost and error of one accuracy level."""
 
     name: str
     renderer: str
+
     num_polygons: int
+    """Polygons of the mirror mesh; 0 where the camera model is evaluated in every pixel."""
+
     samples: int
+    """Samples along a pixel's side."""
+
     face_size_px: int
+    """Texels along the side of the largest face; 0 for trace."""
+
     is_key: bool
+    """Whether localization was measured with frames of this level."""
+
     robot_ini: str
+    """Sections of a robot file that select the level."""
+
     wall_ms: float
+    """Median time of a frame with read-back."""
+
     cpu_ms: float
+    """The same of all processors together."""
+
     stage_ms: dict[str, float]
+    """Median time of each stage."""
+
     bound_max_px: float
+    """Proved limit of the displacement (planning/error_bound.py)."""
+
     bound_rms_px: float
+    """Proved limit of its root mean square over the image."""
+
     bound_max_deg: float
+    """Proved limit of the angle between shown and true direction."""
+
     rmse: float
+    """Root mean square difference from the reference, in grey levels."""
+
     psnr_db: float
     ssim: float
+
     is_on_pareto_front: bool
+    """Whether no other level beats this one in time and RMSE."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonRow:
-    """A polygon mirror's displacement at the paper's size, measured and by the reference table."""
+    """Displacement by one mirror mesh at the paper's image size."""
 
     num_polygons: int
     sectors: int
     rings: int
+
     interpolation: str
+    """Quantity interpolated over a polygon: uv or position."""
+
     coverage: float
+    """Fraction of the mirror's disc that the polygons cover."""
+
     rms_px: float
     max_px: float
+
     reference_rms_px: float
+    """Value of the independent table; 0 for a mirror that is not in the table."""
+
     reference_max_px: float
 
 
 @dataclass(frozen=True, slots=True)
 class FrameRate:
-    """A bar of Figure 10: what a robot carries, and what a frame of the whole then takes.
-
-    polygons: of the camera's mirror; 0 where it carries none, or an exact one.
-    """
+    """One bar of the paper's Figure 10."""
 
     world: str
     renderer: str
+
     payload: str
+    """Equipment of the robot: no camera, a mesh by its polygons, per pixel, or LMS200."""
+
     num_polygons: int
+    """Polygons of the camera's mirror; 0 without a mesh."""
+
     fps: float
     wall_ms: float
     cpu_ms: float
@@ -95,53 +139,70 @@ class FrameRate:
 
 @dataclass(frozen=True, slots=True)
 class LocalizationRow:
-    """What the frames of a step are worth: landmarks found while driving, and where they put it.
-
-    found: share of the beacons within reach that were measured. *_rms_*: of the measurements.
-    ekf_*: medians over the runs of the mean position error, by the paper's filter and by one whose
-    noises are honest.
-    """
+    """Detection and localization with frames of one level; nan where none was measured."""
 
     level: str
+
     num_frames: int
+
     detection_rate: float
+    """Fraction of the beacons within 2.5 m that were measured."""
+
     near_detection_rate: float
+    """The same within 1.5 m."""
+
     bearing_rms_deg: float
     range_rms_m: float
+
     ekf_mean_m: float
+    """Mean position error of a drive with the paper's filter; median over the drives."""
+
     ekf_max_m: float
+    """Largest position error of a drive, likewise."""
+
     consistent_ekf_mean_m: float
+    """`ekf_mean_m` of the filter whose covariances match the real errors."""
+
     consistent_ekf_max_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class LocalizationAccuracy:
-    """The client's part. renderer: that it was measured through; odometry_max_m: without eyes."""
+    """Localization by frames of the key levels."""
 
     num_runs: int
+    """Drives for each level, with the same seeds for all levels."""
+
     steps_per_run: int
+
     odometry_max_m: float
+    """Largest position error of odometry alone; median over the drives."""
+
     rows: tuple[LocalizationRow, ...]
+    """One row for each key level, from coarse to exact."""
 
 
 @dataclass(frozen=True, slots=True)
 class CostResults:
-    """All that the study knows."""
+    """All results of the study."""
 
     conditions: StudyConditions
     levels: tuple[LevelCost, ...]
     polygon_rows: tuple[PolygonRow, ...]
     frame_rates: tuple[FrameRate, ...]
+
     localization: LocalizationAccuracy | None = None
+    """None until robots have been driven."""
 
 
 def write_cost_results(results: CostResults, path: Path) -> None:
-    """Write cost.json. JSON has no infinity: the PSNR of equal pictures is null."""
+    """Write cost.json; null stands for inf and nan."""
     text = json.dumps({"version": FORMAT_VERSION, **_replace_non_finite(asdict(results))}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")
 
 
 def _replace_non_finite(value: Any) -> Any:
+    # JSON knows neither: Python would write words that no other reader accepts.
     if isinstance(value, dict):
         return {key: _replace_non_finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -150,28 +211,30 @@ def _replace_non_finite(value: Any) -> Any:
 
 
 def read_cost_results(path: Path) -> CostResults:
-    """Return what cost.json holds. Raises CatoptraError for a file that is not one."""
+    """Read cost.json.
+
+    Raises:
+        CatoptraError: The file is missing, is no JSON, or has another version or other fields.
+    """
     try:
-        read = json.loads(path.read_text(encoding="utf-8"))
-        return _parse_results(read)
+        return _parse_results(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CatoptraError(
-            f"{path}: not a cost.json of version {FORMAT_VERSION} ({error!r}): measure anew with "
-            "catoptra-server cost"
+            f"{path}: not a cost.json of version {FORMAT_VERSION} ({error!r}): measure again with "
+            "catoptra-studies cost"
         ) from error
 
 
 def _parse_results(entries: dict[str, Any]) -> CostResults:
     if entries["version"] != FORMAT_VERSION:
         raise ValueError(f"version {entries['version']}")
+    localization = entries.get("localization")
     return CostResults(
         conditions=_parse_row(StudyConditions, entries["conditions"]),
-        levels=tuple(_parse_row(LevelCost, row) for row in entries["steps"]),
-        polygon_rows=tuple(_parse_row(PolygonRow, row) for row in entries["polygons"]),
+        levels=tuple(_parse_row(LevelCost, row) for row in entries["levels"]),
+        polygon_rows=tuple(_parse_row(PolygonRow, row) for row in entries["polygon_rows"]),
         frame_rates=tuple(_parse_row(FrameRate, row) for row in entries["frame_rates"]),
-        localization=_parse_localization(entries["landmarks"])
-        if entries.get("landmarks")
-        else None,
+        localization=_parse_localization(localization) if localization else None,
     )
 
 
@@ -181,13 +244,14 @@ def _parse_localization(entries: dict[str, Any]) -> LocalizationAccuracy:
 
 
 def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
-    """Return a row; unknown keys are left out, missing ones fail."""
+    """Make a row of a JSON object; unknown keys are ignored, missing ones raise TypeError."""
     if not isinstance(entry, dict):
         raise TypeError(f"{row_class.__name__} is {entry!r}")
-    names = {field.name for field in fields(row_class)}  # type: ignore[arg-type] # all are dataclasses
-    known = {key: value for key, value in entry.items() if key in names}
-    for key in (key for key, value in known.items() if value is None):
-        known[key] = math.inf if key == "psnr_db" else math.nan
-    if "renderers" in known:
-        known["renderers"] = tuple(known["renderers"])
-    return row_class(**known)
+    names = {field.name for field in fields(row_class)}  # type: ignore[arg-type] # all dataclasses
+    values = {key: value for key, value in entry.items() if key in names}
+    for key in (key for key, value in values.items() if value is None):
+        # The PSNR of equal images is the only number that can be infinite.
+        values[key] = math.inf if key == "psnr_db" else math.nan
+    if "renderers" in values:
+        values["renderers"] = tuple(values["renderers"])
+    return row_class(**values)

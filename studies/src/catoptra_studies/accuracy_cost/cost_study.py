@@ -1,16 +1,16 @@
-"""The study itself: what is measured, in which order, with how many frames. Prints nothing."""
+"""The study of accuracy against cost: renderers measured here, robots driven through servers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-from rich.progress import Progress
-
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.render.render_plan import RendererKind, RenderSettings
+from catoptra_server.config.world_file import read_world
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.planar_pose import PlanarPose
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_studies.accuracy_cost.accuracy_levels import (
     AccuracyLevel,
     accuracy_sweep,
@@ -22,97 +22,123 @@ from catoptra_studies.accuracy_cost.frame_rates import measure_frame_rates
 from catoptra_studies.accuracy_cost.level_costs import measure_levels
 from catoptra_studies.accuracy_cost.polygon_table import measure_polygon_rows
 from catoptra_studies.accuracy_cost.render_timing import NUM_WARM_UP_ROUNDS
+from catoptra_studies.progress_display import ProgressDisplay
 from catoptra_studies.study_subject import (
     REFERENCE_SAMPLES,
     StudySubject,
     open_study_subject,
+    study_poses,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class CostStudyConfig:
-    """What to measure. worlds: frame rates in all, the rest in the first."""
+    """Extent of the study."""
 
     robot_file: Path
+
     world_files: tuple[Path, ...]
+    """Worlds for the frame rates; all else is measured in the first."""
+
     size_px: int
+    """Width and height of the image."""
+
     is_quick: bool
+    """Whether to measure within a minute, at the price of noise."""
+
     output_folder: Path
     date: str
     machine: str
 
+    num_runs: int = 10
+    """Drives for each key level."""
+
+    seed: int = 0
+
     @property
     def num_rounds(self) -> int:
-        """Return how many frames of each step are timed."""
+        """Timed frames of each level."""
         return 6 if self.is_quick else 32
 
     @property
     def num_poses(self) -> int:
-        """Return from how many places pictures are compared."""
+        """Poses at which images are compared."""
         return 2 if self.is_quick else 4
 
     @property
     def reference_samples(self) -> int:
-        """Return the samples of the reference along a pixel's side."""
+        """Samples along a pixel's side of the reference."""
         return 8 if self.is_quick else REFERENCE_SAMPLES
 
 
-def run_cost_study(config: CostStudyConfig, progress: Progress) -> CostResults:
-    """Return all that was measured; writes the pictures that need frames on the way."""
+def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> CostResults:
+    """Measure levels, tessellations and frame rates, and write the plots that show frames.
+
+    The localization of the results is None: `localization_study` measures it with their levels.
+    """
+    world_file = config.world_files[0]
     with open_study_subject(
-        config.robot_file, config.world_files[0], size_px=config.size_px, num_poses=config.num_poses
+        config.robot_file, world_file, size_px=config.size_px, poses=_poses(config, world_file)
     ) as subject:
-        steps = _available_levels(subject, config)
+        levels = _available_levels(subject, config)
         reference = subject.render_reference(config.reference_samples)
-        on_round = _progress_callback(progress, "ladder: rounds", config.num_rounds)
-        drawn = measure_levels(
-            subject, steps, reference, num_rounds=config.num_rounds, on_round=on_round
+        on_round = _add_rounds(progress, "levels: rounds", config.num_rounds)
+        measured = measure_levels(
+            subject, levels, reference, num_rounds=config.num_rounds, on_round=on_round
         )
-        write_frame_plots(subject, drawn, reference[0], config.output_folder)
+        # Before the subject closes: these plots render frames of their own.
+        write_frame_plots(subject, measured, reference[0], config.output_folder)
         conditions = _study_conditions(config, subject)
-        table = measure_polygon_rows(subject.camera)
+        polygon_rows = measure_polygon_rows(subject.camera)
     return CostResults(
         conditions=conditions,
-        levels=tuple(one.cost for one in drawn),
-        polygon_rows=table,
+        levels=tuple(level.cost for level in measured),
+        polygon_rows=polygon_rows,
         frame_rates=tuple(
             row
-            for world in config.world_files
-            for row in _world_frame_rates(config, world, progress)
+            for file in config.world_files
+            for row in _measure_world_frame_rates(config, file, progress)
         ),
     )
 
 
+def _poses(config: CostStudyConfig, world_file: Path) -> tuple[PlanarPose, ...]:
+    world, _ = read_world(world_file)
+    return study_poses(world)[: config.num_poses]
+
+
 def _available_levels(subject: StudySubject, config: CostStudyConfig) -> list[AccuracyLevel]:
-    """Return the steps that can be drawn here: without OpenGL those of trace alone."""
-    own = subject.plan_level(AccuracyLevel("", RendererKind.RASTER, RenderSettings())).face_size_px
-    steps = quick_accuracy_sweep(own) if config.is_quick else accuracy_sweep(own)
-    return [step for step in steps if step.renderer_kind in subject.renderers]
+    """Levels of the renderers that run here: only those of trace without OpenGL."""
+    face_size_px = subject.plan(RendererKind.RASTER, RenderSettings()).face_size_px
+    sweep = quick_accuracy_sweep if config.is_quick else accuracy_sweep
+    return [level for level in sweep(face_size_px) if level.renderer_kind in subject.renderers]
 
 
-def _world_frame_rates(config: CostStudyConfig, world: Path, progress: Progress) -> list[FrameRate]:
-    """Return the frame rates in a world by each renderer."""
+def _measure_world_frame_rates(
+    config: CostStudyConfig, world_file: Path, progress: ProgressDisplay
+) -> list[FrameRate]:
+    """Measure the frame rates in one world with each renderer."""
     description, _ = read_robot(config.robot_file)
     rows: list[FrameRate] = []
     with open_study_subject(
-        config.robot_file, world, size_px=config.size_px, num_poses=config.num_poses
+        config.robot_file, world_file, size_px=config.size_px, poses=_poses(config, world_file)
     ) as subject:
         for kind in subject.renderers:
-            name = f"frame rates: {world.stem}, {kind.value}"
-            rounds = 2 * config.num_rounds
+            # Payloads differ by less than levels do, so their medians take twice the frames.
+            num_rounds = 2 * config.num_rounds
+            title = f"frame rates: {world_file.stem}, {kind.value}"
             rows += measure_frame_rates(
                 subject,
                 description.drive,
                 kind,
-                num_rounds=rounds,
-                on_round=_progress_callback(progress, name, rounds),
+                num_rounds=num_rounds,
+                on_round=_add_rounds(progress, title, num_rounds),
             )
     return rows
 
 
-def _progress_callback(progress: Progress, name: str, num_rounds: int) -> Callable[[], None]:
-    task = progress.add_task(name, total=NUM_WARM_UP_ROUNDS + num_rounds)
-    return partial(progress.advance, task)
+def _add_rounds(progress: ProgressDisplay, title: str, num_rounds: int) -> Callable[[], None]:
+    return progress.add_task(title, NUM_WARM_UP_ROUNDS + num_rounds)
 
 
 def _study_conditions(config: CostStudyConfig, subject: StudySubject) -> StudyConditions:

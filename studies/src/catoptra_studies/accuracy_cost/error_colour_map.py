@@ -1,6 +1,6 @@
-"""Errors as colours: white where there is none, through yellow and red to black where it is large.
+"""Colours of errors on a logarithmic scale: white for none, through yellow and red to black.
 
-Errors of a ladder span decades, so the scale is logarithmic: below its least all is white.
+The errors of a sweep span decades, so a linear scale would show the coarsest level alone.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.render.renderer import Image
+from catoptra_studies.plot_style import Image
 
-# Falling brightness all the way, so that the order is seen in grey, too.
+# Brightness falls from stop to stop, so that the order survives printing in grey.
 _COLOUR_STOPS = np.array(
     [(255, 255, 255), (255, 236, 160), (250, 160, 60), (209, 41, 61), (110, 10, 70), (20, 8, 30)],
     dtype=np.float64,
@@ -20,16 +20,26 @@ _COLOUR_STOPS = np.array(
 
 
 def map_error_colours(errors: Floats, min_error: float, max_error: float) -> Image:
-    """Return (..., 3) colours of (...) errors on a logarithmic scale; beyond its ends the ends'."""
-    span = math.log(max_error / min_error)
-    place = np.log(np.maximum(errors, min_error) / min_error) / span
+    """Colour of each error.
+
+    Args:
+        errors: (...) errors >= 0.
+        min_error: Error at and below which all is white, > 0.
+        max_error: Error at and above which all is black.
+
+    Returns:
+        (..., 3) uint8 RGB.
+    """
+    decades = math.log(max_error / min_error)
+    # 0 at min_error, 1 at max_error. Zero has no logarithm, so small errors are raised first.
+    fraction = np.log(np.maximum(errors, min_error) / min_error) / decades
     stops = np.linspace(0.0, 1.0, len(_COLOUR_STOPS))
-    channels = [np.interp(place, stops, channel) for channel in _COLOUR_STOPS.T]
+    channels = [np.interp(fraction, stops, channel) for channel in _COLOUR_STOPS.T]
     colours: Image = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
     return colours
 
 
 def colour_bar(width_px: int, height_px: int, min_error: float, max_error: float) -> Image:
-    """Return the picture of the scale itself, from left to right."""
-    along = np.geomspace(min_error, max_error, width_px)
-    return np.repeat(map_error_colours(along, min_error, max_error)[None], height_px, axis=0)
+    """Image of the scale itself, from left to right."""
+    errors = np.geomspace(min_error, max_error, width_px)
+    return np.repeat(map_error_colours(errors, min_error, max_error)[None], height_px, axis=0)

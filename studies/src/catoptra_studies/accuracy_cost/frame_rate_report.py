@@ -1,4 +1,4 @@
-"""The report's part on Figure 10: does the frame rate depend on the polygons, and why (not)."""
+"""The report's section on Figure 10: whether the frame rate depends on the polygons, and why."""
 
 from __future__ import annotations
 
@@ -8,34 +8,35 @@ from catoptra_studies.accuracy_cost.cost_results import CostResults, FrameRate, 
 from catoptra_studies.accuracy_cost.frame_rates import NO_CAMERA, SCANNER, frame_time_spread
 from catoptra_studies.reports.markdown import markdown_table, wrap_bullet
 
-# "Does not depend": the paper shows bars of equal height, read to about this share.
+# The paper concludes from bars of equal height that the frame rate does not depend on the
+# polygons; its bars can be read to about a tenth.
 MAX_SPREAD = 0.10
 
 
 def format_frame_rates(results: CostResults) -> str:
-    """Return the table and what follows from it; nothing if it was not measured."""
+    """The section as Markdown; empty where no frame rate was measured."""
     if not results.frame_rates:
         return ""
     columns = _columns(results)
-    loads = list(dict.fromkeys(row.payload for row in results.frame_rates))
-    found = {(row.world, row.renderer, row.payload): row for row in results.frame_rates}
+    payloads = list(dict.fromkeys(row.payload for row in results.frame_rates))
+    by_cell = {(row.world, row.renderer, row.payload): row for row in results.frame_rates}
     rows = [
-        [load, *(_format_frame_rate(found.get((*column, load))) for column in columns)]
-        for load in loads
+        [payload, *(_format_frame_rate(by_cell.get((*column, payload))) for column in columns)]
+        for payload in payloads
     ]
-    head = ("a robot with", *(f"{world}, {renderer}" for world, renderer in columns))
-    told = "\n".join(
+    header = ("robot with", *(f"{world}, {renderer}" for world, renderer in columns))
+    bullets = "\n".join(
         wrap_bullet(line) for line in (*_conclusions(results), *_explanations(results))
     )
     return f"""\
 ## The paper's Figure 10: frames a second
 
-A frame of the whole: an ordinary view of 640 x 480 px, as USARSim's screen showed, and what the
-robot carries. Mirrors by their polygons, one sample a pixel as the paper had.
+A frame consists of a perspective view of 640 x 480 px, as on USARSim's screen, and of the robot's
+payload. Mirror meshes by their polygons, with one sample a pixel as in the paper.
 
-{markdown_table(head, rows)}
+{markdown_table(header, rows)}
 
-{told}
+{bullets}
 
 `frame_rates.png`."""
 
@@ -49,19 +50,24 @@ def _format_frame_rate(row: FrameRate | None) -> str:
 
 
 def _conclusions(results: CostResults) -> Iterator[str]:
-    """Yield what each column says of the polygons and of the scanner."""
+    """Yield the dependence on polygons in each column, and the cost of camera and scanner."""
     for column in _columns(results):
         rows = tuple(row for row in results.frame_rates if (row.world, row.renderer) == column)
-        paper = frame_time_spread(tuple(r for r in rows if r.num_polygons <= 1024), min_polygons=16)
-        every = frame_time_spread(rows, min_polygons=16)
-        whole = frame_time_spread(rows, min_polygons=256)
-        by_load = {row.payload: row for row in rows}
-        alone, camera, scanner = (by_load[name].wall_ms for name in (NO_CAMERA, "1024", SCANNER))
+        paper_rows = tuple(row for row in rows if row.num_polygons <= 1024)
+        spread_paper = frame_time_spread(paper_rows, min_polygons=16)
+        spread_all = frame_time_spread(rows, min_polygons=16)
+        # Fewer polygons leave part of the mirror's disc black, which saves time for another reason.
+        spread_covered = frame_time_spread(rows, min_polygons=256)
+        by_payload = {row.payload: row for row in rows}
+        empty_ms, camera_ms, scanner_ms = (
+            by_payload[payload].wall_ms for payload in (NO_CAMERA, "1024", SCANNER)
+        )
         yield (
-            f"{' '.join(column)}: over the paper's 16 to 1024 polygons a frame's processor time "
-            f"differs by {paper:.0%}, up to 4096 by {every:.0%}; from 256 to 4096, where the mesh "
-            f"fills the mirror, by {whole:.0%}: {_conclusion(every, whole)}. The camera with 1024 "
-            f"polygons takes {camera - alone:.1f} ms, the scanner {max(scanner - alone, 0.0):.1f}."
+            f"{' '.join(column)}: over the paper's 16 to 1024 polygons the processor time of a "
+            f"frame differs by {spread_paper:.0%}, up to 4096 by {spread_all:.0%}; from 256 to "
+            f"4096, where the mesh fills the mirror, by {spread_covered:.0%}: "
+            f"{_conclusion(spread_all, spread_covered)}. The camera with 1024 polygons takes "
+            f"{camera_ms - empty_ms:.1f} ms, the scanner {max(scanner_ms - empty_ms, 0.0):.1f}."
         )
 
 
@@ -74,8 +80,8 @@ def _conclusion(spread_all: float, spread_covered: float) -> str:
 
 
 def _explanations(results: CostResults) -> Iterator[str]:
-    """Yield where the time goes, of the ladder's own meshes."""
-    meshes = [step for step in results.levels if step.num_polygons and step.is_key]
+    """Yield the share of each stage, from the sweep's own meshes."""
+    meshes = [level for level in results.levels if level.num_polygons and level.is_key]
     if meshes:
         yield _explain_faces(meshes)
         yield _explain_mirror(meshes)
@@ -87,33 +93,34 @@ def _explanations(results: CostResults) -> Iterator[str]:
 
 
 def _explain_faces(meshes: list[LevelCost]) -> str:
-    faces = [step.stage_ms["faces"] for step in meshes]
+    faces_ms = [level.stage_ms["faces"] for level in meshes]
     return (
-        "Why it does not depend: the faces of the cube, which show the scene, know nothing of the "
-        f"mirror's polygons ({min(faces):.1f} to {max(faces):.1f} ms at every count of the ladder "
-        "above), and the same pixels of the mirror are looked up, however many polygons they "
-        "belong to. What a sample sees through its polygon never changes, so both renderers find "
-        "it out once, before the first frame: trace its ray, raster its place in the atlas "
-        "(`tests/measurements/polygon_counts.py`)."
+        "Why it does not depend: the faces of the cube, which show the scene, are independent of "
+        f"the mirror's polygons ({min(faces_ms):.1f} to {max(faces_ms):.1f} ms at every count of "
+        "the levels above), and the same pixels of the mirror are looked up, however many polygons "
+        "they belong to. The direction of a sample through its polygon never changes, so both "
+        "renderers compute it once, before the first frame: trace as a ray, raster as coordinates "
+        "in the atlas (`tests/measurements/polygon_counts.py`)."
     )
 
 
 def _explain_mirror(meshes: list[LevelCost]) -> str:
     samples = meshes[0].samples
-    told = ", ".join(f"{step.num_polygons}: {step.stage_ms['mirror']:.1f}" for step in meshes)
+    times = ", ".join(f"{level.num_polygons}: {level.stage_ms['mirror']:.1f}" for level in meshes)
     return (
         "What is left: 16 polygons leave 37 % of the mirror empty, 64 leave 10 %. The mirror "
-        f"itself takes, at {samples} x {samples} samples, ({told}) ms by polygons."
+        f"itself takes, at {samples} x {samples} samples, ({times}) ms by polygons."
     )
 
 
 def _explain_per_pixel(results: CostResults, finest: LevelCost) -> Iterator[str]:
-    """Yield how the exact law compares with the finest mesh at as many samples."""
-    for step in results.levels:
-        is_like = step.renderer == finest.renderer and step.samples == finest.samples
-        if step.is_key and is_like and not step.num_polygons:
+    """Yield the exact model beside the finest mesh at as many samples."""
+    for level in results.levels:
+        is_like = level.renderer == finest.renderer and level.samples == finest.samples
+        if level.is_key and is_like and not level.num_polygons:
             yield (
-                f"The exact law in every pixel needs no mesh: {step.stage_ms['mirror']:.1f} ms for "
-                f"the mirror and {step.wall_ms:.1f} ms a frame, where {finest.num_polygons} polygons take "
+                "The camera model in every pixel needs no mesh: "
+                f"{level.stage_ms['mirror']:.1f} ms for the mirror and {level.wall_ms:.1f} ms a "
+                f"frame, where {finest.num_polygons} polygons take "
                 f"{finest.stage_ms['mirror']:.1f} and {finest.wall_ms:.1f} ms, and are not exact."
             )

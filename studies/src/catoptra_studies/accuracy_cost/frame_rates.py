@@ -1,8 +1,7 @@
-"""The paper's Figure 10: what a robot's camera costs a frame of the whole, against a laser scanner.
+"""The paper's Figure 10: the frame rate by the payload of a robot, camera or laser scanner.
 
-A frame of the whole is what the server does for one: it draws the ordinary view that USARSim shows
-on its screen, and what the robot carries: nothing, the omnidirectional camera with polygon mirrors
-or an exact one, or a SICK LMS200 that casts its 181 beams.
+A frame consists of the perspective view that USARSim shows on its screen, and of the payload: none,
+the omnidirectional camera with a mirror mesh or the exact model, or a SICK LMS200 of 181 beams.
 """
 
 from __future__ import annotations
@@ -15,28 +14,29 @@ from dataclasses import dataclass
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.render.render_plan import MirrorSurface, PerPixel, RendererKind, RenderSettings
 from catoptra_server.render.renderer import View
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.mount import Mount
-from catoptra_server.robot.robot_description import DriveBase, RangeScannerDescription
+from catoptra_server.robot.render_settings import MirrorSurface, PerPixel, RenderSettings
+from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
-from catoptra_server.sensors.range_scanner import RangeScannerSensor
+from catoptra_server.sensors.range_scanner import RangeScannerDescription, RangeScannerSensor
 from catoptra_server.sensors.sensor import SensorContext
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
-from catoptra_studies.accuracy_cost.accuracy_levels import POLYGON_COUNTS, AccuracyLevel
 from catoptra_studies.accuracy_cost.cost_results import FrameRate
 from catoptra_studies.accuracy_cost.render_timing import (
     DrawFunction,
     RenderTiming,
     time_round_robin,
 )
+from catoptra_studies.paper_values import POLYGON_COUNTS
 from catoptra_studies.study_subject import StudySubject
 
 NO_CAMERA, SCANNER, PER_PIXEL = "no camera", "LMS200", "per pixel"
-# The least that UT2004's window came in, at its own field of view.
+# The smallest window of UT2004, at its default field of view.
 PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
-# The paper's pictures have no more: it knows no supersampling.
+# The paper's engine does not supersample.
 _SAMPLES = 1
 _LMS200 = RangeScannerDescription(
     name="Scanner1",
@@ -52,11 +52,16 @@ _LMS200 = RangeScannerDescription(
 
 @dataclass(frozen=True, slots=True)
 class _Payload:
-    """What a robot carries, and what a frame of it draws or casts beside the screen."""
+    """Equipment of a robot, rendered beside the perspective view."""
 
     name: str
+
     num_polygons: int
+    """Polygons of the mirror mesh; 0 without a mesh."""
+
     stage: str
+    """Name of the timed stage: camera or scanner."""
+
     render: Callable[[CameraState], object]
 
 
@@ -68,69 +73,72 @@ def measure_frame_rates(
     num_rounds: int,
     on_round: Callable[[], None],
 ) -> tuple[FrameRate, ...]:
-    """Return a row for each load, drawn by one renderer, in turns."""
-    renderer = subject.renderers[renderer_kind]
-    screen = renderer.prepare_perspective(PERSPECTIVE_VIEW, _SAMPLES)
+    """Measure the frame rate of each payload with one renderer, in turn.
+
+    Args:
+        subject: Camera, world and renderers.
+        drive: Drive of the robot that carries the scanner.
+        renderer_kind: A renderer of the subject.
+        num_rounds: Timed frames of each payload.
+        on_round: Called after each round over all payloads.
+    """
+    perspective = subject.renderers[renderer_kind].prepare_perspective(PERSPECTIVE_VIEW, _SAMPLES)
     cameras = {
-        name: _prepare_camera(subject, renderer_kind, surface)
+        name: subject.prepare_view(renderer_kind, RenderSettings(surface, _SAMPLES))
         for name, surface in _surfaces().items()
     }
     try:
-        loads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
-        draws = [_draw_function(screen, load, subject) for load in loads]
-        took = time_round_robin(draws, num_rounds=num_rounds, on_round=on_round)
+        payloads = (*_camera_payloads(cameras), _scanner_payload(subject, drive))
+        draw_functions = [_draw_function(perspective, payload, subject) for payload in payloads]
+        timings = time_round_robin(draw_functions, num_rounds=num_rounds, on_round=on_round)
     finally:
-        for view in (screen, *cameras.values()):
+        for view in (perspective, *cameras.values()):
             view.close()
-    rows = zip(loads, took, strict=True)
     return tuple(
-        _frame_rate_row(subject.world.name, renderer_kind, load, time) for load, time in rows
+        _frame_rate_row(subject.world.name, renderer_kind, payload, timing)
+        for payload, timing in zip(payloads, timings, strict=True)
     )
 
 
 def _surfaces() -> dict[str, MirrorSurface]:
-    polygons: dict[str, MirrorSurface] = {
+    meshes: dict[str, MirrorSurface] = {
         str(count): tessellation_from_polygon_count(count) for count in POLYGON_COUNTS
     }
-    return polygons | {PER_PIXEL: PerPixel()}
-
-
-def _prepare_camera(
-    subject: StudySubject, renderer_kind: RendererKind, surface: MirrorSurface
-) -> View:
-    return subject.prepare_view(AccuracyLevel("", renderer_kind, RenderSettings(surface, _SAMPLES)))
+    return meshes | {PER_PIXEL: PerPixel()}
 
 
 def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
-    yield _Payload(NO_CAMERA, 0, "camera", lambda exposure: None)
+    yield _Payload(NO_CAMERA, 0, "camera", lambda state: None)
     for name, view in cameras.items():
         yield _Payload(name, int(name) if name.isdigit() else 0, "camera", view.render)
 
 
 def _scanner_payload(subject: StudySubject, drive: DriveBase) -> _Payload:
     sensor = RangeScannerSensor(_LMS200, drive, RandomSource.from_names(0, "cost", "LMS200"))
-    around = SensorEnvironment(EmbreeRayCaster(subject.scene))
+    environment = SensorEnvironment(EmbreeRayCaster(subject.scene))
 
-    def scan(camera_state: CameraState) -> object:
-        return sensor.read(SensorContext(0.0, 0, camera_state.world_from_mirror, around))
+    def scan(state: CameraState) -> object:
+        # The mirror's pose stands for the robot's: a scan casts as many rays from any height.
+        return sensor.read(SensorContext(0.0, 0, state.world_from_mirror, environment))
 
     return _Payload(SCANNER, 0, "scanner", scan)
 
 
-def _draw_function(
-    perspective_view: View, payload: _Payload, subject: StudySubject
-) -> DrawFunction:
-    """Return what draws the screen and the load, and tells how long each took."""
-    exposures = subject.camera_states
+def _draw_function(perspective: View, payload: _Payload, subject: StudySubject) -> DrawFunction:
+    """Function that renders one frame and returns the milliseconds of both its parts."""
+    states = subject.camera_states
 
-    def draw_frame(number: int) -> dict[str, float]:
-        exposure = exposures[number % len(exposures)]
-        begin = time.perf_counter()
-        perspective_view.render(exposure)
-        middle = time.perf_counter()
-        payload.render(exposure)
-        end = time.perf_counter()
-        return {"screen": 1e3 * (middle - begin), payload.stage: 1e3 * (end - middle)}
+    def draw_frame(round_number: int) -> dict[str, float]:
+        state = states[round_number % len(states)]
+        begin_s = time.perf_counter()
+        perspective.render(state)
+        between_s = time.perf_counter()
+        payload.render(state)
+        end_s = time.perf_counter()
+        return {
+            "perspective": 1e3 * (between_s - begin_s),
+            payload.stage: 1e3 * (end_s - between_s),
+        }
 
     return draw_frame
 
@@ -151,10 +159,13 @@ def _frame_rate_row(
 
 
 def frame_time_spread(rows: tuple[FrameRate, ...], *, min_polygons: int) -> float:
-    """Return how much more the dearest frame takes than the cheapest, as a share.
+    """Relative difference between the slowest and the fastest frame.
 
-    Of processor time, which others on the machine disturb less; among the rows with at least so
-    many polygons. Domain: there is one.
+    Of processor time, which other programs on the machine disturb less than elapsed time.
+
+    Args:
+        rows: Frame rates of one renderer in one world.
+        min_polygons: Rows with fewer polygons do not count; at least one row must remain.
     """
-    times = [row.cpu_ms for row in rows if row.num_polygons >= min_polygons]
-    return max(times) / min(times) - 1.0
+    times_ms = [row.cpu_ms for row in rows if row.num_polygons >= min_polygons]
+    return max(times_ms) / min(times_ms) - 1.0

@@ -1,4 +1,4 @@
-"""Every step of the ladder: timed in turns, bounded, and held against the reference."""
+"""Cost and error of every accuracy level: timed in turn, bounded, compared with the reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from catoptra_protocol.optics.omni_camera import (
 )
 from catoptra_server.planning.error_bound import error_bound
 from catoptra_server.render.render_plan import RenderPlan
-from catoptra_server.render.renderer import Image, View
+from catoptra_server.render.renderer import View
 from catoptra_server.scene.mirror_mesh import Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import AccuracyLevel, level_robot_ini
 from catoptra_studies.accuracy_cost.cost_results import LevelCost
@@ -24,15 +24,18 @@ from catoptra_studies.accuracy_cost.render_timing import (
     RenderTiming,
     time_round_robin,
 )
+from catoptra_studies.plot_style import Image
 from catoptra_studies.study_subject import StudySubject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredLevel:
-    """A step's cost and its first frame, for the pictures."""
+    """An accuracy level after measuring."""
 
     cost: LevelCost
+
     frame: Image
+    """Frame at the first pose, for the plots."""
 
 
 def measure_levels(
@@ -43,34 +46,44 @@ def measure_levels(
     num_rounds: int,
     on_round: Callable[[], None],
 ) -> tuple[MeasuredLevel, ...]:
-    """Return what each step costs and shows; `reference` holds a frame for each exposure."""
-    views = [subject.prepare_view(step) for step in levels]
+    """Measure time, error bound and image error of each level.
+
+    Args:
+        subject: Camera and renderers.
+        levels: Levels to measure, all by renderers of the subject.
+        reference: Exact frame at each of the subject's poses.
+        num_rounds: Timed frames of each level.
+        on_round: Called after each round over all levels.
+    """
+    # All views are open together, since the levels are timed in turn.
+    views = [subject.prepare_view(level.renderer_kind, level.render_settings) for level in levels]
     try:
-        took = time_round_robin(
+        timings = time_round_robin(
             [_draw_function(view, subject) for view in views],
             num_rounds=num_rounds,
             on_round=on_round,
         )
-        seen = _visible_mask(subject)
-        drawn = [
-            _measure_level(subject, step, view, reference, timing=time, mask=seen)
-            for step, view, time in zip(levels, views, took, strict=True)
+        mask = _visible_mask(subject.camera)
+        measured = [
+            _measure_level(subject, level, view, reference, timing=timing, mask=mask)
+            for level, view, timing in zip(levels, views, timings, strict=True)
         ]
     finally:
         for view in views:
             view.close()
-    return _mark_pareto_front(drawn)
+    return _mark_pareto_front(measured)
 
 
 def _draw_function(view: View, subject: StudySubject) -> DrawFunction:
-    exposures = subject.camera_states
-    return lambda number: view.render(exposures[number % len(exposures)]).stage_ms
+    states = subject.camera_states
+    # Another pose in every round: a frame that repeats the last one finds its data in caches.
+    return lambda round_number: view.render(states[round_number % len(states)]).stage_ms
 
 
-def _visible_mask(subject: StudySubject) -> Bools:
-    """Return the (h, w) pixels whose middles the mirror covers: outside nothing can be wrong."""
-    _, seen = direction_from_pixel(subject.camera, pixel_sample_positions(subject.camera)[:, :, 0])
-    return seen
+def _visible_mask(camera: OmniCamera) -> Bools:
+    """(h, w) pixels whose centres show the mirror; all others are black in every image."""
+    _, is_visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    return is_visible
 
 
 def _measure_level(
@@ -82,9 +95,10 @@ def _measure_level(
     timing: RenderTiming,
     mask: Bools,
 ) -> MeasuredLevel:
-    frames = [view.render(exposure).rgb for exposure in subject.camera_states]
+    frames = [view.render(state).rgb for state in subject.camera_states]
     error = compute_image_error(list(zip(frames, reference, strict=True)), mask)
-    cost = _level_cost(subject.camera, level, subject.plan_level(level), timing=timing, error=error)
+    plan = subject.plan(level.renderer_kind, level.render_settings)
+    cost = _level_cost(subject.camera, level, plan, timing=timing, error=error)
     return MeasuredLevel(cost, frames[0])
 
 
@@ -119,9 +133,10 @@ def _level_cost(
 
 
 def _mark_pareto_front(levels: Sequence[MeasuredLevel]) -> tuple[MeasuredLevel, ...]:
-    """Mark the steps that no other beats in time and image error at once."""
-    front = pareto_front([(one.cost.wall_ms, one.cost.rmse) for one in levels], min_gain=MIN_GAIN)
+    """Mark the levels that no other beats in time and RMSE at once."""
+    points = [(level.cost.wall_ms, level.cost.rmse) for level in levels]
+    front = pareto_front(points, min_gain=MIN_GAIN)
     return tuple(
-        replace(one, cost=replace(one.cost, is_on_pareto_front=index in front))
-        for index, one in enumerate(levels)
+        replace(level, cost=replace(level.cost, is_on_pareto_front=index in front))
+        for index, level in enumerate(levels)
     )

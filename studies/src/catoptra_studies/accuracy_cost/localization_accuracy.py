@@ -1,14 +1,13 @@
-"""What the frames of a step are worth: shares found, errors measured, places believed."""
+"""Rates and errors of the drives with one level's frames, as rows of the results."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from catoptra_protocol.landmarks import Landmark
+from catoptra_studies.accuracy_cost.cost_results import LocalizationAccuracy, LocalizationRow
 from catoptra_studies.experiment.experiment_runner import SetupResult
 from catoptra_studies.experiment.experiment_setups import (
     CONSISTENT_FILTER,
@@ -18,52 +17,55 @@ from catoptra_studies.experiment.experiment_setups import (
 from catoptra_studies.experiment.filter_replay import FilterRun
 from catoptra_studies.experiment.measurement_metrics import detection_rate, rms_errors
 
-# Nearer, a beacon is at least 5 px wide in a picture of 360 px: what is missed is not too small.
+# A nearer beacon is at least 5 px wide in an image of 360 px: a miss is not due to its size.
 NEAR_RANGE_M = 1.5
 
 
-def localization_accuracy(
+def localization_row(
     level: str, result: SetupResult, landmarks: Sequence[Landmark]
-) -> dict[str, str | int | float | None]:
-    """Return a row of cost.json's `landmarks`, over all runs of a step."""
-    recordings = result.drive_logs
-    range_m, bearing_deg = rms_errors(recordings, landmarks)
-    paper, honest = (
-        _position_errors(result.filter_runs[f.name]) for f in (PAPER_FILTER, CONSISTENT_FILTER)
+) -> LocalizationRow:
+    """Rates and errors over all drives with frames of a level."""
+    drive_logs = result.drive_logs
+    range_rms_m, bearing_rms_deg = rms_errors(drive_logs, landmarks)
+    paper, consistent = (
+        _position_errors(result.filter_runs[settings.name])
+        for settings in (PAPER_FILTER, CONSISTENT_FILTER)
     )
-    return {
-        "step": level,
-        "frames": sum(len(recording.steps) - 1 for recording in recordings),
-        "found": detection_rate(recordings, landmarks, max_distance_m=MAX_RANGE_M),
-        "found_near": detection_rate(recordings, landmarks, max_distance_m=NEAR_RANGE_M),
-        "bearing_rms_deg": _none_if_nan(bearing_deg),
-        "range_rms_m": _none_if_nan(range_m),
-        "ekf_mean_m": paper[0],
-        "ekf_max_m": paper[1],
-        "honest_ekf_mean_m": honest[0],
-        "honest_ekf_max_m": honest[1],
-    }
-
-
-def _none_if_nan(value: float) -> float | None:
-    """Return a number for JSON, which has no NaN: none where nothing was seen."""
-    return None if math.isnan(value) else value
+    return LocalizationRow(
+        level=level,
+        num_frames=sum(len(drive_log.steps) - 1 for drive_log in drive_logs),
+        detection_rate=detection_rate(drive_logs, landmarks, max_distance_m=MAX_RANGE_M),
+        near_detection_rate=detection_rate(drive_logs, landmarks, max_distance_m=NEAR_RANGE_M),
+        bearing_rms_deg=bearing_rms_deg,
+        range_rms_m=range_rms_m,
+        ekf_mean_m=paper[0],
+        ekf_max_m=paper[1],
+        consistent_ekf_mean_m=consistent[0],
+        consistent_ekf_max_m=consistent[1],
+    )
 
 
 def _position_errors(filter_runs: Sequence[FilterRun]) -> tuple[float, float]:
-    """Return the medians over the runs of a run's mean and largest position error, metres."""
-    means = [trace.estimate_error_m[1:].mean() for trace in filter_runs]
-    return float(np.median(means)), float(
-        np.median([t.estimate_error_m.max() for t in filter_runs])
+    """Medians over the drives of a drive's mean and largest position error, in metres."""
+    # The start is left out of the mean: its position is given.
+    means_m = [run.estimate_error_m[1:].mean() for run in filter_runs]
+    maxima_m = [run.estimate_error_m.max() for run in filter_runs]
+    return float(np.median(means_m)), float(np.median(maxima_m))
+
+
+def summarize_localization(
+    rows: Sequence[LocalizationRow], result: SetupResult
+) -> LocalizationAccuracy:
+    """Put the rows together.
+
+    Args:
+        rows: One row for each level.
+        result: Drives of any level; odometry is the same in all, since the seeds are.
+    """
+    filter_runs = result.filter_runs[PAPER_FILTER.name]
+    return LocalizationAccuracy(
+        num_runs=len(filter_runs),
+        steps_per_run=len(filter_runs[0].odometry_error_m) - 1,
+        odometry_max_m=float(np.median([run.odometry_error_m.max() for run in filter_runs])),
+        rows=tuple(rows),
     )
-
-
-def summarise_localization(rows: Sequence[dict[str, Any]], result: SetupResult) -> dict[str, Any]:
-    """Return cost.json's `landmarks`; odometry is the same for all steps, so any result tells."""
-    traces = result.filter_runs[PAPER_FILTER.name]
-    return {
-        "runs": len(traces),
-        "steps_a_run": len(traces[0].odometry_error_m) - 1,
-        "odometry_max_m": float(np.median([trace.odometry_error_m.max() for trace in traces])),
-        "rows": list(rows),
-    }

@@ -1,25 +1,23 @@
-"""The displacement by polygon mirrors at the paper's size, beside a table computed elsewhere.
+"""Displacement by mirror meshes at the paper's size, beside an independent table.
 
-The reference was derived in float64 and confirmed by OpenGL in float32, for the paper's mirror
-(k = 11.546, rim at 120 degrees) in 360 x 360 px: rms and largest displacement over the covered
-pixel centres. Expected agreement: 3 % in rms and 5 % in the largest for positions; 15 % for UV,
-where the choice of a face and of a quadrilateral's diagonal are free.
+The table was derived in float64 and confirmed by OpenGL in float32, for the paper's mirror
+(k = 11.546, rim at 120 degrees) in 360 x 360 px: rms and maximum over the covered pixel centres.
 """
 
 from __future__ import annotations
 
 import math
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.accuracy_cost.accuracy_levels import SQUARE_TESSELLATIONS, WIDE_TESSELLATIONS
 from catoptra_studies.accuracy_cost.cost_results import PolygonRow
-from catoptra_studies.study_subject import resize_camera
-from catoptra_studies.camera_figures.figure_subject import PAPER_SIZE_PX
 from catoptra_studies.camera_figures.polygon_displacement import measure_polygon_error
+from catoptra_studies.paper_values import PAPER_SIZE_PX
+from catoptra_studies.study_subject import resize_camera
 
-# rms and largest displacement in px by (sectors, rings): position, then UV.
+# rms and maximum in px by (sectors, rings): interpolation of positions, then of UV coordinates.
 REFERENCE_DISPLACEMENT_PX = {
     (4, 4): ((39.6, 91.8), (37.5, 91.3)),
     (8, 8): ((9.706, 21.28), (11.3, 24.6)),
@@ -35,11 +33,11 @@ REFERENCE_DISPLACEMENT_PX = {
 
 
 def measure_polygon_rows(camera: OmniCamera) -> tuple[PolygonRow, ...]:
-    """Return the rows of all splits in both ways, of a camera's mirror at the paper's size."""
-    small = resize_camera(camera, PAPER_SIZE_PX)
+    """Measure all tessellations with both interpolations, at the paper's image size."""
+    resized = resize_camera(camera, PAPER_SIZE_PX)
     return tuple(
-        _polygon_row(small, Tessellation(sectors, rings, way))
-        for way in Interpolation
+        _polygon_row(resized, Tessellation(sectors, rings, interpolation))
+        for interpolation in Interpolation
         for sectors, rings in (*SQUARE_TESSELLATIONS, *WIDE_TESSELLATIONS)
     )
 
@@ -63,9 +61,9 @@ def _polygon_row(camera: OmniCamera, tessellation: Tessellation) -> PolygonRow:
 def reference_displacement_px(
     camera: OmniCamera, tessellation: Tessellation
 ) -> tuple[float, float]:
-    """Return rms and largest displacement of the reference; 0 for another mirror than its own."""
+    """The table's rms and maximum; (0, 0) for any mirror but the paper's."""
     mirror = camera.mirror
-    is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, 11.546)
+    is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, PAPER_MIRROR.k)
     if not is_paper or not math.isclose(camera.rim_rad, math.radians(120.0)):
         return 0.0, 0.0
     position, uv = REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
@@ -73,13 +71,15 @@ def reference_displacement_px(
 
 
 def relative_tolerances(row: PolygonRow) -> tuple[float, float]:
-    """Return the shares by which rms and largest may differ from the reference."""
+    """Relative differences from the table that are allowed in rms and maximum."""
+    # With UV coordinates the maker of a mesh is free to choose the face of a quadrilateral and its
+    # diagonal, which moves the error of large polygons by more than the rounding of the table.
     return (0.15, 0.15) if row.interpolation == Interpolation.UV.value else (0.03, 0.05)
 
 
 def is_within_tolerance(row: PolygonRow) -> bool:
-    """Return whether a row lies within the reference's tolerance."""
-    rms, largest = relative_tolerances(row)
+    """Whether a row agrees with the table."""
+    rms, maximum = relative_tolerances(row)
     return math.isclose(row.rms_px, row.reference_rms_px, rel_tol=rms) and math.isclose(
-        row.max_px, row.reference_max_px, rel_tol=largest
+        row.max_px, row.reference_max_px, rel_tol=maximum
     )

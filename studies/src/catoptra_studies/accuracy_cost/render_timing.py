@@ -1,4 +1,4 @@
-"""Frames of several views drawn in turns, and what they took: what disturbs one disturbs all."""
+"""Timing of several views in turn, so that a disturbance of the machine falls on all alike."""
 
 from __future__ import annotations
 
@@ -7,52 +7,65 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-# Caches, the clock of the processor, and software OpenGL's threads are not steady before.
+# The first frames fill caches, raise the processor's clock and start software OpenGL's threads.
 NUM_WARM_UP_ROUNDS = 3
 
 DrawFunction = Callable[[int], Mapping[str, float]]
+"""Render one frame of the given round and return the milliseconds of its stages."""
 
 
 @dataclass(frozen=True, slots=True)
 class RenderTiming:
-    """Medians in milliseconds: on the wall, of all processors together, and of each stage.
-
-    Where others use the machine too, the second is what can be compared.
-    """
+    """Time of one frame, in milliseconds; of several frames the medians."""
 
     wall_ms: float
+    """Elapsed time."""
+
     cpu_ms: float
+    """Time of all threads together: comparable even where other programs use the machine."""
+
     stage_ms: dict[str, float]
+    """Elapsed time of each stage by name."""
 
 
 def time_round_robin(
     draw_functions: Sequence[DrawFunction], *, num_rounds: int, on_round: Callable[[], None]
 ) -> tuple[RenderTiming, ...]:
-    """Return what each took; it is called with the round's number and returns its stages' ms."""
-    taken: list[list[RenderTiming]] = [[] for _ in draw_functions]
+    """Time several functions in turn.
+
+    Args:
+        draw_functions: Functions to time; each is called once in every round.
+        num_rounds: Rounds that count, after NUM_WARM_UP_ROUNDS others.
+        on_round: Called after every round.
+
+    Returns:
+        The medians of each function.
+    """
+    timings: list[list[RenderTiming]] = [[] for _ in draw_functions]
     for number in range(NUM_WARM_UP_ROUNDS + num_rounds):
         for index, draw in enumerate(draw_functions):
-            once = _time_once(draw, number)
+            timing = _time_once(draw, number)
             if number >= NUM_WARM_UP_ROUNDS:
-                taken[index].append(once)
+                timings[index].append(timing)
         on_round()
-    return tuple(_median_timing(rows) for rows in taken)
+    return tuple(_median_timing(rows) for rows in timings)
 
 
 def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
-    wall, processors = time.perf_counter(), time.process_time()
-    stages = draw(round_number)
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    stage_ms = dict(draw(round_number))
     return RenderTiming(
-        1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - processors), dict(stages)
+        1e3 * (time.perf_counter() - wall_s), 1e3 * (time.process_time() - cpu_s), stage_ms
     )
 
 
 def _median_timing(timings: Sequence[RenderTiming]) -> RenderTiming:
+    # A mean would count every interruption of the process; the median ignores up to half of them.
     return RenderTiming(
-        wall_ms=statistics.median(row.wall_ms for row in timings),
-        cpu_ms=statistics.median(row.cpu_ms for row in timings),
+        wall_ms=statistics.median(timing.wall_ms for timing in timings),
+        cpu_ms=statistics.median(timing.cpu_ms for timing in timings),
         stage_ms={
-            name: statistics.median(row.stage_ms[name] for row in timings)
+            name: statistics.median(timing.stage_ms[name] for timing in timings)
             for name in timings[0].stage_ms
         },
     )

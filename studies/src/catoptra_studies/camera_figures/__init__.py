@@ -1,1 +1,1 @@
-"""Pictures of the camera itself, without a socket: faces, cube, rings, mirrors, comparisons."""
+"""Figures of the camera itself, rendered without a socket: faces, cube, rings, mirror meshes."""

@@ -1,8 +1,8 @@
-"""How mirror and cube belong together: the paper's Figures 4 and 6, drawn to one scale.
+"""Mirror and cube in space: the paper's Figures 4 and 6, drawn to one scale.
 
-Left, the cube around the effective viewpoint, its near sides left open: what the virtual cameras
-see hangs on its walls, the mirror in its middle, and one ray on its way to the pinhole. Right, the
-mirror with the cube projected onto it from the viewpoint, and the frame that comes of it.
+Left, the cube around the effective viewpoint with its near sides open: the virtual cameras' images
+on its walls, the mirror at its centre, and one ray to the pinhole. Right, the mirror with the cube
+projected onto it from the viewpoint, and the resulting frame.
 """
 
 from __future__ import annotations
@@ -15,38 +15,45 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_server.render.renderer import Image
 from catoptra_server.scene.mirror_mesh import Tessellation, mirror_polygons
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.axonometry import Axonometry, shade
 from catoptra_studies.camera_figures.face_figure import FACES
-from catoptra_studies.camera_figures.figure_spec import FigureCaption
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
+from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
 from catoptra_studies.camera_figures.textured_mirror import (
     draw_frame_with_borders,
     draw_textured_mirror,
 )
+from catoptra_studies.plot_style import Image
 
 _VIEW_FROM_ABOVE = Axonometry.from_view_angles(azimuth_deg=147.0, elevation_deg=24.0)
-# The cube has no size of its own, only directions; one and a half mirrors makes a good drawing.
+# The cube has no size of its own, only directions; half as large again as the mirror leaves room
+# for the ray between both.
 _CUBE_TO_RIM_RATIO = 1.55
+# A ray to the open side, almost level, so that neither mirror nor walls hide it.
 _RAY_AZIMUTH_RAD, _RAY_THETA_RAD = math.radians(-62.0), math.radians(80.0)
 _FACE_PX = 360
 
 
-def draw(page: plot_style.Page, subject: FigureSubject) -> FigureCaption:
-    """Draw the cube with the mirror in it, the mapped mirror, and the frame."""
+def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+    """Draw the cube with the mirror inside, the textured mirror, and the frame.
+
+    Raises:
+        DomainError: The mirror's camera has no pinhole, as a paraboloid's has not.
+    """
+    subject = inputs.subject
     camera = subject.camera
     if not math.isfinite(camera.mirror.pinhole_distance_m):
         raise DomainError("the drawing of mirror and cube needs a capture camera with a pinhole")
-    pictures = {face: subject.render_face(face, _FACE_PX, samples=2) for face in FACES}
+    face_images = {face: subject.render_face(face, _FACE_PX, samples=2) for face in FACES}
     rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
-    _draw_cube(
-        plot_style.add_axes(page, 10, 20, 860, 1080), camera, pictures, _CUBE_TO_RIM_RATIO * rim_m
-    )
+    axes = plot_style.add_axes(page, 10, 20, 860, 1080)
+    _draw_cube(axes, camera, face_images, _CUBE_TO_RIM_RATIO * rim_m)
     plot_style.add_text(page, 910, 30, "the cube projected onto the mirror", fontweight="bold")
-    draw_textured_mirror(page, camera, pictures, left=930, top=86, width=540)
-    plot_style.add_text(page, 910, 580, "what the capture camera sees of it", fontweight="bold")
+    draw_textured_mirror(page, camera, face_images, left=930, top=86, width=540)
+    plot_style.add_text(
+        page, 910, 580, "the capture camera's view of the mirror", fontweight="bold"
+    )
     draw_frame_with_borders(page, subject, left=960, top=628, width=480)
     return _caption(camera, rim_m)
 
@@ -54,13 +61,12 @@ def draw(page: plot_style.Page, subject: FigureSubject) -> FigureCaption:
 def _draw_cube(
     axes: plot_style.Axes, camera: OmniCamera, face_images: dict[Face, Image], half_m: float
 ) -> None:
+    # Far walls first, then edges, mirror and ray over them: the painter's order of this view.
     for face in (Face.C, Face.N, Face.W):
-        plane = (
-            half_m * MIRROR_FROM_FACE_ROTATIONS[face][:, (1, 2, 0)]
-        )  # right, down, and the middle
-        plot_style.show_skewed_image(
-            axes, face_images[face], _VIEW_FROM_ABOVE.viewer_from_mirror[:2] @ plane
-        )
+        # Columns of the plane: right, down, and the centre of the face.
+        plane = half_m * MIRROR_FROM_FACE_ROTATIONS[face][:, (1, 2, 0)]
+        data_from_unit = _VIEW_FROM_ABOVE.viewer_from_mirror[:2] @ plane
+        plot_style.show_skewed_image(axes, face_images[face], data_from_unit)
     _draw_edges(axes, half_m)
     _draw_mirror(axes, camera)
     _draw_ray(axes, camera, half_m)
@@ -74,7 +80,7 @@ def _draw_cube(
 
 
 def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
-    """Draw the twelve edges; those of the open near sides and of the missing top are dashed."""
+    """Draw the twelve edges, dashed along the open near sides and the missing top."""
     for axis in range(3):
         for first in (-1.0, 1.0):
             for second in (-1.0, 1.0):
@@ -82,76 +88,80 @@ def _draw_edges(axes: plot_style.Axes, half_m: float) -> None:
                 ends[:, axis] *= (-1.0, 1.0)
                 ends[:, (axis + 1) % 3] *= first
                 ends[:, (axis + 2) % 3] *= second
-                middle = ends.mean(axis=0)
-                on_wall = middle[0] > 0.0 or middle[1] < 0.0 or middle[2] > 0.0
-                line = (0, ()) if on_wall else (0, (4, 3))
+                # An edge of a drawn wall (N: +x, W: -y, C: +z) has its midpoint on that side.
+                midpoint = ends.mean(axis=0)
+                is_on_wall = midpoint[0] > 0.0 or midpoint[1] < 0.0 or midpoint[2] > 0.0
                 axes.plot(
                     *_VIEW_FROM_ABOVE.project(ends).T,
                     color=plot_style.FOREGROUND,
                     linewidth=0.8,
-                    linestyle=line,
+                    linestyle=(0, ()) if is_on_wall else (0, (4, 3)),
                 )
 
 
 def _draw_mirror(axes: plot_style.Axes, camera: OmniCamera) -> None:
     """Draw the mirror from above: its dull back inside, its reflecting side outside."""
-    bowl = mirror_polygons(camera, Tessellation(72, 24))
-    bowl = bowl[_VIEW_FROM_ABOVE.depth_order(bowl)]
-    normals = _VIEW_FROM_ABOVE.normals(bowl)
-    outside = normals[:, 2:] > 0.0
-    bright = shade(np.where(outside, normals, -normals))[:, None]
-    colours = bright * np.where(outside, (0.62, 0.74, 0.86), (0.80, 0.80, 0.78)) * 1.15
-    plot_style.fill_polygons(axes, _VIEW_FROM_ABOVE.project(bowl), np.clip(colours, 0.0, 1.0))
+    polygons = mirror_polygons(camera, Tessellation(72, 24))
+    polygons = polygons[_VIEW_FROM_ABOVE.depth_order(polygons)]
+    normals = _VIEW_FROM_ABOVE.normals(polygons)
+    is_reflecting = normals[:, 2:] > 0.0
+    brightness = shade(np.where(is_reflecting, normals, -normals))[:, None]
+    colours = brightness * np.where(is_reflecting, (0.62, 0.74, 0.86), (0.80, 0.80, 0.78)) * 1.15
+    plot_style.fill_polygons(axes, _VIEW_FROM_ABOVE.project(polygons), np.clip(colours, 0.0, 1.0))
 
 
 def _draw_ray(axes: plot_style.Axes, camera: OmniCamera, half_m: float) -> None:
-    """Draw a ray from the cube's wall to the mirror and the pinhole, and where it aims."""
+    """Draw a ray from the cube's wall to the mirror and the pinhole, with its aim dotted."""
     level = np.array([math.cos(_RAY_AZIMUTH_RAD), math.sin(_RAY_AZIMUTH_RAD), 0.0])
-    towards = math.sin(_RAY_THETA_RAD) * level + math.cos(_RAY_THETA_RAD) * np.eye(3)[2]
+    down = np.eye(3)[2]
+    direction = math.sin(_RAY_THETA_RAD) * level + math.cos(_RAY_THETA_RAD) * down
     r, z = camera.mirror.surface_point(np.array(math.tan(0.5 * _RAY_THETA_RAD)))
-    mirror = float(r) * level + float(z) * np.eye(3)[2]
-    wall = half_m * towards / np.abs(towards).max()
+    mirror = float(r) * level + float(z) * down
+    wall = half_m * direction / np.abs(direction).max()
     viewpoint = np.zeros(3)
     pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m])
-    way = _VIEW_FROM_ABOVE.project(np.stack((wall, mirror, pinhole)))
-    axes.plot(*way.T, color=plot_style.ORANGE, linewidth=1.6)
-    axes.plot(
-        *_VIEW_FROM_ABOVE.project(np.stack((mirror, viewpoint))).T, ":", color=plot_style.ORANGE
-    )
-    axes.plot(*_VIEW_FROM_ABOVE.project(np.stack((viewpoint, pinhole))).T, color=plot_style.MUTED, linewidth=0.7,
-            linestyle=(0, (8, 3, 1, 3)))  # fmt: skip
+    project = _VIEW_FROM_ABOVE.project
+    ray, aim = project(np.stack((wall, mirror, pinhole))), project(np.stack((mirror, viewpoint)))
+    axis = project(np.stack((viewpoint, pinhole)))
+    axes.plot(*ray.T, color=plot_style.ORANGE, linewidth=1.6)
+    axes.plot(*aim.T, ":", color=plot_style.ORANGE)
+    axes.plot(*axis.T, color=plot_style.MUTED, linewidth=0.7, linestyle=(0, (8, 3, 1, 3)))
     for point, name, offset in (
         (viewpoint, "effective\nviewpoint", (64, -106)),
         (pinhole, "pinhole of the\ncapture camera", (14, -4)),
         (wall, "a point of\nthe scene", (-34, -122)),
     ):
-        axes.plot(*_VIEW_FROM_ABOVE.project(point), "o", color=plot_style.FOREGROUND, markersize=4)
-        _annotate_point(axes, _VIEW_FROM_ABOVE.project(point), name, offset)
+        axes.plot(*project(point), "o", color=plot_style.FOREGROUND, markersize=4)
+        _annotate_point(axes, project(point), name, offset)
     rim = np.array([*(0.9 * float(r) * -level[:2]), -0.8 * float(r)])
-    _annotate_point(axes, _VIEW_FROM_ABOVE.project(rim), "mirror", (40, 92))
+    _annotate_point(axes, project(rim), "mirror", (40, 92))
 
 
 def _annotate_point(
     axes: plot_style.Axes, point: Floats, name: str, offset: tuple[float, float]
 ) -> None:
+    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
+    line = {"arrowstyle": "-", "color": plot_style.FOREGROUND, "linewidth": 0.5, "shrinkB": 2}
     axes.annotate(
         name, point, offset, textcoords="offset points", va="center",
-        ha="left" if offset[0] > 0 else "right",
-        bbox={"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 1.5, "alpha": 0.85},
-        arrowprops={"arrowstyle": "-", "color": plot_style.FOREGROUND, "linewidth": 0.5, "shrinkB": 2},
+        ha="left" if offset[0] > 0 else "right", bbox=box, arrowprops=line,
     )  # fmt: skip
 
 
 def _label_faces(axes: plot_style.Axes, half_m: float) -> None:
+    # Coordinates on the face, near the corner that the mirror does not hide.
     corners = {Face.N: (0.8, 0.82), Face.W: (-0.8, 0.82), Face.C: (0.0, 0.8)}
+    box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2}
     for face, (s, t) in corners.items():
-        at = half_m * MIRROR_FROM_FACE_ROTATIONS[face] @ np.array([1.0, s, t])
-        axes.text(*_VIEW_FROM_ABOVE.project(at), face.name, fontweight="bold", ha="center", va="center",
-                bbox={"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2})  # fmt: skip
+        point = half_m * MIRROR_FROM_FACE_ROTATIONS[face] @ np.array([1.0, s, t])
+        axes.text(
+            *_VIEW_FROM_ABOVE.project(point), face.name, fontweight="bold", ha="center",
+            va="center", bbox=box,
+        )  # fmt: skip
 
 
 def _caption(camera: OmniCamera, rim_m: float) -> FigureCaption:
-    numbers = {
+    metrics = {
         "mirror_diameter_mm": round(2e3 * rim_m, 1),
         "pinhole_below_viewpoint_mm": round(1e3 * camera.mirror.pinhole_distance_m, 1),
     }
@@ -159,14 +169,14 @@ def _caption(camera: OmniCamera, rim_m: float) -> FigureCaption:
         title="Cube, mirror and frame",
         caption=(
             "A ray that aims at the effective viewpoint is reflected into the pinhole, "
-            f"{numbers['pinhole_below_viewpoint_mm']:.0f} mm below it. So the mirror of "
-            f"{numbers['mirror_diameter_mm']:.0f} mm shows what the cube carries in that "
-            "direction, wherever the mirror is met: that is the UV mapping."
+            f"{metrics['pinhole_below_viewpoint_mm']:.0f} mm below it. So each point of the mirror "
+            f"of {metrics['mirror_diameter_mm']:.0f} mm shows the cube's colour in its direction "
+            "from the viewpoint: that is the UV mapping."
         ),
         alt=(
-            "A cube with camera pictures on its walls and a bowl-shaped mirror in its middle; a "
+            "A cube with camera images on its walls and a bowl-shaped mirror at its centre; a "
             "ray goes from a wall to the mirror and down to the pinhole. Beside it the mirror "
-            "from below carrying the pictures, and the round frame with the cube's edges."
+            "from below with the images on it, and the round frame with the cube's edges."
         ),
-        metrics=numbers,
+        metrics=metrics,
     )

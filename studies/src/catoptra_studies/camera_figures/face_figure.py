@@ -1,7 +1,7 @@
-"""The five virtual cameras' views, unfolded: the paper's Figure 5.
+"""The views of the five virtual cameras, unfolded: the paper's Figure 5.
 
-Four sides in a row, so that the panorama runs on over their borders, and the view down under the
-one that looks forward. The part that the mirror never looks into is veiled.
+The four sides form a row in which the panorama runs on across the borders; the view down hangs
+under the forward one. The part beyond the mirror's rim is dimmed.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 
 from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.numerics import Bools
-from catoptra_server.render.renderer import Image
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.figure_spec import FigureCaption
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
+from catoptra_studies.camera_figures.figure_spec import FigureCaption, FigureInputs
+from catoptra_studies.plot_style import Image
+from catoptra_studies.study_subject import StudySubject
 
 FACES = (Face.W, Face.N, Face.E, Face.S, Face.C)
 FACE_TITLES = {
@@ -28,96 +28,93 @@ FACE_TITLES = {
 _FACE_SIZE_PX = 370
 _LEFT_PX = 20
 _TOP_PX = 20
+_DIM_COLOUR = np.array([70.0, 84.0, 98.0])
 
 
-def draw(page: plot_style.Page, subject: FigureSubject) -> FigureCaption:
-    """Draw the unfolded cube and, beside it, where its cameras look."""
+def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
+    """Draw the unfolded cube and, beside it, the directions of its cameras."""
+    subject = inputs.subject
     for face in FACES:
         image = subject.render_face(face, _FACE_SIZE_PX, samples=3)
-        image = dim_hidden_pixels(
-            image, _visible_mask(face, image.shape[0], subject.camera.rim_rad)
-        )
+        mask = _visible_mask(face, image.shape[0], subject.camera.rim_rad)
         column = 1 if face == Face.C else FACES.index(face)
+        left = _LEFT_PX + column * _FACE_SIZE_PX
         top = _TOP_PX + (_FACE_SIZE_PX if face == Face.C else 0)
-        over = plot_style.show_image(
-            page, image, _LEFT_PX + column * _FACE_SIZE_PX, top, _FACE_SIZE_PX
-        )
-        _outline_face(over, face, image.shape[0])
+        dimmed = dim_hidden_pixels(image, mask)
+        axes = plot_style.show_image(page, dimmed, left, top, _FACE_SIZE_PX)
+        _outline_face(axes, face, image.shape[0])
     _draw_explanation(page, math.degrees(subject.camera.rim_rad))
     return _caption(subject)
 
 
 def dim_hidden_pixels(image: Image, mask: Bools) -> Image:
-    """Return the image with everything that is not seen blended towards a cool grey."""
-    veil = (0.4 * image + 0.6 * np.array([70.0, 84.0, 98.0])).astype(np.uint8)
-    return np.where(mask[..., None], image, veil)
+    """Blend all pixels outside a (h, w) mask towards a cool grey."""
+    dimmed = (0.4 * image + 0.6 * _DIM_COLOUR).astype(np.uint8)
+    return np.where(mask[..., None], image, dimmed)
 
 
 def _visible_mask(face: Face, size_px: int, rim_rad: float) -> Bools:
-    """Return which (size, size) pixels of a face lie within the mirror's rim."""
+    """(size, size) pixels of a face whose incidence angle is within the mirror's rim."""
     steps = 2.0 * (np.arange(size_px) + 0.5) / size_px - 1.0
     t, s = np.meshgrid(steps, steps, indexing="ij")
     direction = np.stack((np.ones_like(s), s, t), axis=-1) @ MIRROR_FROM_FACE_ROTATIONS[face].T
+    # cos theta, since the axis is +z; cosines fall with theta, hence >=.
     cosine = direction[..., 2] / np.linalg.norm(direction, axis=-1)
-    seen: Bools = cosine >= math.cos(rim_rad)
-    return seen
+    is_visible: Bools = cosine >= math.cos(rim_rad)
+    return is_visible
 
 
 def _outline_face(axes: plot_style.Axes, face: Face, size_px: int) -> None:
-    """Frame and name a face; draw the horizon on the sides."""
-    edge = [0, size_px, size_px, 0, 0]
-    axes.plot(
-        edge, [0, 0, size_px, size_px, 0], color=plot_style.FOREGROUND, linewidth=0.8, clip_on=False
-    )
+    """Draw border and name of a face, and the horizon on the sides."""
+    u, v = [0, size_px, size_px, 0, 0], [0, 0, size_px, size_px, 0]
+    axes.plot(u, v, color=plot_style.FOREGROUND, linewidth=0.8, clip_on=False)
     if face != Face.C:
         axes.plot([0, size_px], [0.5 * size_px] * 2, color=plot_style.RED, linewidth=0.7)
     box = {"facecolor": plot_style.BACKGROUND, "edgecolor": "none", "pad": 2.5}
-    axes.text(
-        0.035 * size_px, 0.035 * size_px, FACE_TITLES[face], va="top", fontweight="bold", bbox=box
-    )
+    margin = 0.035 * size_px
+    axes.text(margin, margin, FACE_TITLES[face], va="top", fontweight="bold", bbox=box)
 
 
 def _draw_explanation(page: plot_style.Page, rim_deg: float) -> None:
     left, top = _LEFT_PX + 2 * _FACE_SIZE_PX, _TOP_PX + _FACE_SIZE_PX
-    _draw_camera_layout(
-        plot_style.add_pixel_axes(page, left + 20, top + 20, _FACE_SIZE_PX - 40, _FACE_SIZE_PX - 40)
-    )
+    size = _FACE_SIZE_PX - 40
+    _draw_camera_layout(plot_style.add_pixel_axes(page, left + 20, top + 20, size, size))
     x = left + _FACE_SIZE_PX
-    plot_style.add_text(
-        page, x, top + 80, "from above: four level cameras\nof 90°; the fifth looks down"
-    )
+    layout = "from above: four level cameras\nof 90°; the fifth looks down"
+    plot_style.add_text(page, x, top + 80, layout)
     plot_style.add_text(page, x, top + 180, "horizon, θ = 90°", color=plot_style.RED)
-    veil = f"veiled: above θ = {rim_deg:.0f}°,\nbeyond the mirror's rim"
-    plot_style.add_text(page, x, top + 240, veil, color=plot_style.MUTED)
+    dimmed = f"dimmed: above θ = {rim_deg:.0f}°,\nbeyond the mirror's rim"
+    plot_style.add_text(page, x, top + 240, dimmed, color=plot_style.MUTED)
 
 
 def _draw_camera_layout(axes: plot_style.Axes) -> None:
-    """Draw the four level cameras' fields of view around the viewpoint, forward up."""
+    """Draw the fields of view of the four level cameras from above, forward up."""
     half = 0.5 * axes.get_xlim()[1]
     reach = 0.92 * half
     corners = np.array([[-1.0, -1.0], [1.0, -1.0]]) * reach
     for turns, name in enumerate("NESW"):
+        # Quarter turns have exact cosines, so no corner leaves the square by rounding.
         c, s = round(math.cos(turns * math.pi / 2)), round(math.sin(turns * math.pi / 2))
         wedge = corners @ np.array([[c, s], [-s, c]]) + half
-        shade = plot_style.LIGHT_GREY if turns % 2 else "#eceff2"
-        axes.fill([half, *wedge[:, 0]], [half, *wedge[:, 1]], color=shade, linewidth=0)
-        middle = 0.62 * (wedge.mean(axis=0) - half) + half
-        axes.text(*middle, name, ha="center", va="center", fontweight="bold")
+        colour = plot_style.LIGHT_GREY if turns % 2 else "#eceff2"
+        axes.fill([half, *wedge[:, 0]], [half, *wedge[:, 1]], color=colour, linewidth=0)
+        label = 0.62 * (wedge.mean(axis=0) - half) + half
+        axes.text(*label, name, ha="center", va="center", fontweight="bold")
     axes.plot(half, half, "o", color=plot_style.FOREGROUND, markersize=4)
 
 
-def _caption(subject: FigureSubject) -> FigureCaption:
+def _caption(subject: StudySubject) -> FigureCaption:
     rim_deg = math.degrees(subject.camera.rim_rad)
     return FigureCaption(
         title="Five virtual cameras make a cube",
         caption=(
-            "What the five virtual cameras at the effective viewpoint see, 90° each: unfolded, "
+            "The views of the five virtual cameras at the effective viewpoint, 90° each: unfolded, "
             f"their borders fit without a gap. The mirror ends at {rim_deg:.0f}° of incidence and "
             "needs no sixth camera for the ceiling."
         ),
         alt=(
-            "An unfolded cube of five pictures: left, forward, right and behind in a row with the "
-            "horizon through their middles, the floor below the forward one."
+            "An unfolded cube of five images: left, forward, right and behind in a row with the "
+            "horizon through their centres, the floor below the forward one."
         ),
         metrics={"field_of_view_deg": 90.0, "rim_deg": round(rim_deg, 3), "faces": 5},
     )

@@ -1,64 +1,128 @@
-"""What a figure is: a page, a way to draw it, and words about it; and how all of them are told.
+"""Entry of the table of figures, and figures.json, the index of a folder of drawn figures.
 
-`figures.json` holds `figures`, a list of file, figure (of the paper), title, caption, alt; and
-`numbers`, by file name without its ending: every number that a caption states, so that no reader
-has to parse a sentence.
+figures.json holds `figures`, a list of file, paper_reference, title, caption and alt; and
+`metrics`, by file name without suffix: every number in a caption, so that no reader parses prose.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from catoptra_server.config.world_file import read_world
+from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_studies import plot_style
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
+from catoptra_studies.study_subject import (
+    FIGURE_RENDERERS,
+    StudySubject,
+    first_start_pose,
+    open_study_subject,
+    study_poses,
+)
 
 Metrics = dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
+class FigureInputs:
+    """Subjects that a figure may render."""
+
+    subject: StudySubject
+    """The camera in the world to show."""
+
+    rings: StudySubject
+    """The same camera among circles of equal incidence angle."""
+
+
+@dataclass(frozen=True, slots=True)
 class FigureCaption:
-    """The words about a drawn figure. `alt` tells a reader without eyes what is in it."""
+    """Texts and numbers of a drawn figure."""
 
     title: str
     caption: str
+
     alt: str
+    """Description for readers who cannot see the figure."""
+
     metrics: Metrics
+    """Every number in the caption, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A line of the table of figures. `figure`: which of the paper's it stands for, if any."""
+    """One entry of the table of figures."""
 
     file: str
+
     paper_reference: str
+    """Figure, equation or section of the paper that this one reproduces."""
+
     width_px: int
     height_px: int
-    draw: Callable[[plot_style.Page, FigureSubject], FigureCaption]
+
+    draw: Callable[[plot_style.Page, FigureInputs], FigureCaption]
 
 
-def write_figure(figure: FigureSpec, subject: FigureSubject, folder: Path) -> FigureCaption:
-    """Draw a figure into a folder; return the words about it."""
+@contextmanager
+def open_figure_inputs(
+    robot_file: Path,
+    world_file: Path,
+    rings_file: Path,
+    *,
+    pose: PlanarPose | None = None,
+    resolution_scale: float = 1.0,
+) -> Iterator[FigureInputs]:
+    """Read the files and start the renderers of both subjects.
+
+    Args:
+        robot_file: Robot with an omnidirectional camera.
+        world_file: World to show.
+        rings_file: World with circles of equal incidence angle around its first start.
+        pose: Pose of the robot in the world; None stands beside the world's first start.
+        resolution_scale: Factor on the sizes of all frames but the rings', which are measured.
+
+    Raises:
+        ConfigError: A file cannot be read.
+        CatoptraError: The robot has no omnidirectional camera.
+    """
+    poses = (pose or study_poses(read_world(world_file)[0])[0],)
+    # The circles are concentric about the first start, so the camera must be exactly there.
+    centre = (first_start_pose(read_world(rings_file)[0]),)
+    with (
+        open_study_subject(
+            robot_file, world_file, poses=poses, kinds=FIGURE_RENDERERS,
+            resolution_scale=resolution_scale,
+        ) as subject,
+        open_study_subject(
+            robot_file, rings_file, poses=centre, kinds=FIGURE_RENDERERS
+        ) as rings,
+    ):  # fmt: skip
+        yield FigureInputs(subject, rings)
+
+
+def write_figure(figure: FigureSpec, inputs: FigureInputs, folder: Path) -> FigureCaption:
+    """Draw a figure into a folder."""
     with plot_style.open_page(figure.width_px, figure.height_px) as page:
-        caption = figure.draw(page, subject)
+        caption = figure.draw(page, inputs)
         plot_style.save_page(page, folder / figure.file)
     return caption
 
 
 def write_figure_index(captions: Mapping[FigureSpec, FigureCaption], folder: Path) -> None:
-    """Write figures.json."""
+    """Write figures.json, after all figures: the experiment waits for this file."""
     entries = [
         {
             "file": figure.file,
-            "figure": figure.paper_reference,
+            "paper_reference": figure.paper_reference,
             "title": caption.title,
             "caption": caption.caption,
             "alt": caption.alt,
         }
         for figure, caption in captions.items()
     ]
-    numbers = {Path(figure.file).stem: caption.metrics for figure, caption in captions.items()}
-    text = json.dumps({"figures": entries, "numbers": numbers}, indent=2, ensure_ascii=False)
+    metrics = {Path(figure.file).stem: caption.metrics for figure, caption in captions.items()}
+    text = json.dumps({"figures": entries, "metrics": metrics}, indent=2, ensure_ascii=False)
     (folder / "figures.json").write_text(text + "\n", encoding="utf-8")

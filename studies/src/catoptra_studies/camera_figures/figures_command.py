@@ -1,23 +1,15 @@
-"""The command `python -m catoptra_studies.camera_figures`: every figure of the table, into a folder.
+"""The command `catoptra-studies figures`: draw every figure of the table into a folder.
 
-To add a figure: write `<name>.py` beside the others with `draw(page, subject) -> Caption`, using
-only `style` to draw and only `subject` to render, then add its line to FIGURES.
+To add a figure, write a module beside the others with `draw(page, inputs) -> FigureCaption`, which
+draws with `plot_style` and renders with `inputs` alone, then add its line to FIGURES.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-
-# NumPy's BLAS threads would spin beside the renderer's; set before NumPy is loaded below.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.config.bundled_files import find_configuration
@@ -33,11 +25,23 @@ from catoptra_studies.camera_figures import (
     polygon_frames_figure,
     ring_figure,
 )
-from catoptra_studies.camera_figures.figure_spec import FigureSpec, write_figure, write_figure_index
-from catoptra_studies.camera_figures.figure_subject import FigureSubject, open_figure_subject
+from catoptra_studies.camera_figures.figure_spec import (
+    FigureInputs,
+    FigureSpec,
+    open_figure_inputs,
+    write_figure,
+    write_figure_index,
+)
+from catoptra_studies.progress_display import (
+    ProgressDisplay,
+    open_progress,
+    print_error,
+    print_line,
+)
 
 EXIT_FAILURE = 2
 
+# In the order of the report. Widths up to PAGE_WIDTH_PX fill its column at half their pixels.
 FIGURES = (
     FigureSpec("omni_frame.png", "Figure 1", 1160, 1130, omni_frame_figure.draw),
     FigureSpec("faces.png", "Figure 5", 1520, 780, face_figure.draw),
@@ -51,46 +55,36 @@ FIGURES = (
 )
 
 
-def write_figures(subject: FigureSubject, folder: Path, progress: Progress) -> None:
-    """Write all figures and figures.json into a folder, which is made if need be."""
+def write_figures(inputs: FigureInputs, folder: Path, progress: ProgressDisplay) -> None:
+    """Draw all figures and write figures.json into a folder, made where missing."""
     folder.mkdir(parents=True, exist_ok=True)
-    task = progress.add_task("figures", total=len(FIGURES))
+    advance = progress.add_task("figures of the camera", len(FIGURES))
     captions = {}
     for figure in FIGURES:
-        progress.update(task, description=figure.file)
-        captions[figure] = write_figure(figure, subject, folder)
-        progress.advance(task)
-    progress.update(task, description="figures")
+        captions[figure] = write_figure(figure, inputs, folder)
+        advance()
     write_figure_index(captions, folder)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the figures; return 0, or 2 with a message if they could not be drawn."""
-    parsed = _parser().parse_args(arguments)
-    console = Console(stderr=True)
+    """Draw the figures; return 0, or 2 after one line about the reason."""
+    parsed = _make_parser().parse_args(arguments)
     try:
-        robot = find_configuration("robots", parsed.robot)
-        worlds = [find_configuration("worlds", name) for name in (parsed.world, parsed.rings_world)]
+        robot_file = find_configuration("robots", parsed.robot)
+        world_file = find_configuration("worlds", parsed.world)
+        rings_file = find_configuration("worlds", parsed.rings_world)
         with (
-            open_figure_subject(robot, *worlds, pose=_planar_pose(parsed.pose)) as subject,
-            _progress(console) as progress,
+            open_figure_inputs(
+                robot_file, world_file, rings_file, pose=_planar_pose(parsed.pose)
+            ) as inputs,
+            open_progress() as progress,
         ):
-            write_figures(subject, parsed.output, progress)
+            write_figures(inputs, parsed.output, progress)
     except (CatoptraError, OSError) as error:
-        console.print(f"catoptra figures: {error}", style="red", markup=False, soft_wrap=True)
+        print_error(f"catoptra-studies figures: {error}")
         return EXIT_FAILURE
-    console.print(f"{len(FIGURES)} figures in {parsed.output}", markup=False, highlight=False)
+    print_line(f"{len(FIGURES)} figures in {parsed.output}")
     return 0
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description:<20}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-    )
 
 
 def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
@@ -100,21 +94,20 @@ def _planar_pose(numbers: Sequence[float] | None) -> PlanarPose | None:
     return PlanarPose(x_m, y_m, math.radians(yaw_deg))
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m catoptra_studies.camera_figures",
-        description="Draw the figures of the camera: frame, faces, cube, rings, polygon mirrors.",
+        prog="catoptra-studies figures",
+        description="Draw the figures of the camera: frame, faces, cube, rings, mirror meshes.",
     )
     add = parser.add_argument
-    add("--robot", required=True, metavar="FILE", help="robot ini with a camera, or its name")
-    add("--world", required=True, metavar="FILE", help="world ini to be pictured, or its name")
+    add("--robot", default="p2at_omni", metavar="FILE",
+        help="robot ini with a camera, or a bundled name (default p2at_omni)")  # fmt: skip
+    add("--world", default="four_legged_2006", metavar="FILE",
+        help="world ini or name (default four_legged_2006)")  # fmt: skip
     add("--rings-world", default="incidence_rings", metavar="FILE",
-        help="world with a line every 5 degrees of incidence (default: ours)")  # fmt: skip
-    add("--output", type=Path, required=True, metavar="DIR", help="where the PNG files go")
+        help="world with a circle every 5 degrees (default incidence_rings)")  # fmt: skip
+    add("--output", type=Path, default=Path("out/figures"), metavar="DIR",
+        help="folder for the PNG files and figures.json (default out/figures)")  # fmt: skip
     add("--pose", type=float, nargs=3, metavar=("X", "Y", "YAW_DEG"),
-        help="robot: metres, degrees clockwise; default: beside the first start")  # fmt: skip
+        help="robot's pose: metres, degrees clockwise (default: near the first start)")  # fmt: skip
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

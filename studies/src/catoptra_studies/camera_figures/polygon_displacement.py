@@ -1,7 +1,7 @@
-"""How far a polygon mirror shows things from where the exact law puts them, measured in float64.
+"""Displacement of the image by a mirror mesh, measured in float64.
 
-The direction that each covered pixel looks up is sent back through the exact law: the distance
-between where it belongs and where it was shown is the error. Source: optics notes, 3.2.
+The direction that a covered pixel looks up is projected by the camera model: the distance between
+that projection and the pixel is the error.
 """
 
 from __future__ import annotations
@@ -22,48 +22,63 @@ from catoptra_protocol.optics.omni_camera import (
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.scene.mirror_mesh import Tessellation
 
-# A polygon may show directions beyond the rim; they are placed by the law of the same mirror cut
-# wider, up to this part of the way to its asymptote.
+# A polygon may look up directions beyond the rim. They are projected by the same mirror with a
+# wider rim, up to this fraction of the angle at which its image radius goes to infinity.
 _ASYMPTOTE_FRACTION = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class PolygonError:
-    """Displacement over the covered pixel centres; covered: their part of the rim's disc."""
+    """Displacement over all pixels whose centre a polygon covers."""
 
     tessellation: Tessellation
     rms_px: float
     max_px: float
+
     coverage: float
+    """Fraction of the mirror's disc that the polygons cover."""
 
 
 def measure_polygon_error(camera: OmniCamera, tessellation: Tessellation) -> PolygonError:
-    """Return the error of a polygon mirror in a camera's image."""
+    """Measure the displacement by one mesh in a camera's image."""
     pixels = pixel_sample_positions(camera)[:, :, 0]
-    directions, covered = mirror_mesh_directions(camera, tessellation, pixels)
-    error_px, known = displacement_px(camera, pixels, directions)
-    _, on_disc = direction_from_pixel(camera, pixels)
-    counted = error_px[covered & known]
+    directions, is_covered = mirror_mesh_directions(camera, tessellation, pixels)
+    error_px, is_valid = displacement_px(camera, pixels, directions)
+    _, is_on_disc = direction_from_pixel(camera, pixels)
+    errors_px = error_px[is_covered & is_valid]
     return PolygonError(
         tessellation=tessellation,
-        rms_px=float(np.sqrt(np.mean(np.square(counted)))),
-        max_px=float(counted.max()),
-        coverage=float(covered.sum() / on_disc.sum()),
+        rms_px=float(np.sqrt(np.mean(np.square(errors_px)))),
+        max_px=float(errors_px.max()),
+        coverage=float(is_covered.sum() / is_on_disc.sum()),
     )
 
 
 def exact_model_error_px(camera: OmniCamera) -> float:
-    """Return the largest error of the per-pixel surface: float32 rays against the float64 law."""
+    """Largest error where the camera model is evaluated in every pixel.
+
+    Trace casts rays in float32, so their directions are rounded; the model itself is float64.
+    """
     pixels = pixel_sample_positions(camera)[:, :, 0]
-    directions, on_disc = direction_from_pixel(camera, pixels)
-    as_drawn = directions.astype(np.float32).astype(np.float64)
-    error_px, known = displacement_px(camera, pixels, as_drawn)
-    return float(error_px[on_disc & known].max())
+    directions, is_on_disc = direction_from_pixel(camera, pixels)
+    rounded = directions.astype(np.float32).astype(np.float64)
+    error_px, is_valid = displacement_px(camera, pixels, rounded)
+    return float(error_px[is_on_disc & is_valid].max())
 
 
 def displacement_px(camera: OmniCamera, pixels: Floats, directions: Floats) -> tuple[Floats, Bools]:
-    """Return (...) distances from pixels to where their directions belong, and which have one."""
+    """Distance between pixels and the projections of the directions shown there.
+
+    Args:
+        camera: Camera of the image.
+        pixels: (..., 2) positions in the image.
+        directions: (..., 3) directions looked up at these positions, in the mirror frame.
+
+    Returns:
+        (...) distances, and the mask of directions that have a projection.
+    """
+    # At 89 degrees of theta/2 even a mirror without asymptote ends; tan grows without limit there.
     t_limit = min(camera.mirror.t_limit, math.tan(math.radians(89.0)))
     wide = dataclasses.replace(camera, rim_rad=_ASYMPTOTE_FRACTION * 2.0 * math.atan(t_limit))
-    belongs_at, known = pixel_from_direction(wide, directions)
-    return np.linalg.norm(belongs_at - pixels, axis=-1), known
+    projections, is_valid = pixel_from_direction(wide, directions)
+    return np.linalg.norm(projections - pixels, axis=-1), is_valid

@@ -1,4 +1,4 @@
-"""The mirror as a thing with pictures on it, and the frame, both with the borders of the cube."""
+"""The mirror with the cube's images on its surface, and the frame with the borders of the faces."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from catoptra_protocol.optics.omni_camera import (
     half_angle_tangent,
     pixel_from_direction,
 )
-from catoptra_server.render.renderer import Image
 from catoptra_studies import plot_style
 from catoptra_studies.camera_figures.axonometry import Axonometry
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
+from catoptra_studies.plot_style import Image
+from catoptra_studies.study_subject import StudySubject
 
 _VIEW_FROM_BELOW = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=-60.0)
+# With three points a pixel on average, few pixels are missed; `_average_colours` fills those.
 _POINTS_PER_PIXEL = 3.0
-# Directions in the middle of what the mirror shows of each face, for its letter.
+# Directions of the letters, near the centre of each face's visible part.
 _FACE_LABEL_DIRECTIONS = {
     Face.N: (1.0, 0.0, 0.1),
     Face.E: (0.0, 1.0, 0.1),
@@ -34,20 +35,18 @@ _FACE_LABEL_DIRECTIONS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MirrorProjection:
-    """Where points of the mirror come to lie, in pixels from the top left corner of its picture."""
+    """Projection of the mirror's points to pixels of its drawing."""
 
     camera: OmniCamera
     pixels_per_metre: float
 
     def project(self, points: Floats) -> Floats:
-        """Return (..., 2) pixels of (..., 3) points; the rim touches u = 0 and v = 0."""
+        """(..., 2) pixels of (..., 3) points; the rim touches u = 0 and v = 0."""
         to_pixels = np.array([self.pixels_per_metre, -self.pixels_per_metre])
-        rim = (
-            _VIEW_FROM_BELOW.project(mirror_points(self.camera, _rim_directions(self.camera)))
-            * to_pixels
-        )
-        placed: Floats = _VIEW_FROM_BELOW.project(points) * to_pixels - rim.min(axis=0)
-        return placed
+        rim = mirror_points(self.camera, _rim_directions(self.camera))
+        corner = (_VIEW_FROM_BELOW.project(rim) * to_pixels).min(axis=0)
+        pixels: Floats = _VIEW_FROM_BELOW.project(points) * to_pixels - corner
+        return pixels
 
 
 def draw_textured_mirror(
@@ -59,59 +58,71 @@ def draw_textured_mirror(
     top: int,
     width: int,
 ) -> None:
-    """Draw the mirror from behind and below with the cube's pictures on it."""
-    drawing = _MirrorProjection(camera, 0.5 * width / _rim_radius_m(camera))
-    points, direction = _visible_points(drawing)
-    image = _average_colours(
-        drawing.project(points).astype(int), sample_cube(face_images, direction)
-    )
-    over = plot_style.show_image(page, image, left, top, image.shape[1])
+    """Draw the mirror from behind and below with the cube projected onto its surface.
+
+    Args:
+        page: Page to draw on.
+        camera: Camera whose mirror is drawn.
+        face_images: Image of each face of the cube.
+        left: Device pixels from the page's left edge.
+        top: Device pixels from the page's upper edge.
+        width: Device pixels of the mirror's diameter.
+    """
+    projection = _MirrorProjection(camera, 0.5 * width / _rim_radius_m(camera))
+    points, directions = _visible_points(projection)
+    pixels = projection.project(points).astype(int)
+    image = _average_colours(pixels, sample_cube(face_images, directions))
+    axes = plot_style.show_image(page, image, left, top, image.shape[1])
     for border in _cube_edges():
-        seen = border[half_angle_tangent(border)[0] <= camera.rim_t]
-        on_mirror = drawing.project(mirror_points(camera, seen))
-        over.plot(*on_mirror.T, color=plot_style.BACKGROUND, linewidth=0.8)
-    rim = drawing.project(mirror_points(camera, _rim_directions(camera)))
-    over.plot(*rim.T, color=plot_style.MUTED, linewidth=0.8, clip_on=False)
-    for face, letter_at in _FACE_LABEL_DIRECTIONS.items():
-        _draw_face_label(over, drawing.project(mirror_points(camera, np.array(letter_at))), face)
+        on_mirror = border[half_angle_tangent(border)[0] <= camera.rim_t]
+        line = projection.project(mirror_points(camera, on_mirror))
+        axes.plot(*line.T, color=plot_style.BACKGROUND, linewidth=0.8)
+    rim = projection.project(mirror_points(camera, _rim_directions(camera)))
+    axes.plot(*rim.T, color=plot_style.MUTED, linewidth=0.8, clip_on=False)
+    for face, direction in _FACE_LABEL_DIRECTIONS.items():
+        label = projection.project(mirror_points(camera, np.array(direction)))
+        _draw_face_label(axes, label, face)
 
 
 def draw_frame_with_borders(
-    page: plot_style.Page, subject: FigureSubject, *, left: int, top: int, width: int
+    page: plot_style.Page, subject: StudySubject, *, left: int, top: int, width: int
 ) -> None:
-    """Draw the frame with the borders of the cube's faces in it."""
+    """Draw the frame with the borders of the cube's faces."""
     image = subject.render_frame(width, samples=3)
     camera = subject.resize_camera(image.shape[0])
-    over = plot_style.show_image(page, image, left, top, width)
+    axes = plot_style.show_image(page, image, left, top, width)
     for border in _cube_edges():
-        pixel, seen = pixel_from_direction(camera, border)
-        over.plot(*pixel[seen].T, color=plot_style.BACKGROUND, linewidth=0.8)
-    for face, letter_at in _FACE_LABEL_DIRECTIONS.items():
-        pixel, _ = pixel_from_direction(camera, np.array(letter_at))
-        _draw_face_label(over, pixel, face)
+        pixels, is_visible = pixel_from_direction(camera, border)
+        axes.plot(*pixels[is_visible].T, color=plot_style.BACKGROUND, linewidth=0.8)
+    for face, direction in _FACE_LABEL_DIRECTIONS.items():
+        pixel, _ = pixel_from_direction(camera, np.array(direction))
+        _draw_face_label(axes, pixel, face)
 
 
-def mirror_points(camera: OmniCamera, direction: Floats) -> Floats:
-    """Return (..., 3) points of the mirror that (..., 3) directions from the viewpoint meet.
+def mirror_points(camera: OmniCamera, directions: Floats) -> Floats:
+    """(..., 3) intersections of the mirror with rays from the viewpoint.
 
-    Domain: directions within the rim.
+    Args:
+        camera: Camera whose mirror is met.
+        directions: (..., 3) directions within the rim, in the mirror frame.
     """
-    t, _ = half_angle_tangent(direction)
+    t, _ = half_angle_tangent(directions)
     r, z = camera.mirror.surface_point(t)
-    azimuth = np.arctan2(direction[..., 1], direction[..., 0])
+    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
     return np.stack((r * np.cos(azimuth), r * np.sin(azimuth), z), axis=-1)
 
 
-def sample_cube(face_images: dict[Face, Image], direction: Floats) -> Floats:
-    """Return (n, 3) colours in [0, 255] that the cube shows in (n, 3) directions."""
-    face = face_from_direction(direction)
-    place = face_coordinates(direction, face)
-    colours = np.zeros((len(direction), 3))
-    for which, image in face_images.items():
-        of_face = face == which
+def sample_cube(face_images: dict[Face, Image], directions: Floats) -> Floats:
+    """(n, 3) colours in [0, 255] of the nearest texel in (n, 3) directions."""
+    faces = face_from_direction(directions)
+    coordinates = face_coordinates(directions, faces)
+    colours = np.zeros((len(directions), 3))
+    for face, image in face_images.items():
+        is_on_face = faces == face
         size = image.shape[0]
-        texel = np.clip((0.5 * (place[of_face] + 1.0) * size).astype(int), 0, size - 1)
-        colours[of_face] = image[texel[:, 1], texel[:, 0]]
+        # Coordinates 1 on the border would give texel `size`, which belongs to the next face.
+        texel = np.clip((0.5 * (coordinates[is_on_face] + 1.0) * size).astype(int), 0, size - 1)
+        colours[is_on_face] = image[texel[:, 1], texel[:, 0]]
     return colours
 
 
@@ -120,9 +131,9 @@ def _rim_radius_m(camera: OmniCamera) -> float:
 
 
 def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
-    """Return points and directions, each (n, 3), that cover what is seen of the mirror.
+    """Points of the mirror's visible side and their directions, each (n, 3).
 
-    A sunflower's spiral: as even as points can lie on a disc, so that no pixel is left out.
+    In a sunflower's spiral, which spreads any number of points evenly over a disc.
     """
     camera = projection.camera
     radius_px = projection.pixels_per_metre * _rim_radius_m(camera)
@@ -132,36 +143,41 @@ def _visible_points(projection: _MirrorProjection) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     r, z = camera.mirror.surface_point(t)
     points = np.stack((r * cosine, r * sine, z), axis=-1)
-    direction = points / np.linalg.norm(points, axis=-1, keepdims=True)
-    # The normal halves the angle between the ways to viewpoint and pinhole.
+    directions = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    # The law of reflection: the normal bisects the angle between both ends of the ray.
     to_pinhole = np.array([0.0, 0.0, camera.mirror.pinhole_distance_m]) - points
-    normal = direction + to_pinhole / np.linalg.norm(to_pinhole, axis=-1, keepdims=True)
-    seen = normal @ _VIEW_FROM_BELOW.viewer_from_mirror[2] > 0.0
-    return points[seen], direction[seen]
+    normals = directions + to_pinhole / np.linalg.norm(to_pinhole, axis=-1, keepdims=True)
+    is_visible = normals @ _VIEW_FROM_BELOW.viewer_from_mirror[2] > 0.0
+    return points[is_visible], directions[is_visible]
 
 
 def _average_colours(pixels: npt.NDArray[np.intp], colours: Floats) -> Image:
-    """Return the mean of the (n, 3) colours on each pixel of (n, 2) places; paper where is none.
+    """Mean of the (n, 3) colours that fall on each pixel, white outside.
 
-    A pixel missed among points takes the mean of its neighbours.
+    A pixel missed between others takes the mean of its neighbours.
     """
     width, height = pixels.max(axis=0) + 1
     shape = int(height), int(width)
-    pixel = pixels[:, 1] * shape[1] + pixels[:, 0]
+    flat_index = pixels[:, 1] * shape[1] + pixels[:, 0]
+    # A fourth channel of ones counts the points of each pixel.
     weighted = np.concatenate((colours, np.ones((len(colours), 1))), axis=-1).T
-    sums = np.stack([np.bincount(pixel, w, shape[0] * shape[1]).reshape(shape) for w in weighted])
+    sums = np.stack(
+        [np.bincount(flat_index, w, shape[0] * shape[1]).reshape(shape) for w in weighted]
+    )
     padded = np.pad(sums, ((0, 0), (1, 1), (1, 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))
-    inside = (windows[3] > 0.0).sum(axis=(-1, -2)) > 4
-    sums = np.where(sums[3] > 0.0, sums, np.where(inside, windows.sum(axis=(-1, -2)), 0.0))
+    # More than four of eight neighbours: a gap. Fewer: the outside of the drawing's edge.
+    is_inside = (windows[3] > 0.0).sum(axis=(-1, -2)) > 4
+    sums = np.where(sums[3] > 0.0, sums, np.where(is_inside, windows.sum(axis=(-1, -2)), 0.0))
     image = np.where(sums[3] > 0.0, sums[:3] / np.maximum(sums[3], 1.0), 255.0)
     return np.rint(np.moveaxis(image, 0, -1)).astype(np.uint8)
 
 
 def _cube_edges() -> list[Floats]:
-    """Return the eight edges between the five faces as (n, 3) directions."""
+    """The eight edges between the five faces, as (n, 3) directions each."""
     along = np.linspace(-1.0, 1.0, 201)
     one = np.ones_like(along)
+    # Four edges around the lower face C, then the four upright ones.
     level = [np.stack((along, side * one, one), axis=-1) for side in (-1.0, 1.0)]
     upright = [
         np.stack((x * one, y * one, along), axis=-1) for x in (-1.0, 1.0) for y in (-1.0, 1.0)
@@ -170,7 +186,7 @@ def _cube_edges() -> list[Floats]:
 
 
 def _rim_directions(camera: OmniCamera) -> Floats:
-    """Return (n, 3) directions just within the rim."""
+    """(n, 3) directions along the rim."""
     azimuth = np.linspace(0.0, 2.0 * math.pi, 361)
     theta = np.full_like(azimuth, camera.rim_rad)
     return np.stack(

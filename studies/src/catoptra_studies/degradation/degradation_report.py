@@ -1,12 +1,15 @@
-"""The study's results as JSON and as a page of Markdown."""
+"""Report of the degraded images: degradation.json, DEGRADATION.md and the plots."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
+from catoptra_studies.degradation.degradation_plot import draw_all_sweeps, draw_sweep
 from catoptra_studies.degradation.degradation_study import (
     TRAINED_ON_CLEAN,
     TRAINED_ON_DEGRADED,
@@ -15,68 +18,95 @@ from catoptra_studies.degradation.degradation_study import (
 )
 from catoptra_studies.degradation.example_frame import rms_difference
 from catoptra_studies.degradation.failure_levels import FailureLevels, find_failure_levels
+from catoptra_studies.experiment.experiment_runner import ExperimentConfig
+from catoptra_studies.reports.markdown import markdown_table
+
+FORMAT_VERSION = 2
 
 _REPORT_HEADER = """\
 # What degraded images do to colour classification
 
-Written by `make effects`. {runs} drives of {frames} frames a rung, the same seeds everywhere. A
-beacon counts as found within 5° of its bearing, of those that the stream calls visible within
-2.5 m. The filter is the paper's; its errors are medians over the drives. The classifier has
-learnt from clean pictures, as the paper's; "taught anew": from pictures as bad as those it is
-shown. "Grey levels": how far a picture is from the clean one of the same place, rms. Odometry
-alone comes to be {odometry:.2f} m off.
+Written by `make effects`. {runs} drives of {frames} frames a level, the same seeds everywhere. A
+beacon counts as found within 5° of its bearing, of those that the stream reports as visible within
+2.5 m. The filter is the paper's; its errors are medians over the drives. The classifier was trained
+on clean images, like the paper's; "retrained": on images of the level. "Grey levels": rms
+difference from the clean image at the same pose. Odometry alone is off by up to {odometry:.2f} m.
 """
 _LEVEL_HEADER = (
     *("grey levels", "found", "false a frame", "bearing", "range", "EKF largest", "EKF final"),
-    *("taught anew: found", "false a frame", "EKF largest"),
+    *("retrained: found", "false a frame", "EKF largest"),
+)
+_FAILURE_HEADER = (
+    *("sweep", "unit", "levels", "found < 90 %", "< 50 %", "EKF > 2x", "> 0.6 m"),
+    *("retrained: < 90 %", "< 50 %", "> 0.6 m"),
 )
 
 
+def write_degradation_results(
+    output_folder: Path, config: ExperimentConfig, results: Sequence[SweepResult]
+) -> None:
+    """Write degradation.json, DEGRADATION.md, degradation.png and a plot for each sweep."""
+    summary = summarize_degradation(results, num_runs=config.num_runs, seed=config.seed)
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (output_folder / "degradation.json").write_text(text + "\n", encoding="utf-8")
+    report = format_degradation_report(results, num_runs=config.num_runs)
+    (output_folder / "DEGRADATION.md").write_text(report, encoding="utf-8")
+    draw_all_sweeps(output_folder / "degradation.png", results)
+    for result in results:
+        draw_sweep(output_folder / f"degradation_{result.sweep.slug}.png", result)
+
+
 def failure_levels_by_training(result: SweepResult) -> dict[str, FailureLevels]:
-    """Return a ladder's verdict by what the classifier had learnt from."""
+    """Failing levels of a sweep for both classifiers."""
+    # Both are compared with the clean result of the one classifier that has seen clean images.
     clean = result.clean.metrics[TRAINED_ON_CLEAN]
     return {
-        learnt: find_failure_levels(
-            clean, [(rung.label, rung.metrics[learnt]) for rung in result.levels]
+        training: find_failure_levels(
+            clean, [(level.label, level.metrics[training]) for level in result.levels]
         )
-        for learnt in (TRAINED_ON_CLEAN, TRAINED_ON_DEGRADED)
+        for training in (TRAINED_ON_CLEAN, TRAINED_ON_DEGRADED)
     }
 
 
-def summarise_degradation(
+def summarize_degradation(
     results: Sequence[SweepResult], *, num_runs: int, seed: int
 ) -> dict[str, Any]:
-    """Return all that degraded.json holds."""
+    """All content of degradation.json."""
     return {
-        "version": 1,
-        "runs": num_runs,
+        "version": FORMAT_VERSION,
+        "num_runs": num_runs,
         "seed": seed,
-        "ladders": [_summarise_sweep(r) for r in results],
+        "sweeps": [_summarize_sweep(result) for result in results],
     }
 
 
-def _summarise_sweep(result: SweepResult) -> dict[str, Any]:
-    ladder = result.sweep
+def _summarize_sweep(result: SweepResult) -> dict[str, Any]:
+    sweep = result.sweep
     return {
-        "name": ladder.name,
-        "words": ladder.description,
-        "unit": ladder.unit,
-        "keys": ladder.ini_keys.split("|") if ladder.ini_keys else [],
-        "clean": _summarise_level(result.clean, result),
-        "rungs": [
-            {**_summarise_level(measured, result), "keys": rung.ini_keys.split("|")}
-            for measured, rung in zip(result.levels, ladder.levels, strict=True)
+        "name": sweep.name,
+        "description": sweep.description,
+        "unit": sweep.unit,
+        "ini_keys": sweep.ini_keys.split("|") if sweep.ini_keys else [],
+        "clean": _summarize_level(result.clean, result),
+        "levels": [
+            {**_summarize_level(measured, result), "ini_keys": level.ini_keys.split("|")}
+            for measured, level in zip(result.levels, sweep.levels, strict=True)
         ],
-        "verdicts": {learnt: asdict(v) for learnt, v in failure_levels_by_training(result).items()},
+        "failure_levels": {
+            training: asdict(levels)
+            for training, levels in failure_levels_by_training(result).items()
+        },
     }
 
 
-def _summarise_level(level: LevelResult, result: SweepResult) -> dict[str, Any]:
-    told = {learnt: {**asdict(f), "rate": f.detection_rate} for learnt, f in level.metrics.items()}
+def _summarize_level(level: LevelResult, result: SweepResult) -> dict[str, Any]:
     return {
         "label": level.label,
-        "changed_grey_levels": _rms_difference(level, result),
-        "taught": told,
+        "rms_difference_grey_levels": _rms_difference(level, result),
+        "trained_on": {
+            training: {**asdict(metrics), "detection_rate": metrics.detection_rate}
+            for training, metrics in level.metrics.items()
+        },
     }
 
 
@@ -85,58 +115,48 @@ def _rms_difference(level: LevelResult, result: SweepResult) -> float:
 
 
 def format_degradation_report(results: Sequence[SweepResult], *, num_runs: int) -> str:
-    """Return the page: verdicts first, then each ladder's rungs."""
+    """The report as Markdown: failing levels first, then the levels of each sweep."""
     clean = results[0].clean.metrics[TRAINED_ON_CLEAN]
-    head = _REPORT_HEADER.format(
+    header = _REPORT_HEADER.format(
         runs=num_runs, frames=clean.num_frames // num_runs, odometry=clean.odometry_max_m
     )
-    tables = (line for result in results for line in _level_table(result))
-    return "\n".join([head, *failure_table(results), *tables]) + "\n"
+    sections = (_format_sweep(result) for result in results)
+    return "\n".join([header, failure_table(results), *sections]) + "\n"
 
 
-def failure_table(results: Sequence[SweepResult]) -> Iterator[str]:
-    """Yield the table's lines: at which rung each ladder starts to fail."""
-    yield from _table_row("ladder", "unit", "rungs", "found < 90 %", "< 50 %", "EKF > 2x", "> 0.6 m",
-                    "taught anew: < 90 %", "< 50 %", "> 0.6 m")  # fmt: skip
-    yield from _table_row(*["---"] * 10)
+def failure_table(results: Sequence[SweepResult]) -> str:
+    """Table of the first failing level of each sweep."""
+    rows = []
     for result in results:
-        taught = failure_levels_by_training(result)
-        clean, anew = taught[TRAINED_ON_CLEAN], taught[TRAINED_ON_DEGRADED]
-        happens = (
+        by_training = failure_levels_by_training(result)
+        clean, retrained = by_training[TRAINED_ON_CLEAN], by_training[TRAINED_ON_DEGRADED]
+        failures = (
             clean.detection_below_90_percent,
             clean.detection_below_50_percent,
             clean.ekf_error_above_twice_clean,
             clean.ekf_error_above_paper,
+            retrained.detection_below_90_percent,
+            retrained.detection_below_50_percent,
+            retrained.ekf_error_above_paper,
         )
-        again = (
-            anew.detection_below_90_percent,
-            anew.detection_below_50_percent,
-            anew.ekf_error_above_paper,
-        )
-        yield from _table_row(
-            result.sweep.name,
-            result.sweep.unit,
-            f"{result.levels[0].label} … {result.levels[-1].label}",
-            *(label or "–" for label in (*happens, *again)),
-        )
+        span = f"{result.levels[0].label} … {result.levels[-1].label}"
+        labels = (label or "–" for label in failures)
+        rows.append([result.sweep.name, result.sweep.unit, span, *labels])
+    return markdown_table(_FAILURE_HEADER, rows)
 
 
-def _level_table(result: SweepResult) -> Iterator[str]:
-    ladder = result.sweep
-    yield from (
-        "",
-        f"## {ladder.name}",
-        "",
-        f"{ladder.description[0].upper()}{ladder.description[1:]}.",
-        "",
-    )
-    yield from _table_row(ladder.unit, *_LEVEL_HEADER)
-    yield from _table_row(*["---"] * (1 + len(_LEVEL_HEADER)))
-    for rung in (result.clean, *result.levels):
-        taught = rung.metrics[TRAINED_ON_CLEAN]
-        anew = rung.metrics.get(TRAINED_ON_DEGRADED, taught)
-        level = f"{_rms_difference(rung, result):.1f}"
-        yield from _table_row(rung.label, level, *_metric_cells(taught), *_short_cells(anew))
+def _format_sweep(result: SweepResult) -> str:
+    sweep = result.sweep
+    sentence = f"{sweep.description[0].upper()}{sweep.description[1:]}."
+    rows = []
+    for level in (result.clean, *result.levels):
+        metrics = level.metrics[TRAINED_ON_CLEAN]
+        # Clean images have one classifier, which then stands in both halves of the row.
+        retrained = level.metrics.get(TRAINED_ON_DEGRADED, metrics)
+        difference = f"{_rms_difference(level, result):.1f}"
+        rows.append([level.label, difference, *_metric_cells(metrics), *_short_cells(retrained)])
+    table = markdown_table((sweep.unit, *_LEVEL_HEADER), rows)
+    return f"\n## {sweep.name}\n\n{sentence}\n\n{table}"
 
 
 def _metric_cells(metrics: DegradationMetrics) -> tuple[str, ...]:
@@ -152,7 +172,3 @@ def _short_cells(metrics: DegradationMetrics) -> tuple[str, str, str]:
         f"{metrics.false_per_frame:.2f}",
         f"{metrics.ekf_max_m:.2f} m",
     )
-
-
-def _table_row(*cells: str) -> Iterator[str]:
-    yield f"| {' | '.join(cells)} |"

@@ -1,8 +1,8 @@
-"""The work of the study, nothing printed: a server a rung, films, two classifiers, figures.
+"""The study of degraded images: a server for each level, recorded drives, two classifiers.
 
-One classifier has learnt from clean pictures, as the paper's; the other anew from pictures like
-those that it is shown. Where the first fails and the second does not, pictures are different;
-where both do, they are worse.
+One classifier has been trained on clean images, like the paper's, the other on images of the level
+at hand. Where the first fails and the second does not, images are only different; where both fail,
+information is lost.
 """
 
 from __future__ import annotations
@@ -32,10 +32,9 @@ from catoptra_studies.degradation.recorded_drive import (
 )
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig, open_server
 
-# What a classifier has learnt from.
 TRAINED_ON_CLEAN = "clean"
-TRAINED_ON_DEGRADED = "same"
-# A server draws while another's frame is looked at: two fill two cores.
+TRAINED_ON_DEGRADED = "degraded"
+# One server renders while a frame of the other is classified: two levels keep two cores busy.
 _NUM_WORKERS = 2
 
 DriveCallback = Callable[[], None]
@@ -43,25 +42,31 @@ DriveCallback = Callable[[], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelResult:
-    """What came of a rung, by what the classifier had learnt from; the sample is TRAINED_ON_CLEAN's."""
+    """Results of one level."""
 
     label: str
+
     metrics: Mapping[str, DegradationMetrics]
+    """Metrics by the images that the classifier was trained on."""
+
     example: ExampleFrame
+    """A frame with the detections of the classifier trained on clean images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweepResult:
-    """What came of a ladder."""
+    """Results of one sweep."""
 
     sweep: DegradationSweep
     clean: LevelResult
+
     levels: tuple[LevelResult, ...]
+    """Results from slight to hopeless, in the order of the sweep's levels."""
 
 
 def num_drives(config: ExperimentConfig, sweeps: Sequence[DegradationSweep]) -> int:
-    """Return how many drives a study takes."""
-    return config.num_runs * (1 + sum(len(ladder.levels) for ladder in sweeps))
+    """Number of drives of a study."""
+    return config.num_runs * (1 + sum(len(sweep.levels) for sweep in sweeps))
 
 
 def run_degradation_study(
@@ -71,39 +76,50 @@ def run_degradation_study(
     robot_folder: Path,
     on_drive: DriveCallback,
 ) -> tuple[SweepResult, ...]:
-    """Return the ladders' results; the plan's first set-up says which way to drive."""
-    learnt, clean = _run_clean(config, clean_robot_ini(robot_folder), on_drive)
+    """Run all sweeps.
+
+    Args:
+        config: Number of drives, seed and output folder; its first set-up has the route.
+        sweeps: Sweeps to run.
+        robot_folder: Folder of the robot files on which the levels are based.
+        on_drive: Called after each drive, from any thread.
+    """
+    clean_classifier, clean = _run_clean(config, clean_robot_ini(robot_folder), on_drive)
     with ThreadPoolExecutor(_NUM_WORKERS) as pool:
 
-        def begun(ladder: DegradationSweep, number: int) -> Future[LevelResult]:
-            rung = ladder.levels[number]
+        def submit_level(sweep: DegradationSweep, number: int) -> Future[LevelResult]:
+            level = sweep.levels[number]
             return pool.submit(
                 _run_level,
                 config,
-                degraded_robot_ini(ladder, rung, robot_folder),
-                name=f"{ladder.slug}_{number + 1}",
-                label=rung.label,
-                clean_classifier=learnt,
+                degraded_robot_ini(sweep, level, robot_folder),
+                name=f"{sweep.slug}_{number + 1}",
+                label=level.label,
+                clean_classifier=clean_classifier,
                 on_drive=on_drive,
             )
 
-        begun_all = [[begun(one, n) for n in range(len(one.levels))] for one in sweeps]
+        # All levels of all sweeps at once, so that no worker idles at the end of a sweep.
+        futures = [
+            [submit_level(sweep, number) for number in range(len(sweep.levels))] for sweep in sweeps
+        ]
         try:
             return tuple(
-                SweepResult(ladder, clean, tuple(rung.result() for rung in rungs))
-                for ladder, rungs in zip(sweeps, begun_all, strict=True)
+                SweepResult(sweep, clean, tuple(future.result() for future in row))
+                for sweep, row in zip(sweeps, futures, strict=True)
             )
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # else all others are measured first
+            # Else leaving the block would first measure all levels that still wait.
+            pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 def _run_clean(
     config: ExperimentConfig, robot_ini: str, on_drive: DriveCallback
 ) -> tuple[ColourClassifier, LevelResult]:
-    """Return the classifier that learns from clean pictures, and how it does in them."""
-    classifier, films = _record_drives(config, robot_ini, "clean", on_drive)
-    return classifier, _evaluate_level(config, films, "clean", {TRAINED_ON_CLEAN: classifier})
+    """Train a classifier on clean images and evaluate the same images."""
+    classifier, drives = _record_drives(config, robot_ini, "clean", on_drive)
+    return classifier, _evaluate_level(config, drives, "clean", {TRAINED_ON_CLEAN: classifier})
 
 
 def _run_level(
@@ -115,19 +131,20 @@ def _run_level(
     clean_classifier: ColourClassifier,
     on_drive: DriveCallback,
 ) -> LevelResult:
-    anew, films = _record_drives(config, robot_ini, name, on_drive)
-    return _evaluate_level(
-        config, films, label, {TRAINED_ON_CLEAN: clean_classifier, TRAINED_ON_DEGRADED: anew}
-    )
+    """Record drives at one level and evaluate both classifiers on the same frames."""
+    degraded_classifier, drives = _record_drives(config, robot_ini, name, on_drive)
+    classifiers = {TRAINED_ON_CLEAN: clean_classifier, TRAINED_ON_DEGRADED: degraded_classifier}
+    return _evaluate_level(config, drives, label, classifiers)
 
 
 def _record_drives(
     config: ExperimentConfig, robot_ini: str, name: str, on_drive: DriveCallback
 ) -> tuple[ColourClassifier, tuple[RecordedDrive, ...]]:
-    """Return a classifier trained from a server's pictures, and a film of each seed on it."""
-    file = config.output_folder.resolve() / f"{name}.ini"
-    file.write_text(robot_ini, encoding="utf-8")
-    setup = replace(config.setups[0], name=name, robot_file=str(file))
+    """Train a classifier from a server's frames, then record a drive for each seed."""
+    robot_file = config.output_folder.resolve() / f"{name}.ini"
+    robot_file.write_text(robot_ini, encoding="utf-8")
+    # The name makes the server's log file, so levels that run together need different ones.
+    setup = replace(config.setups[0], name=name, robot_file=str(robot_file))
     with open_server(config, setup) as address:
         frames = capture_training_frames(
             address,
@@ -137,11 +154,11 @@ def _record_drives(
             on_frame=lambda: None,
         )
         classifier = train(frames)
-        films = []
+        drives = []
         for run in range(config.num_runs):
-            films.append(record_drive(setup, run, address, on_step=lambda: None))
+            drives.append(record_drive(setup, run, address, on_step=lambda: None))
             on_drive()
-    return classifier, tuple(films)
+    return classifier, tuple(drives)
 
 
 def _evaluate_level(
@@ -151,14 +168,18 @@ def _evaluate_level(
     classifiers: Mapping[str, ColourClassifier],
 ) -> LevelResult:
     landmarks = config.landmarks
-    found = {
-        learnt: [detect_beacons(f, make_drive_detector(f, classifier, landmarks)) for f in drives]
-        for learnt, classifier in classifiers.items()
+    detections = {
+        training: [
+            detect_beacons(drive, make_drive_detector(drive, classifier, landmarks))
+            for drive in drives
+        ]
+        for training, classifier in classifiers.items()
     }
-    numbers = {
-        learnt: compute_degradation_metrics(
-            drives, seen, setup=config.setups[0], landmarks=landmarks
+    metrics = {
+        training: compute_degradation_metrics(
+            drives, found, setup=config.setups[0], landmarks=landmarks
         )
-        for learnt, seen in found.items()
+        for training, found in detections.items()
     }
-    return LevelResult(label, numbers, select_example(drives[0], found[TRAINED_ON_CLEAN][0]))
+    example = select_example(drives[0], detections[TRAINED_ON_CLEAN][0])
+    return LevelResult(label, metrics, example)

@@ -1,8 +1,8 @@
-"""The ladders of the study: ways in which a picture gets worse, each from clean to hopeless.
+"""Sweeps of the study: ways in which an image degrades, each from clean to hopeless.
 
-One visible table. A rung is what a robot's file says; effects whose keys are not known to the
-server make it refuse the file, so the table has only what exists. All ladders begin at the same
-clean pictures: the demo's robot, no effects.
+One visible table. A level is a few lines of a robot file; the server rejects keys that it does not
+know, so the table has only effects that exist. All sweeps begin with the same clean images: the
+simulated robot's, without effects. To add a sweep, add its entry to SWEEPS.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from pathlib import Path
 SIM_ROBOT = "p2at_omni_sim.ini"
 REAL_ROBOT = "p2at_omni_real.ini"
 _CAMERA_SECTION = "[Catoptra.OmniCaptureCamera]"
-# One ray a pixel: half the time of the demo's four, and 99 % of the beacons are found all the same.
+# One ray a pixel: half the time of the experiment's four, and 99 % of the beacons are still found.
 _ONE_SAMPLE = "Samples=1"
-# The sim robot's odometry, for a robot file that is not based on it.
+# The odometry of the simulated robot, for robot files that are not based on it: all levels must
+# drive with the same errors.
 _SIM_ODOMETRY = """\
 [USARBot.OdometrySensor]
 TurnScale=0.94
@@ -27,57 +28,74 @@ Decimals=4
 
 @dataclass(frozen=True, slots=True)
 class DegradationLevel:
-    """How bad it is, in the ladder's unit, and what the capture camera's section says for it."""
+    """One level of a sweep."""
 
     label: str
+    """Strength in the unit of the sweep."""
+
     ini_keys: str
+    """Keys of the capture camera's section, with `|` between lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class DegradationSweep:
-    """A way in which pictures get worse. words: what happens, for people.
-
-    base: the robot file that the rungs change. rungs: from slight to hopeless; clean pictures come
-    before the first. keys: what all rungs share. Keys are as in an ini, `|` between lines.
-    """
+    """One way in which an image degrades."""
 
     name: str
+
     description: str
+    """Cause of the degradation, as a clause without a full stop."""
+
     unit: str
+    """Quantity and unit of the labels."""
+
     levels: tuple[DegradationLevel, ...]
+    """Levels from slight to hopeless; clean images come before the first."""
+
     ini_keys: str = ""
+    """Keys that all levels share, with `|` between lines."""
+
     base_robot: str = SIM_ROBOT
+    """Robot file on which the levels are based."""
 
     @property
     def slug(self) -> str:
-        """Return the name as part of a file's name."""
+        """The name as part of a file name."""
         return self.name.lower().replace(" ", "_")
 
 
 def degraded_robot_ini(sweep: DegradationSweep, level: DegradationLevel, robot_folder: Path) -> str:
-    """Return the robot file of a rung; `robots` is the folder of those that it is based on."""
+    """Robot file of one level.
+
+    Args:
+        sweep: Sweep of the level.
+        level: Level to select.
+        robot_folder: Folder of the robot files on which sweeps are based.
+    """
+    # Later keys win, so a level can override the sweep.
     keys = "|".join(part for part in (_ONE_SAMPLE, sweep.ini_keys, level.ini_keys) if part)
     return _robot_ini(robot_folder / sweep.base_robot, keys)
 
 
 def clean_robot_ini(robot_folder: Path) -> str:
-    """Return the robot file of clean pictures."""
+    """Robot file of clean images."""
     return _robot_ini(robot_folder / SIM_ROBOT, _ONE_SAMPLE)
 
 
 def _robot_ini(base_robot: Path, ini_keys: str) -> str:
     lines = ini_keys.replace("|", "\n")
-    return f"[Configuration]\nBasedOn={base_robot.resolve()}\n{_SIM_ODOMETRY}{_CAMERA_SECTION}\n{lines}\n"
+    based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
+    return f"{based_on}{_SIM_ODOMETRY}{_CAMERA_SECTION}\n{lines}\n"
 
 
-# The pitch of a 1/3" sensor of 480 rows, were its rows 360.
+# A 1/3" sensor of 480 rows with its height divided into 360, the rows of the study's images.
 _PIXEL_PITCH = "PixelPitch=9.87e-6"
 
 SWEEPS: tuple[DegradationSweep, ...] = (
     DegradationSweep(
         "Too dark",
-        "the shutter is open for less than white needs",
-        "exposure, share of white's",
+        "an exposure shorter than white needs",
+        "exposure, fraction of white's",
         ini_keys="Exposure=always|WhiteExposureTime=0.01",
         levels=(
             DegradationLevel("0.9", "ExposureTime=0.009"),
@@ -88,8 +106,8 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Too bright",
-        "the shutter is open for longer than white needs; wells run over into their columns",
-        "exposure, share of white's",
+        "an exposure longer than white needs; full wells spill into their columns",
+        "exposure, fraction of white's",
         ini_keys="Exposure=always|WhiteExposureTime=0.01|Blooming=always",
         levels=(
             DegradationLevel("1.25", "ExposureTime=0.0125"),
@@ -100,7 +118,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Colour cast",
-        "other lamps than the white balance is for: red up, blue down by as much",
+        "light that the white balance is not set for: red raised, blue lowered by the same factor",
         "gain of red",
         ini_keys="WhiteBalance=always",
         levels=(
@@ -124,7 +142,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Defocus",
-        "a lens at f/2 whose focus is not where the mirror's picture lies",
+        "a lens at f/2 whose focus is not at the mirror's virtual image",
         "focused at, m",
         ini_keys=f"Defocus=always|FNumber=2|{_PIXEL_PITCH}",
         levels=(
@@ -160,7 +178,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Misalignment",
-        "a camera ahead of the mirror's focus, which the client does not know",
+        "a camera ahead of the mirror's focus, unknown to the client",
         "mm",
         ini_keys="Misalignment=always",
         levels=(
@@ -172,7 +190,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Fog",
-        "grey air between the mirror and all else",
+        "grey air between the mirror and the scene",
         "extinction, 1/m",
         ini_keys="Fog=always",
         levels=(
@@ -184,7 +202,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Motion blur",
-        "a robot that drives, up to 0.56 m/s, and turns while the shutter is open",
+        "a robot that drives, up to 0.56 m/s, and turns during the exposure",
         "exposure, ms",
         ini_keys="MotionBlur=always",
         levels=(
@@ -196,8 +214,8 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "Mirror dust",
-        "grains of 0.2 mm on the mirror, and two scratches",
-        "share covered",
+        "dust particles of 0.2 mm on the mirror, and two scratches",
+        "fraction covered",
         ini_keys=f"MirrorDust=always|{_PIXEL_PITCH}",
         levels=(
             DegradationLevel("0.002", "DustCoverage=0.002"),
@@ -207,8 +225,8 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
-        "What always is",
-        "the robot in its mirror, shadows, a lens with cos^4, mirrors, a colour mosaic; one each",
+        "Always present",
+        "one effect each: robot in the mirror, shadows, cos^4 of a lens, mirrors, colour mosaic",
         "effect",
         levels=(
             DegradationLevel("robot", "SelfView=always"),
@@ -225,8 +243,8 @@ SWEEPS: tuple[DegradationSweep, ...] = (
     ),
     DegradationSweep(
         "The real camera",
-        "p2at_omni_real.ini at 360 px, all of its effects; ever less light, the same shutter",
-        "light, share of white's",
+        "p2at_omni_real.ini at 360 px with all its effects; less and less light, the same exposure",
+        "light, fraction of white's",
         base_robot=REAL_ROBOT,
         ini_keys=f"ResolutionX=360|ResolutionY=360|{_PIXEL_PITCH}",
         levels=(

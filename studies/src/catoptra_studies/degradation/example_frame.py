@@ -1,4 +1,4 @@
-"""One frame of a film to look at, with what was found in it and what was missed."""
+"""One frame of a drive to look at, with its detected, missed and false beacons."""
 
 from __future__ import annotations
 
@@ -16,46 +16,55 @@ from catoptra_studies.degradation.degradation_metrics import (
 from catoptra_studies.degradation.recorded_drive import RecordedDrive
 
 Pixel = tuple[float, float]
+"""Position (u, v) in the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExampleFrame:
-    """A (h, w, 3) frame; where its beacons are that were found, and those missed; false ones.
-
-    false_bearings_rad: bearings of detections of what is not there. centre_px: of the picture's mirror.
-    """
+    """A frame with its evaluated detections."""
 
     rgb: UInt8Array
+    """(h, w, 3) image."""
+
     detected_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were detected."""
+
     missed_px: tuple[Pixel, ...]
+    """True positions of the visible beacons that were not."""
+
     false_bearings_rad: tuple[float, ...]
+    """Bearings of detections that match no visible landmark."""
+
     centre_px: Pixel
+    """Centre of the mirror's image."""
 
 
 def select_example(drive: RecordedDrive, detections: DriveDetections) -> ExampleFrame:
-    """Return the first of the frames that show most beacons within range."""
-    judged = list(evaluate_drive(drive, detections))
-    number = argmax_visible_beacons(judged)
-    shot, frame = drive.frames[number], judged[number]
-    places = {s.landmark.name: s.pixel for s in shot.landmarks if s.pixel is not None}
+    """Select the first of the frames with the most visible beacons within range."""
+    evaluations = list(evaluate_drive(drive, detections))
+    # The same frame at every level: visibility is the same there, since the seeds are.
+    index = argmax_visible_beacons(evaluations)
+    frame, evaluation = drive.frames[index], evaluations[index]
+    pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
+    missed = evaluation.visible_beacons - set(evaluation.detection_errors)
     return ExampleFrame(
-        rgb=shot.rgb,
-        detected_px=tuple(places[name] for name in sorted(frame.detection_errors)),
-        missed_px=tuple(
-            places[name] for name in sorted(frame.visible_beacons - set(frame.detection_errors))
+        rgb=frame.rgb,
+        detected_px=tuple(pixels[name] for name in sorted(evaluation.detection_errors)),
+        missed_px=tuple(pixels[name] for name in sorted(missed)),
+        false_bearings_rad=tuple(
+            detection.bearing_rad for detection in evaluation.false_detections
         ),
-        false_bearings_rad=tuple(one.bearing_rad for one in frame.false_detections),
         centre_px=drive.camera.centre_px,
     )
 
 
 def rms_difference(degraded: ExampleFrame, clean: ExampleFrame) -> float:
-    """Return the rms difference of two samples of the same place, in grey levels."""
+    """Root mean square difference of two frames at the same pose, in grey levels."""
     difference = degraded.rgb.astype(np.float64) - clean.rgb
     return float(np.sqrt(np.mean(np.square(difference))))
 
 
 def argmax_visible_beacons(evaluations: Sequence[FrameEvaluation]) -> int:
-    """Return the index of the first frame with the most visible beacons."""
-    counts = [len(frame.visible_beacons) for frame in evaluations]
+    """Index of the first frame with the most visible beacons."""
+    counts = [len(evaluation.visible_beacons) for evaluation in evaluations]
     return counts.index(max(counts))

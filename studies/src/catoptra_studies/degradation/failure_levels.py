@@ -1,4 +1,4 @@
-"""Where on a ladder colour classification starts to fail, and where the filter does."""
+"""The levels of a sweep at which colour classification and the filter fail."""
 
 from __future__ import annotations
 
@@ -6,40 +6,49 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
-
-# The paper's limit: what its filter keeps below.
-PAPER_EKF_ERROR_M = 0.6
+from catoptra_studies.paper_values import PAPER_EKF_ERROR_M
 
 
 @dataclass(frozen=True, slots=True)
 class FailureLevels:
-    """The first rung where something happens; None where nothing does up to the last.
-
-    falters, fails: fewer than nine tenths, than half of the beacons found that were found in clean
-    pictures. drifts: the filter's largest error more than doubles. lost: it exceeds PAPER_EKF_ERROR_M.
-    """
+    """Labels of the first levels that fail in four ways; None where all levels pass."""
 
     detection_below_90_percent: str | None
+    """Detection rate below nine tenths of that in clean images."""
+
     detection_below_50_percent: str | None
+    """Detection rate below half of that in clean images."""
+
     ekf_error_above_twice_clean: str | None
+    """Largest position error more than twice that with clean images."""
+
     ekf_error_above_paper: str | None
+    """Largest position error above the paper's bound."""
 
 
 def find_failure_levels(
     clean: DegradationMetrics, levels: Sequence[tuple[str, DegradationMetrics]]
 ) -> FailureLevels:
-    """Return the verdict on a ladder: its clean figures, and (label, figures) of its rungs."""
+    """Find the first failing level of a sweep.
+
+    Args:
+        clean: Metrics of clean images.
+        levels: Label and metrics of each level, from slight to hopeless.
+    """
+    # Relative to clean images, in which the detector does not find every beacon either.
     return FailureLevels(
         detection_below_90_percent=_first_level(
-            levels, lambda f: f.detection_rate < 0.9 * clean.detection_rate
+            levels, lambda metrics: metrics.detection_rate < 0.9 * clean.detection_rate
         ),
         detection_below_50_percent=_first_level(
-            levels, lambda f: f.detection_rate < 0.5 * clean.detection_rate
+            levels, lambda metrics: metrics.detection_rate < 0.5 * clean.detection_rate
         ),
         ekf_error_above_twice_clean=_first_level(
-            levels, lambda f: f.ekf_max_m > 2.0 * clean.ekf_max_m
+            levels, lambda metrics: metrics.ekf_max_m > 2.0 * clean.ekf_max_m
         ),
-        ekf_error_above_paper=_first_level(levels, lambda f: f.ekf_max_m > PAPER_EKF_ERROR_M),
+        ekf_error_above_paper=_first_level(
+            levels, lambda metrics: metrics.ekf_max_m > PAPER_EKF_ERROR_M
+        ),
     )
 
 
@@ -47,4 +56,4 @@ def _first_level(
     levels: Sequence[tuple[str, DegradationMetrics]],
     condition: Callable[[DegradationMetrics], bool],
 ) -> str | None:
-    return next((label for label, figures in levels if condition(figures)), None)
+    return next((label for label, metrics in levels if condition(metrics)), None)

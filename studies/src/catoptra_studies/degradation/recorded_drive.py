@@ -1,7 +1,7 @@
-"""A drive as a film: what was true, what odometry said, and every frame as it came over TCP.
+"""A drive recorded with every frame, so that several detectors can be compared on the same images.
 
-Which landmarks a frame shows is asked of the stream. What detectors make of the same film can then
-be compared, frame by frame.
+The stream reports which landmarks each frame shows: occlusion is computed by the server's geometry
+and no matter of colours.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from catoptra_client.landmarks import (
 from catoptra_client.landmarks.histogram import UInt8Array
 from catoptra_client.robot_client import RobotClient
 from catoptra_client.server_address import ServerAddress
+from catoptra_client.training_frames import ROBOT_CLASS
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
@@ -34,86 +35,111 @@ from catoptra_studies.experiment.drive_log import (
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M, ExperimentSetup
 from catoptra_studies.experiment.route import Waypoint
 
-# Two servers and what else the machine does may keep a frame waiting: a study is not lost by that.
+# Two servers and other programs may delay a frame; an hour of drives must not end by that.
 _TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """A (h, w, 3) frame, and what geometry says of the landmarks in it."""
+    """One frame with its landmarks."""
 
     rgb: UInt8Array
+    """(h, w, 3) image."""
+
     landmarks: tuple[LandmarkProjection, ...]
+    """Projection and visibility of every landmark, by the server's geometry."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedDrive:
-    """A drive whose steps have seen nothing yet, and a shot for each step after the start."""
+    """A drive with its frames and without measurements."""
 
     log: DriveLog
+
     frames: tuple[LabelledFrame, ...]
+    """One frame for each step after the start."""
+
     camera: OmniCamera
+
     height_m: float
+    """Height of the viewpoint above the floor."""
 
 
 def record_drive(
     setup: ExperimentSetup, seed: int, address: ServerAddress, *, on_step: Callable[[], None]
 ) -> RecordedDrive:
-    """Drive a set-up's route on a lockstep server and keep every frame."""
+    """Drive a set-up's route on a lockstep server and keep every frame.
+
+    Args:
+        setup: Route to drive.
+        seed: Number of the run; the robot's name has it, and the server's noise follows the name.
+        address: Server with a stream.
+        on_step: Called after each step.
+
+    Raises:
+        CatoptraError: The address has no stream port.
+    """
     if address.stream_port is None:
-        raise CatoptraError("a film needs the server's stream: it says what can be seen")
-    start, name, shots = setup.route[0], f"Run{seed}", list[LabelledFrame]()
+        raise CatoptraError(
+            "recording needs the port of the server's stream, which reports visible landmarks"
+        )
+    start, name, frames = setup.route[0], f"Run{seed}", list[LabelledFrame]()
     with (
         RobotClient.connect(address.host, address.control_port, _TIMEOUT_S) as robot,
         ImageClient.connect(address.host, address.image_port, _TIMEOUT_S) as images,
         StreamClient.connect(address.host, address.stream_port, _TIMEOUT_S) as stream,
     ):
         robot.spawn(
+            ROBOT_CLASS,
             name=name,
             location_m=(start.x_m, start.y_m, 0.0),
             rotation_rad=(0.0, 0.0, start.yaw_rad),
         )
         camera, height_m = robot.get_camera_and_height()
 
-        def look(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
-            shots.append(
-                LabelledFrame(images.get_frame().rgb, stream.get_landmark_projections(name))
-            )
+        def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
+            # Both requests fall between two steps of the lockstep clock, hence on the same pose.
+            rgb = images.get_frame().rgb
+            frames.append(LabelledFrame(rgb, stream.get_landmark_projections(name)))
             return ()
 
-        steps = drive_route(setup, robot, look, on_step)
-    return RecordedDrive(DriveLog(setup.name, seed, steps), tuple(shots), camera, height_m)
+        steps = drive_route(setup, robot, measure, on_step)
+    return RecordedDrive(DriveLog(setup.name, seed, steps), tuple(frames), camera, height_m)
 
 
 def make_drive_detector(
     drive: RecordedDrive, classifier: ColourClassifier, landmarks: Sequence[Landmark]
 ) -> Detector:
-    """Return the detector for a film's camera."""
+    """Detector for the camera of a drive."""
     viewpoint = Viewpoint(drive.height_m)
     return make_detector(drive.camera, classifier, landmarks=landmarks, viewpoint=viewpoint)
 
 
 def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Detection, ...], ...]:
-    """Return the beacons that a detector finds, with their range, in each shot."""
+    """Detect the beacons in each frame, leaving out those without a range."""
     return tuple(
-        tuple(d for d in detect(detector, shot.rgb) if d.kind == "beacon" and d.has_range)
-        for shot in drive.frames
+        tuple(
+            detection
+            for detection in detect(detector, frame.rgb)
+            if detection.kind == "beacon" and detection.has_range
+        )
+        for frame in drive.frames
     )
 
 
 def add_measurements(drive: RecordedDrive, detections: Sequence[Sequence[Detection]]) -> DriveLog:
-    """Return the drive as a filter gets it: with what was measured to be near enough."""
+    """The drive's log as a filter receives it, with detections within the range in use."""
     start, *rest = drive.log.steps
-    looked = (
-        replace(step, measurements=_measurements_in_range(seen))
-        for step, seen in zip(rest, detections, strict=True)
+    steps = (
+        replace(step, measurements=_measurements_in_range(found))
+        for step, found in zip(rest, detections, strict=True)
     )
-    return replace(drive.log, steps=(start, *looked))
+    return replace(drive.log, steps=(start, *steps))
 
 
 def _measurements_in_range(detections: Sequence[Detection]) -> tuple[LandmarkMeasurement, ...]:
     return tuple(
-        LandmarkMeasurement(d.name, d.range_m, d.bearing_rad)
-        for d in detections
-        if d.range_m <= MAX_RANGE_M
+        LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
+        for detection in detections
+        if detection.range_m <= MAX_RANGE_M
     )

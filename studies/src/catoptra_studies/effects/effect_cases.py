@@ -1,6 +1,6 @@
-"""What the pages of effects show: a scene that calls for each, and one that does not.
+"""Cases of the effect pages: for each effect a scene that needs it, and one where it is negligible.
 
-To add one: its line in `CASES`, in optical order.
+To add a case, add its line to EFFECT_CASES, in the order of the light's path.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ from catoptra_server.effects.sensor.shot_noise import ShotNoise
 from catoptra_server.effects.sensor.white_balance import WhiteBalance
 from catoptra_server.scene.twist import AT_REST, Twist
 
+# Shared by several cases: a fifth and three times the exposure that white needs, a lens at F/4
+# with pixels of 7.4 um, and a robot that drives and turns.
 _SHORT_EXPOSURE = ShutterTime(0.004, 0.02)
 _LONG_EXPOSURE = ShutterTime(0.06, 0.02)
 _APERTURE = Aperture(4.0, 7.4e-6, 0.0)
@@ -43,28 +45,42 @@ _FAST_TWIST = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 2.1))
 
 @dataclass(frozen=True, slots=True)
 class NegligibleCase:
-    """A scene that does not call for an effect: what is different there, in words."""
+    """A scene in which an effect is negligible."""
 
     description: str
+    """The difference from the other scene, as a phrase."""
+
     effect: Effect
+    """The effect with parameters for this scene."""
+
     max_radiance: float = 1.0
+    """Largest radiance in the scene, in units of white."""
+
     rim_deg: float = 120.0
+    """Incidence angle of the mirror's rim."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffectCase:
-    """What a page shows. before: effects in front of it. zoom: how much of the middle is shown.
-
-    twist: of the robot, in its own axes. near_m: how far ahead of the mirror a board stands.
-    """
+    """One page: an effect in a scene that needs it."""
 
     effect: Effect
     negligible_case: NegligibleCase
+
     description: str
+    """The scene or the parameters, as a phrase."""
+
     upstream_effects: tuple[Effect, ...] = ()
+    """Effects applied before, in both images."""
+
     zoom: int = 1
+    """Enlargement of the detail that is shown; 1 shows the whole image."""
+
     twist: Twist = AT_REST
+    """Motion of the robot, in its own axes."""
+
     board_distance_m: float = math.inf
+    """Distance of a striped board ahead of the mirror; inf for none."""
 
 
 EFFECT_CASES = (
@@ -94,7 +110,7 @@ EFFECT_CASES = (
     EffectCase(
         Fog(0.35, 0.5, 0.5, 0.5),
         NegligibleCase("clear air", Fog(0.0, 0.5, 0.5, 0.5)),
-        "fog in which the eye loses contrast after 9 m",
+        "fog with a visibility of 9 m",
     ),
     EffectCase(
         DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
@@ -111,7 +127,7 @@ EFFECT_CASES = (
     EffectCase(
         Misalignment(x_m=1e-3),
         NegligibleCase("a camera at the mirror's focus", Misalignment()),
-        "a camera 1 mm ahead of where it belongs",
+        "a camera 1 mm ahead of the mirror's focus",
     ),
     EffectCase(
         ChromaticAberration(1.02, 0.985),
@@ -146,19 +162,19 @@ EFFECT_CASES = (
     ),
     EffectCase(
         _LONG_EXPOSURE,
-        NegligibleCase("the shutter open as long as white needs", ShutterTime(0.02, 0.02)),
+        NegligibleCase("an exposure as long as white needs", ShutterTime(0.02, 0.02)),
         "60 ms where white needs 20 ms",
     ),
     EffectCase(
         AutoExposure(0.18, 0.1, 10.0),
         NegligibleCase("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
-        "a picture that was exposed for 4 ms instead of 20",
+        "an image exposed for 4 ms instead of 20",
         upstream_effects=(_SHORT_EXPOSURE,),
     ),
     EffectCase(
         Blooming(0.3, 40.0),
-        NegligibleCase("the same at the shutter time that white needs", Blooming(0.3, 40.0)),
-        "60 ms where white needs 20 ms: wells run over",
+        NegligibleCase("the same at the exposure that white needs", Blooming(0.3, 40.0)),
+        "60 ms where white needs 20 ms: full wells spill",
         upstream_effects=(_LONG_EXPOSURE,),
     ),
     EffectCase(

@@ -1,6 +1,6 @@
-"""One drive round the field over the sockets, recorded: poses, odometry, landmark measurements.
+"""One drive round the field over the sockets: poses, odometry and landmark measurements.
 
-The record holds all that a filter needs, so that filters can be compared on the very same drive.
+The log has everything that a filter needs, so that filters can be compared on the same drive.
 """
 
 from __future__ import annotations
@@ -38,19 +38,23 @@ from catoptra_studies.experiment.experiment_setups import (
 from catoptra_studies.experiment.route import Waypoint
 from catoptra_studies.experiment.waypoint_controller import Chassis, wheel_command_towards
 
+Positions = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class LandmarkMeasurement:
-    """A landmark as it was measured in one step: range in metres, bearing in radians."""
+    """Measurement of one landmark in one step."""
 
     name: str
     range_m: float
+
     bearing_rad: float
+    """Clockwise from the robot's forward direction."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveStep:
-    """What was true and what was measured after one step."""
+    """Truth and measurements after one step."""
 
     truth: Waypoint
     odometry: OdometryPose
@@ -59,14 +63,19 @@ class DriveStep:
 
 @dataclass(frozen=True, slots=True)
 class DriveLog:
-    """A whole drive. The first step is the start: nothing was driven, nothing looked at."""
+    """A whole drive."""
 
     setup: str
+    """Name of the set-up."""
+
     seed: int
+
     steps: tuple[DriveStep, ...]
+    """Steps of the route; the first is the start, without measurements."""
 
 
 MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
+"""Measure landmarks after a step, from the true pose."""
 
 
 def log_drive(
@@ -78,14 +87,24 @@ def log_drive(
     classifier: ColourClassifier | None,
     on_step: Callable[[], None],
 ) -> DriveLog:
-    """Drive one set-up on a lockstep server and return what was measured.
+    """Drive one set-up on a lockstep server.
 
-    The server's random numbers follow from its seed and the robot's name, which carries `seed`.
+    Args:
+        setup: Route and source of measurements.
+        seed: Number of the run.
+        address: Server to connect to.
+        landmarks: Landmarks of the field.
+        classifier: Classifier for set-ups that detect landmarks in frames.
+        on_step: Called after each step.
+
+    Raises:
+        CatoptraError: The set-up detects landmarks and there is no classifier.
     """
     start = setup.route[0]
     with RobotClient.connect(address.host, address.control_port) as robot:
         robot.spawn(
             ROBOT_CLASS,
+            # The server's noise follows from its own seed and this name.
             name=f"Run{seed}",
             location_m=(start.x_m, start.y_m, 0.0),
             rotation_rad=(0.0, 0.0, start.yaw_rad),
@@ -94,16 +113,16 @@ def log_drive(
         with ImageClient.connect(address.host, address.image_port) as images:
             if setup.measurement_source is MeasurementSource.DETECTOR:
                 if classifier is None:
-                    raise CatoptraError(f"set-up {setup.name} looks at pixels: train first")
+                    raise CatoptraError(f"set-up {setup.name} detects landmarks: train first")
                 viewpoint = Viewpoint(height_m)
                 detector = make_detector(
                     camera, classifier, landmarks=landmarks, viewpoint=viewpoint
                 )
-                look = _detector_measurement(images, detector)
+                measure = _detector_measurement(images, detector)
             else:
                 generator = np.random.Generator(np.random.Philox(key=seed))
-                look = manual_measurement(setup, camera, height_m, landmarks, generator)
-            return DriveLog(setup.name, seed, drive_route(setup, robot, look, on_step))
+                measure = manual_measurement(setup, camera, height_m, landmarks, generator)
+            return DriveLog(setup.name, seed, drive_route(setup, robot, measure, on_step))
 
 
 def drive_route(
@@ -112,10 +131,12 @@ def drive_route(
     measure: MeasurementFunction,
     on_step: Callable[[], None],
 ) -> tuple[DriveStep, ...]:
-    """Drive a spawned robot along the set-up's route, looking after every step."""
+    """Drive a spawned robot along the set-up's route and measure after every step."""
     chassis = _read_chassis(robot)
     steps = [DriveStep(_true_pose(robot), _odometry_pose(robot), ())]
     for target in setup.route[1:]:
+        # Steered by the true pose, so that slip does not add up: the robots of the paper were
+        # driven by people who saw them.
         command = wheel_command_towards(target, _true_pose(robot), chassis)
         robot.drive(command.left_rad_s, command.right_rad_s)
         robot.step(command.duration_s)
@@ -126,13 +147,13 @@ def drive_route(
 
 
 def _detector_measurement(images: ImageClient, detector: Detector) -> MeasurementFunction:
-    """Return the look that asks for a frame and finds landmarks in its pixels alone."""
+    """Measurement by detecting landmarks in a new frame; the true pose is not used."""
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
-        found = detect(detector, images.get_frame().rgb)
+        detections = detect(detector, images.get_frame().rgb)
         return tuple(
             LandmarkMeasurement(detection.name, detection.range_m, detection.bearing_rad)
-            for detection in found
+            for detection in detections
             if detection.has_range and detection.range_m <= MAX_RANGE_M
         )
 
@@ -146,13 +167,22 @@ def manual_measurement(
     landmarks: tuple[Landmark, ...],
     generator: np.random.Generator,
 ) -> MeasurementFunction:
-    """Return the look that measures true landmarks with a pixel's noise, as a person would."""
+    """Measurement of the true landmarks with noise, as by hand in recorded frames.
+
+    Args:
+        setup: Noise of the measurements.
+        camera: Camera in whose image the noise applies.
+        height_m: Height of the viewpoint above the floor.
+        landmarks: Landmarks of the field.
+        generator: Source of the noise.
+    """
 
     def measure(truth: Waypoint) -> tuple[LandmarkMeasurement, ...]:
-        measured = (
-            _measure_manually(setup, camera, height_m, truth, m, generator) for m in landmarks
+        measurements = (
+            _measure_manually(setup, camera, height_m, truth, landmark, generator)
+            for landmark in landmarks
         )
-        return tuple(seen for seen in measured if seen is not None)
+        return tuple(m for m in measurements if m is not None)
 
     return measure
 
@@ -165,11 +195,11 @@ def _measure_manually(
     landmark: Landmark,
     generator: np.random.Generator,
 ) -> LandmarkMeasurement | None:
-    """Return a landmark's foot with noise on its image radius and bearing.
+    """Measure a landmark's foot with noise on image radius and bearing.
 
-    None if it is too far, or if the noise leaves no range.
-    Two numbers are drawn for every landmark, seen or not, so that one does not shift another's.
+    None where the landmark is too far, or where the noise leaves no range.
     """
+    # Drawn for every landmark, in range or not, so that one does not shift the noise of others.
     radial, angular = generator.standard_normal(2)
     dx, dy = landmark.x_m - truth.x_m, landmark.y_m - truth.y_m
     range_m = math.hypot(dx, dy)
@@ -177,17 +207,20 @@ def _measure_manually(
         return None
     ratio = _floor_radius_ratio(camera, range_m, height_m)
     ratio += float(radial) * setup.manual_sigma_px / camera.horizon_radius_px
-    bearing = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
-    bearing = wrap_angle(bearing + float(angular) * setup.manual_sigma_rad)
+    bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
+    bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
     if ratio < 0.0:
         return None
     t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))
-    measured_m, below = range_from_half_angle(t, drop_m=height_m)
-    return LandmarkMeasurement(landmark.name, measured_m, bearing) if below else None
+    measured_m, is_below_horizon = range_from_half_angle(t, drop_m=height_m)
+    if not is_below_horizon:
+        return None
+    return LandmarkMeasurement(landmark.name, measured_m, bearing_rad)
 
 
 def _floor_radius_ratio(camera: OmniCamera, range_m: float, height_m: float) -> float:
-    """Return r_i / h of a point on the floor: Eq. 2's place, by the mirror's own law."""
+    """r_i / h of a point on the floor, by the camera model where the paper has Eq. 2."""
+    # tan(theta/2) = sin / (1 + cos), with sin = range / distance and cos = height / distance.
     t = np.array(range_m / (math.hypot(range_m, height_m) + height_m))
     return float(camera.mirror.radius_ratio_from_t(t))
 
@@ -209,14 +242,11 @@ def _odometry_pose(robot: RobotClient) -> OdometryPose:
 
 def _read_chassis(robot: RobotClient) -> Chassis:
     geometry = robot.get_geometry("Robot")
-    assert isinstance(geometry, VehicleGeometry), "GETGEO Robot is answered by a vehicle"
+    assert isinstance(geometry, VehicleGeometry), "GETGEO Robot has a vehicle's reply"
     speed = robot.get_configuration("Robot").get("MaxSpeed")
     return Chassis(geometry.wheel_radius_m, geometry.wheel_separation_m, float(speed or 0.0))
 
 
-Positions = npt.NDArray[np.float64]
-
-
 def true_positions(drive_log: DriveLog) -> Positions:
-    """Return the (steps + 1, 2) true positions in metres."""
+    """(steps + 1, 2) true positions in metres."""
     return np.array([(step.truth.x_m, step.truth.y_m) for step in drive_log.steps])

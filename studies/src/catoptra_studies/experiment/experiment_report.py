@@ -1,34 +1,37 @@
-"""The report: one HTML file with its pictures inside, every number of it also in summary.json."""
+"""The experiment's report: one HTML file with its figures inside.
+
+Every number of the report is also in summary.json.
+"""
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
+from catoptra_studies.experiment.paper_claims import Claim
+from catoptra_studies.reports.html_page import Cell, ReportFigure, figure_elements, html_table
 
-@dataclass(frozen=True, slots=True)
-class ReportFigure:
-    """A PNG file with its caption."""
-
-    file: str
-    title: str
-    caption: str
-    alt: str
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """One statement of the experiment: what was expected, what was measured, whether it holds."""
-
-    text: str
-    measurement: str
-    is_confirmed: bool
+# Key of a run's metrics and its label in the report, in the order of the rows.
+_METRIC_LABELS = {
+    "odometry_max_m": "largest odometry error, m",
+    "odometry_steps_above_1m": "steps with odometry error above 1 m",
+    "ekf_max_m": "largest EKF error, m",
+    "ekf_mean_m": "mean EKF error, m",
+    "ekf_mean_on_diagonal_m": "mean EKF error on the diagonal, m",
+    "ekf_max_after_step_30_m": "largest EKF error after step 30, m",
+    "accepted_steps_1_to_8": "fraction of measured landmarks accepted, steps 1 to 8",
+    "accepted_steps_9_to_22": "the same, steps 9 to 22: up to the first corner",
+    "accepted_steps_23_to_40": "the same, steps 23 to 40",
+    "accepted_steps_41_to_100": "the same, steps 41 to 100",
+    "relock_step": "first accepting step after five that rejected all, where there was one",
+    "longest_rejection_streak": "longest run of rejecting steps",
+    "windowed_nis_max": "largest NIS of 20 measurements, a degree of freedom; 1 is consistent",
+    "ekf_worse_in_first_5_steps": "runs with EKF worse than odometry in steps 1 to 5",
+}
 
 
 def write_html_report(
@@ -43,15 +46,30 @@ def write_html_report(
     summary: Mapping[str, Any],
     timing: str,
 ) -> Path:
-    """Write folder/report.html from pictures that lie in the folder; return its path."""
+    """Write report.html.
+
+    Args:
+        folder: Folder for the report, with the PNG files of all figures.
+        subtitle: Line below the title.
+        num_runs: Drives of each set-up.
+        claims: Claims of the paper with their evaluation.
+        camera_figures: Figures of the first section.
+        landmark_figures: Figures of the second section.
+        drive_figures: Figures of the third section.
+        summary: Content of summary.json, of which `setups` is used.
+        timing: Last line.
+
+    Returns:
+        Path of the report.
+    """
     template = resources.files("catoptra_studies.experiment").joinpath("report.html")
     text = Template(template.read_text(encoding="utf-8")).substitute(
         subtitle=html.escape(subtitle),
-        runs=num_runs,
+        num_runs=num_runs,
         claims=_claim_table(claims),
-        camera_figures=_figure_elements(folder, camera_figures),
-        landmark_figures=_figure_elements(folder, landmark_figures),
-        drive_figures=_figure_elements(folder, drive_figures),
+        camera_figures=figure_elements(folder, camera_figures),
+        landmark_figures=figure_elements(folder, landmark_figures),
+        drive_figures=figure_elements(folder, drive_figures),
         measurement_table=_measurement_table(summary["setups"]),
         filter_tables=_filter_tables(summary["setups"]),
         timing=html.escape(timing),
@@ -61,44 +79,12 @@ def write_html_report(
     return report
 
 
-def _figure_elements(folder: Path, figures: Sequence[ReportFigure]) -> str:
-    return "\n".join(_figure_element(folder, picture) for picture in figures)
-
-
-def _figure_element(folder: Path, figure: ReportFigure) -> str:
-    data = base64.b64encode((folder / figure.file).read_bytes()).decode()
-    return (
-        f'<figure><img alt="{html.escape(figure.alt)}" src="data:image/png;base64,{data}">'
-        f"<figcaption><strong>{html.escape(figure.title)}.</strong> "
-        f"{html.escape(figure.caption)}</figcaption></figure>"
-    )
-
-
 def _claim_table(claims: Sequence[Claim]) -> str:
-    rows = "".join(
-        f"<tr><td>{html.escape(claim.text)}</td><td>{html.escape(claim.measurement)}</td>"
-        f'<td class="{"yes" if claim.is_confirmed else "no"}">{"yes" if claim.is_confirmed else "no"}</td></tr>'
-        for claim in claims
-    )
-    return f"<table><tr><th>Claim</th><th>Measured</th><th>Holds</th></tr>{rows}</table>"
-
-
-_METRIC_LABELS = {
-    "odometry_max_m": "largest odometry error, m",
-    "odometry_steps_above_1m": "steps with odometry error above 1 m",
-    "ekf_max_m": "largest EKF error, m",
-    "ekf_mean_m": "mean EKF error, m",
-    "ekf_mean_on_diagonal_m": "mean EKF error on the diagonal, m",
-    "ekf_max_after_step_30_m": "largest EKF error after step 30, m",
-    "accepted_steps_1_to_8": "share of seen landmarks accepted, steps 1 to 8",
-    "accepted_steps_9_to_22": "the same, steps 9 to 22: up to the first corner",
-    "accepted_steps_23_to_40": "the same, steps 23 to 40",
-    "accepted_steps_41_to_100": "the same, steps 41 to 100",
-    "relock_step": "first accepting step after five that rejected all, where there was one",
-    "longest_rejection_streak": "longest run of rejecting steps",
-    "windowed_nis_max": "largest NIS of 20 measurements, a degree of freedom; 1 is healthy",
-    "ekf_worse_in_first_5_steps": "runs with EKF worse than odometry in steps 1 to 5",
-}
+    rows = []
+    for claim in claims:
+        answer = "yes" if claim.is_confirmed else "no"
+        rows.append([Cell(claim.text), Cell(claim.measurement), Cell(answer, answer)])
+    return html_table([Cell("Claim"), Cell("Measured"), Cell("Confirmed")], rows)
 
 
 def _filter_tables(setups: Mapping[str, Any]) -> str:
@@ -106,46 +92,41 @@ def _filter_tables(setups: Mapping[str, Any]) -> str:
 
 
 def _filter_table(setup: Mapping[str, Any]) -> str:
-    filters = setup["filters"]
-    head = "".join(f'<th class="n">{html.escape(f["title"])}</th>' for f in filters.values())
-    rows = "".join(
-        f"<tr><td>{name}</td>"
-        + "".join(
-            f'<td class="n">{_format_statistics(f["spread"][key])}</td>' for f in filters.values()
-        )
-        + "</tr>"
-        for key, name in _METRIC_LABELS.items()
-    )
-    title = html.escape(setup["title"])
-    return f"<h3>{title}</h3><table><tr><th></th>{head}</tr>{rows}</table>"
+    filters = setup["filters"].values()
+    header = [Cell(""), *(Cell(settings["title"], "n") for settings in filters)]
+    rows = [
+        [Cell(label), *(Cell(_format_statistics(f["statistics"][key]), "n") for f in filters)]
+        for key, label in _METRIC_LABELS.items()
+    ]
+    return f"<h3>{html.escape(setup['title'])}</h3>{html_table(header, rows)}"
 
 
 def _format_statistics(statistics: Mapping[str, float] | None) -> str:
     if statistics is None:
         return "none"
-    return f"{statistics['median']:.3g} [{statistics['low']:.3g}, {statistics['high']:.3g}]"
+    return f"{statistics['median']:.3g} [{statistics['p05']:.3g}, {statistics['p95']:.3g}]"
 
 
 def _measurement_table(setups: Mapping[str, Any]) -> str:
-    rows = "".join(_measurement_row(name, s["measurements"]) for name, s in setups.items())
-    return (
-        "<table><tr><th>Set-up</th><th class='n'>measurements</th>"
-        "<th class='n'>range error, rms</th><th class='n'>bearing error, rms</th>"
-        f"<th>beacons measured, by distance</th></tr>{rows}</table>"
-    )
+    header = [
+        Cell("Set-up"),
+        *(Cell(title, "n") for title in ("measurements", "range error, rms", "bearing error, rms")),
+        Cell("beacons measured, by distance"),
+    ]
+    rows = [_measurement_row(name, setup["measurements"]) for name, setup in setups.items()]
+    return html_table(header, rows)
 
 
-def _measurement_row(name: str, metrics: Mapping[str, Any]) -> str:
-    shares = ", ".join(
-        f"{row['from_m']:g}-{row['to_m']:g} m: {row['share']:.0%}"
+def _measurement_row(name: str, metrics: Mapping[str, Any]) -> list[Cell]:
+    rates = ", ".join(
+        f"{row['from_m']:g}-{row['to_m']:g} m: {row['rate']:.0%}"
         for row in metrics["beacons_measured_by_distance"]
     )
+    # Millimetres: ranges are good to some ten of them.
     range_ = _format_rms(metrics["range_error_m"], scale=1e3, unit="mm", decimals=0)
     bearing = _format_rms(metrics["bearing_error_deg"], scale=1.0, unit="°", decimals=2)
-    return (
-        f"<tr><td>{html.escape(name)}</td><td class='n'>{metrics['measurements']}</td>"
-        f"<td class='n'>{range_}</td><td class='n'>{bearing}</td><td>{shares}</td></tr>"
-    )
+    numbers = (str(metrics["measurements"]), range_, bearing)
+    return [Cell(name), *(Cell(number, "n") for number in numbers), Cell(rates)]
 
 
 def _format_rms(quantiles: Mapping[str, float], *, scale: float, unit: str, decimals: int) -> str:

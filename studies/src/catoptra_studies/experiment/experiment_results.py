@@ -1,4 +1,4 @@
-"""The experiment's pictures and numbers, put together into summary.json and the report."""
+"""Figures and numbers of the experiment, put together into summary.json and the report."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from catoptra_studies.experiment.ensemble import median_run_index, summarise_runs
+from catoptra_studies.experiment.ensemble import median_run_index, summarize_runs
+from catoptra_studies.experiment.experiment_report import write_html_report
 from catoptra_studies.experiment.experiment_runner import (
     DetectorSnapshot,
     ExperimentConfig,
     SetupResult,
 )
 from catoptra_studies.experiment.experiment_setups import FILTERS, PAPER_FILTER
-from catoptra_studies.experiment.experiment_report import ReportFigure, write_html_report
 from catoptra_studies.experiment.measurement_metrics import compute_measurement_metrics
-from catoptra_studies.experiment.paper_claims import evaluate_claims
+from catoptra_studies.experiment.paper_claims import Claim, evaluate_claims
 from catoptra_studies.experiment.plots.classifier_plot import draw_classifier_output
 from catoptra_studies.experiment.plots.error_plot import draw_error_ensemble, draw_position_errors
 from catoptra_studies.experiment.plots.overview_plot import draw_overview
 from catoptra_studies.experiment.plots.trajectory_plot import draw_trajectories
+from catoptra_studies.reports.html_page import ReportFigure
 
 
 def write_experiment_results(
@@ -33,83 +34,100 @@ def write_experiment_results(
     camera_metrics: dict[str, Any],
     timing_s: dict[str, float],
     subtitle: str,
-) -> Path:
-    """Write summary.json and report.html; return the report's path."""
-    numbers = summarise_experiment(config, results)
-    drives = draw_drive_figures(config, results)
+) -> tuple[Path, list[Claim]]:
+    """Write all figures of the drives, summary.json and report.html.
+
+    Args:
+        config: Configuration of the experiment; figures of the camera are in its output folder.
+        results: Drives of each set-up.
+        camera_figures: Figures of the camera for the report.
+        snapshot: Frame for the figures of the detector; None where no set-up detects landmarks.
+        camera_metrics: Metrics of the camera's figures.
+        timing_s: Seconds used by each part.
+        subtitle: Line below the report's title.
+
+    Returns:
+        Path of the report, and the claims with their evaluation.
+    """
+    summary = summarize_experiment(config, results)
+    drive_figures = draw_drive_figures(config, results)
     if snapshot is not None:
         _draw_overview(config, results, snapshot)
-    document = {**numbers, "camera": camera_metrics, "timing_s": timing_s}
+    document = {**summary, "camera_metrics": camera_metrics, "timing_s": timing_s}
+    # nan is no JSON; a metric without values is null instead, and anything else is a bug.
     text = json.dumps(document, indent=2, allow_nan=False)
     (config.output_folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    return write_html_report(
+    claims = evaluate_claims(summary["setups"])
+    report = write_html_report(
         config.output_folder,
         subtitle=subtitle,
         num_runs=config.num_runs,
-        claims=evaluate_claims(numbers["setups"]),
+        claims=claims,
         camera_figures=camera_figures,
         landmark_figures=[] if snapshot is None else [_draw_classifier(config, snapshot)],
-        drive_figures=drives,
-        summary=numbers,
+        drive_figures=drive_figures,
+        summary=summary,
         timing="Time used: " + ", ".join(f"{k} {v:.0f} s" for k, v in timing_s.items()) + ".",
     )
+    return report, claims
 
 
-def summarise_experiment(
+def summarize_experiment(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> dict[str, Any]:
-    """Return everything that summary.json holds of the drives."""
+    """Everything that summary.json has about the drives."""
     setups = {
         result.setup.name: {
             "title": result.setup.title,
             "landmarks": result.setup.measurement_source.value,
             "measurements": compute_measurement_metrics(result.drive_logs, config.landmarks),
             "filters": {
-                f.name: {"title": f.title, **summarise_runs(result.filter_runs[f.name])}
-                for f in FILTERS
+                settings.name: {
+                    "title": settings.title,
+                    **summarize_runs(result.filter_runs[settings.name]),
+                }
+                for settings in FILTERS
             },
         }
         for result in results
     }
     claims = [asdict(claim) for claim in evaluate_claims(setups)]
-    return {"seed": config.seed, "runs": config.num_runs, "setups": setups, "claims": claims}
+    return {"seed": config.seed, "num_runs": config.num_runs, "setups": setups, "claims": claims}
 
 
 def draw_drive_figures(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> list[ReportFigure]:
-    """Draw trajectories and errors of the typical run of each set-up, and the ensembles."""
+    """Draw trajectories and errors of the median run of each set-up, and the ensembles."""
     chosen = []
     for result in results:
-        traces = result.filter_runs[PAPER_FILTER.name]
-        index = median_run_index(traces)
-        chosen.append((result, result.drive_logs[index], traces[index]))
-    maps = [(f"{r.setup.name}, run {t.seed}", recording, t) for r, recording, t in chosen]
-    draw_trajectories(config.output_folder / "trajectories.png", maps, config.landmarks)
+        filter_runs = result.filter_runs[PAPER_FILTER.name]
+        index = median_run_index(filter_runs)
+        title = f"{result.setup.name}, run {filter_runs[index].seed}"
+        chosen.append((title, result.drive_logs[index], filter_runs[index]))
+    draw_trajectories(config.output_folder / "trajectories.png", chosen, config.landmarks)
     draw_position_errors(
-        config.output_folder / "errors.png",
-        [(f"{r.setup.name}, run {t.seed}", t) for r, _, t in chosen],
+        config.output_folder / "errors.png", [(title, run) for title, _, run in chosen]
     )
-    draw_error_ensemble(
-        config.output_folder / "ensemble.png",
-        [
-            (f"{r.setup.name}, {config.num_runs} runs", r.filter_runs[PAPER_FILTER.name])
-            for r in results
-        ],
-    )
+    ensembles = [
+        (f"{result.setup.name}, {config.num_runs} runs", result.filter_runs[PAPER_FILTER.name])
+        for result in results
+    ]
+    draw_error_ensemble(config.output_folder / "ensemble.png", ensembles)
     return [
         ReportFigure(
             "trajectories.png",
-            "Self-localisation on the field (the paper's Figure 12)",
+            "Self-localization on the field (the paper's Figure 12)",
             "The run whose largest error is the median one. The open circle is the start.",
             "Maps of the true path, the path by odometry alone and the filter's estimate",
         ),
         ReportFigure(
             "errors.png",
-            "Distance between true and estimated place (the paper's Figure 13)",
+            "Distance between true and estimated position (the paper's Figure 13)",
             "The bars count the landmarks that the validation gate accepted (up) and rejected "
-            "(down) in each step. In the real set-up the filter starts too certain: it trusts its "
-            "odometry and rejects, until the turn at the first corner (step 24) widens its belief.",
+            "(down) in each step. In the real set-up the filter starts too certain: it relies on "
+            "odometry and rejects, until the turn at the first corner (step 24) widens its "
+            "covariance.",
             "Position error over the steps for odometry and filter",
         ),
         ReportFigure(
@@ -122,14 +140,13 @@ def draw_drive_figures(
 
 
 def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> ReportFigure:
-    draw_classifier_output(
-        config.output_folder / "classifier.png", snapshot.rgb, snapshot.detector, snapshot.stages
-    )
+    path = config.output_folder / "classifier.png"
+    draw_classifier_output(path, snapshot.rgb, snapshot.detector, snapshot.stages)
     return ReportFigure(
-        "classifier.png",
-        "What the classifier sees",
-        "A frame as it came over TCP, its cylinder, and the pixels whose likelihood ratio passes "
-        "the threshold of Eq. 3. Two stacked colours make a beacon; its place in the cylinder "
+        path.name,
+        "Stages of the colour classifier",
+        "A frame as received over TCP, its cylinder, and the pixels whose likelihood ratio exceeds "
+        "the threshold of Eq. 3. Two stacked colours make a beacon; its position in the cylinder "
         "gives bearing and range.",
         "Omnidirectional frame, unwarped cylinder and colour labels with detected landmarks",
     )
@@ -138,14 +155,14 @@ def _draw_classifier(config: ExperimentConfig, snapshot: DetectorSnapshot) -> Re
 def _draw_overview(
     config: ExperimentConfig, results: Sequence[SetupResult], snapshot: DetectorSnapshot
 ) -> None:
-    """Draw the one picture that tells the story: frame, bearings, path."""
+    """Draw frame, bearings and path in one figure, for the README."""
     result = results[0]
-    traces = result.filter_runs[PAPER_FILTER.name]
-    index = median_run_index(traces)
+    filter_runs = result.filter_runs[PAPER_FILTER.name]
+    index = median_run_index(filter_runs)
     draw_overview(
         config.output_folder / "overview.png",
         snapshot.rgb,
         snapshot.detector,
         stages=snapshot.stages,
-        logged_run=(result.drive_logs[index], traces[index]),
+        logged_run=(result.drive_logs[index], filter_runs[index]),
     )

@@ -1,4 +1,4 @@
-"""The work of the experiment, nothing printed: train, drive every seed, run the filters."""
+"""Work of the experiment without any output: train, drive every seed, replay the filters."""
 
 from __future__ import annotations
 
@@ -36,73 +36,88 @@ from catoptra_studies.experiment.remote_server import wait_for_server
 from catoptra_studies.experiment.server_process import run_server
 
 ProgressCallback = Callable[[str], None]
+"""Receives the name of the task that has advanced by one."""
 
-# Where the classifier's view is taken: two beacons and a goal within 2.5 m.
+_FIELD = "four_legged_2006"
+# Metres and radians: from here two beacons and a goal are within 2.5 m.
 _SNAPSHOT_POSE = (1.0, -0.6, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class ExperimentConfig:
-    """What to run.
-
-    configs: the folder with robots/, worlds/ and landmarks/; None: those that come with server and
-    client. servers: those that run elsewhere, by set-up; the others are started here. timeout_s:
-    how long something elsewhere may take to be there.
-    """
+    """Extent of the experiment and its servers."""
 
     config_folder: Path | None
+    """Folder with robots/, worlds/ and landmarks/; None uses the files bundled with server and
+    client."""
+
     output_folder: Path
     setups: tuple[ExperimentSetup, ...]
+
     num_runs: int
+    """Drives for each set-up, with the seeds 0, 1, ..."""
+
     seed: int
+    """Seed of the servers and of the training poses."""
+
     num_training_frames: int
+
     server_arguments: tuple[str, ...] = ()
+    """Arguments for servers that are started here."""
+
     remote_servers: Mapping[str, ServerAddress] = field(default_factory=dict)
+    """Running servers by set-up; servers of all other set-ups are started as processes."""
+
     timeout_s: float = 60.0
+    """Longest wait for a remote server, and for figures drawn by another program."""
 
     @property
     def field_world_file(self) -> Path:
-        """Return the world file of the field."""
-        return self.world_file("four_legged_2006.ini")
+        """World file of the field."""
+        return self.world_file(f"{_FIELD}.ini")
 
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
-        """Return the landmarks: the same file that the world draws."""
+        """Landmarks of the field, from the file that the world also refers to."""
         if self.config_folder is None:
-            return read_landmarks(find_landmark_file("four_legged_2006"))
-        return read_landmarks(self.config_folder / "landmarks" / "four_legged_2006.csv")
+            return read_landmarks(find_landmark_file(_FIELD))
+        return read_landmarks(self.config_folder / "landmarks" / f"{_FIELD}.csv")
 
     def robot_file(self, name: str) -> Path:
-        """Return a robot file; of a shipped one its bare name, by which the server finds it."""
-        return (
-            Path(Path(name).stem)
-            if self.config_folder is None
-            else self.config_folder / "robots" / name
-        )
+        """Robot file by its name; an absolute path is returned as given."""
+        return self._find_file("robots", name)
 
     def world_file(self, name: str) -> Path:
-        """Return a world file; of a shipped one its bare name."""
-        return (
-            Path(Path(name).stem)
-            if self.config_folder is None
-            else self.config_folder / "worlds" / name
-        )
+        """World file by its name; an absolute path is returned as given."""
+        return self._find_file("worlds", name)
+
+    def _find_file(self, kind: str, name: str) -> Path:
+        if Path(name).is_absolute():
+            return Path(name)
+        if self.config_folder is None:
+            # The server resolves names without suffix to its bundled files.
+            return Path(Path(name).stem)
+        return self.config_folder / kind / name
 
 
 @dataclass(frozen=True, slots=True)
 class SetupResult:
-    """All drives of a set-up, and each filter's traces over them."""
+    """All drives of one set-up."""
 
     setup: ExperimentSetup
     drive_logs: tuple[DriveLog, ...]
+
     filter_runs: dict[str, tuple[FilterRun, ...]]
+    """Runs over all drives by the filter's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectorSnapshot:
-    """One frame as it came over TCP, and what the detector made of it."""
+    """One frame received over TCP, with all stages of its detection."""
 
     rgb: UInt8Array
+    """(h, w, 3) image."""
+
     detector: Detector
     stages: DetectionStages
 
@@ -110,13 +125,22 @@ class DetectorSnapshot:
 def train_classifier(
     config: ExperimentConfig, on_progress: ProgressCallback
 ) -> tuple[ColourClassifier, DetectorSnapshot]:
-    """Train from a server's frames, save the classifier; return it with an example of its use."""
+    """Train a classifier from a server's frames and save it to classifier.npz.
+
+    Args:
+        config: Needs a set-up that detects landmarks.
+        on_progress: Called with "train" after each frame.
+
+    Returns:
+        The classifier, and an example of its use.
+    """
     setup = next(s for s in config.setups if s.measurement_source is MeasurementSource.DETECTOR)
     with open_server(config, setup) as address:
         frames = capture_training_frames(
             address,
             landmarks=config.landmarks,
             num_frames=config.num_training_frames,
+            # Not the seed of the drives: their frames must not be those of the training.
             seed=config.seed + 1,
             on_frame=lambda: on_progress("train"),
         )
@@ -128,18 +152,18 @@ def train_classifier(
 def _take_snapshot(
     config: ExperimentConfig, address: ServerAddress, classifier: ColourClassifier
 ) -> DetectorSnapshot:
-    x, y, yaw = _SNAPSHOT_POSE
+    x_m, y_m, yaw_rad = _SNAPSHOT_POSE
     with (
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
-        robot.spawn(ROBOT_CLASS, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
+        robot.spawn(ROBOT_CLASS, location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad))
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(
             camera, classifier, landmarks=config.landmarks, viewpoint=Viewpoint(height_m)
         )
-        frame = images.get_frame().rgb
-        return DetectorSnapshot(frame, detector, detect_with_stages(detector, frame))
+        rgb = images.get_frame().rgb
+        return DetectorSnapshot(rgb, detector, detect_with_stages(detector, rgb))
 
 
 def run_setup(
@@ -148,10 +172,17 @@ def run_setup(
     classifier: ColourClassifier | None,
     on_progress: ProgressCallback,
 ) -> SetupResult:
-    """Drive every seed on one server and replay every filter."""
+    """Drive every seed on one server, then replay every filter over the logs.
+
+    Args:
+        config: Number of drives and servers.
+        setup: Set-up to drive.
+        classifier: Classifier, for a set-up that detects landmarks.
+        on_progress: Called with the set-up's name after each step.
+    """
     landmarks = config.landmarks
     with open_server(config, setup) as address:
-        recordings = tuple(
+        drive_logs = tuple(
             log_drive(
                 setup,
                 run,
@@ -162,19 +193,23 @@ def run_setup(
             )
             for run in range(config.num_runs)
         )
-    known = make_landmark_map(landmarks)
-    traces = {f.name: tuple(replay_filter(r, setup, f, known) for r in recordings) for f in FILTERS}
-    return SetupResult(setup, recordings, traces)
+    landmark_map = make_landmark_map(landmarks)
+    filter_runs = {
+        settings.name: tuple(
+            replay_filter(log, setup, settings, landmark_map) for log in drive_logs
+        )
+        for settings in FILTERS
+    }
+    return SetupResult(setup, drive_logs, filter_runs)
 
 
 def open_server(
     config: ExperimentConfig, setup: ExperimentSetup
 ) -> AbstractContextManager[ServerAddress]:
-    """Return a set-up's server: the one elsewhere, else a process for the block."""
+    """Server of a set-up: the remote one, otherwise a process that ends with the block."""
     if setup.name in config.remote_servers:
-        return nullcontext(
-            wait_for_server(config.remote_servers[setup.name], timeout_s=config.timeout_s)
-        )
+        address = config.remote_servers[setup.name]
+        return nullcontext(wait_for_server(address, timeout_s=config.timeout_s))
     return run_server(
         config.robot_file(setup.robot_file),
         config.field_world_file,

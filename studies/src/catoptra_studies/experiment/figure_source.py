@@ -1,7 +1,7 @@
-"""The camera's own pictures for the report: drawn by the server's command, or by someone else.
+"""Figures of the camera for the report, drawn here with the server's code or by another program.
 
-Where the server is not installed, as in the client's container, whoever has it draws them into the
-output folder; figures.json is written last and says that they are there.
+Where the server is not installed, as in the client's container, another program draws them into the
+output folder. figures.json is written last and is the sign that all figures are there.
 """
 
 from __future__ import annotations
@@ -17,23 +17,34 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.experiment.experiment_report import ReportFigure
+from catoptra_studies.experiment.server_process import is_server_installed
+from catoptra_studies.reports.html_page import ReportFigure
 
 CameraFigures = tuple[list[ReportFigure], dict[str, Any]]
+"""Figures for the report, and their metrics by file name without suffix."""
 
 _POLL_INTERVAL_S = 0.2
 
 
 class FigureSource(Enum):
-    """Who draws the pictures of the camera."""
+    """Program that draws the figures of the camera."""
 
-    LOCAL = "here"
-    EXTERNAL = "elsewhere"
-    NONE = "nobody"
+    LOCAL = "local"
+    EXTERNAL = "external"
+    NONE = "none"
+
+
+def default_figure_source() -> FigureSource:
+    """LOCAL where a server is installed, otherwise NONE."""
+    return FigureSource.LOCAL if is_server_installed() else FigureSource.NONE
 
 
 def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> CameraFigures:
-    """Return the pictures that are in the plan's output, and the numbers that go with them."""
+    """Have the figures drawn into the output folder, or wait for them there.
+
+    Raises:
+        CatoptraError: The figures could not be drawn, or did not appear within the timeout.
+    """
     match source:
         case FigureSource.LOCAL:
             _draw_figures(config)
@@ -45,36 +56,27 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
 
 
 def read_camera_figures(folder: Path) -> CameraFigures:
-    """Return what figures.json of a folder lists."""
-    drawn = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
-    return [_report_figure(entry) for entry in drawn["figures"]], drawn["numbers"]
+    """Read figures.json of a folder."""
+    index = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
+    return [_report_figure(entry) for entry in index["figures"]], index["metrics"]
 
 
 def _report_figure(entry: dict[str, str]) -> ReportFigure:
-    title = f"{entry['title']} (the paper's {entry['figure']})"
+    title = f"{entry['title']} (the paper's {entry['paper_reference']})"
     return ReportFigure(entry["file"], title, entry["caption"], entry["alt"])
 
 
 def _draw_figures(config: ExperimentConfig) -> None:
-    """Have the server's own command draw faces, cube, mirrors and comparisons."""
+    """Run `catoptra-studies figures` as a process, which may import the server."""
     command = [
-        *(
-            sys.executable,
-            "-m",
-            "catoptra_studies.camera_figures",
-            "--output",
-            str(config.output_folder),
-        ),
-        *(
-            "--robot",
-            str(config.robot_file("p2at_omni.ini")),
-            "--world",
-            str(config.field_world_file),
-        ),
+        *(sys.executable, "-m", "catoptra_studies", "figures"),
+        *("--output", str(config.output_folder)),
+        *("--robot", str(config.robot_file("p2at_omni.ini"))),
+        *("--world", str(config.field_world_file)),
         *("--rings-world", str(config.world_file("incidence_rings.ini"))),
     ]
     if subprocess.run(command, check=False).returncode != 0:
-        raise CatoptraError("the pictures of the camera could not be drawn: see the lines above")
+        raise CatoptraError("the figures of the camera could not be drawn: see the lines above")
 
 
 def _wait_for_file(
@@ -85,11 +87,11 @@ def _wait_for_file(
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:
     deadline_s = clock() + timeout_s
+    # An empty file is one that the other program has just opened.
     while not (file.is_file() and file.stat().st_size):
         if clock() >= deadline_s:
             raise CatoptraError(
-                f"nobody drew the pictures of the camera: {file} did not come within "
-                f"{timeout_s:g} s. Draw them with python -m catoptra_studies.camera_figures, or leave "
-                "them out: --pictures nobody"
+                f"no figures of the camera: {file} did not appear within {timeout_s:g} s. Draw "
+                "them with catoptra-studies figures, or leave them out: --figures none"
             )
         sleep(_POLL_INTERVAL_S)

@@ -1,4 +1,4 @@
-"""A filter run over a recorded drive: beliefs, acceptances, errors. Pure functions."""
+"""A filter run over a logged drive: beliefs, accepted measurements, errors. Pure functions."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from catoptra_client.localization import (
     update_health,
 )
 from catoptra_client.localization.motion_model import propagate_pose
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_studies.experiment.drive_log import (
     DriveLog,
     DriveStep,
@@ -31,46 +32,64 @@ from catoptra_studies.experiment.drive_log import (
 )
 from catoptra_studies.experiment.experiment_setups import ExperimentSetup, FilterSettings
 
-Floats = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
-    """What came of a drive: one row a step, the start included.
-
-    estimate, odometry: (n, 3) poses. estimate_error_m, odometry_error_m: (n,) distances from the
-    truth. seen, accepted: (n,) numbers of landmarks. streak: (n,) rejecting steps in a row.
-    windowed_nis: (n,) of the latest compared measurements, per degree of freedom; 1 is healthy.
-    """
+    """Results of a filter over one drive: a row for each step and the start, n together."""
 
     filter_name: str
     seed: int
+
     estimate: Floats
+    """(n, 3) estimated poses: metres, metres, radians."""
+
     odometry: Floats
+    """(n, 3) poses by odometry alone, from the same believed start."""
+
     estimate_error_m: Floats
+    """(n,) distances of the estimate from the truth."""
+
     odometry_error_m: Floats
+    """(n,) distances of odometry from the truth."""
+
     num_measured: npt.NDArray[np.int64]
+    """(n,) measured landmarks."""
+
     num_accepted: npt.NDArray[np.int64]
+    """(n,) measurements that passed the validation gate."""
+
     rejection_streak: npt.NDArray[np.int64]
+    """(n,) steps in a row that measured landmarks and accepted none."""
+
     windowed_nis: Floats
+    """(n,) normalized innovation squared of the latest measurements, per degree of freedom; 1 is
+    consistent."""
 
 
 def replay_filter(
     drive_log: DriveLog, setup: ExperimentSetup, settings: FilterSettings, landmark_map: LandmarkMap
 ) -> FilterRun:
-    """Return the trace of a filter over a recording."""
+    """Run a filter over a logged drive.
+
+    Args:
+        drive_log: Drive to replay.
+        setup: Set-up of the drive, for the error of the believed start.
+        settings: Noises, gate and recovery of the filter.
+        landmark_map: Positions of the landmarks by name.
+    """
     state = _FilterState(_initial_belief(drive_log, setup, settings), FilterHealth())
     odometry = [state.belief.mean]
     estimates, counts, health = [state.belief.mean], [(0, 0)], [state.health]
     for previous, step in zip(drive_log.steps, drive_log.steps[1:], strict=False):
         control = control_from_odometry(previous.odometry, step.odometry)
+        # Odometry alone is the filter's own motion model without updates.
         odometry.append(propagate_pose(odometry[-1], control))
         state, updates = _filter_step(state, control, step, settings, landmark_map)
         estimates.append(state.belief.mean)
         counts.append((len(updates), sum(update.is_accepted for update in updates)))
         health.append(state.health)
     truth = true_positions(drive_log)
-    seen, accepted = np.array(counts).T
+    num_measured, num_accepted = np.array(counts).T
     return FilterRun(
         filter_name=settings.name,
         seed=drive_log.seed,
@@ -78,8 +97,8 @@ def replay_filter(
         odometry=np.array(odometry),
         estimate_error_m=np.linalg.norm(np.array(estimates)[:, :2] - truth, axis=1),
         odometry_error_m=np.linalg.norm(np.array(odometry)[:, :2] - truth, axis=1),
-        num_measured=seen,
-        num_accepted=accepted,
+        num_measured=num_measured,
+        num_accepted=num_accepted,
         rejection_streak=np.array([h.rejection_streak for h in health]),
         windowed_nis=np.array([h.windowed_nis for h in health]),
     )
@@ -94,7 +113,7 @@ class _FilterState:
 def _initial_belief(
     drive_log: DriveLog, setup: ExperimentSetup, settings: FilterSettings
 ) -> Belief:
-    """Return the believed start: the true place with the set-up's heading error, and P0."""
+    """The true start with the set-up's heading error, and P0 of the filter."""
     truth = drive_log.steps[0].truth
     mean = np.array([truth.x_m, truth.y_m, truth.yaw_rad + setup.initial_heading_error_rad])
     position, heading = settings.initial_sigma_m**2, settings.initial_sigma_rad**2
@@ -108,15 +127,16 @@ def _filter_step(
     settings: FilterSettings,
     landmark_map: LandmarkMap,
 ) -> tuple[_FilterState, list[MeasurementUpdate]]:
-    """Predict, take in every landmark that was seen, look after the filter's health."""
+    """Predict, update by every measurement, then by the filter's health."""
     belief = predict(state.belief, control, noise=settings.motion_noise)
     updates: list[MeasurementUpdate] = []
-    for seen in step.measurements:
+    # One landmark after the other, as in the paper: each gate has the belief of the last update.
+    for measurement in step.measurements:
         updates.append(
             update(
                 belief,
-                _range_bearing(seen, settings),
-                landmark=find_landmark_position(landmark_map, seen.name),
+                _range_bearing(measurement, settings),
+                landmark=find_landmark_position(landmark_map, measurement.name),
                 gate=settings.gate,
             )
         )
@@ -133,22 +153,28 @@ def _range_bearing(measurement: LandmarkMeasurement, settings: FilterSettings) -
 
 
 def find_relock_step(filter_run: FilterRun, *, min_rejecting_steps: int = 5) -> int | None:
-    """Return the first accepting step after so many seeing steps without; None if none."""
+    """First accepting step after a streak of rejecting ones; None where there is none.
+
+    Args:
+        filter_run: Results of a filter.
+        min_rejecting_steps: Length of the streak. Steps without measurements do not count.
+    """
     streak = 0
-    for step, (seen, accepted) in enumerate(
+    for step, (num_measured, num_accepted) in enumerate(
         zip(filter_run.num_measured, filter_run.num_accepted, strict=True)
     ):
-        if accepted and streak >= min_rejecting_steps:
+        if num_accepted and streak >= min_rejecting_steps:
             return step
-        if seen:
-            streak = 0 if accepted else streak + 1
+        if num_measured:
+            streak = 0 if num_accepted else streak + 1
     return None
 
 
 def acceptance_rate(filter_run: FilterRun, first_step: int, last_step: int) -> float | None:
-    """Return the share of seen landmarks that were accepted in steps first..last.
+    """Fraction of the measurements accepted in a range of steps, both ends included.
 
-    None if no landmark was seen in them.
+    None where no landmark was measured.
     """
-    seen = int(filter_run.num_measured[first_step : last_step + 1].sum())
-    return int(filter_run.num_accepted[first_step : last_step + 1].sum()) / seen if seen else None
+    steps = slice(first_step, last_step + 1)
+    num_measured = int(filter_run.num_measured[steps].sum())
+    return int(filter_run.num_accepted[steps].sum()) / num_measured if num_measured else None

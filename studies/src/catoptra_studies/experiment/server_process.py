@@ -1,7 +1,8 @@
-"""A server as a process of its own, on free ports of the loopback, ended when the block ends."""
+"""A server as a process of its own, on free ports of the loopback interface."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -16,6 +17,12 @@ _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+
 _TERMINATE_TIMEOUT_S = 10.0
 
 
+def is_server_installed() -> bool:
+    """Whether a server can be started with this interpreter."""
+    # Found, not imported: the experiment never loads the server's code.
+    return importlib.util.find_spec("catoptra_server") is not None
+
+
 @contextmanager
 def run_server(
     robot_file: Path,
@@ -25,10 +32,26 @@ def run_server(
     log_file: Path,
     extra_arguments: tuple[str, ...] = (),
 ) -> Iterator[ServerAddress]:
-    """Start a lockstep server and yield its address; its log goes into a file.
+    """Start a lockstep server for the block.
 
-    Raises CatoptraError with the log's last lines if it does not come up.
+    Args:
+        robot_file: Robot file, or the name of a bundled one.
+        world_file: World file, or the name of a bundled one.
+        seed: Seed of the server's random numbers.
+        log_file: File for the server's log.
+        extra_arguments: Further arguments of catoptra-server.
+
+    Yields:
+        The server's address.
+
+    Raises:
+        CatoptraError: No server is installed, or it ended before it listened.
     """
+    if not is_server_installed():
+        raise CatoptraError(
+            "no server is installed here: pip install 'catoptra-studies[server]', or use running "
+            "ones by --server"
+        )
     command = [
         *(sys.executable, "-m", "catoptra_server"),
         *("--robot", str(robot_file), "--world", str(world_file), "--clock", "lockstep"),
@@ -36,8 +59,8 @@ def run_server(
         *("--seed", str(seed), *extra_arguments),
     ]
     with (
-        log_file.open("w") as messages,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages, text=True) as process,
+        log_file.open("w") as log,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process,
     ):
         try:
             yield _read_address(process, log_file)
@@ -50,11 +73,12 @@ def run_server(
 
 
 def _read_address(process: subprocess.Popen[str], log_file: Path) -> ServerAddress:
-    """Return the address that the server announces; its end of output means that it failed."""
+    """Read the address that the server prints once all its ports are open."""
     assert process.stdout is not None, "stdout is a pipe"
     for line in process.stdout:
-        found = _LISTENING_PATTERN.match(line)
-        if found:
-            return ServerAddress(found[1], int(found[2]), int(found[4]), int(found[5]))
+        match = _LISTENING_PATTERN.match(line)
+        if match:
+            return ServerAddress(match[1], int(match[2]), int(match[4]), int(match[5]))
+    # The end of the output without that line: the reason is in the last lines of the log.
     tail = "\n".join(log_file.read_text().splitlines()[-5:])
     raise CatoptraError(f"the server did not start:\n{tail}")

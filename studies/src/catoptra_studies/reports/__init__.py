@@ -1,1 +1,1 @@
-"""Writers of reports: Markdown tables, blocks in hand-written files, and HTML pages."""
+"""Writers of reports: Markdown tables, generated blocks in hand-written files, HTML pages."""

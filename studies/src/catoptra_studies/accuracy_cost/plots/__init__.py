@@ -1,1 +1,1 @@
-"""The pictures of the study, one a file; each is drawn through the figures' one style."""
+"""Plots of the study, one a module, each drawn on a page of `plot_style`."""

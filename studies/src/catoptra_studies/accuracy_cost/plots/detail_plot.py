@@ -1,4 +1,4 @@
-"""The paper's Figure 9 with error maps: where 256 polygons still show, and 1024 hardly do."""
+"""The paper's Figure 9 with error maps: facets that show at 256 polygons and hardly at 1024."""
 
 from __future__ import annotations
 
@@ -6,44 +6,51 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from catoptra_server.render.renderer import Image
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.error_colour_map import map_error_colours
 from catoptra_studies.accuracy_cost.image_error import signed_difference
 from catoptra_studies.accuracy_cost.plots.plot_legend import draw_border, draw_colour_bar
 from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
+from catoptra_studies.plot_style import Image
 
-POLYGON_COUNTS = (256, 1024, 4096)
+_POLYGON_COUNTS = (256, 1024, 4096)
 DETAIL_PX, _ZOOM = 44, 8
 _SIDE_PX, _TOP_PX = DETAIL_PX * _ZOOM, 56
 WIDTH_PX, HEIGHT_PX = 1520, _TOP_PX + 2 * _SIDE_PX + 130
+# Below one grey level nothing is visible; half of full contrast is as bad as an error can look.
 GREY_LEVEL_RANGE = (1.0, 128.0)
 
 
 def draw(
     page: plot_style.Page, frames: Mapping[int, Image], exact: Image, *, max_radius_px: float
 ) -> None:
-    """Draw the detail through three meshes and exactly, all of the paper's size.
+    """Draw the detail through three meshes and exactly, with the differences below.
 
-    within_px: the horizon's radius; below it is the ground with its lines.
+    Args:
+        page: Page to draw on.
+        frames: Frames of the paper's size by number of polygons.
+        exact: Frame of the exact mirror.
+        max_radius_px: Radius of the horizon; the detail is searched within, where the floor's
+            straight lines are.
     """
+    coarsest = frames[_POLYGON_COUNTS[0]]
     row, column = find_max_difference_window(
-        frames[POLYGON_COUNTS[0]], exact, DETAIL_PX, max_radius_px=max_radius_px
+        coarsest, exact, DETAIL_PX, max_radius_px=max_radius_px
     )
-    part = slice(row, row + DETAIL_PX), slice(column, column + DETAIL_PX)
-    for index, count in enumerate(POLYGON_COUNTS):
-        image = frames[count]
+    window = slice(row, row + DETAIL_PX), slice(column, column + DETAIL_PX)
+    for index, count in enumerate(_POLYGON_COUNTS):
+        detail = frames[count][window]
         left = 10 + index * (_SIDE_PX + 22)
-        _draw_column(page, f"{count} polygons", image[part], left)
-        error = np.abs(signed_difference(image[part], exact[part])).max(axis=-1)
+        _draw_column(page, f"{count} polygons", detail, left)
+        error = np.abs(signed_difference(detail, exact[window])).max(axis=-1)
         colours = map_error_colours(error, *GREY_LEVEL_RANGE)
         draw_border(plot_style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 14, _SIDE_PX))
-    last = 10 + len(POLYGON_COUNTS) * (_SIDE_PX + 22)
-    _draw_column(page, "exact law", exact[part], last)
+    last = 10 + len(_POLYGON_COUNTS) * (_SIDE_PX + 22)
+    _draw_column(page, "exact mirror", exact[window], last)
     _draw_location(page, exact, (row, column), last)
     draw_colour_bar(
         page, GREY_LEVEL_RANGE, left=820, top=HEIGHT_PX - 84, width=480, ticks=(1, 4, 16, 64, 128),
-        title="below: difference from the exact law, grey levels",
+        title="below: difference from the exact mirror, grey levels",
     )  # fmt: skip
 
 
@@ -53,10 +60,10 @@ def _draw_column(page: plot_style.Page, name: str, detail: Image, left: int) -> 
 
 
 def _draw_location(page: plot_style.Page, exact: Image, corner: tuple[int, int], left: int) -> None:
-    """Show the whole frame and where the detail is."""
-    over = plot_style.show_image(page, exact, left, _TOP_PX + _SIDE_PX + 14, _SIDE_PX)
+    """Show the whole frame with a square around the detail."""
+    axes = plot_style.show_image(page, exact, left, _TOP_PX + _SIDE_PX + 14, _SIDE_PX)
     v, u = corner
-    over.plot(
+    axes.plot(
         [u, u + DETAIL_PX, u + DETAIL_PX, u, u], [v, v, v + DETAIL_PX, v + DETAIL_PX, v],
         color=plot_style.RED,
     )  # fmt: skip

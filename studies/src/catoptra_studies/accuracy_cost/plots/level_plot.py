@@ -1,4 +1,4 @@
-"""What each step of the front buys: the same detail of the frame, and how far its greys are off."""
+"""Levels of the Pareto front: the same detail of the frame, and the error of its greys."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from catoptra_server.render.renderer import Image
 from catoptra_studies import plot_style
 from catoptra_studies.accuracy_cost.error_colour_map import map_error_colours
 from catoptra_studies.accuracy_cost.image_error import signed_difference
 from catoptra_studies.accuracy_cost.level_costs import MeasuredLevel
 from catoptra_studies.accuracy_cost.plots.plot_legend import draw_border, draw_colour_bar
 from catoptra_studies.camera_figures.polygon_detail_figure import find_max_difference_window
+from catoptra_studies.plot_style import Image
 
 MAX_COLUMNS = 6
 DETAIL_PX, _ZOOM = 60, 4
@@ -27,18 +27,26 @@ def draw(
     reference: Image,
     horizon_radius_px: float,
 ) -> None:
-    """Draw a column for each step of the front, from fast to exact."""
+    """Draw a column for each level of the front, from fast to exact.
+
+    Args:
+        page: Page to draw on.
+        levels: All measured levels.
+        reference: Exact frame at the pose of the levels' frames.
+        horizon_radius_px: Radius within which the detail is searched.
+    """
     front = select_front_levels(levels)
-    side = min(DETAIL_PX, reference.shape[0] // 3)
+    size_px = min(DETAIL_PX, reference.shape[0] // 3)
+    # The detail where the fastest level is worst shows best how the others improve.
     row, column = find_max_difference_window(
-        front[0].frame, reference, side, max_radius_px=horizon_radius_px
+        front[0].frame, reference, size_px, max_radius_px=horizon_radius_px
     )
-    part = slice(row, row + side), slice(column, column + side)
-    for index, one in enumerate(front):
+    window = slice(row, row + size_px), slice(column, column + size_px)
+    for index, level in enumerate(front):
         left = 15 + index * (_SIDE_PX + _GAP_PX)
-        _draw_heading(page, one, left)
-        plot_style.show_image(page, one.frame[part], left, _TOP_PX, _SIDE_PX)
-        error = np.abs(signed_difference(one.frame[part], reference[part])).max(axis=-1)
+        _draw_heading(page, level, left)
+        plot_style.show_image(page, level.frame[window], left, _TOP_PX, _SIDE_PX)
+        error = np.abs(signed_difference(level.frame[window], reference[window])).max(axis=-1)
         colours = map_error_colours(error, *GREY_LEVEL_RANGE)
         draw_border(plot_style.show_image(page, colours, left, _TOP_PX + _SIDE_PX + 8, _SIDE_PX))
     draw_colour_bar(
@@ -48,17 +56,18 @@ def draw(
 
 
 def select_front_levels(levels: Sequence[MeasuredLevel]) -> list[MeasuredLevel]:
-    """Return the steps of the front from fast to exact, evenly thinned to the most that fit."""
+    """Levels of the front from fast to exact, thinned evenly to MAX_COLUMNS with both ends."""
     front = sorted(
-        (one for one in levels if one.cost.is_on_pareto_front), key=lambda one: one.cost.wall_ms
+        (level for level in levels if level.cost.is_on_pareto_front),
+        key=lambda level: level.cost.wall_ms,
     )
     chosen = np.linspace(0, len(front) - 1, min(len(front), MAX_COLUMNS)).round().astype(int)
     return [front[index] for index in chosen]
 
 
 def _draw_heading(page: plot_style.Page, level: MeasuredLevel, left: int) -> None:
-    what, _, how = level.cost.name.partition(", ")
-    plot_style.add_text(page, left, 12, what, fontweight="bold", fontsize=7.5)
-    plot_style.add_text(page, left, 39, how, fontsize=7.5)
+    surface, _, samples = level.cost.name.partition(", ")
+    plot_style.add_text(page, left, 12, surface, fontweight="bold", fontsize=7.5)
+    plot_style.add_text(page, left, 39, samples, fontsize=7.5)
     numbers = f"{level.cost.wall_ms:.1f} ms, RMSE {level.cost.rmse:.2g}"
     plot_style.add_text(page, left, 66, numbers, fontsize=7.5, color=plot_style.MUTED)

@@ -1,1 +1,1 @@
-"""The experiment's pictures, one file each; `style` is the only door to matplotlib."""
+"""Charts of the experiment: detector, trajectories, errors, and an overview of all three."""

@@ -4,67 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from catoptra_protocol.landmarks import Landmark
+from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog, true_positions
 from catoptra_studies.experiment.filter_replay import FilterRun
-from catoptra_studies.experiment.plots import drive_plot_style
 
 TrajectoryPanel = tuple[str, DriveLog, FilterRun]
+"""Title, drive and a filter's results over the drive."""
+
+_LINE_COLOUR = "#c4c9d0"
 
 
 def draw_trajectories(
     path: Path, panels: Sequence[TrajectoryPanel], landmarks: Sequence[Landmark]
 ) -> None:
-    """Write a map for each (title, recording, trace); the world's x points up, y to the right."""
-    with drive_plot_style.open_figure(path, figsize=(4.9 * len(panels), 7.0)) as drawing:
-        axes = drawing.subplots(1, len(panels), squeeze=False)[0]
-        for axis, (title, recording, trace) in zip(axes, panels, strict=True):
-            draw_field(axis, landmarks)
-            draw_paths(axis, recording, trace)
-            axis.set_title(title)
-            axis.set_xlabel("y in m (right)")
-        axes[0].set_ylabel("x in m (up)")
-        handles, labels = axes[0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=4)
+    """Write a map for each panel, with the world's x up and y to the right."""
+    with plot_style.open_chart(path, figsize=(4.9 * len(panels), 7.0)) as figure:
+        row = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, drive_log, filter_run) in zip(row, panels, strict=True):
+            draw_field(axes, landmarks)
+            draw_paths(axes, drive_log, filter_run)
+            axes.set_title(title)
+            axes.set_xlabel("y in m (right)")
+        row[0].set_ylabel("x in m (up)")
+        handles, labels = row[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
 
 
-def draw_paths(axes: Any, drive_log: DriveLog, filter_run: FilterRun) -> None:
+def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun) -> None:
     """Draw true path, odometry and estimate of one drive."""
-    truth = true_positions(drive_log)
-    axes.plot(truth[:, 1], truth[:, 0], color=drive_plot_style.TRUTH, lw=1.6, label="true path")
-    odometry, estimate = filter_run.odometry, filter_run.estimate
-    axes.plot(
-        odometry[:, 1],
-        odometry[:, 0],
-        color=drive_plot_style.ODOMETRY,
-        lw=1.3,
-        label="odometry alone",
-    )
-    axes.plot(estimate[:, 1], estimate[:, 0], color=drive_plot_style.ESTIMATE, lw=1.3, label="EKF")
-    used = filter_run.num_accepted > 0
-    axes.plot(
-        *(estimate[used][:, 1], estimate[used][:, 0], "."),
-        color=drive_plot_style.ACCEPTED,
-        ms=4,
-        label="step with an accepted landmark",
-    )
-    axes.plot(
-        truth[0, 1], truth[0, 0], "o", color=drive_plot_style.TRUTH, ms=7, mfc="white", zorder=5
-    )
+    truth, odometry, estimate = true_positions(drive_log), filter_run.odometry, filter_run.estimate
+    # Columns swapped: the axes are (y, x), as seen from above with x forward.
+    for path, colour, width, label in (
+        (truth, plot_style.TRUTH, 1.6, "true path"),
+        (odometry, plot_style.ODOMETRY, 1.3, "odometry alone"),
+        (estimate, plot_style.ESTIMATE, 1.3, "EKF"),
+    ):
+        axes.plot(path[:, 1], path[:, 0], color=colour, lw=width, label=label)
+    accepted = estimate[filter_run.num_accepted > 0]
+    label = "step with an accepted landmark"
+    axes.plot(accepted[:, 1], accepted[:, 0], ".", color=plot_style.ACCEPTED, ms=4, label=label)
+    axes.plot(truth[0, 1], truth[0, 0], "o", color=plot_style.TRUTH, ms=7, mfc="white", zorder=5)
 
 
-def draw_field(axes: Any, landmarks: Sequence[Landmark]) -> None:
-    """Draw the field from above: lines, and every landmark in its upper colour."""
-    axes.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color="#c4c9d0", lw=1)
-    axes.plot([-1.8, 1.8], [0, 0], color="#c4c9d0", lw=1)
+def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
+    """Draw the field from above: its lines, and every landmark in its colours."""
+    # The pitch of the 2006 four-legged league: 5.4 x 3.6 m.
+    axes.plot([-1.8, 1.8, 1.8, -1.8, -1.8], [-2.7, -2.7, 2.7, 2.7, -2.7], color=_LINE_COLOUR, lw=1)
+    axes.plot([-1.8, 1.8], [0, 0], color=_LINE_COLOUR, lw=1)
     for landmark in landmarks:
-        lower = drive_plot_style.LANDMARK_COLOURS[landmark.lower_colour]
-        upper = drive_plot_style.LANDMARK_COLOURS[landmark.upper_colour]
+        lower = plot_style.LANDMARK_COLOURS[landmark.lower_colour]
+        upper = plot_style.LANDMARK_COLOURS[landmark.upper_colour]
         if landmark.kind == "goal":
-            half = 0.5 * landmark.width_m
-            ends = [landmark.y_m - half, landmark.y_m + half]
+            half_m = 0.5 * landmark.width_m
+            ends = [landmark.y_m - half_m, landmark.y_m + half_m]
             axes.plot(ends, [landmark.x_m] * 2, color=upper, lw=5, solid_capstyle="butt")
         else:
             axes.plot(landmark.y_m, landmark.x_m, "o", ms=11, mfc=lower, mec=upper, mew=3.5)

@@ -1,0 +1,64 @@
+"""Progress bars and messages of the studies on a terminal; the only user of Rich.
+
+Results go to stdout; bars and errors go to stderr, so that output can be piped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressDisplay:
+    """Bars of the tasks of one study."""
+
+    _progress: Progress
+
+    def add_task(self, title: str, num_steps: int) -> Callable[[], None]:
+        """Show a bar; the returned function advances the bar by one step, from any thread."""
+        task = self._progress.add_task(title, total=num_steps)
+        return partial(self._progress.advance, task)
+
+
+@contextmanager
+def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
+    """Show bars on stderr until the block ends."""
+    columns = (
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), disable=not is_visible) as progress:
+        yield ProgressDisplay(progress)
+
+
+def print_line(text: str) -> None:
+    """Print one line of results."""
+    # Paths and captions hold brackets, which Rich would read as its own markup.
+    Console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def print_error(text: str) -> None:
+    """Print the one line with which a study ends that could not be done."""
+    Console(stderr=True).print(text, style="red", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_table(header: Sequence[str], rows: Sequence[tuple[Sequence[str], bool]]) -> None:
+    """Print a table whose last column says yes or no.
+
+    Args:
+        header: Titles of the columns, that of the yes-or-no column last.
+        rows: For each row the cells of the other columns, and whether the last one says yes.
+    """
+    table = Table(*header)
+    for cells, is_confirmed in rows:
+        table.add_row(*cells, "[green]yes" if is_confirmed else "[red]no")
+    Console().print(table)

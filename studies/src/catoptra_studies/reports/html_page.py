@@ -1,0 +1,61 @@
+"""Elements of an HTML report in one file: embedded figures and tables, escaped."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFigure:
+    """A PNG file with its texts."""
+
+    file: str
+    title: str
+    caption: str
+
+    alt: str
+    """Description for readers who cannot see the figure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of a table, as plain text."""
+
+    text: str
+
+    css_class: str = ""
+    """Class of the report's style sheet: n aligns right, yes and no have colours."""
+
+
+def figure_element(folder: Path, figure: ReportFigure) -> str:
+    """Figure with its image inside, so that the report remains one file."""
+    data = base64.b64encode((folder / figure.file).read_bytes()).decode()
+    return (
+        f'<figure><img alt="{html.escape(figure.alt)}" src="data:image/png;base64,{data}">'
+        f"<figcaption><strong>{html.escape(figure.title)}.</strong> "
+        f"{html.escape(figure.caption)}</figcaption></figure>"
+    )
+
+
+def figure_elements(folder: Path, figures: Sequence[ReportFigure]) -> str:
+    """Several figures below each other."""
+    return "\n".join(figure_element(folder, figure) for figure in figures)
+
+
+def html_table(header: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> str:
+    """Table with a row of headings."""
+    lines = [_row_element("th", header), *(_row_element("td", row) for row in rows)]
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _row_element(tag: str, cells: Sequence[Cell]) -> str:
+    return f"<tr>{''.join(_cell_element(tag, cell) for cell in cells)}</tr>"
+
+
+def _cell_element(tag: str, cell: Cell) -> str:
+    attribute = f' class="{cell.css_class}"' if cell.css_class else ""
+    return f"<{tag}{attribute}>{html.escape(cell.text)}</{tag}>"
