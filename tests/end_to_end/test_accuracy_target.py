@@ -1,4 +1,4 @@
-"""A client asks for an accuracy while the server runs, and the next picture keeps it."""
+"""A client changes the accuracy target of a running server, and the next frame meets it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from helpers.server_process import RunningServer, start_server
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """Serve in steps, with a cache of its own."""
-    folder = tmp_path_factory.mktemp("dial")
+    """Server under lockstep, with a cost cache of its own."""
+    folder = tmp_path_factory.mktemp("accuracy_target")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         with start_server(folder, "--clock", "lockstep") as running:
@@ -27,7 +27,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 @pytest.fixture
 def client(server: RunningServer) -> Iterator[StreamClient]:
-    """Yield a client with a robot."""
+    """A client with a robot."""
     with server.connect_stream() as client:
         client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
         yield client
@@ -35,7 +35,7 @@ def client(server: RunningServer) -> Iterator[StreamClient]:
 
 
 @pytest.mark.parametrize("tolerance_px", [2.0, 0.5, 0.15])
-def test_tolerance_when_asked_for_is_kept_by_the_next_frame(
+def test_tolerance_when_set_is_met_by_the_next_frame(
     client: StreamClient, tolerance_px: float
 ) -> None:
     plan = client.set_accuracy(max_error_px=tolerance_px)
@@ -49,18 +49,18 @@ def test_tolerance_when_asked_for_is_kept_by_the_next_frame(
     assert frame.plan == plan.plan
 
 
-def test_tolerance_when_no_plan_keeps_it_is_said_so(client: StreamClient) -> None:
+def test_tolerance_when_no_plan_meets_it_is_reported(client: StreamClient) -> None:
     plan = client.set_accuracy(max_error_px=0.001)
     assert not plan.target_met
-    assert "no plan keeps 0.001 px" in plan.plan
+    assert "no plan stays within 0.001 px" in plan.plan
 
 
-def test_budget_when_negative_is_refused(client: StreamClient) -> None:
+def test_budget_when_negative_is_rejected(client: StreamClient) -> None:
     with pytest.raises(CatoptraError, match="budget_ms must be 0"):
         client.set_accuracy(budget_ms=-1.0)
 
 
-def test_plan_when_nothing_is_asked_any_more_is_that_of_the_file(client: StreamClient) -> None:
+def test_plan_when_the_target_is_removed_is_that_of_the_file(client: StreamClient) -> None:
     before = client.set_accuracy()
     assert (before.cost_ms, before.max_error_px) == (None, 0.0)
     assert client.set_accuracy(max_error_px=2.0).plan != before.plan

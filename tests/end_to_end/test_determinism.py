@@ -1,6 +1,6 @@
 """The same seed gives the same bytes: frames and sensor values of a whole server in lockstep.
 
-Whatever else looks on, and however many threads draw; another seed gives other values.
+With any number of other clients and of render threads; another seed gives other values.
 """
 
 from __future__ import annotations
@@ -22,10 +22,14 @@ STEPS = 4
 SEED = "7"
 
 
-def lockstep_run(folder: Path, *arguments: str, spectators: int = 0) -> tuple[str, str]:
-    """Return hashes of all frames and of all sensor values of a run with a robot that drives.
+def run_lockstep(folder: Path, *arguments: str, spectators: int = 0) -> tuple[str, str]:
+    """Hashes of all frames and of all sensor values of a run with a robot in motion.
 
-    spectators: how many other clients ask for pictures between the steps, on both transports.
+    Args:
+        folder: folder of the server's files.
+        arguments: further options of the server.
+        spectators: number of other clients that request frames between the steps, on both
+            transports.
     """
     folder.mkdir()
     frames, values = hashlib.sha256(), hashlib.sha256()
@@ -49,8 +53,8 @@ def lockstep_run(folder: Path, *arguments: str, spectators: int = 0) -> tuple[st
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """Return the run of one client, drawn by one thread."""
-    return lockstep_run(tmp_path_factory.mktemp("reference") / "run")
+    """The run of one client, rendered by one thread."""
+    return run_lockstep(tmp_path_factory.mktemp("reference") / "run")
 
 
 @pytest.mark.parametrize(
@@ -61,11 +65,11 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
 def test_run_when_repeated_gives_the_same_bytes(
     tmp_path: Path, reference: tuple[str, str], arguments: tuple[str, ...], spectators: int
 ) -> None:
-    assert lockstep_run(tmp_path / "run", *arguments, spectators=spectators) == reference
+    assert run_lockstep(tmp_path / "run", *arguments, spectators=spectators) == reference
 
 
 def test_run_when_of_another_seed_has_other_sensor_values(
     tmp_path: Path, reference: tuple[str, str]
 ) -> None:
-    _, values = lockstep_run(tmp_path / "run", "--seed", "8")
+    _, values = run_lockstep(tmp_path / "run", "--seed", "8")
     assert values != reference[1]

@@ -1,4 +1,4 @@
-"""A robot with a real sensor, end to end: its noise, its own body, and what is told of them."""
+"""A robot with a real camera, end to end: noise, self-view, motion blur, and their decisions."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ SENSOR = "\n".join(("Samples=2", "ShotNoise=auto", "ReadNoise=auto", "Quantisati
 SELF_VIEW = "\n".join(("Samples=1", "SelfView=auto", "Fog=auto", "FogDensity=0.0"))
 
 
-def noisy_robot(folder: Path) -> Path:
-    return robot_with(folder, SENSOR)
+def write_noisy_robot(folder: Path) -> Path:
+    return write_robot_with(folder, SENSOR)
 
 
-def robot_with(folder: Path, effects: str) -> Path:
+def write_robot_with(folder: Path, effects: str) -> Path:
     return write_edited_copy(
         OMNI_ROBOT,
         folder,
@@ -32,33 +32,35 @@ def robot_with(folder: Path, effects: str) -> Path:
 
 
 def render_images(folder: Path, *arguments: str, viewers: int = 1) -> list[bytes]:
-    """Return three pictures of a robot that stands still, a step apart, in lockstep."""
+    """Bytes of three frames of a robot at rest, one step apart, under lockstep."""
     folder.mkdir()
     options = ("--clock", "lockstep", *arguments)
-    shown = []
-    with start_server(folder, *options, robot=noisy_robot(folder)) as server:
+    images = []
+    with start_server(folder, *options, robot=write_noisy_robot(folder)) as server:
         with server.connect_stream() as client:
             client.spawn(CLASS, name="Still", start_pose="Centre")
             for _ in range(3):
                 client.step(0.2)
                 for _ in range(viewers):
                     frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Still")
-                shown.append(frame.rgb.tobytes())
-                told = {effect.name: effect for effect in frame.effects}
-                assert [name for name, effect in told.items() if effect.enabled] == [
+                images.append(frame.rgb.tobytes())
+                effects = {effect.name: effect for effect in frame.effects}
+                assert [name for name, effect in effects.items() if effect.enabled] == [
                     "ShotNoise",
                     "ReadNoise",
                 ]
-                assert (told["ShotNoise"].duration_ms or 0.0) > 0.0
-                assert told["Quantisation"].duration_ms is None
-                assert "12 bits" in told["Quantisation"].reason
+                assert (effects["ShotNoise"].duration_ms or 0.0) > 0.0
+                assert effects["Quantisation"].duration_ms is None
+                assert "12 bits" in effects["Quantisation"].reason
                 assert frame.stage_ms is not None
                 assert {"ShotNoise", "ReadNoise", "encode"} <= set(frame.stage_ms)
                 assert np.ptp(frame.rgb) > 100
-    return shown
+    return images
 
 
-def test_noise_when_the_run_is_repeated_is_the_same_whoever_asks_for_more(tmp_path: Path) -> None:
+def test_noise_when_the_run_is_repeated_is_the_same_with_any_number_of_requests(
+    tmp_path: Path,
+) -> None:
     first = render_images(tmp_path / "first")
     assert len(set(first)) == 3
     assert render_images(tmp_path / "again") == first
@@ -66,8 +68,8 @@ def test_noise_when_the_run_is_repeated_is_the_same_whoever_asks_for_more(tmp_pa
     assert not set(render_images(tmp_path / "seed", "--seed", "1")) & set(first)
 
 
-def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path, SELF_VIEW)
+def test_self_view_when_in_the_file_shows_the_robot_and_states_its_extent(tmp_path: Path) -> None:
+    robot = write_robot_with(tmp_path, SELF_VIEW)
     with start_server(tmp_path, "--clock", "lockstep", robot=robot) as server:
         with server.connect_stream() as client:
             client.spawn(CLASS, name="Self", start_pose="Centre")
@@ -76,7 +78,7 @@ def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: 
             frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Self")
     own, fog = frame.effects
     assert (own.name, own.enabled, own.unit, own.duration_ms) == ("SelfView", True, "px", None)
-    assert own.reason == "the robot is seen up to 46.7 degrees from the axis"
+    assert own.reason == "the robot is in view up to 46.7 degrees from the axis"
     assert (fog.name, fog.enabled, fog.reason) == ("Fog", False, "the air is clear")
     # Dark where the field is green.
     deck, field = frame.rgb[32, 34].astype(int), frame.rgb[32, 45].astype(int)
@@ -84,9 +86,11 @@ def test_robot_when_its_file_asks_for_it_sees_itself_and_says_how_far(tmp_path: 
     assert np.ptp(field) > 40
 
 
-def test_robot_is_blurred_while_it_turns_and_sharp_again_when_it_stands(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path, "\n".join(("Samples=1", "MotionBlur=auto", "ExposureTime=0.1")))
-    told, stages = [], []
+def test_motion_blur_is_enabled_while_the_robot_turns(tmp_path: Path) -> None:
+    robot = write_robot_with(
+        tmp_path, "\n".join(("Samples=1", "MotionBlur=auto", "ExposureTime=0.1"))
+    )
+    effects, stages = [], []
     with start_server(tmp_path, "--clock", "lockstep", robot=robot) as server:
         with server.connect_stream() as client:
             client.spawn(CLASS, name="Dancer", start_pose="Centre")
@@ -94,13 +98,13 @@ def test_robot_is_blurred_while_it_turns_and_sharp_again_when_it_stands(tmp_path
                 client.drive(speed, -speed)
                 client.step(0.2)
                 frame = client.get_frame(encoding=ImageEncoding.RAW, robot="Dancer")
-                told += frame.effects
+                effects += frame.effects
                 stages.append(frame.stage_ms or {})
-    assert [(one.name, one.is_on, one.unit) for one in told] == [
+    assert [(one.name, one.enabled, one.unit) for one in effects] == [
         ("MotionBlur", False, "px"),
         ("MotionBlur", True, "px"),
         ("MotionBlur", False, "px"),
     ]
-    assert told[0].reason == told[2].reason == "nothing moves"
-    assert "turns by up to" in told[1].reason
+    assert effects[0].reason == effects[2].reason == "nothing moves"
+    assert "turns by up to" in effects[1].reason
     assert ["accumulate" in one for one in stages] == [False, True, False]

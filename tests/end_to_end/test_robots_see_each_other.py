@@ -1,4 +1,4 @@
-"""Two robots in one world: the first one's picture shows the second, where it stands."""
+"""Two robots in one world: the camera of the first shows the second at its position."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import RendererChoice
-from catoptra_server.render.render_plan import RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.simulation import Fleet
 from catoptra_server.startup import read_startup_config
@@ -29,7 +29,7 @@ STARTUP = read_startup_config(
 
 @pytest.fixture
 def fleet():
-    """Yield a fleet of the field whose first robot stands in the middle, looking along x."""
+    """A fleet of the field with one robot at the origin, heading along x."""
     fleet = Fleet(STARTUP.robots, STARTUP.world, STARTUP.scene, seed=0)
     fleet.execute(FakeClient(), Init(ROBOT.class_name, "Seeing", (0.0, 0.0, 0.0)), 0.0)
     return fleet
@@ -37,7 +37,7 @@ def fleet():
 
 @pytest.fixture(scope="module")
 def view_cache():
-    """Yield traced views of the field."""
+    """Traced views of the field."""
     views = ViewCache(
         RenderPlanner(
             RendererChoice(TraceRenderer(STARTUP.scene, STARTUP.world), RendererKind.TRACE, "test")
@@ -49,14 +49,14 @@ def view_cache():
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -140.0])
-def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, views, bearing_deg):
-    before = render_channel(fleet, views).rgb.astype(int)
+def test_frame_when_another_robot_is_spawned_shows_the_robot(fleet, view_cache, bearing_deg):
+    before = render_channel(fleet, view_cache).rgb.astype(int)
     bearing = math.radians(bearing_deg)
-    place = (1.2 * math.cos(bearing), 1.2 * math.sin(bearing), 0.0)
-    fleet.obey(FakeClient(), Init(ROBOT.class_name, "Seen", place), 0.0)
-    changed = np.abs(render_channel(fleet, views).rgb.astype(int) - before).max(axis=-1) > 8
+    location_m = (1.2 * math.cos(bearing), 1.2 * math.sin(bearing), 0.0)
+    fleet.execute(FakeClient(), Init(ROBOT.class_name, "Seen", location_m), 0.0)
+    changed = np.abs(render_channel(fleet, view_cache).rgb.astype(int) - before).max(axis=-1) > 8
     assert ROBOT.omni_camera is not None
-    # Its chassis, 1.2 m away and 0.45 m below the viewpoint.
+    # The chassis of the other robot, 1.2 m away and 0.45 m below the viewpoint.
     chassis, _ = pixel_from_direction(
         ROBOT.omni_camera.camera, np.array([math.cos(bearing), math.sin(bearing), 0.45 / 1.2])
     )
@@ -64,14 +64,14 @@ def test_picture_when_another_robot_comes_shows_it_in_its_place(fleet, views, be
     assert changed[v, u]
     assert 200 < changed.sum() < 5000
     rows, columns = np.nonzero(changed)
-    # Half a metre at 1.2 m is seen under 24 degrees: some 45 px around the horizon.
+    # Half a metre at 1.2 m subtends 24 degrees: some 45 px near the horizon.
     assert np.hypot(columns - chassis[0], rows - chassis[1]).max() < 60.0
 
 
-def test_picture_when_the_other_robot_left_is_as_before(fleet, views):
-    before = render_channel(fleet, views).rgb.copy()
+def test_frame_when_the_other_robot_is_removed_is_as_before(fleet, view_cache):
+    before = render_channel(fleet, view_cache).rgb.copy()
     other = FakeClient()
-    fleet.obey(other, Init(ROBOT.class_name, "Seen", (1.0, 0.0, 0.0)), 0.0)
-    assert not np.array_equal(render_channel(fleet, views).rgb, before)
+    fleet.execute(other, Init(ROBOT.class_name, "Seen", (1.0, 0.0, 0.0)), 0.0)
+    assert not np.array_equal(render_channel(fleet, view_cache).rgb, before)
     fleet.remove(other)
-    assert np.array_equal(render_channel(fleet, views).rgb, before)
+    assert np.array_equal(render_channel(fleet, view_cache).rgb, before)

@@ -1,4 +1,4 @@
-"""The server as its users meet it: a process, two ports, and the client library."""
+"""The server as a process, through its two TCP ports and the client library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CLASS = "USARBot.OmniP2AT"
 
 @pytest.fixture(scope="module")
 def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """Serve in lockstep for the tests of this module; each brings its own robots and viewers."""
+    """Server under lockstep; each test spawns its own robots and connects its own viewers."""
     folder = tmp_path_factory.mktemp("lockstep")
     with start_server(folder, "--clock", "lockstep", "--image-type", "RAW") as server:
         yield server
@@ -36,17 +36,17 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer
 
 
 def connect_socket(port: int) -> socket.socket:
-    """Return a connection that knows nothing of the protocol."""
+    """Connect a socket without any protocol."""
     return socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
 
 
-def test_robot_when_driven_goes_where_its_wheels_say(lockstep: RunningServer) -> None:
+def test_robot_when_driven_moves_by_the_travel_of_its_wheels(lockstep: RunningServer) -> None:
     with lockstep.connect_robot() as robot:
         robot.spawn(CLASS, start_pose="Centre")
         robot.drive(2.0, 2.0)
         robot.step(2.0)
         assert robot.ground_truth is not None
-        # The shipped P2AT slips: 4 mm after 1 m for each side, so 0.52 m is known to some mm.
+        # The bundled P2AT slips by 4 mm after 1 m on each side: 0.52 m is certain to some mm.
         assert robot.ground_truth.location_m[0] == pytest.approx(0.52, abs=0.015)
         assert robot.odometry is not None
         assert robot.odometry.x_m == pytest.approx(0.52, abs=0.015)
@@ -62,7 +62,7 @@ def test_time_when_stepped_is_printed_exactly(lockstep: RunningServer) -> None:
         assert robot.ground_truth.time_s == pytest.approx(begin.time_s + 0.2, abs=1e-12)
 
 
-def test_frame_when_something_stands_on_the_left_shows_it_on_the_right(tmp_path: Path) -> None:
+def test_frame_when_an_object_is_on_the_left_shows_the_object_on_the_right(tmp_path: Path) -> None:
     red = "Boxes=(Size=(X=2,Y=2,Z=2),Position=(X=0,Y=-3,Z=-1),Colour=(R=255),Unlit=true)"
     world = write_small_world(tmp_path, red)
     with (
@@ -78,19 +78,19 @@ def test_frame_when_something_stands_on_the_left_shows_it_on_the_right(tmp_path:
     assert rgb[int(pixel[1]), int(pixel[0])].tolist() == [255, 0, 0]
 
 
-def test_viewer_when_there_is_no_robot_sees_black(lockstep: RunningServer) -> None:
+def test_viewer_without_a_robot_receives_black_frames(lockstep: RunningServer) -> None:
     with lockstep.connect_images() as images:
         assert not images.get_frame().rgb.any()
 
 
-def test_robot_when_its_connection_closes_is_gone(lockstep: RunningServer) -> None:
+def test_robot_when_its_connection_closes_is_removed(lockstep: RunningServer) -> None:
     for _ in range(2):
         with lockstep.connect_robot() as robot:
             robot.spawn(CLASS, name="Same", start_pose="Centre")
             assert robot.step(0.1)
 
 
-def test_spawn_when_the_class_is_unknown_tells_the_client_after_a_while(
+def test_spawn_of_an_unknown_class_raises_after_the_timeout(
     lockstep: RunningServer,
 ) -> None:
     robot = RobotClient.connect(port=lockstep.control_port, timeout_s=0.3)
@@ -98,7 +98,7 @@ def test_spawn_when_the_class_is_unknown_tells_the_client_after_a_while(
         robot.spawn("USARBot.Submarine", start_pose="Centre")
 
 
-def test_realtime_server_when_watched_delivers_status_and_frames(tmp_path: Path) -> None:
+def test_realtime_server_delivers_status_and_frames_at_once(tmp_path: Path) -> None:
     with (
         start_server(tmp_path, "--image-type", "GOOD") as server,
         server.connect_robot() as robot,
@@ -119,7 +119,7 @@ def test_realtime_server_when_watched_delivers_status_and_frames(tmp_path: Path)
 
 
 def record_conversation(folder: Path, seed: int) -> bytes:
-    """Return all bytes that a lockstep server sends for the same commands: reports and frames."""
+    """All bytes that a lockstep server sends for the same commands: reports and frames."""
     folder.mkdir()
     arguments = ("--clock", "lockstep", "--image-type", "RAW", "--seed", str(seed))
     with (
@@ -128,16 +128,16 @@ def record_conversation(folder: Path, seed: int) -> bytes:
         server.connect_images() as images,
         control.makefile("rb") as lines,
     ):
-        said = [lines.readline()]
+        received = [lines.readline()]
         control.sendall(b"INIT {ClassName OmniP2AT} {Name R} {Start Centre}\r\n")
         for i in range(5):
             command = f"DRIVE {{Left {1 + i}}} {{Right {3 - i}}}\r\nSTEP {{Time 0.4}}\r\n"
             control.sendall(command.encode())
-            while not said[-1].startswith(b"RES"):
-                said.append(lines.readline())
-            said += [images.get_frame().rgb.tobytes(), b""]
+            while not received[-1].startswith(b"RES"):
+                received.append(lines.readline())
+            received += [images.get_frame().rgb.tobytes(), b""]
         assert server.terminate() == 0
-    return b"".join(said)
+    return b"".join(received)
 
 
 def test_lockstep_when_repeated_gives_the_same_bytes_and_frames(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_lockstep_when_repeated_gives_the_same_bytes_and_frames(tmp_path: Path) 
 
 
 def malformed_input(seed: int) -> list[bytes]:
-    """Return what a control or image port may be sent by somebody who is lost."""
+    """Inputs of a client that speaks another protocol."""
     random = np.random.default_rng(seed)
     return [
         random.bytes(100_000),
@@ -170,13 +170,13 @@ def test_client_when_others_send_garbage_keeps_its_data_and_order(
         robot.drive(1.0, 1.0)
         times = []
         for data in malformed_input(3):
-            with connect_socket(getattr(lockstep, port)) as rude:
-                rude.sendall(data)
+            with connect_socket(getattr(lockstep, port)) as adversary:
+                adversary.sendall(data)
                 reports = robot.step(0.2)
                 times += [r.time_s for r in reports if isinstance(r, GroundTruthReading)]
                 assert images.get_frame().rgb.any()
         assert times == sorted(times)
-        # One at the spawn; then, a step, the one that fell due and the one of the whole cycle.
+        # One at the spawn; then two per step: the reading that was due, and the whole cycle's.
         assert len(times) == 1 + 2 * len(malformed_input(3))
 
 
@@ -184,12 +184,12 @@ def test_client_when_others_vanish_mid_frame_keeps_its_data(lockstep: RunningSer
     with lockstep.connect_robot() as robot, lockstep.connect_images() as images:
         robot.spawn(CLASS, start_pose="Centre")
         for _ in range(5):
-            with connect_socket(lockstep.image_port) as gone:
-                gone.sendall(b"OK")
-                gone.recv(100)
-                # Closed with unread bytes: the server's end is reset.
-            with connect_socket(lockstep.control_port) as gone:
-                gone.sendall(b"INIT {ClassName OmniP2AT} {Start Centre}\r\nDRIVE {Left")
+            with connect_socket(lockstep.image_port) as client:
+                client.sendall(b"OK")
+                client.recv(100)
+                # Closed with unread bytes, which resets the connection.
+            with connect_socket(lockstep.control_port) as client:
+                client.sendall(b"INIT {ClassName OmniP2AT} {Start Centre}\r\nDRIVE {Left")
             robot.step(0.2)
             assert images.get_frame().rgb.any()
 
@@ -198,11 +198,11 @@ def test_client_when_others_never_read_keeps_its_data(lockstep: RunningServer) -
     with (
         lockstep.connect_robot() as robot,
         lockstep.connect_images() as images,
-        connect_socket(lockstep.image_port) as deaf_viewer,
-        connect_socket(lockstep.control_port) as deaf_controller,
+        connect_socket(lockstep.image_port) as unread_viewer,
+        connect_socket(lockstep.control_port) as unread_controller,
     ):
-        deaf_viewer.sendall(2000 * b"OK")
-        deaf_controller.sendall(500 * b"GETSTARTPOSES\r\nSTEP {Time 0}\r\n")
+        unread_viewer.sendall(2000 * b"OK")
+        unread_controller.sendall(500 * b"GETSTARTPOSES\r\nSTEP {Time 0}\r\n")
         robot.spawn(CLASS, start_pose="Centre")
         for _ in range(10):
             robot.step(0.2)
@@ -210,19 +210,19 @@ def test_client_when_others_never_read_keeps_its_data(lockstep: RunningServer) -
 
 
 def run_failing_server(*arguments: str) -> tuple[int, str]:
-    """Return exit status and messages of a server that is to end by itself."""
+    """Exit status and messages of a server that ends without a signal."""
     command = [sys.executable, "-m", "catoptra_server", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.stdout == ""
-    return done.returncode, done.stderr
+    process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert process.stdout == ""
+    return process.returncode, process.stderr
 
 
-def test_server_when_the_robot_is_broken_exits_2_and_says_where(tmp_path: Path) -> None:
+def test_server_with_a_broken_robot_file_exits_with_2_and_the_line(tmp_path: Path) -> None:
     path = tmp_path / "robot.ini"
     path.write_text(OMNI_ROBOT.read_text().replace("K=11.546", "K=two"))
-    status, said = run_failing_server("--robot", str(path), "--world", str(FIELD))
+    status, messages = run_failing_server("--robot", str(path), "--world", str(FIELD))
     assert status == 2
-    line = said.strip()
+    line = messages.strip()
     assert "\n" not in line
     assert line.startswith(f"catoptra-server: {path}:")
     assert line.endswith("K='two': expected a number of at least 2")

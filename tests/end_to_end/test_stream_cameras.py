@@ -1,7 +1,7 @@
-"""Several robots and cameras over the stream: whose picture it is, and where its pixels look.
+"""Several robots and cameras over the stream: origin of each frame, and directions of its pixels.
 
-A room with one luminous red box. What a camera's law and the frame's poses say of each pixel is
-held against the picture: red exactly where the pixel's ray meets the box.
+A room with one luminous red box. The camera model and the poses of a frame are compared with the
+image: red exactly where the ray of a pixel intersects the box.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_client.frame import Frame
+from catoptra_client.frame import Frame, FrameSource
 from catoptra_client.frame_sources.frame_source import open_frame_source
 from catoptra_client.frame_sources.stream.landmark_projections import LandmarkProjection
 from catoptra_client.frame_sources.stream.stream_client import StreamClient
@@ -29,14 +29,20 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.scene.oriented_box import OrientedBox, box_distances
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
-from helpers.server_process import RunningServer, start_server, write_small_robot
+from helpers.deadline import Deadline
+from helpers.server_process import (
+    DEADLINE_S,
+    RunningServer,
+    start_server,
+    write_small_robot,
+)
 
 BOX = OrientedBox(Pose.from_rpy((2.0, 0.4, -0.5)), (0.5, 0.6, 0.7))
 WORLD = """[Catoptra.World]
 Boxes=(Size=(X=0.5,Y=0.6,Z=0.7),Position=(X=2.0,Y=0.4,Z=-0.5),Colour=(R=255),Unlit=true)
 Rectangles=(Size=(X=20,Y=20),Position=(X=0,Y=0,Z=0))
 """
-# Looks ahead, a little down, and back over the shoulder.
+# A camera that is pitched down a little, at any yaw.
 REAR = (
     "Cameras=(ItemClass=class'USARBot.RobotCamera',ItemName=\"{}\","
     "Position=(X=0.1,Y=0.05,Z=-0.3),Direction=(X=0.0,Y=-0.1,Z={}))\n"
@@ -45,7 +51,7 @@ REAR = (
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """Serve, in steps, robots with an omnidirectional camera and two ordinary ones."""
+    """Server under lockstep, for robots with an omnidirectional and two perspective cameras."""
     folder = tmp_path_factory.mktemp("cameras")
     world = folder / "world.ini"
     world.write_text(WORLD, encoding="utf-8")
@@ -65,7 +71,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 def spawn_beside_box(
     server: RunningServer, name: str, position_m: tuple[float, float], yaw_rad: float
 ) -> Iterator[StreamClient]:
-    """Yield a client whose robot sees the box; see it leave at the end."""
+    """A client with a robot that has the box in view; the robot is removed at the end."""
     with server.connect_stream() as client:
         client.spawn(
             "USARBot.OmniP2AT",
@@ -78,14 +84,14 @@ def spawn_beside_box(
 
 
 def stream_address(server: RunningServer, query: str = "") -> str:
-    """Return the address of a camera's exact frames."""
+    """URL of a camera's frames without loss."""
     return f"zmq://127.0.0.1:{server.stream_port}?encoding=png{query}"
 
 
 def box_mask(frame: Frame) -> tuple[Bools, Bools]:
-    """Return (h, w) where pixels' rays meet the box, and where that is beyond doubt.
+    """(h, w) True where the ray of a pixel hits the box, and (h, w) True where that is certain.
 
-    In doubt are pixels that the box fills in part, or beside the mirror.
+    Uncertain are pixels that the box covers in part, or that lie beside the mirror.
     """
     assert frame.camera is not None
     centres = pixel_sample_positions(frame.camera)[:, :, 0]
@@ -97,7 +103,7 @@ def box_mask(frame: Frame) -> tuple[Bools, Bools]:
 
 
 def rays_hit_box(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
-    """Return which pixels' rays meet the box, and which are rays at all."""
+    """Whether the ray of each pixel hits the box, and whether the pixel has a ray."""
     assert frame.world_from_robot is not None
     assert frame.robot_from_mirror is not None
     match frame.camera:
@@ -106,7 +112,7 @@ def rays_hit_box(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
         case PerspectiveCamera() as flat:
             directions, valid = flat.direction_from_pixel(pixels)
         case None:
-            raise AssertionError("a frame of a camera has its law")
+            raise AssertionError("the frame of a camera has no camera model")
     pose = frame.world_from_robot @ frame.robot_from_mirror
     rays = pose.rotate_directions(directions).reshape(-1, 3)
     origins = np.broadcast_to(pose.translation, rays.shape)
@@ -115,7 +121,7 @@ def rays_hit_box(frame: Frame, pixels: np.ndarray) -> tuple[Bools, Bools]:
 
 
 def assert_red_where_model_predicts(frame: Frame) -> None:
-    """Fail unless the picture is red exactly where the pixel's ray meets the box."""
+    """Assert that the image is red exactly where the ray of a pixel hits the box."""
     expected, certain = box_mask(frame)
     red = frame.rgb.astype(int)
     is_red = (red[..., 0] > 200) & (red[..., 1] < 60) & (red[..., 2] < 60)
@@ -124,7 +130,7 @@ def assert_red_where_model_predicts(frame: Frame) -> None:
     assert np.array_equal(is_red[certain], expected[certain])
 
 
-def test_pixels_when_of_any_camera_look_where_the_frame_says(server: RunningServer) -> None:
+def test_pixels_of_any_camera_look_in_the_directions_of_its_model(server: RunningServer) -> None:
     with (
         spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
         spawn_beside_box(server, "B", (-1.0, 1.0), 3.0),
@@ -136,7 +142,7 @@ def test_pixels_when_of_any_camera_look_where_the_frame_says(server: RunningServ
             assert_red_where_model_predicts(frame)
 
 
-def test_frame_when_of_a_camera_by_name_is_that_robot_s_and_of_its_kind(
+def test_frame_of_a_camera_by_name_is_of_that_robot_and_kind(
     server: RunningServer,
 ) -> None:
     with (
@@ -146,20 +152,27 @@ def test_frame_when_of_a_camera_by_name_is_that_robot_s_and_of_its_kind(
         with open_frame_source(stream_address(server), robot="B", camera="Ahead") as source:
             flat = source.get_frame()
         with open_frame_source(stream_address(server), robot="B") as source:
-            round_ = source.get_frame()
+            omni = source.get_frame()
         with open_frame_source(stream_address(server)) as source:
-            shown = source.get_frame()
+            default = source.get_frame()
     assert (flat.robot_name, flat.camera_name) == ("B", "Ahead")
     assert isinstance(flat.camera, PerspectiveCamera)
     assert flat.rgb.shape == (240, 320, 3)
-    assert (round_.robot_name, round_.camera_name) == ("B", "OmniCamPillar_Link4")
-    assert isinstance(round_.camera, OmniCamera)
-    assert shown.robot_name == "A"  # the one that is there longest
+    assert (omni.robot_name, omni.camera_name) == ("B", "OmniCamPillar_Link4")
+    assert isinstance(omni.camera, OmniCamera)
+    assert default.robot_name == "A"  # the robot that was spawned first
     assert flat.world_from_robot is not None
     assert flat.world_from_robot.translation[0] == pytest.approx(-1.0)
 
 
-def test_robot_when_it_leaves_while_watched_is_refused_with_the_reason(
+def receive_until_error(source: FrameSource) -> None:
+    """Receive frames until the server has noticed a closed connection, and the source raises."""
+    deadline = Deadline("end of the frames", DEADLINE_S)
+    for _ in source.iter_frames():
+        deadline.check()
+
+
+def test_camera_when_its_robot_disconnects_is_rejected_with_the_reason(
     server: RunningServer,
 ) -> None:
     with open_frame_source(stream_address(server, "&robot=A&camera=Rear")) as source:
@@ -169,50 +182,51 @@ def test_robot_when_it_leaves_while_watched_is_refused_with_the_reason(
             client.spawn("USARBot.OmniP2AT", name="A", location_m=(0.0, 0.0, 0.0))
             assert source.get_frame().robot_name == "A"
         with pytest.raises(CatoptraError, match="there is no camera 'Rear' of robot 'A'"):
-            for _ in source.iter_frames():
-                pass  # until the server has found out that it left
+            receive_until_error(source)
         with spawn_beside_box(server, "A", (0.0, 0.0), 0.0):
             assert source.get_frame().robot_name == "A"
 
 
-def test_camera_when_the_robot_has_none_of_that_name_is_refused(server: RunningServer) -> None:
+def test_camera_when_the_robot_has_none_of_that_name_is_rejected(server: RunningServer) -> None:
     with (
         spawn_beside_box(server, "A", (0.0, 0.0), 0.0),
         open_frame_source(stream_address(server), camera="Up") as source,
     ):
-        with pytest.raises(CatoptraError, match="camera 'Up' of the robot on the screen"):
+        with pytest.raises(CatoptraError, match="camera 'Up' of the robot on the image port"):
             source.get_frame()
 
 
-def test_landmarks_when_a_camera_is_asked_lie_where_it_shows_them(tmp_path: Path) -> None:
-    with start_server(tmp_path, "--clock", "lockstep", robot=large_robot(tmp_path)) as field:
+def test_landmark_projections_are_at_the_landmarks_pixels(tmp_path: Path) -> None:
+    with start_server(tmp_path, "--clock", "lockstep", robot=write_large_robot(tmp_path)) as field:
         with field.connect_stream() as client:
             client.spawn("USARBot.OmniP2AT", start_pose="Centre")
             frame = client.get_frame(encoding=ImageEncoding.PNG)
-            seen = client.get_landmark_projections()
-    assert {one.landmark for one in seen if one.pixel} == {one.landmark for one in seen}
-    beacons = [one for one in seen if one.landmark.kind == "beacon" and one.visible]
+            projections = client.get_landmark_projections()
+    assert {one.landmark for one in projections if one.pixel} == {
+        one.landmark for one in projections
+    }
+    beacons = [one for one in projections if one.landmark.kind == "beacon" and one.visible]
     assert len(beacons) >= 4
     for one in beacons:
         assert one.pixel is not None
         assert_shows_both_colours(frame, one)
-    assert {one.time_s for one in seen} == {frame.time_s}
+    assert {one.time_s for one in projections} == {frame.time_s}
 
 
-def large_robot(folder: Path) -> Path:
-    """Write the shipped robot with a picture in which a beacon has some pixels."""
+def write_large_robot(folder: Path) -> Path:
+    """Write the bundled robot with a resolution at which a beacon has several pixels."""
     sizes = (Edit(f"Resolution{axis}=360", f"Resolution{axis}=720") for axis in "XY")
     return write_edited_copy(OMNI_ROBOT, folder, *sizes)
 
 
 def assert_shows_both_colours(frame: Frame, one: LandmarkProjection) -> None:
-    """Fail unless the landmark's lower colour is inwards of its pixel, the upper one outwards."""
+    """Assert that the lower colour is inward of the landmark's pixel, the upper one outward."""
     assert isinstance(frame.camera, OmniCamera)
     assert one.pixel is not None
-    place, centre = np.array(one.pixel), np.array(frame.camera.centre_px)
-    outwards = (place - centre) / np.linalg.norm(place - centre)
+    pixel, centre = np.array(one.pixel), np.array(frame.camera.centre_px)
+    outwards = (pixel - centre) / np.linalg.norm(pixel - centre)
     for colour, side in ((one.landmark.lower_colour, -1.5), (one.landmark.upper_colour, 1.5)):
-        column, row = np.floor(place + side * outwards).astype(int)
+        column, row = np.floor(pixel + side * outwards).astype(int)
         red, green, blue = frame.rgb[row, column].astype(int)
         weakest = {"cyan": red, "magenta": green, "yellow": blue}
         assert min(weakest, key=weakest.__getitem__) == colour, (one, frame.rgb[row, column])

@@ -1,4 +1,4 @@
-"""A control connection in lines, as an old client sees it: nothing is interpreted."""
+"""A control connection as lines of text, not parsed."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S
 
-# Clients read into buffers of 4096 bytes.
+# Legacy clients read into buffers of 4096 bytes.
 _MAX_LINE_BYTES = 4095
 
 
 class ControlLines:
-    """One connection: lines out, lines in; each that comes in is checked for its end and length."""
+    """One connection; the end and the length of each received line are checked."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -24,7 +25,7 @@ class ControlLines:
         self._connection.sendall("".join(f"{line}\r\n" for line in lines).encode())
 
     def read_line(self) -> str:
-        """Return the next line without its end."""
+        """Next line without its end."""
         while b"\n" not in self._received:
             data = self._connection.recv(65536)
             assert data, "the server closed the connection"
@@ -35,18 +36,20 @@ class ControlLines:
         return line[:-1].decode("latin-1")
 
     def read_until(self, prefix: str) -> list[str]:
-        """Return the lines up to one that begins so, which is the last."""
+        """Lines up to and including the first that starts with a prefix."""
         lines = [self.read_line()]
+        deadline = Deadline(f"line that starts with {prefix!r}", DEADLINE_S)
         while not lines[-1].startswith(prefix):
+            deadline.check()
             lines.append(self.read_line())
         return lines
 
     def step(self, time_s: float) -> list[str]:
-        """Let time pass on a lockstep server; return what it tells but for the RES."""
+        """Advance a lockstep server; return the lines up to the RES, which is checked."""
         self.send(f"STEP {{Time {time_s}}}")
-        *told, result = self.read_until("RES")
+        *lines, result = self.read_until("RES")
         assert result.endswith("{Status OK}")
-        return told
+        return lines
 
 
 @contextmanager

@@ -1,30 +1,34 @@
-"""Sockets as old clients use them: blocking, read in the pieces that each is used to."""
+"""Blocking sockets of legacy clients, each with a read size of its own."""
 
 from __future__ import annotations
 
 import socket
 import struct
 
+from helpers.deadline import Deadline
 from helpers.server_process import DEADLINE_S
 
 _ZERO_LINGER = struct.pack("ii", 1, 0)
 
 
 def connect(port: int) -> socket.socket:
-    """Return a connection on which a broken test ends, if late."""
+    """Connect with DEADLINE_S as the timeout of every operation."""
     return socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S)
 
 
 def receive(connection: socket.socket, size: int) -> bytes:
-    """Return what one recv gives. Raises ConnectionError if the server has closed."""
-    data = connection.recv(size)
+    """Bytes of one recv; ConnectionError if the server has closed the connection."""
+    try:
+        data = connection.recv(size)
+    except TimeoutError:
+        raise AssertionError(f"no data from the server within {DEADLINE_S:g} s") from None
     if not data:
         raise ConnectionError("the server closed the connection")
     return data
 
 
 def receive_exactly(connection: socket.socket, size: int) -> bytes:
-    """Return so many bytes, however they are cut."""
+    """A number of bytes, whatever the segments."""
     data = b""
     while len(data) < size:
         data += receive(connection, size - len(data))
@@ -32,16 +36,13 @@ def receive_exactly(connection: socket.socket, size: int) -> bytes:
 
 
 def reset_connection(connection: socket.socket) -> None:
-    """Break the connection off with RST, as a process that is killed with unread bytes."""
+    """Close with RST, as the kernel does for a killed process with unread bytes."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ZERO_LINGER)
     connection.close()
 
 
 class LineSocket:
-    """Lines of a server, read `size` bytes at a time and cut at LF; CR is stripped.
-
-    What most clients do, with sizes of their own. Nothing is parsed here.
-    """
+    """Lines of a server, read `size` bytes at a time and split at LF, without CR."""
 
     def __init__(self, port: int, *, size: int) -> None:
         self.connection = connect(port)
@@ -59,14 +60,15 @@ class LineSocket:
         self.connection.sendall(text.encode("ascii"))
 
     def read_line(self) -> str:
-        """Return the next line."""
+        """Next line, not parsed."""
         while b"\n" not in self._rest:
             self._rest += receive(self.connection, self._size)
         line, _, self._rest = self._rest.partition(b"\n")
         return line.rstrip(b"\r").decode("ascii")
 
     def read_line_starting_with(self, prefix: str) -> str:
-        """Return the next line that starts so."""
+        """Next line that starts with a prefix; the lines before are discarded."""
+        deadline = Deadline(f"line that starts with {prefix!r}", DEADLINE_S)
         while not (line := self.read_line()).startswith(prefix):
-            pass
+            deadline.check()
         return line

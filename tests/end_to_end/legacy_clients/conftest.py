@@ -1,4 +1,4 @@
-"""A server of the classes that old clients ask for, in a room whose walls tell right from left."""
+"""A server with the robot classes of legacy clients, in a room with walls of different colours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PlayerStarts=(Tag="Robot2",Location=(X=1,Y=1,Z=0),Rotation=(X=0,Y=0,Z=1.57))
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write the room; return its path."""
+    """World file of the room."""
     path = tmp_path_factory.mktemp("room") / "room.ini"
     path.write_text(ROOM, encoding="utf-8")
     return path
@@ -32,7 +32,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory, room: Path) -> Iterator[RunningServer]:
     """Serve a P2AT and a small OmniP2AT, for the clients of one module."""
-    folder = tmp_path_factory.mktemp("old_clients")
+    folder = tmp_path_factory.mktemp("legacy_clients")
     p2at = str(ROBOTS / "p2at.ini")
     with start_server(
         folder, "--robot", p2at, robot=write_small_robot(folder), world=room

@@ -1,4 +1,4 @@
-"""AP2DX, maldo's Java client: a reader that eats bytes, and a parser that counts blocks."""
+"""AP2DX, maldo's Java client: a reader that discards bytes, and a parser that counts blocks."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from helpers.deadline import Deadline
 from helpers.legacy_sockets import connect, receive
-from helpers.server_process import RunningServer
+from helpers.server_process import DEADLINE_S, RunningServer
 
 _BUFFER_BYTES = 8192  # of a BufferedReader
 
 
 @dataclass
 class Ap2dx:
-    """One robot, and what was understood of it.
+    """One robot, with the values parsed from its lines.
 
-    Each turn reads one raw byte past the buffer and throws it away, then a whole line from the
-    buffer: so the first letters of whatever stands at the head of the socket get lost. Lines are
-    cut at "} {", and their pieces are known by their places. How the program tells one damaged line
-    from another is not known; here a line is of the type that its second piece names.
+    Each turn reads one raw byte past the buffer and discards it, then a whole line from the buffer:
+    the first letters at the head of the socket are lost. Lines are split at "} {", and the pieces
+    are identified by position. The program's treatment of damaged lines is not documented; here a
+    line has the type of its second piece.
     """
 
     port: int
@@ -33,7 +34,7 @@ class Ap2dx:
         self._buffer = b""
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._connection.close()
 
     def send(self, text: str) -> None:
@@ -41,7 +42,7 @@ class Ap2dx:
         self._connection.sendall(text.encode() + b"\r\n\n")
 
     def turn(self) -> None:
-        """Eat a byte, read a line, understand it."""
+        """Discard a byte, then read and parse a line."""
         receive(self._connection, 1)
         line = self._read_line()
         self.lines.append(line)
@@ -61,21 +62,21 @@ class Ap2dx:
         return line.rstrip(b"\r").decode()
 
     def _read_status(self, pieces: list[str]) -> None:
-        """Read whole numbers by their places, as Integer.parseInt would; it dies on others."""
+        """Parse integers by position; any other text raises, as Integer.parseInt does."""
         values = [piece.strip("{}").split(" ")[1] for piece in pieces]
-        light, battery, view = (int(values[place]) for place in (5, 6, 7))
+        light, battery, view = (int(values[index]) for index in (5, 6, 7))
         self.status.append((light, battery, view))
 
     def _read_sonars(self, pieces: list[str]) -> None:
         words = [piece.strip("{}").split(" ") for piece in pieces]
         found = {word[1]: float(word[3]) for word in words}
-        assert len(found) == 16, "its arrays have 16 places"
+        assert len(found) == 16, "the program's arrays have 16 elements"
         self.sonars.append(found)
 
 
 @pytest.fixture
 def client(server: RunningServer):
-    """Yield a client whose robot stands in the room, after 60 lines."""
+    """A client with a robot in the room, after 60 lines."""
     client = Ap2dx(server.control_port)
     client.send("INIT {ClassName USARBot.P2AT} {Location 0.0 0.0 0.0} {Name AP2DX}")
     while len(client.lines) < 60:
@@ -84,7 +85,7 @@ def client(server: RunningServer):
     client.close()
 
 
-def test_greeting_when_its_first_byte_is_eaten_is_damaged_and_nothing_else_is(
+def test_greeting_when_its_first_byte_is_discarded_leaves_later_lines_intact(
     client: Ap2dx,
 ) -> None:
     assert client.lines[0].startswith("FO {Gametype ")
@@ -93,7 +94,7 @@ def test_greeting_when_its_first_byte_is_eaten_is_damaged_and_nothing_else_is(
     assert len(intact) >= 0.8 * len(client.lines)
 
 
-def test_cycle_when_read_by_places_is_understood(client: Ap2dx) -> None:
+def test_cycle_when_parsed_by_position_is_complete(client: Ap2dx) -> None:
     assert len(client.status) >= 3
     assert {light for light, _, _ in client.status} == {0}
     assert all(1190 <= battery <= 1200 for _, battery, _ in client.status)
@@ -105,7 +106,7 @@ def test_cycle_when_read_by_places_is_understood(client: Ap2dx) -> None:
 def test_sonars_when_in_one_line_are_all_sixteen_and_on_their_sides(client: Ap2dx) -> None:
     assert client.sonars
     for sonar in client.sonars:
-        # F1 and R8 look left at 2 m, F8 and R1 right at 3 m; each sits 0.13 m off the middle.
+        # F1 and R8 point left at 2 m, F8 and R1 right at 3 m; each is mounted 0.13 m off the axis.
         assert sonar["F1"] == pytest.approx(1.87, abs=0.05)
         assert sonar["R8"] == pytest.approx(1.87, abs=0.05)
         assert sonar["F8"] == pytest.approx(2.87, abs=0.05)
@@ -115,5 +116,7 @@ def test_sonars_when_in_one_line_are_all_sixteen_and_on_their_sides(client: Ap2d
 def test_drive_when_its_line_ends_thrice_moves_the_robot(client: Ap2dx) -> None:
     client.send("DRIVE {Left 2.0} {Right 2.0}")
     before = len(client.scans)
+    deadline = Deadline("approach to the wall ahead", DEADLINE_S)
     while not (client.scans[before:] and client.scans[-1][90] < client.scans[before][90] - 0.1):
+        deadline.check()
         client.turn()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from helpers.deadline import Deadline
 from helpers.legacy_sockets import LineSocket, connect, reset_connection
-from helpers.server_process import RunningServer
+from helpers.server_process import DEADLINE_S, RunningServer
 
 INIT = "INIT {{ClassName USARBot.OmniP2AT}} {{Name {0}}} {{Location {1},0,0}}\r\n"
 
 
 def spawn_robot(server: RunningServer, name: str, x_m: float = 0.0) -> LineSocket:
-    """Return a connection whose robot has reported."""
+    """Connection with a robot that has reported."""
     wire = LineSocket(server.control_port, size=4096)
     wire.send(INIT.format(name, x_m))
     wire.read_line_starting_with("STA")
@@ -17,17 +18,22 @@ def spawn_robot(server: RunningServer, name: str, x_m: float = 0.0) -> LineSocke
 
 
 def next_shown_robot(server: RunningServer, before: str) -> str:
-    """Return the name of the robot that the stream shows once it shows another; empty: none.
+    """Robot of the first frame that shows another one than before; empty for none.
 
-    Pictures are a moment old, so the last robot may still be there in the first of them.
+    Frames are some milliseconds old: the first ones may still show the earlier robot.
     """
+    deadline = Deadline(f"frame of another robot than {before!r}", DEADLINE_S)
     with server.connect_stream() as stream:
-        return next(
-            frame.robot_name or "" for frame in stream.iter_frames() if frame.robot_name != before
-        )
+        for frame in stream.iter_frames():
+            if frame.robot_name != before:
+                return frame.robot_name or ""
+            deadline.check()
+    raise AssertionError("the stream ended")
 
 
-def test_robot_when_its_client_is_reset_is_gone_and_its_name_free(server: RunningServer) -> None:
+def test_robot_when_its_connection_is_reset_is_removed_and_its_name_free(
+    server: RunningServer,
+) -> None:
     for _ in range(3):
         wire = spawn_robot(server, "Lost")
         assert next_shown_robot(server, "") == "Lost"
@@ -57,7 +63,7 @@ def test_second_init_when_sent_moves_and_adds_nothing(server: RunningServer) -> 
     assert next_shown_robot(server, "First") == ""
 
 
-def test_lone_line_ends_when_sent_are_nothing(server: RunningServer) -> None:
+def test_lone_line_ends_when_sent_have_no_effect(server: RunningServer) -> None:
     with LineSocket(server.control_port, size=4096) as wire:
         for end in ("\r", "\n", "\n\r", "\r\n\n", "\r\r\r", "\r\n\r\n"):
             wire.send(end)
@@ -66,7 +72,7 @@ def test_lone_line_ends_when_sent_are_nothing(server: RunningServer) -> None:
         assert wire.read_line().startswith("NFO {StartPoses 2}")
 
 
-def test_viewer_when_reset_between_request_and_frame_costs_the_next_nothing(
+def test_viewer_when_reset_before_its_frame_leaves_the_next_one_unaffected(
     server: RunningServer,
 ) -> None:
     for _ in range(5):

@@ -1,7 +1,7 @@
-"""Several cameras on one screen, as old viewers show them: UDK's tiles, UT2004's viewports.
+"""Several cameras in one image of the image port: UDK's tiles, UT2004's viewports.
 
-One robot in the room with the red wall on its left and the blue one on its right. Its four cameras
-are the mirror's, and three ordinary ones that look ahead, to the left and to the right.
+One robot in the room with the red wall on its left and the blue wall on its right. Its cameras are
+the omnidirectional one, and three perspective ones that look ahead, to the left and to the right.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from end_to_end.old_clients.test_image_viewers import HEIGHT, TILE, QtClient, cut_four_tiles
 
 from catoptra_client.frame import Pixels
+from end_to_end.legacy_clients.test_image_viewers import HEIGHT, TILE, QtClient, cut_four_tiles
 from helpers.control_lines import ControlLines, connect_control_lines
 from helpers.server_process import RunningServer, start_server, write_small_robot
 
@@ -29,10 +29,10 @@ PERSPECTIVE_YAWS_RAD = {"Ahead": 0.0, "Left": -1.5708, "Right": 1.5708}
 
 
 @contextmanager
-def stepped_server(
+def start_stepped_server(
     folder: Path, room: Path, *arguments: str
 ) -> Iterator[tuple[RunningServer, ControlLines]]:
-    """Serve the room in steps; yield the server and the lines of its one robot."""
+    """Serve the room under lockstep; yield the server and the connection of its one robot."""
     robot = write_small_robot(folder)
     cameras = "".join(
         CAMERA.format(name, yaw_rad) for name, yaw_rad in PERSPECTIVE_YAWS_RAD.items()
@@ -50,13 +50,13 @@ def stepped_server(
 
 
 def colour_fraction(rgb: Pixels, channel: int) -> float:
-    """Return the part of a picture's pixels that are red (0) or blue (2)."""
+    """Fraction of pixels that are red (channel 0) or blue (2)."""
     levels = rgb.astype(int)
     return float(np.mean(levels[..., channel] - levels[..., 2 - channel] > 150))
 
 
 def assert_tiles_show_walls(tiles: list[Pixels]) -> None:
-    """Fail unless the tiles are those of mirror, ahead, left and right."""
+    """Assert that the tiles are those of the mirror, ahead, left and right."""
     mirror, ahead, left, right = (
         [colour_fraction(tile, 0), colour_fraction(tile, 2)] for tile in tiles
     )
@@ -69,12 +69,14 @@ def assert_tiles_show_walls(tiles: list[Pixels]) -> None:
 
 
 def wait_for_spawn(lines: ControlLines) -> None:
-    """Wait until the robot is there."""
+    """Wait until the robot is spawned."""
     lines.read_until("STA")
 
 
-def test_qt_client_when_it_asks_for_tiles_gets_a_camera_each(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
+def test_qt_client_when_it_requests_tiles_receives_a_camera_in_each(
+    tmp_path: Path, room: Path
+) -> None:
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
         server,
         lines,
     ):
@@ -86,58 +88,68 @@ def test_qt_client_when_it_asks_for_tiles_gets_a_camera_each(tmp_path: Path, roo
             assert np.array_equal(np.concatenate(tiles, axis=1), whole.get_frame().rgb)
 
 
-def test_qt_client_when_it_asks_for_one_tile_has_no_other_drawn(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
+def test_qt_client_when_it_requests_one_tile_has_no_other_rendered(
+    tmp_path: Path, room: Path
+) -> None:
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--image-type", "RAW") as (
         server,
         lines,
     ):
         wait_for_spawn(lines)
-        qt, mirror_s_plan = QtClient(server.image_port), f"plan of {TILE} x {HEIGHT} px"
+        qt, mirror_plan = QtClient(server.image_port), f"plan of {TILE} x {HEIGHT} px"
         with qt.connection:
             assert colour_fraction(qt.read_tile(2), 0) > 0.3
-            assert mirror_s_plan not in server.log.read_text()
+            assert mirror_plan not in server.log.read_text()
             qt.read_tile(0)
-            assert mirror_s_plan in server.log.read_text()
+            assert mirror_plan in server.log.read_text()
 
 
-def test_four_boxes_when_cut_from_a_multi_view_are_its_cameras(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
+def test_four_crops_of_a_multi_view_are_its_cameras(tmp_path: Path, room: Path) -> None:
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
         wait_for_spawn(lines)
-        boxes = cut_four_tiles(server.image_port)
-        assert {box.shape for box in boxes} == {(HEIGHT, TILE, 3)}
-        assert_tiles_show_walls(boxes)
+        crops = cut_four_tiles(server.image_port)
+        assert {crop.shape for crop in crops} == {(HEIGHT, TILE, 3)}
+        assert_tiles_show_walls(crops)
 
 
-def test_camera_when_it_has_a_tile_is_told_so_unasked_in_udk(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room, "--multi-view", TILES, "--dialect", "udk") as (_, lines):
-        told = [lines.read_until("CONF")[-1] for _ in range(4)]
+def test_configuration_of_a_camera_with_a_tile_is_sent_without_request_in_udk(
+    tmp_path: Path, room: Path
+) -> None:
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES, "--dialect", "udk") as (
+        _,
+        lines,
+    ):
+        configurations = [lines.read_until("CONF")[-1] for _ in range(4)]
     offsets = [
-        re.search(r"\{TextureOffsetX (\d+)\}\{TextureOffsetY (\d+)\}", line) for line in told
+        re.search(r"\{TextureOffsetX (\d+)\}\{TextureOffsetY (\d+)\}", line)
+        for line in configurations
     ]
     assert [match and match.groups() for match in offsets] == [
         (str(number * TILE), "0") for number in range(4)
     ]
-    assert "{Name Ahead}" in told[1]
-    assert "{TextureResolutionX 320}{TextureResolutionY 240}" in told[1]
+    assert "{Name Ahead}" in configurations[1]
+    assert "{TextureResolutionX 320}{TextureResolutionY 240}" in configurations[1]
 
 
 def test_status_when_cameras_have_tiles_names_the_first_in_ut2004(
     tmp_path: Path, room: Path
 ) -> None:
-    with stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
+    with start_stepped_server(tmp_path, room, "--multi-view", TILES) as (server, lines):
         assert "{View 0}" in lines.read_until("STA")[-1]
         with connect_control_lines(server.control_port) as second:
             second.send(INIT)
-            assert "{View -1}" in second.read_until("STA")[-1]  # all four are the first robot's
+            assert (
+                "{View -1}" in second.read_until("STA")[-1]
+            )  # all four tiles are the first robot's
 
 
 @pytest.mark.parametrize(("name", "channel"), [("Left", 0), ("Right", 2)])
 def test_viewport_when_set_shows_that_camera(
     tmp_path: Path, room: Path, name: str, channel: int
 ) -> None:
-    with stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
+    with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
         wait_for_spawn(lines)
-        assert images.get_frame().rgb.shape == (64, 64, 3)  # the mirror's
+        assert images.get_frame().rgb.shape == (64, 64, 3)  # the omnidirectional camera's
         lines.send(f"SET {{Type Viewports}} {{Config SingleView}} {{Viewport1 {name}}}")
         assert f"{{Viewport1 {name}}} {{Status OK}}" in lines.read_until("RES")[-1]
         rgb = images.get_frame().rgb
@@ -146,8 +158,8 @@ def test_viewport_when_set_shows_that_camera(
         assert colour_fraction(rgb, 2 - channel) == 0.0
 
 
-def test_viewports_when_four_are_quarters_of_the_picture(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
+def test_viewports_when_four_are_quarters_of_the_image(tmp_path: Path, room: Path) -> None:
+    with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
         wait_for_spawn(lines)
         lines.send(
             "SET {Type Viewports} {Config QuadView} {Viewport1 Left} {Viewport2 Right} "
@@ -159,12 +171,12 @@ def test_viewports_when_four_are_quarters_of_the_picture(tmp_path: Path, room: P
     first, second, third, fourth = rgb[:32, :32], rgb[:32, 32:], rgb[32:, :32], rgb[32:, 32:]
     assert colour_fraction(first, 0) > 0.2
     assert colour_fraction(second, 2) > 0.2
-    assert third.max() < 20  # black, but for what the JPEG spills over
+    assert third.max() < 20  # black, but for the ringing of JPEG blocks
     assert fourth.any()
 
 
 def test_camera_when_zoomed_shows_a_narrower_view(tmp_path: Path, room: Path) -> None:
-    with stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
+    with start_stepped_server(tmp_path, room) as (server, lines), server.connect_images() as images:
         wait_for_spawn(lines)
         lines.send("SET {Type Viewports} {Config SingleView} {Viewport1 Left}")
         lines.read_until("RES")
@@ -177,9 +189,11 @@ def test_camera_when_zoomed_shows_a_narrower_view(tmp_path: Path, room: Path) ->
     assert after > 0.99
 
 
-def test_screen_when_frames_are_skipped_is_exposed_that_rarely(tmp_path: Path, room: Path) -> None:
+def test_image_port_when_frames_are_skipped_exposes_at_that_interval(
+    tmp_path: Path, room: Path
+) -> None:
     with start_server(tmp_path, "--frame-skip", "20", world=room) as server:
         with server.connect_stream() as client:
             client.spawn("USARBot.OmniP2AT", name="R", start_pose="Robot1")
-            screen = [client.get_frame().time_s or 0.0 for _ in range(5)]
-    assert min(np.diff(screen[1:])) >= 0.4 - 1e-9
+            times_s = [client.get_frame().time_s or 0.0 for _ in range(5)]
+    assert min(np.diff(times_s[1:])) >= 0.4 - 1e-9

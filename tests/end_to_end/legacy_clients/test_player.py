@@ -1,6 +1,6 @@
 """Player's USARSim driver: lines end in LF CR, vectors have spaces, y is to the left.
 
-What it asks of the server's lines: no longer than its buffer of 4096 bytes, keys by exact name.
+The driver needs lines that fit its buffer of 4096 bytes, and keys with exact names.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import re
 
 import pytest
 
+from helpers.deadline import Deadline
 from helpers.legacy_sockets import connect, receive
-from helpers.server_process import RunningServer
+from helpers.server_process import DEADLINE_S, RunningServer
 
 _BUFFER_BYTES = 4096
 
@@ -25,22 +26,22 @@ class PlayerDriver:
         self.overflows = 0
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._connection.close()
 
     def send_command(self, text: str) -> None:
-        """Send a line as the driver ends it."""
+        """Send a line with the driver's line end."""
         self._connection.sendall(text.encode() + b"\n\r")
 
     def spawn(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Spawn at a pose of Player's."""
+        """Spawn at a pose in Player's frame."""
         self.send_command(
             f"INIT {{ClassName USARBot.P2AT}} {{Name player}} "
             f"{{Location {x_m} {-y_m} 0.0}} {{Rotation 0.0 0.0 {-yaw_rad}}}"
         )
 
     def read_line(self) -> str:
-        """Return the next line; what fills the buffer without an end is thrown away."""
+        """Next line; a full buffer without a line end is discarded."""
         while b"\n" not in self._buffer:
             if len(self._buffer) >= _BUFFER_BYTES:
                 self._buffer, self.overflows = b"", self.overflows + 1
@@ -49,20 +50,21 @@ class PlayerDriver:
         return line.strip(b"\r").decode()
 
     def read_report(self, type_: str) -> str:
-        """Return the next report of a type."""
+        """Next report of a type."""
+        deadline = Deadline(f"report of type {type_}", DEADLINE_S)
         while f"{{Type {type_}}}" not in (line := self.read_line()):
-            pass
+            deadline.check()
         return line
 
     def read_position(self) -> tuple[float, float, float]:
-        """Return x, y, yaw of the true pose, as Player has them."""
+        """x, y, yaw of the true pose, in Player's frame."""
         line = self.read_report("GroundTruth")
         x, y, _ = _parse_numbers(line, "Location")
         yaw = -_parse_numbers(line, "Orientation")[2]
         return x, -y, math.remainder(yaw, math.tau)
 
     def read_laser(self) -> tuple[float, float, list[float]]:
-        """Return angle_min, resolution, and the ranges in the order in which they came."""
+        """angle_min, resolution, and the ranges in the order of the line."""
         line = self.read_report("RangeScanner")
         return (
             -0.5 * _parse_numbers(line, "FOV")[0],
@@ -71,10 +73,11 @@ class PlayerDriver:
         )
 
     def read_camera_fov(self) -> float:
-        """Ask for the camera's field of view."""
+        """Field of view of the camera, degrees, by a query."""
         self.send_command("GETCONF {Type Camera} {Name Camera}")
+        deadline = Deadline("CONF line", DEADLINE_S)
         while not (line := self.read_line()).startswith("CONF"):
-            pass
+            deadline.check()
         return _parse_numbers(line, "CameraDefFov")[0]
 
 
@@ -86,13 +89,13 @@ def _parse_numbers(line: str, key: str) -> list[float]:
 
 @pytest.fixture
 def player(server: RunningServer):
-    """Yield a driver."""
+    """A driver without a robot."""
     driver = PlayerDriver(server.control_port)
     yield driver
     driver.close()
 
 
-def test_pose_when_y_and_yaw_are_negated_both_ways_is_what_was_asked(player: PlayerDriver) -> None:
+def test_pose_when_y_and_yaw_are_negated_both_ways_is_unchanged(player: PlayerDriver) -> None:
     player.spawn(0.5, 0.75, 0.5)
     assert player.read_position() == pytest.approx((0.5, 0.75, 0.5), abs=0.011)
 
@@ -102,7 +105,9 @@ def test_drive_when_the_right_wheels_are_faster_turns_counter_clockwise(
 ) -> None:
     player.spawn(0.0, 0.0, 0.0)
     player.send_command("DRIVE {Left -1.0} {Right 1.0}")
+    deadline = Deadline("turn of 0.1 rad", DEADLINE_S)
     while (yaw := player.read_position()[2]) < 0.1:
+        deadline.check()
         assert yaw > -0.01
 
 
@@ -117,7 +122,7 @@ def test_scan_when_stored_unreversed_has_the_left_wall_on_the_left(player: Playe
         assert ranges[nearest] == pytest.approx(distance, abs=0.05)
 
 
-def test_camera_when_asked_tells_its_default_field_of_view(player: PlayerDriver) -> None:
+def test_camera_when_queried_has_its_default_field_of_view(player: PlayerDriver) -> None:
     player.spawn(0.0, 0.0, 0.0)
     assert player.read_camera_fov() == pytest.approx(45.0, abs=0.01)
 

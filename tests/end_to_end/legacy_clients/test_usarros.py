@@ -1,4 +1,4 @@
-"""usarros: everything in the segment of INIT, before the greeting is read; pi added to the roll."""
+"""usarros: all commands in the segment of INIT, before the greeting is read; a roll of pi."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
+from helpers.deadline import Deadline
 from helpers.legacy_sockets import LineSocket
-from helpers.server_process import RunningServer
+from helpers.server_process import DEADLINE_S, RunningServer
 
 
 @pytest.fixture
 def wire(server: RunningServer) -> Iterator[LineSocket]:
-    """Yield the connection after the one segment that the client begins with."""
+    """The connection after the client's first segment."""
     with LineSocket(server.control_port, size=1024) as wire:
         wire.send(
             "INIT {ClassName USARBot.P2AT} {Name ros} {Location 0.5,0.5,-0.3} "
@@ -26,7 +27,7 @@ def wire(server: RunningServer) -> Iterator[LineSocket]:
         yield wire
 
 
-def test_commands_when_behind_init_find_the_robot_in_their_order(wire: LineSocket) -> None:
+def test_commands_behind_init_are_executed_in_order(wire: LineSocket) -> None:
     expected = ["NFO {Gametype", "SEN", "NFO {StartPoses 2}", "GEO {Type GroundVehicle}"]
     for start in (*expected, "CONF {Type GroundVehicle}", "CONF {Type RangeScanner}"):
         wire.read_line_starting_with(start)
@@ -34,7 +35,9 @@ def test_commands_when_behind_init_find_the_robot_in_their_order(wire: LineSocke
 
 def test_robot_when_spawned_with_a_roll_of_pi_stands_upright_and_drives(wire: LineSocket) -> None:
     locations = []
+    deadline = Deadline("sixth GroundTruth line", DEADLINE_S)
     while len(locations) < 6:
+        deadline.check()
         if "{Type GroundTruth}" in (line := wire.read_line()):
             numbers = (
                 line.replace("}", ",").replace("{Location ", ",").replace("{Orientation ", ",")
@@ -44,7 +47,7 @@ def test_robot_when_spawned_with_a_roll_of_pi_stands_upright_and_drives(wire: Li
             assert -0.2 < z < 0.0
             locations.append((x, y))
     assert locations[0] == pytest.approx((0.5, 0.5), abs=0.011)
-    # Ahead at half a radian clockwise: both grow.
+    # Ahead at half a radian clockwise: x and y grow.
     assert locations[-1][0] > locations[0][0] + 0.05
     assert locations[-1][1] > locations[0][1] + 0.02
 
