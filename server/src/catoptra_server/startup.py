@@ -82,9 +82,7 @@ def create_ray_caster(startup: StartupConfig) -> RayCaster:
     sensors = [sensor for robot in startup.robots for sensor in robot.sensors]
     # Committed to embree now if a sensor casts rays in every cycle; otherwise at the first ray, if
     # ever: a server with cameras alone saves the time and memory.
-    if any(map(casts_rays, sensors)):
-        caster.build()
-    return caster
+    return caster.build() if any(map(casts_rays, sensors)) else caster
 
 
 class _LazyRayCaster:

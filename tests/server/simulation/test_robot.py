@@ -25,8 +25,12 @@ from catoptra_server.robot.joint_chain import (
     LinkDescription,
     MissionPackageDescription,
 )
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.robot.robot_description import RobotDescription
+from catoptra_server.robot.robot_description import (
+    PerspectiveCameraDescription,
+    RobotDescription,
+)
 from catoptra_server.scene.obstacle_grid import build_obstacle_grid
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.twist import AT_REST
@@ -257,11 +261,14 @@ def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> No
     assert [link.value for link in status.links] == [0.0, 0.05]
 
 
-def test_noise_when_time_passes_has_another_key_and_when_asked_again_the_same() -> None:
-    robot = spawn()
-    first, again = robot.noise_seed_for("Omni"), robot.noise_seed_for("Omni")
+AHEAD = PerspectiveCameraDescription("Ahead", Mount(), 12, 10, 1.0, 0.3, 2.0)
+
+
+def test_noise_when_time_passes_has_another_seed_and_when_requested_again_the_same() -> None:
+    robot = spawn(make_p2at(perspective_cameras=(AHEAD,)))
+    first, again = robot.noise_seed_for("OmniCam"), robot.noise_seed_for("OmniCam")
     step(robot, 1)
-    later = robot.noise_seed_for("Omni")
+    later = robot.noise_seed_for("OmniCam")
     assert first == again
     assert (later.camera_key, later.tick) == (first.camera_key, first.tick + 1)
     assert robot.noise_seed_for("Ahead").camera_key != first.camera_key

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import JPEG_QUALITY, ImageType, encode_raw_header
 from catoptra_server.render.renderer import Image
 
@@ -12,27 +13,38 @@ from catoptra_server.render.renderer import Image
 cv2.setNumThreads(1)
 
 
-def encode_png(rgb: Image) -> bytes:
-    """Encode an image as a PNG file."""
-    # Level 1: a third of the default's time for a tenth more bytes.
+def encode_payload(rgb: Image, encoding: ImageType | ImageEncoding) -> bytes:
+    """Encode an image for a transport.
+
+    Args:
+        rgb: (h, w, 3) uint8.
+        encoding: A type of USARSim's image port: JPEG of some quality, or RAW with header, B G R
+            and padded rows. Or an encoding of the stream: raw R G B rows, JPEG or PNG.
+    """
+    if encoding is ImageEncoding.RAW:
+        return rgb.tobytes()
     bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
-    ok, stream = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    assert ok, "cv2 encodes every 8-bit image"
-    payload: bytes = stream.tobytes()
-    return payload
+    if encoding is ImageType.RAW:
+        return _encode_raw(bgr)
+    if encoding is ImageEncoding.PNG:
+        # Level 1: a third of the default's time for a tenth more bytes.
+        return _encode_file(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    # The stream does not choose a quality; GOOD is the image port's default.
+    image_type = ImageType.GOOD if encoding is ImageEncoding.JPEG else encoding
+    return _encode_file(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY[image_type]])
 
 
-def encode_payload(rgb: Image, image_type: ImageType) -> bytes:
-    """Encode an image for USARSim's image port: as JPEG, or raw with header and padded rows."""
-    bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
-    if image_type is ImageType.RAW:
-        height, width = bgr.shape[:2]
-        # The original server pads rows to four bytes, and clients differ: see SPEC-NOTES.md.
-        padding = -3 * width % 4
-        rows = bgr.reshape(height, 3 * width)
-        padded = np.pad(rows, ((0, 0), (0, padding))) if padding else rows
-        return encode_raw_header(width, height) + padded.tobytes()
-    ok, stream = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY[image_type]])
+def _encode_raw(bgr: Image) -> bytes:
+    height, width = bgr.shape[:2]
+    # The original server pads rows to four bytes, and clients differ: see SPEC-NOTES.md.
+    padding = -3 * width % 4
+    rows = bgr.reshape(height, 3 * width)
+    padded = np.pad(rows, ((0, 0), (0, padding))) if padding else rows
+    return encode_raw_header(width, height) + padded.tobytes()
+
+
+def _encode_file(suffix: str, bgr: Image, options: list[int]) -> bytes:
+    ok, stream = cv2.imencode(suffix, bgr, options)
     assert ok, "cv2 encodes every 8-bit image"
     payload: bytes = stream.tobytes()
     return payload

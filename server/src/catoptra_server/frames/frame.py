@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.effects.effect_plan import EffectDecision
-from catoptra_server.frames.encode import encode_payload, encode_png
+from catoptra_server.frames.encode import encode_payload
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, FrameMetadata
 from catoptra_server.render.renderer import Image
 
@@ -45,16 +45,10 @@ class Frame:
 
     def encode(self, encoding: ImageType | ImageEncoding) -> bytes:
         """Payload of the frame; encoded on first use, by one of several concurrent threads."""
-        # One quality for both transports: their connections share the JPEG.
+        # The stream's JPEG has the quality of type GOOD: both transports share one payload.
         encoding = ImageType.GOOD if encoding is ImageEncoding.JPEG else encoding
-        # Encoding takes longer than waiting for another thread's result would.
+        # Under the lock: a second thread waits for the payload instead of encoding it, too.
         with self._lock:
             if encoding not in self._payloads:
-                self._payloads[encoding] = _encode(self.rgb, encoding)
+                self._payloads[encoding] = encode_payload(self.rgb, encoding)
             return self._payloads[encoding]
-
-
-def _encode(rgb: Image, encoding: ImageType | ImageEncoding) -> bytes:
-    if isinstance(encoding, ImageType):
-        return encode_payload(rgb, encoding)
-    return rgb.tobytes() if encoding is ImageEncoding.RAW else encode_png(rgb)

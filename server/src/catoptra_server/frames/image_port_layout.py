@@ -74,14 +74,14 @@ class ImagePortLayout:
         robot = find_displayed_robot(robots)
         if robot is None:
             return _compose(_single_tile_layout(self._blank_size_px), [None], visible_objects_of)
-        cameras = [robot.find_camera(name) for name in robot.viewports.camera_names]
+        config, names = robot.viewports.config, robot.viewports.camera_names
         # The image has the size of the camera that fills a single view. Four viewports share the
         # size of the first camera, so that switching one of them off does not resize the image.
-        is_single = robot.viewports.config is ViewportConfig.SINGLE_VIEW
-        sizing = (cameras[0] if is_single else None) or robot.all_cameras[0]
-        width_px, height_px = sizing.size_px
-        layout = viewport_layout(robot.viewports.config, width_px=width_px, height_px=height_px)
-        mounted = [MountedCamera(robot, c) if c else None for c in cameras[: len(layout)]]
+        single = robot.find_camera(names[0]) if config is ViewportConfig.SINGLE_VIEW else None
+        width_px, height_px = (single or robot.all_cameras[0]).size_px
+        layout = viewport_layout(config, width_px=width_px, height_px=height_px)
+        cameras = [single] if single else [robot.find_camera(name) for name in names[: len(layout)]]
+        mounted = [MountedCamera(robot, camera) if camera else None for camera in cameras]
         return _compose(layout, mounted, visible_objects_of)
 
 
@@ -106,7 +106,8 @@ def _compose(
     cameras: Sequence[MountedCamera | None],
     visible_objects_of: VisibleObjectsLookup,
 ) -> FrameComposition:
-    tile = layout.tiles[0]  # all tiles of a layout have the size of the first
+    # All tiles of a layout have the size of the first, and a layout has at least one.
+    tile = layout.first_tile
     views = tuple(
         mounted.request_view(tile, visible_objects_of) if mounted else None for mounted in cameras
     )

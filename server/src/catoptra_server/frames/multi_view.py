@@ -71,6 +71,11 @@ class TileLayout:
         return self.height_px, self.width_px
 
     @property
+    def first_tile(self) -> Tile:
+        """Tile of index 0."""
+        return Tile(0, 0, self.tile_width_px, self.tile_height_px)
+
+    @property
     def tiles(self) -> tuple[Tile, ...]:
         """All tiles, in the order of their indices."""
         return tuple(tile for tile in map(self.tile_at, range(len(self))) if tile)

@@ -1,4 +1,4 @@
-"""Landmarks in view of a camera, by geometry alone: labels of training data, truth for detectors."""
+"""Landmarks in view of a camera, by geometry alone: labels for training and testing detectors."""
 
 from __future__ import annotations
 

@@ -60,7 +60,6 @@ class Robot:
         """
         self.name = name
         self.description = description
-        self._seed = seed
         self.omni_camera = _build_omni_camera(description)
         self.perspective_cameras = [
             PerspectiveCameraSensor(camera, description)
@@ -77,6 +76,10 @@ class Robot:
         )
         self._body = RobotBody(description.drive, pose, WheelSpin())
         self._slip = RandomSource.from_names(seed, name, _SLIP_STREAM)
+        self._noise_sources = {
+            camera.name: RandomSource.from_names(seed, name, f"noise of {camera.name}")
+            for camera in self.all_cameras
+        }
         # The last entry of the schedule is the status, which has no sensor.
         intervals = [sensor.interval_s for sensor in self.sensors]
         self._schedule = ReportSchedule([*intervals, description.status_interval_s], time_s)
@@ -127,8 +130,7 @@ class Robot:
         """Seed of the image noise of a camera in this tick."""
         # The tick, not a frame number: a second client that requests frames of the same camera
         # changes nobody's noise.
-        source = RandomSource.from_names(self._seed, self.name, f"noise of {camera}")
-        return NoiseSeed.from_source(source, self._body.tick)
+        return NoiseSeed.from_source(self._noise_sources[camera], self._body.tick)
 
     @property
     def joint_angles_rad(self) -> dict[str, float]:
