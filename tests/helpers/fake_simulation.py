@@ -1,4 +1,4 @@
-"""A stream server without a simulation: a camera that renders on request, and a record of events."""
+"""A stream server without a simulation: frames rendered on request, and a record of events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera law across the wire."""
+"""The camera model across the wire."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from catoptra_protocol.camera_conf import omni_camera_from_pairs, pairs_from_omni_camera
+from catoptra_protocol import camera_conf
+from catoptra_protocol.camera_conf import (
+    omni_camera_from_pairs,
+    pairs_from_omni_camera,
+    pairs_from_perspective_camera,
+)
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.mirrors import MIRRORS, CentralMirror, HyperbolicMirror
 from catoptra_protocol.optics.mirrors.parabolic import ParabolicMirror
 from catoptra_protocol.optics.omni_camera import (
@@ -25,13 +31,13 @@ PAPER = HyperbolicMirror(11.546, 2.321)
 
 
 def make_camera(mirror: CentralMirror = PAPER, rim_deg: float = 125.0) -> OmniCamera:
-    """Return the paper's picture of 360 x 360 px."""
+    """Camera of the paper, 360 x 360 px."""
     return camera_with_inscribed_rim(
         mirror, width_px=360, height_px=360, rim_rad=math.radians(rim_deg)
     )
 
 
-def test_pairs_when_written_have_the_agreed_names_and_order() -> None:
+def test_pairs_have_the_specified_names_and_order() -> None:
     names = [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)]
     assert " ".join(names) == (
         "CameraDefFov CameraMinFov CameraMaxFov CameraFov Width Height Mirror MirrorK MirrorC "
@@ -39,20 +45,20 @@ def test_pairs_when_written_have_the_agreed_names_and_order() -> None:
     )
 
 
-def test_pairs_when_written_start_with_the_capture_camera_s_view() -> None:
+def test_pairs_begin_with_the_fields_of_view_of_the_capture_camera() -> None:
     # By hand: s = sqrt(k (k - 2)) = 10.4995, h = 93.1316 px, fov = 2 atan(180 / (s h)).
     views = [value for _, value in pairs_from_omni_camera(make_camera(), 0.5)[:4]]
     assert views == ["20.8625"] * 4
 
 
-def test_pairs_when_the_mirror_is_parabolic_name_its_radius() -> None:
+def test_pairs_of_a_parabolic_mirror_have_its_radius() -> None:
     pairs = dict(pairs_from_omni_camera(make_camera(ParabolicMirror(0.03)), 0.5))
     assert (pairs["Mirror"], pairs["MirrorHorizonRadius"]) == ("parabolic", "0.03")
     assert pairs["CameraFov"] == "0.0000"
 
 
 @pytest.mark.parametrize("mirror", [PAPER, ParabolicMirror(0.03)])
-def test_camera_when_sent_as_a_line_comes_back(mirror: CentralMirror) -> None:
+def test_camera_when_sent_as_a_line_is_the_same(mirror: CentralMirror) -> None:
     sent = make_camera(mirror)
     conf = Configuration("Camera", (("Name", "Omni"), *pairs_from_omni_camera(sent, 0.4321)))
     line = line_from_report(conf).decode().rstrip("\r\n")
@@ -69,7 +75,7 @@ def test_camera_when_sent_as_a_line_comes_back(mirror: CentralMirror) -> None:
     st.floats(-math.pi, math.pi),
     st.floats(0.0, 2.0),
 )
-def test_camera_when_it_comes_back_projects_to_the_same_pixels(
+def test_camera_when_received_projects_to_the_same_pixels(
     k: float, c_m: float, rim_deg: float, up_azimuth_rad: float, height_m: float
 ) -> None:
     sent = camera_with_inscribed_rim(
@@ -81,15 +87,15 @@ def test_camera_when_it_comes_back_projects_to_the_same_pixels(
     )
     received, received_height_m = omni_camera_from_pairs(pairs_from_omni_camera(sent, height_m))
     direction = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 0.9], [0.0, 0.0, 1.0]])
-    pixels = [pixel_from_direction(law, direction)[0] for law in (sent, received)]
+    pixels = [pixel_from_direction(camera, direction)[0] for camera in (sent, received)]
     assert np.array_equal(pixels[0], pixels[1])
     assert received_height_m == height_m
 
 
-def test_pairs_when_names_differ_in_case_and_others_join_in_are_read() -> None:
+def test_pairs_in_any_case_and_among_others_are_read() -> None:
     pairs = pairs_from_omni_camera(make_camera(), 0.5)
-    shouted = (("Serial", "1"), *((name.upper(), value.upper()) for name, value in pairs))
-    assert omni_camera_from_pairs(shouted) == (make_camera(), 0.5)
+    upper_case = (("Serial", "1"), *((name.upper(), value.upper()) for name, value in pairs))
+    assert omni_camera_from_pairs(upper_case) == (make_camera(), 0.5)
 
 
 def replace_pair(name: str, value: str) -> Pairs:
@@ -101,7 +107,7 @@ def replace_pair(name: str, value: str) -> Pairs:
 @pytest.mark.parametrize(
     "name", [name for name, _ in pairs_from_omni_camera(make_camera(), 0.5)[4:]]
 )
-def test_pairs_when_one_is_missing_name_it(name: str) -> None:
+def test_pairs_when_one_is_missing_raises_with_its_name(name: str) -> None:
     pairs = tuple(pair for pair in pairs_from_omni_camera(make_camera(), 0.5) if pair[0] != name)
     with pytest.raises(RemoteProtocolError, match=name):
         omni_camera_from_pairs(pairs)
@@ -114,20 +120,39 @@ BAD = [
     ("Width", "0", "Width"),
     ("Width", "1e9", "Width"),
     ("Height", "360.5", "Height"),
-    ("CentreU", "middle", "CentreU"),
+    ("CentreU", "half", "CentreU"),
     ("HorizonRadius", "-1", "radius > 0"),
     ("RimAngle", "179", "rim"),
     ("ViewpointHeight", "inf", "ViewpointHeight"),
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "said"), BAD)
-def test_pairs_when_one_is_wrong_tell_which(name: str, value: str, said: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=said):
+@pytest.mark.parametrize(("name", "value", "expected_message"), BAD)
+def test_pairs_when_one_is_wrong_raises_with_the_expectation(
+    name: str, value: str, expected_message: str
+) -> None:
+    with pytest.raises(RemoteProtocolError, match=expected_message):
         omni_camera_from_pairs(replace_pair(name, value))
 
 
-def test_mirrors_when_listed_can_all_be_sent() -> None:
+def test_pairs_of_the_same_camera_are_formatted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    formatted: list[float] = []
+
+    def count(value: float) -> str:
+        formatted.append(value)
+        return repr(value)
+
+    monkeypatch.setattr(camera_conf, "_format_number", count)
+    # A rim of its own, so that no other test has formatted this camera before.
+    for _ in range(100):
+        pairs = pairs_from_omni_camera(make_camera(rim_deg=111.5), 0.5)
+        pairs_from_perspective_camera(PerspectiveCamera(321, 123, 1.25))
+    assert pairs is pairs_from_omni_camera(make_camera(rim_deg=111.5), 0.5)
+    # Eight numbers of the mirror camera, one of the ordinary camera.
+    assert len(formatted) == 8 + 1
+
+
+def test_every_mirror_can_be_sent() -> None:
     examples: dict[str, CentralMirror] = {"hyperbolic": PAPER, "parabolic": ParabolicMirror(0.03)}
     assert set(examples) == set(MIRRORS)
     assert all(

@@ -1,4 +1,4 @@
-"""The landmark file: the shipped one, and what is said of broken rows."""
+"""The landmark file: the bundled one, and the errors of broken rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def parse_landmark(*lines: str) -> tuple[Landmark, ...]:
     return landmarks_from_lines([HEADER, *lines], file="x.csv")
 
 
-def test_shipped_file_when_read_has_four_beacons_and_two_goals() -> None:
+def test_bundled_file_has_four_beacons_and_two_goals() -> None:
     landmarks = read_landmarks(REPOSITORY / "configs/landmarks/four_legged_2006.csv")
     assert sorted(landmark.kind for landmark in landmarks) == 4 * ["beacon"] + 2 * ["goal"]
     beacons = {(m.lower_colour, m.upper_colour) for m in landmarks if m.kind == "beacon"}
@@ -31,11 +31,11 @@ def test_row_when_read_is_a_landmark() -> None:
     )
 
 
-def test_band_middle_when_asked_is_where_the_colours_meet() -> None:
+def test_band_centre_is_the_height_between_the_colours() -> None:
     assert parse_landmark(BEACON)[0].band_centre_m == pytest.approx(0.3)
 
 
-def test_comments_blank_lines_and_spaces_when_there_are_nothing() -> None:
+def test_comments_blank_lines_and_spaces_are_ignored() -> None:
     lines = ["# a field", "", HEADER, "  # more", BEACON.replace(",", " , ")]
     assert landmarks_from_lines(lines, file="x.csv") == parse_landmark(BEACON)
 
@@ -74,33 +74,33 @@ def test_row_when_broken_names_file_line_key_and_expectation(
 
 
 @pytest.mark.parametrize("lines", [[], ["# nothing"], [BEACON], [HEADER.replace("x_m", "x")]])
-def test_header_when_missing_or_other_is_refused(lines: list[str]) -> None:
+def test_header_when_missing_or_different_is_rejected(lines: list[str]) -> None:
     with pytest.raises(ConfigError, match="the columns name,kind,x_m"):
         landmarks_from_lines(lines, file="x.csv")
 
 
-def test_name_when_given_twice_is_refused_at_the_second() -> None:
+def test_name_when_repeated_is_rejected_at_the_second() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:3: name='b1'.*only once"):
         parse_landmark(BEACON, BEACON)
 
 
-def test_name_when_empty_is_refused() -> None:
+def test_name_when_empty_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2: name=''"):
         parse_landmark(BEACON.replace("b1", ""))
 
 
-def test_field_when_longer_than_any_reader_takes_is_refused() -> None:
+def test_field_when_longer_than_the_csv_limit_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2: row=.*a CSV"):
         parse_landmark(BEACON.replace("b1", 200_000 * "x"))
 
 
-def test_quote_when_never_closed_is_refused() -> None:
+def test_quote_when_never_closed_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"x\.csv:2"):
         parse_landmark(BEACON.replace("b1", '"b1'))
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])
-def test_file_when_it_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+def test_file_when_unreadable_is_named(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "x.csv"
     if content is not None:
         path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""RES: what each form means, and UDK's silence; the samples are conformance vectors."""
+"""RES: meaning of each form, and none in UDK; the samples are conformance vectors."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ RESULTS: list[Report] = [
 
 
 @pytest.mark.parametrize("result", RESULTS, ids=str)
-def test_result_when_written_and_read_is_the_same_and_silence_in_udk(result: Report) -> None:
+def test_result_when_written_and_read_is_the_same_and_has_no_line_in_udk(result: Report) -> None:
     line = line_from_report(result).decode().rstrip()
     assert result_from_message(parse_message(line)) == result
     assert line_from_report(result, Dialect.UDK) == b""
 
 
-def test_step_when_answered_is_answered_in_udk_too_with_four_decimals() -> None:
+def test_result_of_a_step_exists_in_udk_too_with_four_decimals() -> None:
     line = line_from_report(CommandResult(0.02, "Step", "Clock"), Dialect.UDK)
     assert line == b"RES {Time 0.0200} {Type Step} {Name Clock} {Status OK}\r\n"
 
 
-def test_viewports_when_nothing_is_chosen_are_disabled() -> None:
+def test_viewports_by_default_are_disabled() -> None:
     assert [viewport.camera for viewport in ViewportsResult(0.0, "A").viewports] == [
         CAMERA_DISABLED
     ] * 4
@@ -59,7 +59,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_result_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_result_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         result_from_message(parse_message(line))

@@ -1,4 +1,4 @@
-"""Commands: what real clients send, and what ours sends."""
+"""Commands of real clients, and those of ours."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ READ = [
 
 
 @pytest.mark.parametrize(("line", "command"), READ, ids=[line for line, _ in READ])
-def test_command_from_message_when_sent_as_clients_do_is_understood(
+def test_command_from_message_of_known_clients_is_parsed(
     line: str, command: Command | None
 ) -> None:
     assert command_from_message(parse_message(line)) == command
@@ -122,32 +122,30 @@ WRITTEN = [
 
 
 @pytest.mark.parametrize(("command", "line"), WRITTEN, ids=[str(line) for _, line in WRITTEN])
-def test_line_from_command_when_written_has_the_form_that_servers_read(
-    command: Command, line: bytes
-) -> None:
+def test_line_from_command_has_the_form_that_servers_read(command: Command, line: bytes) -> None:
     assert line_from_command(command) == line + b"\r\n"
 
 
 @DETERMINISTIC
 @given(ANY_COMMAND)
-def test_line_from_command_when_read_again_gives_the_same_command(command: Command) -> None:
+def test_line_from_command_when_parsed_again_is_the_same_command(command: Command) -> None:
     (line,) = LineReader().receive(line_from_command(command))
     assert command_from_message(parse_message(line)) == command
 
 
 @pytest.mark.parametrize("command", [Step(math.nan), Drive(left=math.inf), Init("A}\r\nB")])
-def test_line_from_command_when_it_cannot_be_said_refuses(command: Command) -> None:
+def test_line_from_command_when_invalid_raises(command: Command) -> None:
     with pytest.raises(LocalProtocolError, match="cannot be sent"):
         line_from_command(command)
 
 
-def test_names_when_longer_than_a_reply_can_echo_are_cut() -> None:
+def test_names_when_longer_than_a_reply_can_hold_are_truncated() -> None:
     command = command_from_message(parse_message("GETCONF {Type " + "x" * 5000 + "}"))
     assert command == GetConf("x" * MAX_NAME_CHARS)
 
 
 @DETERMINISTIC
 @given(st.sampled_from(sorted(COMMAND_PARSERS)), st.text())
-def test_command_from_message_when_given_any_text_never_raises(word: str, text: str) -> None:
+def test_command_from_message_of_any_text_never_raises(word: str, text: str) -> None:
     command = command_from_message(parse_message(f"{word} {{{text}"))
     assert isinstance(command, get_args(Command))

@@ -54,30 +54,30 @@ def test_motion_when_written_and_read_is_the_same(command: DriveCommand, line: s
     assert read(line) == command
 
 
-def test_drive_when_it_names_a_side_is_the_wheels() -> None:
+def test_drive_with_a_side_is_of_the_wheels() -> None:
     assert read("DRIVE {Name R1} {Right 1}") == Drive(right=1.0)
     assert read("DRIVE {Light true}") == Drive(light=True)
 
 
-def test_drive_when_blocks_precede_a_lone_joint_gives_them_to_it() -> None:
+def test_drive_of_a_single_joint_includes_blocks_before_its_name() -> None:
     assert read("DRIVE {Order 1} {Value 2} {Name A}") == DriveJoints((JointCommand("A", 2.0, 1),))
 
 
-def test_drive_when_a_joint_repeats_a_block_takes_the_first_of_each_joint() -> None:
+def test_drive_when_a_block_repeats_uses_the_first_of_each_joint() -> None:
     line = "DRIVE {Name A} {Value 1} {Value 9} {Name B} {Value 2}"
     assert read(line) == DriveJoints((JointCommand("A", 1.0), JointCommand("B", 2.0)))
 
 
-def test_multi_drive_when_a_name_is_too_long_cuts_it() -> None:
+def test_multi_drive_when_a_name_is_too_long_truncates_it() -> None:
     command = read("MULTIDRIVE {" + "n" * 999 + " 1}")
     assert command == MultiDrive((("n" * MAX_NAME_CHARS, 1.0),))
 
 
-def test_mission_package_when_blocks_precede_the_first_link_gives_them_to_none() -> None:
+def test_mission_package_ignores_blocks_before_the_first_link() -> None:
     assert read("MISPKG {Value 3} {Name P} {Link 1}") == MisPkg("P", (LinkCommand(1),))
 
 
-def test_multi_drive_when_a_joint_has_two_words_is_refused() -> None:
+def test_multi_drive_when_a_joint_has_two_words_is_rejected() -> None:
     with pytest.raises(LocalProtocolError, match="cannot be sent"):
         line_from_command(MultiDrive((("front left", 1.0),)))
 

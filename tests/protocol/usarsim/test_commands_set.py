@@ -48,7 +48,7 @@ PARAMETERS = [
 
 
 @pytest.mark.parametrize(("params", "numbers"), PARAMETERS)
-def test_parameters_when_read_as_numbers_are_separated_as_vectors_are(
+def test_parameters_as_numbers_are_separated_like_vectors(
     params: str | None, numbers: tuple[float, ...]
 ) -> None:
     assert Set("INS", params=params).numeric_params() == numbers
@@ -65,9 +65,7 @@ FIELDS_OF_VIEW = [
 
 
 @pytest.mark.parametrize(("command", "fov_rad"), FIELDS_OF_VIEW, ids=str)
-def test_field_of_view_when_asked_for_in_either_form_is_found(
-    command: Set, fov_rad: float | None
-) -> None:
+def test_field_of_view_in_either_form_is_parsed(command: Set, fov_rad: float | None) -> None:
     assert command.parse_fov_rad() == fov_rad
 
 

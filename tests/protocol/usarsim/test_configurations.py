@@ -1,4 +1,4 @@
-"""CONF: the dialects' order and silence; the samples are conformance vectors."""
+"""CONF: order and missing replies of the dialects; the samples are conformance vectors."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_configuration_when_written_is_read_with_its_type_and_name(
     assert len(read.pairs) > 1
 
 
-def test_camera_when_written_tells_its_tile_in_udk_alone_and_its_law_in_both() -> None:
+def test_camera_when_written_has_its_region_in_udk_only_and_its_model_in_both() -> None:
     ut2004, udk = (line_from_report(CAMERA, dialect) for dialect in Dialect)
     assert b"Texture" not in ut2004
     assert b"{Name C}{TextureOffsetX 0}{TextureOffsetY 0}" in udk
@@ -61,6 +61,6 @@ def test_camera_when_written_tells_its_tile_in_udk_alone_and_its_law_in_both() -
 
 
 @pytest.mark.parametrize("empty", [Configuration("A"), Configuration("A", (("Name", "N"),))])
-def test_configuration_when_empty_is_silence_in_udk(empty: Configuration) -> None:
+def test_configuration_when_empty_has_no_line_in_udk(empty: Configuration) -> None:
     assert line_from_report(empty).startswith(b"CONF {Type A}")
     assert line_from_report(empty, Dialect.UDK) == b""

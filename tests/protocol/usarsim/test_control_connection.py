@@ -1,4 +1,4 @@
-"""Whole conversations in memory, both roles."""
+"""Conversations in memory, both roles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def greet_client() -> ControlServer:
     return server
 
 
-def test_conversation_when_held_in_memory_delivers_both_ways() -> None:
+def test_conversation_in_memory_delivers_both_ways() -> None:
     server, client = ControlServer(), ControlClient()
     assert client.receive(server.send(GREETING)) == [GREETING]
     assert server.receive(client.send(GetStartPoses())) == [GetStartPoses()]
@@ -41,7 +41,7 @@ def test_conversation_when_held_in_memory_delivers_both_ways() -> None:
     assert client.receive(data) == [*reports, CommandResult(0.2, "Step", "Clock")]
 
 
-def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -> None:
+def test_server_before_its_greeting_rejects_any_other_message() -> None:
     server = ControlServer()
     with pytest.raises(LocalProtocolError, match="greet"):
         server.receive(b"INIT\n")
@@ -50,24 +50,24 @@ def test_server_when_it_has_not_greeted_refuses_to_say_or_hear_anything_else() -
     assert server.state is ControlState.ACCEPTED
 
 
-def test_server_when_it_has_greeted_refuses_to_greet_again() -> None:
+def test_server_after_its_greeting_rejects_a_second_greeting() -> None:
     with pytest.raises(LocalProtocolError, match="once"):
         greet_client().send(GREETING)
 
 
-def test_greeting_when_it_cannot_be_sent_is_not_counted_as_sent() -> None:
+def test_greeting_when_invalid_leaves_the_state_unchanged() -> None:
     server = ControlServer()
     with pytest.raises(LocalProtocolError, match="cannot be sent"):
         server.send(Greeting("A", "B}"))
     assert server.send(GREETING).startswith(b"NFO")
 
 
-def test_server_when_there_is_no_robot_drops_what_needs_one() -> None:
+def test_server_without_a_robot_drops_commands_that_need_one() -> None:
     data = b"DRIVE {Left 1}\nGETCONF {Type Robot}\nGETGEO {Type Robot}\nSTEP {Time 1}\n"
     assert greet_client().receive(data) == [Step(1.0)]
 
 
-def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
+def test_server_accepts_commands_after_init_in_its_segment() -> None:
     data = (
         b"INIT {ClassName A}\r\nGETGEO {Type Robot}\r\nGETCONF {Type Robot}\r\nDRIVE {Left 1}\r\n"
     )
@@ -75,31 +75,31 @@ def test_server_when_commands_follow_init_in_its_segment_serves_them() -> None:
     assert greet_client().receive(data) == expected
 
 
-def test_server_when_a_second_init_comes_drops_it() -> None:
+def test_server_drops_a_second_init() -> None:
     server = greet_client()
     assert server.receive(b"INIT {ClassName A}\nINIT {ClassName B}\n") == [Init("A")]
     assert server.receive(b"INIT {ClassName C}\n") == []
 
 
-def test_server_when_init_was_refused_takes_another() -> None:
+def test_server_after_a_rejected_init_accepts_another() -> None:
     server = greet_client()
     server.receive(b"INIT {ClassName Unknown}\n")
     server.reject_init()
     assert server.receive(b"DRIVE {Left 1}\nINIT {ClassName A}\n") == [Init("A")]
 
 
-def test_refuse_init_when_there_was_none_is_our_fault() -> None:
+def test_reject_init_without_an_init_is_a_local_error() -> None:
     with pytest.raises(LocalProtocolError, match="no INIT"):
         greet_client().reject_init()
 
 
-def test_server_when_sent_stray_text_ignores_it() -> None:
+def test_server_ignores_stray_text() -> None:
     assert greet_client().receive(b"\r\n\0\0 hello {x}\nPING\n{}\n\xff\xfe\nGETSTARTPOSES\n") == [
         GetStartPoses()
     ]
 
 
-def test_client_when_a_report_is_malformed_raises_after_those_before_it_and_goes_on() -> None:
+def test_client_when_a_report_is_malformed_raises_after_earlier_reports_and_continues() -> None:
     client, odometry = ControlClient(), OdometryReading("O", 1.0, 2.0, 3.0)
     sound = b"SEN {Type Odometry} {Name O} {Pose 1,2,3}\r\n"
     malformed = b"STA {Type GroundVehicle} {Time 1}\r\n"
@@ -127,14 +127,14 @@ PIECES = st.sampled_from(
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.lists(PIECES | st.binary(max_size=8)), st.integers(1, 9))
-def test_server_when_bytes_are_cut_anywhere_hears_the_same(pieces: list[bytes], size: int) -> None:
+def test_server_in_any_segmentation_receives_the_same(pieces: list[bytes], size: int) -> None:
     data = b"".join(pieces)
     server = greet_client()
     cut = [c for i in range(0, len(data), size) for c in server.receive(data[i : i + size])]
     assert cut == greet_client().receive(data)
 
 
-def test_conversation_when_in_udk_is_read_by_the_same_client() -> None:
+def test_conversation_in_udk_is_read_by_the_same_client() -> None:
     server, client = ControlServer(Dialect.UDK), ControlClient()
     assert client.receive(server.send(GREETING)) == [GREETING]
     sonars = server.send(SonarReadings(1.0, (("F1", 4.0), ("F2", 2.0))))

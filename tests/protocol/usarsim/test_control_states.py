@@ -1,4 +1,4 @@
-"""The table of states: complete, and as real clients and servers want it."""
+"""The table of states: complete, and as real clients and servers require."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, Command, GetStar
 from catoptra_protocol.usarsim.control_states import TRANSITIONS, ControlState
 
 
-def test_table_when_read_has_a_row_for_every_state() -> None:
+def test_table_has_a_row_for_every_state() -> None:
     assert set(TRANSITIONS) == set(ControlState)
 
 
 @pytest.mark.parametrize("command", get_args(Command))
-def test_table_when_read_serves_every_command_in_some_state(command: type[Command]) -> None:
+def test_table_accepts_every_command_in_some_state(command: type[Command]) -> None:
     assert any(command in row for row in TRANSITIONS.values())
     assert command.WORD in COMMAND_PARSERS
 
 
-def test_table_when_there_is_no_robot_serves_what_needs_none() -> None:
+def test_table_without_a_robot_accepts_commands_that_need_none() -> None:
     assert set(TRANSITIONS[ControlState.GREETED]) == {Init, GetStartPoses, Step}
 
 
-def test_table_when_there_is_a_robot_serves_all_but_a_second_init() -> None:
+def test_table_with_a_robot_accepts_all_except_a_second_init() -> None:
     assert set(TRANSITIONS[ControlState.SPAWNED]) == set(get_args(Command)) - {Init}

@@ -51,7 +51,7 @@ def test_geo_when_written_and_read_equals_the_sample(
     assert geometry_from_message(parse_message(line)) == report
 
 
-def test_geo_when_sent_by_udk_in_separate_blocks_is_read() -> None:
+def test_geo_of_udk_in_separate_blocks_is_read() -> None:
     line = (
         "GEO {Type RangeScanner} {Name lms200} {Location 0.21,-0.00,-0.20} "
         "{Orientation 0.00,-0.00,-0.00}{Mount P3AT}"
@@ -70,20 +70,20 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_geo_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_geo_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         geometry_from_message(parse_message(line))
 
 
 @pytest.mark.parametrize(("name", "mount"), [("two words", "HARD"), ("F", ""), ("", "HARD")])
-def test_item_when_name_or_mount_is_not_one_word_is_refused(name: str, mount: str) -> None:
+def test_item_when_name_or_mount_is_not_one_word_is_rejected(name: str, mount: str) -> None:
     item = GeometryItem(name, (0, 0, 0), (0, 0, 0), mount)
     with pytest.raises(LocalProtocolError, match="one word"):
         line_from_report(Geometry("Sonar", (item,)))
 
 
 @pytest.mark.parametrize("name", ["\t", "\xa0", "Location"])
-def test_geo_when_the_name_is_odd_is_an_empty_reply(name: str) -> None:
+def test_geo_with_an_odd_name_is_an_empty_reply(name: str) -> None:
     line = f"GEO {{Type Sonar}} {{Name {name}}}"
     assert geometry_from_message(parse_message(line)) == Geometry("Sonar", name=name)

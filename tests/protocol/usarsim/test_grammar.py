@@ -1,4 +1,4 @@
-"""Lines and messages: what any byte stream means, and what may be written."""
+"""Lines and messages: the meaning of any byte stream, and the valid output."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ VALUES = st.text(st.characters(codec="latin-1", exclude_characters="{}\r\n"), mi
 
 
 @pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n", b"\r\r\r"])
-def test_line_reader_when_a_line_ends_in_any_known_way_gives_it_once(end: bytes) -> None:
+def test_line_reader_with_any_known_line_end_returns_each_line_once(end: bytes) -> None:
     reader = LineReader()
     assert reader.receive(b"DRIVE" + end + b"INIT" + end) == ["DRIVE", "INIT"]
 
 
 @pytest.mark.parametrize("data", [b"", b"\r\n", b"\n\n\n", b"\r\r\n\n"])
-def test_line_reader_when_lines_are_blank_gives_nothing(data: bytes) -> None:
+def test_line_reader_ignores_blank_lines(data: bytes) -> None:
     assert LineReader().receive(data) == []
 
 
-def test_line_reader_when_a_line_is_not_ended_keeps_it() -> None:
+def test_line_reader_buffers_an_unfinished_line() -> None:
     reader = LineReader()
     assert reader.receive(b"DRIVE {Left 1.0} {Right 1.0}" * 100) == []
     assert reader.receive(b"\n") == ["DRIVE {Left 1.0} {Right 1.0}" * 100]
 
 
-def test_line_reader_when_a_line_is_longest_keeps_it() -> None:
+def test_line_reader_accepts_a_line_of_the_maximum_length() -> None:
     line = b"x" * MAX_LINE_BYTES
     assert LineReader().receive(line + b"\n") == [line.decode()]
 
@@ -56,7 +56,7 @@ def test_line_reader_when_a_line_is_too_long_drops_it_and_reads_the_next(count: 
 
 @DETERMINISTIC
 @given(st.lists(st.binary(max_size=40)))
-def test_line_reader_when_bytes_are_cut_anywhere_gives_the_same(chunks: list[bytes]) -> None:
+def test_line_reader_in_any_segmentation_returns_the_same(chunks: list[bytes]) -> None:
     reader = LineReader()
     cut = [line for chunk in chunks for line in reader.receive(chunk)]
     assert cut == LineReader().receive(b"".join(chunks))
@@ -64,7 +64,7 @@ def test_line_reader_when_bytes_are_cut_anywhere_gives_the_same(chunks: list[byt
 
 @DETERMINISTIC
 @given(st.binary())
-def test_line_reader_when_fed_any_bytes_gives_lines_without_ends(data: bytes) -> None:
+def test_line_reader_of_any_bytes_returns_lines_without_ends(data: bytes) -> None:
     lines = LineReader().receive(data)
     assert all(line and "\r" not in line and "\n" not in line for line in lines)
 
@@ -97,13 +97,11 @@ PARSED = [
 
 
 @pytest.mark.parametrize(("line", "message"), PARSED, ids=[line for line, _ in PARSED])
-def test_parse_message_when_the_form_is_loose_finds_word_and_pairs(
-    line: str, message: Message
-) -> None:
+def test_parse_message_of_loose_forms_finds_word_and_pairs(line: str, message: Message) -> None:
     assert parse_message(line) == message
 
 
-def test_get_when_a_name_repeats_in_any_case_gives_the_first() -> None:
+def test_get_when_a_name_repeats_in_any_case_returns_the_first() -> None:
     message = parse_message("INIT {Classname A} {CLASSNAME B}")
     assert message.get("ClassName") == "A"
     assert message.get("Name") is None
@@ -111,7 +109,7 @@ def test_get_when_a_name_repeats_in_any_case_gives_the_first() -> None:
 
 @DETERMINISTIC
 @given(st.text())
-def test_parse_message_when_given_any_text_never_raises_and_can_be_logged(line: str) -> None:
+def test_parse_message_of_any_text_never_raises_and_is_printable(line: str) -> None:
     message = parse_message(line)
     assert message.get("Type") is None or "type" in line.lower()
     assert str(message).isprintable()
@@ -119,7 +117,7 @@ def test_parse_message_when_given_any_text_never_raises_and_can_be_logged(line: 
 
 @DETERMINISTIC
 @given(WORDS, st.lists(st.tuples(NAMES, VALUES)))
-def test_format_line_when_parsed_again_gives_the_message(
+def test_format_line_when_parsed_again_is_the_message(
     word: str, pairs: list[tuple[str, str]]
 ) -> None:
     message = parse_message(f"{word} " + " ".join(f"{{{n} {v}}}" for n, v in pairs))
@@ -132,12 +130,12 @@ def test_format_line_when_parsed_again_gives_the_message(
     ("name", "value"),
     [("A", "b}"), ("A", "{b"), ("A", "b\r"), ("A", "b\nDRIVE"), ("A b", "c"), ("A}", "b")],
 )
-def test_format_line_when_text_would_break_the_line_refuses(name: str, value: str) -> None:
+def test_format_line_when_text_would_break_the_line_raises(name: str, value: str) -> None:
     with pytest.raises(LocalProtocolError, match="cannot be sent"):
         format_line("INIT", [(name, value)])
 
 
-def test_format_line_when_text_is_not_latin_1_refuses() -> None:
+def test_format_line_when_text_is_not_latin_1_raises() -> None:
     with pytest.raises(LocalProtocolError, match="Latin-1"):
         format_line("INIT", [("Name", "機械")])
 
@@ -146,7 +144,7 @@ def test_str_when_text_cannot_be_printed_escapes_it() -> None:
     assert str(Message("SET", (("A", "\x1b[2J\x00"),))) == r"SET {A \x1b[2J\x00}"
 
 
-def test_groups_when_a_key_repeats_are_the_runs_it_begins() -> None:
+def test_groups_are_the_runs_that_a_key_begins() -> None:
     message = parse_message("X {Value 0} {Link 1} {Value 5} {link 2} {Link 3} {A b}")
     assert [group.pairs for group in split_groups(message, "Link")] == [
         (("Link", "1"), ("Value", "5")),

@@ -60,13 +60,13 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_nfo_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_nfo_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         greeting_from_message(parse_message(line))
 
 
 @pytest.mark.parametrize("name", ["", "two words"])
-def test_start_pose_when_its_name_is_not_one_word_is_refused(name: str) -> None:
+def test_start_pose_when_its_name_is_not_one_word_is_rejected(name: str) -> None:
     with pytest.raises(LocalProtocolError, match="one word"):
         line_from_report(StartPoses((StartPose(name, (0, 0, 0), (0, 0, 0)),)))

@@ -1,4 +1,4 @@
-"""The image server's bytes, both roles."""
+"""Bytes of the image port, both roles."""
 
 from __future__ import annotations
 
@@ -48,19 +48,17 @@ TAGS = [
 
 
 @pytest.mark.parametrize(("text", "image_type"), TAGS)
-def test_image_type_when_given_as_tag_or_number_is_understood(
-    text: str, image_type: ImageType
-) -> None:
+def test_image_type_is_parsed_from_tag_or_number(text: str, image_type: ImageType) -> None:
     assert ImageType.from_text(text) is image_type
 
 
 @pytest.mark.parametrize("text", ["6", "-1", "JPEG", "1.0"])
-def test_image_type_when_unknown_names_what_it_may_be(text: str) -> None:
+def test_image_type_when_unknown_lists_the_known_ones(text: str) -> None:
     with pytest.raises(LocalProtocolError, match=r"RAW \(0\), SUPER \(1\)"):
         ImageType.from_text(text)
 
 
-def test_jpeg_quality_when_looked_up_is_the_reference_s() -> None:
+def test_jpeg_quality_is_that_of_the_reference() -> None:
     qualities = [JPEG_QUALITY.get(image_type) for image_type in ImageType]
     assert qualities == [None, 100, 75, 50, 25, 10]
 
@@ -93,7 +91,7 @@ REQUESTS: list[tuple[bytes, list[ImageRequest]]] = [
 
 @pytest.mark.parametrize(("data", "requests"), REQUESTS)
 @pytest.mark.parametrize("size", [1, 2, 5, 16, 1000])
-def test_request_reader_when_bytes_are_cut_in_any_way_finds_the_requests(
+def test_request_reader_in_any_segmentation_finds_the_requests(
     data: bytes, requests: list[ImageRequest], size: int
 ) -> None:
     reader = ImageRequestReader()
@@ -103,7 +101,7 @@ def test_request_reader_when_bytes_are_cut_in_any_way_finds_the_requests(
 
 @DETERMINISTIC
 @given(st.lists(st.sampled_from([b"O", b"K", b"U", b"OK", RECTANGLE]) | st.binary(max_size=20)))
-def test_request_reader_when_fed_any_bytes_does_not_depend_on_their_cuts(
+def test_request_reader_of_any_bytes_does_not_depend_on_segmentation(
     chunks: list[bytes],
 ) -> None:
     reader = ImageRequestReader()
@@ -111,7 +109,7 @@ def test_request_reader_when_fed_any_bytes_does_not_depend_on_their_cuts(
     assert cut == ImageRequestReader().receive(b"".join(chunks))
 
 
-def test_request_reader_when_written_to_by_our_client_finds_a_whole_frame() -> None:
+def test_request_reader_finds_the_request_of_our_client() -> None:
     assert ImageRequestReader().receive(encode_full_frame_request()) == [WHOLE]
 
 
@@ -120,7 +118,7 @@ def test_frame_header_when_packed_is_type_and_big_endian_length() -> None:
 
 
 @pytest.mark.parametrize("length", [-1, 2**32])
-def test_frame_header_when_the_length_does_not_fit_refuses(length: int) -> None:
+def test_frame_header_when_the_length_does_not_fit_raises(length: int) -> None:
     with pytest.raises(LocalProtocolError, match="does not fit"):
         encode_frame_header(ImageType.RAW, length)
 
@@ -134,7 +132,7 @@ FRAMES = st.builds(EncodedFrame, st.sampled_from(ImageType), st.binary(max_size=
 
 @DETERMINISTIC
 @given(st.lists(FRAMES, max_size=5), st.integers(1, 50), st.binary(max_size=4))
-def test_frame_reader_when_bytes_are_cut_in_any_way_gives_the_frames(
+def test_frame_reader_in_any_segmentation_finds_the_frames(
     frames: list[EncodedFrame], size: int, tail: bytes
 ) -> None:
     data = b"".join(map(encode_frame, frames)) + tail
@@ -143,12 +141,12 @@ def test_frame_reader_when_bytes_are_cut_in_any_way_gives_the_frames(
     assert found == frames
 
 
-def test_frame_reader_when_a_payload_is_at_the_limit_takes_it() -> None:
+def test_frame_reader_accepts_a_payload_at_the_limit() -> None:
     frame = EncodedFrame(ImageType.RAW, b"x" * 100)
     assert ImageFrameReader(max_payload_bytes=100).receive(encode_frame(frame)) == [frame]
 
 
-def test_frame_reader_when_a_payload_is_too_large_refuses_at_its_header() -> None:
+def test_frame_reader_when_a_payload_is_too_large_raises_at_its_header() -> None:
     header = encode_frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
     reader = ImageFrameReader()
     assert reader.receive(header[:4]) == []
@@ -156,17 +154,17 @@ def test_frame_reader_when_a_payload_is_too_large_refuses_at_its_header() -> Non
         reader.receive(header[4:])
 
 
-def test_frame_reader_when_the_type_is_unknown_asks_for_the_port() -> None:
+def test_frame_reader_when_the_type_is_unknown_suggests_a_wrong_port() -> None:
     with pytest.raises(RemoteProtocolError, match="image port"):
         ImageFrameReader().receive(b"NFO {Gametype BotDeathMatch}\r\n")
 
 
-def test_wire_frame_when_logged_tells_type_and_size_only() -> None:
+def test_encoded_frame_when_logged_shows_type_and_size_only() -> None:
     assert str(EncodedFrame(ImageType.GOOD, b"x" * 5000)) == "GOOD frame of 5000 bytes"
 
 
 @pytest.mark.parametrize(("width", "pitch"), [(0, 0), (1, 4), (2, 8), (4, 12), (640, 1920)])
-def test_raw_pitch_when_rounded_is_a_multiple_of_4(width: int, pitch: int) -> None:
+def test_raw_pitch_is_a_multiple_of_4(width: int, pitch: int) -> None:
     assert raw_row_pitch(width) == pitch
 
 
@@ -175,7 +173,7 @@ def test_raw_header_when_packed_is_big_endian() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(65536, 1), (1, 65536), (-1, 1)])
-def test_raw_header_when_a_side_does_not_fit_refuses(width: int, height: int) -> None:
+def test_raw_header_when_a_side_does_not_fit_raises(width: int, height: int) -> None:
     with pytest.raises(LocalProtocolError, match="does not fit"):
         encode_raw_header(width, height)
 
@@ -198,6 +196,6 @@ def test_raw_size_when_rows_are_padded_or_not_finds_the_pitch(
 @pytest.mark.parametrize(
     "payload", [b"", b"\0\1\0", encode_raw_header(5, 2) + bytes(31), b"\xff" * 4]
 )
-def test_raw_size_when_header_and_length_disagree_refuses(payload: bytes) -> None:
+def test_raw_size_when_header_and_length_disagree_raises(payload: bytes) -> None:
     with pytest.raises(RemoteProtocolError, match="RAW frame"):
         parse_raw_size(payload)

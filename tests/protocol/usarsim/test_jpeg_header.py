@@ -17,7 +17,7 @@ COMMENT = b"\xff\xfe\x00\x04hi"
 
 
 def start_of_frame(width: int, height: int, marker: int = 0xC0) -> bytes:
-    """Return a start-of-frame segment as far as its size."""
+    """Start-of-frame segment up to its size."""
     return struct.pack(">BBHBHH", 0xFF, marker, 17, 8, height, width)
 
 
@@ -49,15 +49,15 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("payload", "said"), BAD)
-def test_jpeg_size_when_there_is_none_or_too_much_refuses(payload: bytes, said: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=said):
+@pytest.mark.parametrize(("payload", "expected_message"), BAD)
+def test_jpeg_size_when_missing_or_too_large_raises(payload: bytes, expected_message: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=expected_message):
         parse_jpeg_size(payload)
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.lists(st.sampled_from([b"\xff", b"\xc0", b"\0", COMMENT]) | st.binary(max_size=6)))
-def test_jpeg_size_when_given_any_bytes_ends_with_a_size_or_refuses(pieces: list[bytes]) -> None:
+def test_jpeg_size_of_any_bytes_ends_with_a_size_or_raises(pieces: list[bytes]) -> None:
     size = (1, 1)
     with contextlib.suppress(RemoteProtocolError):
         size = parse_jpeg_size(START + b"".join(pieces))

@@ -1,4 +1,4 @@
-"""Fields of a client's command: lenient to read, exact to write."""
+"""Fields of a command: lenient parsing, exact output."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_fields_when_missing_are_none() -> None:
     assert [reader(MESSAGE, "Missing") for reader in readers] == [None] * 5
 
 
-def test_fields_when_given_are_read() -> None:
+def test_fields_when_present_are_read() -> None:
     assert fields.read_name(MESSAGE, "text") == "abc"
     assert fields.read_number(MESSAGE, "NUMBER") == -1.9
     assert fields.read_integer(MESSAGE, "Number") == -1
@@ -33,23 +33,23 @@ def test_fields_when_given_are_read() -> None:
     assert fields.read_vector(MESSAGE, "Place") == (1.0, 2.0, 3.0)
 
 
-def test_fields_when_no_numbers_are_zero() -> None:
+def test_fields_that_are_no_numbers_are_zero() -> None:
     assert fields.read_number(MESSAGE, "Wrong") == 0.0
     assert fields.read_integer(MESSAGE, "Wrong") == 0
     assert fields.read_vector(MESSAGE, "Wrong") == (0.0, 0.0, 0.0)
 
 
-def test_name_when_too_long_is_cut() -> None:
+def test_name_when_too_long_is_truncated() -> None:
     assert fields.read_name(parse_message("X {A " + "n" * 999 + "}"), "A") == "n" * MAX_NAME_CHARS
 
 
-def test_given_when_written_leaves_out_what_is_none() -> None:
+def test_format_pairs_skips_values_that_are_none() -> None:
     pairs = fields.format_pairs(
         ("A", None), ("B", True), ("C", 1e-7), ("D", 3), ("E", (1.0, 2.0, 0.5))
     )
     assert pairs == (("B", "true"), ("C", "0.0000001"), ("D", "3"), ("E", "1.0,2.0,0.5"))
 
 
-def test_given_when_a_number_is_not_finite_refuses() -> None:
+def test_format_pairs_when_a_number_is_not_finite_raises() -> None:
     with pytest.raises(LocalProtocolError, match="finite"):
         fields.format_pairs(("A", math.nan))

@@ -47,7 +47,7 @@ def test_status_when_written_for_udk_has_another_word_and_no_torque() -> None:
     assert line_from_report(status, Dialect.UDK) == line
 
 
-def test_configuration_when_a_link_turns_freely_has_an_empty_range() -> None:
+def test_configuration_of_a_free_joint_has_an_empty_range() -> None:
     links = (LinkConfiguration(1, 0.17, 20.0), LinkConfiguration(2, 0.1, 5.0, (-1.0, 1.0)))
     line = line_from_report(MissionPackageConfiguration("P", links))
     assert b"{MinRange 1} {MaxRange 0} {Link 2}" in line
@@ -62,7 +62,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_package_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_package_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         report_from_message(parse_message(line))

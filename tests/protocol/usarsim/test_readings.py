@@ -57,9 +57,7 @@ UDK = [
 
 
 @pytest.mark.parametrize(("line", "report"), UDK)
-def test_sen_when_sent_by_another_server_is_read_or_skipped(
-    line: str, report: Reading | None
-) -> None:
+def test_sen_of_another_server_is_read_or_skipped(line: str, report: Reading | None) -> None:
     assert reading_from_message(parse_message(line)) == report
 
 
@@ -76,9 +74,9 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_sen_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_sen_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         reading_from_message(parse_message(line))
 
 
@@ -105,7 +103,7 @@ METRES = st.floats(-1e6, 1e6)
 
 @settings(derandomize=True, max_examples=100, deadline=None)
 @given(METRES, METRES, METRES)
-def test_odometry_when_written_and_read_loses_less_than_the_last_place(
+def test_odometry_when_written_and_read_loses_less_than_the_last_decimal(
     x_m: float, y_m: float, yaw_rad: float
 ) -> None:
     (line,) = LineReader().receive(line_from_report(OdometryReading("O", x_m, y_m, yaw_rad)))

@@ -37,18 +37,18 @@ def test_reading_when_any_is_written_and_read_is_the_same(reading: Reading) -> N
     assert reading_from_message(parse_message(line.rstrip())) == reading
 
 
-def test_time_when_given_is_printed_by_udk_alone() -> None:
+def test_time_when_known_is_printed_by_udk_only() -> None:
     reading = EncoderReadings((("W1", 3),), time_s=2.0)
     assert b"Time" not in line_from_report(reading)
     assert line_from_report(reading, Dialect.UDK).startswith(b"SEN {Time 2.0000} {Type Encoder}")
 
 
-def test_victims_when_without_a_name_are_read() -> None:
+def test_victims_without_a_name_are_read() -> None:
     line = "SEN {Time 5609.4467} {Type VictSensor} {Status NoVictims}"
     assert reading_from_message(parse_message(line)) == VictimReading(5609.4467, "", "NoVictims")
 
 
-def test_victims_when_there_are_some_tell_each_part_and_its_place() -> None:
+def test_victims_when_in_view_list_each_part_with_its_location() -> None:
     parts = (VictimPart("Head", (1.5, 0.0, -0.25)), VictimPart("Arm", (1.0, 0.5, 0.0)))
     reading = VictimReading(1.0, "V", "", parts)
     line = line_from_report(reading).decode().rstrip()
@@ -68,7 +68,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_reading_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_reading_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         reading_from_message(parse_message(line))

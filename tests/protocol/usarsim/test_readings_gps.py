@@ -1,4 +1,4 @@
-"""Degrees and minutes: the sides, the seams and the limits."""
+"""Degrees and minutes: hemispheres, seams and limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLACES = [
 
 
 @pytest.mark.parametrize(("latitude", "longitude", "place"), PLACES)
-def test_place_when_written_is_degrees_and_minutes_truncated(
+def test_position_when_written_has_truncated_minutes(
     latitude: float, longitude: float, place: str
 ) -> None:
     line = line_from_report(GpsReading("G", latitude, longitude, True, 8)).decode()
@@ -33,7 +33,7 @@ ANGLES = st.integers(-180 * 600_000, 180 * 600_000).map(lambda units: units / 60
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(ANGLES, ANGLES)
-def test_place_when_read_and_written_prints_as_it_was(latitude: float, longitude: float) -> None:
+def test_position_when_read_and_written_prints_unchanged(latitude: float, longitude: float) -> None:
     line = line_from_report(GpsReading("G", latitude, longitude, True, 8))
     reading = reading_from_message(parse_message(line.decode().rstrip()))
     assert isinstance(reading, GpsReading)
@@ -45,7 +45,7 @@ def test_place_when_read_and_written_prints_as_it_was(latitude: float, longitude
 
 
 @pytest.mark.parametrize("angle_deg", [180.1, -1e300, float("inf"), float("nan")])
-def test_place_when_beyond_the_earth_is_refused(angle_deg: float) -> None:
+def test_position_beyond_180_degrees_is_rejected(angle_deg: float) -> None:
     with pytest.raises(LocalProtocolError, match="GPS"):
         line_from_report(GpsReading("G", 0.0, angle_deg, True, 8))
 
@@ -60,7 +60,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("fields", "named"), BAD)
-def test_place_when_malformed_names_the_field(fields: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("fields", "field_name"), BAD)
+def test_position_when_malformed_names_the_field(fields: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         reading_from_message(parse_message(f"SEN {{Type GPS}} {{Name G}} {fields}"))

@@ -1,4 +1,4 @@
-"""Range scans and sonars: length, decimals, and what a client refuses."""
+"""Range scans and sonars: length, decimals, and malformed lines."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def make_scan(ranges_m: tuple[float, ...]) -> RangeScanReading:
 
 
 @pytest.mark.parametrize("dialect", Dialect)
-def test_scan_when_it_has_181_beams_fits_into_a_clients_buffer(dialect: Dialect) -> None:
+def test_scan_of_181_beams_fits_into_a_client_s_buffer(dialect: Dialect) -> None:
     line = line_from_report(make_scan((79.98765,) * 181), dialect)
     assert len(line) < MAX_SERVER_LINE_BYTES // 2
 
 
-def test_scan_when_it_has_too_many_beams_is_refused() -> None:
+def test_scan_with_too_many_beams_is_rejected() -> None:
     with pytest.raises(LocalProtocolError, match="fewer items"):
         line_from_report(make_scan((1.0,) * 1000))
 
 
-def test_sonar_when_there_are_sixteen_shares_one_line() -> None:
+def test_sonars_when_sixteen_share_one_line() -> None:
     names = [f"{side}{i}" for side in "FR" for i in range(1, 9)]
     line = line_from_report(SonarReadings(1.0, tuple((name, 5.0) for name in names)))
     assert line.count(b"\r\n") == 1
@@ -43,7 +43,7 @@ def test_sonar_when_there_are_sixteen_shares_one_line() -> None:
 
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(RANGES, st.sampled_from(Dialect))
-def test_scan_when_written_and_read_loses_less_than_its_last_place(
+def test_scan_when_written_and_read_loses_less_than_its_last_decimal(
     ranges_m: tuple[float, ...], dialect: Dialect
 ) -> None:
     line = line_from_report(make_scan(ranges_m), dialect).decode()
@@ -64,7 +64,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_range_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_range_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         reading_from_message(parse_message(line))

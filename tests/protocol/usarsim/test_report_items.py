@@ -1,4 +1,4 @@
-"""Items of a reply, as both dialects list them."""
+"""Items of a reply in the lists of both dialects."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def test_items_when_written_for_udk_have_a_line_each() -> None:
     assert messages == (Message("SEN", HEAD + F1), Message("SEN", HEAD + F2))
 
 
-def test_items_when_there_are_none_leave_the_head_or_nothing() -> None:
+def test_items_when_empty_leave_the_head_or_no_line() -> None:
     assert messages_from_items("SEN", HEAD, (), Dialect.UT2004) == (Message("SEN", HEAD),)
     assert messages_from_items("SEN", HEAD, (), Dialect.UDK) == ()
 
 
 @pytest.mark.parametrize("value", ["", "front left"])
-def test_item_when_a_value_is_not_one_word_is_refused(value: str) -> None:
+def test_item_when_a_value_is_not_one_word_is_rejected(value: str) -> None:
     with pytest.raises(LocalProtocolError, match="one word"):
         messages_from_items("SEN", HEAD, ((("Name", value),),), Dialect.UT2004)
 

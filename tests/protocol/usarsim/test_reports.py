@@ -94,9 +94,7 @@ UDK = [
 
 
 @pytest.mark.parametrize(("line", "report"), UDK)
-def test_report_when_sent_by_another_server_is_read_or_skipped(
-    line: str, report: Report | None
-) -> None:
+def test_report_of_another_server_is_read_or_skipped(line: str, report: Report | None) -> None:
     assert report_from_message(parse_message(line)) == report
 
 
@@ -110,33 +108,31 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("line", "named"), BAD)
-def test_report_when_malformed_names_the_field(line: str, named: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=named):
+@pytest.mark.parametrize(("line", "field_name"), BAD)
+def test_report_when_malformed_names_the_field(line: str, field_name: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=field_name):
         report_from_message(parse_message(line))
 
 
-def test_configuration_when_asked_for_a_value_ignores_case() -> None:
+def test_configuration_lookup_ignores_case() -> None:
     configuration = Configuration("Camera", (("Name", "Omni"), ("name", "Other")))
     assert configuration.get("NAME") == "Omni"
     assert configuration.get("Width") is None
 
 
-def test_line_when_longer_than_clients_read_is_refused() -> None:
+def test_line_when_longer_than_clients_read_is_rejected() -> None:
     with pytest.raises(LocalProtocolError, match=str(MAX_SERVER_LINE_BYTES)):
         line_from_report(Configuration("Sonar", (("Name", "x" * MAX_SERVER_LINE_BYTES),)))
 
 
-def test_line_when_it_echoes_the_longest_names_is_sent() -> None:
+def test_line_with_the_longest_names_is_valid() -> None:
     longest = "x" * MAX_NAME_CHARS
     assert line_from_report(Geometry(longest, name=longest)).count(b"x") == 2 * MAX_NAME_CHARS
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.sampled_from(["NFO", "STA", "SEN", "CONF", "GEO", "RES"]), st.text())
-def test_report_from_message_when_given_any_text_raises_only_protocol_errors(
-    word: str, text: str
-) -> None:
+def test_report_from_message_of_any_text_raises_only_protocol_errors(word: str, text: str) -> None:
     report = None
     with contextlib.suppress(RemoteProtocolError):
         report = report_from_message(parse_message(f"{word} {text}"))

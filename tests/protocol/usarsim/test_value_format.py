@@ -1,4 +1,4 @@
-"""Numbers as USARSim prints and reads them."""
+"""Numbers as printed and parsed by USARSim."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FIXED = [
 
 
 @pytest.mark.parametrize(("value", "decimals", "text"), FIXED)
-def test_fixed_when_printed_truncates_the_shortest_decimal(
+def test_fixed_point_when_printed_truncates_the_shortest_decimal(
     value: float, decimals: int, text: str
 ) -> None:
     assert format_fixed_point(value, decimals) == text
@@ -54,7 +54,7 @@ def test_fixed_when_printed_truncates_the_shortest_decimal(
 
 @DETERMINISTIC
 @given(st.floats(allow_nan=False, allow_infinity=False), st.integers(0, 8))
-def test_fixed_when_printed_is_never_further_from_zero(value: float, decimals: int) -> None:
+def test_fixed_point_when_printed_is_never_further_from_zero(value: float, decimals: int) -> None:
     printed = format_fixed_point(value, decimals)
     assert "e" not in printed
     assert abs(float(printed)) <= abs(value)
@@ -63,14 +63,14 @@ def test_fixed_when_printed_is_never_further_from_zero(value: float, decimals: i
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_fixed_when_not_finite_refuses(value: float) -> None:
+def test_fixed_point_when_not_finite_raises(value: float) -> None:
     with pytest.raises(LocalProtocolError, match="finite"):
         format_fixed_point(value)
 
 
 @DETERMINISTIC
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_exact_when_read_again_gives_the_same_double(value: float) -> None:
+def test_format_exact_when_parsed_again_is_the_same_double(value: float) -> None:
     assert "e" not in format_exact(value)
     assert number_from_text(format_exact(value)) == value
 
@@ -80,7 +80,7 @@ def test_vector_when_printed_has_no_spaces() -> None:
     assert format_vector((4.5, 1.9, 1.85), 2) == "4.50,1.90,1.85"
 
 
-def test_boolean_when_printed_is_capitalised() -> None:
+def test_boolean_when_printed_is_capitalized() -> None:
     assert (format_boolean(True), format_boolean(False)) == ("True", "False")
 
 
@@ -110,7 +110,7 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize(("text", "value"), NUMBERS)
-def test_number_from_text_when_read_takes_what_atof_takes(text: str, value: float) -> None:
+def test_number_from_text_accepts_the_prefix_of_atof(text: str, value: float) -> None:
     assert number_from_text(text) == value
 
 
@@ -129,7 +129,7 @@ VECTORS = [
 
 
 @pytest.mark.parametrize(("text", "values"), VECTORS)
-def test_vector_from_text_when_separated_in_any_known_way_gives_three(
+def test_vector_from_text_with_any_known_separator_has_three_numbers(
     text: str, values: tuple[float, float, float]
 ) -> None:
     assert vector_from_text(text) == values
@@ -147,7 +147,7 @@ def test_boolean_from_text_when_anything_else_is_false(text: str) -> None:
 
 @DETERMINISTIC
 @given(st.text())
-def test_readers_when_given_any_text_give_finite_numbers(text: str) -> None:
+def test_readers_of_any_text_return_finite_numbers(text: str) -> None:
     assert all(map(math.isfinite, (number_from_text(text), *vector_from_text(text))))
     assert boolean_from_text(text) in (True, False)
 
@@ -161,7 +161,7 @@ def test_unreal_angle_when_printed_equals_the_captures(angle_rad: float, text: s
 
 
 @pytest.mark.parametrize("angle_rad", [1e308, math.inf, math.nan])
-def test_unreal_angle_when_out_of_reach_is_refused(angle_rad: float) -> None:
+def test_unreal_angle_when_out_of_range_is_rejected(angle_rad: float) -> None:
     with pytest.raises(LocalProtocolError, match="Unreal"):
         truncate_to_unreal_units(angle_rad)
 
@@ -170,9 +170,7 @@ LISTS = [("", ()), ("  ", ()), ("1", (1.0,)), ("1,2, 3 4", (1.0, 2.0, 3.0, 4.0))
 
 
 @pytest.mark.parametrize(("text", "numbers"), LISTS)
-def test_numbers_from_text_when_read_are_as_many_as_there_are(
-    text: str, numbers: tuple[float, ...]
-) -> None:
+def test_numbers_from_text_has_any_count(text: str, numbers: tuple[float, ...]) -> None:
     assert numbers_from_text(text) == numbers
 
 
@@ -180,5 +178,5 @@ def test_numbers_from_text_when_read_are_as_many_as_there_are(
     ("text", "expected"),
     [("1.5", True), ("-.5", True), ("1.5m", False), ("", False), ("True", False), ("1e999", False)],
 )
-def test_number_when_asked_whether_it_is_one_must_be_whole(text: str, expected: bool) -> None:
+def test_is_number_requires_the_full_text(text: str, expected: bool) -> None:
     assert is_number(text) is expected

@@ -18,12 +18,12 @@ def test_status_when_written_and_read_is_the_same(dialect: Dialect) -> None:
     assert VehicleStatus.from_message(parse_message(line)) == status
 
 
-def test_status_when_a_further_field_is_no_number_skips_it() -> None:
+def test_status_skips_a_further_field_that_is_no_number() -> None:
     line = "STA {Type GroundVehicle} {Time 1.00} {Battery 9} {Mood bright} {Odd 1x} {Tail .5}"
     assert VehicleStatus.from_message(parse_message(line)).joints == (("Tail", 0.5),)
 
 
-def test_view_when_written_is_in_ut2004_alone() -> None:
+def test_view_is_written_in_ut2004_only() -> None:
     ut2004, udk = (line_from_report(VehicleStatus(1.0, 9, view=2), d) for d in Dialect)
     assert ut2004.endswith(b"{View 2}\r\n")
     assert b"View" not in udk
