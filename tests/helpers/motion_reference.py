@@ -51,7 +51,7 @@ def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
     """An object ahead to the right that crosses the robot's path and turns."""
     place = start @ Pose.from_rpy((0.9, 0.5, 0.3))
     return replace(
-        DYNAMIC_OBJECT, world_from_body=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
+        DYNAMIC_OBJECT, world_from_object=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
     )
 
 

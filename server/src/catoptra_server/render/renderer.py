@@ -19,7 +19,6 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.effects.effect import ImageEffect
-from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.render.render_plan import RenderPlan
 
 Image = npt.NDArray[np.uint8]  # (h, w, 3) sRGB, row 0 at the top
@@ -34,8 +33,6 @@ class RenderedImage:
     """(h, w, 3) uint8 sRGB, read-only."""
     stage_ms: dict[str, float]
     """Milliseconds by stage."""
-    effects: tuple[EffectDecision, ...] = ()
-    """Decision about each effect that the robot's file names; empty from a renderer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +47,7 @@ class FaceCamera:
     @property
     def perspective_camera(self) -> PerspectiveCamera:
         """Camera of the same image in a frame of its own."""
+        # A face spans 90 degrees, so that six of them close around the viewpoint.
         return PerspectiveCamera(self.size_px, self.size_px, 0.5 * math.pi)
 
     @property

@@ -63,7 +63,7 @@ def test_samples_of_a_cell_lie_within_the_pyramid_of_its_corners() -> None:
 
 def test_cone_of_a_cell_contains_its_rays() -> None:
     grid = make_grid(samples=2)
-    cosine = np.einsum("cmi,ci->cm", grid.directions, grid.middle).min(axis=1)
+    cosine = np.einsum("cmi,ci->cm", grid.directions, grid.cone_axes).min(axis=1)
     assert (cosine >= np.cos(grid.reach_rad) - 1e-6).all()
 
 

@@ -69,6 +69,8 @@ class AtlasCell:
         """
         forward, right, down = MIRROR_FROM_FACE_ROTATIONS[self.region.face].T
         columns, rows = 2.0 * self.region.columns_per_unit, 2.0 * self.region.rows_per_unit
+        # Clip x is linear in the texel column: -1 at `column`, +1 at `column + width`, where the
+        # texel column of a direction is columns_per_unit * right / forward.
         x = (columns * right - (2.0 * self.column + self.width) * forward) / self.width
         y = (rows * down - (2.0 * self.row + self.height) * forward) / self.height
         return np.stack((x, y, forward))
@@ -126,6 +128,8 @@ class Atlas:
         ):
             is_on_face = face == index
             local = flat[is_on_face] @ axes
+            # Straight up has no forward component on any side face: the floor keeps the division
+            # finite and the clamp puts the direction on the edge.
             st = np.clip(local[:, 1:] / np.maximum(local[:, :1], 1e-30), -1.0, 1.0)
             texels[is_on_face] = transform[:2] + st * transform[2:]
         return texels.reshape(*direction.shape[:-1], 2)

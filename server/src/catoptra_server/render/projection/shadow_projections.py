@@ -135,6 +135,7 @@ def _fit_directional_light(
     # One side for u and v: square texels have one diagonal, so one bias fits both directions.
     extent = float((high - low)[:2].max())
     half = 0.5 * _MARGIN * np.array((extent, extent, float(high[2] - low[2])))
+    # A flat or empty scene has no extent in some direction, which would divide by zero.
     half += (1e-3, 1e-3, _DEPTH_MARGIN_M)
     clip = np.eye(4)
     clip[:3, :3] = axes / half[:, None]
@@ -146,6 +147,7 @@ def _light_axes(direction: Floats) -> Floats:
     """(3, 3) unit axes: the last along the light, the first horizontal or perpendicular to y."""
     horizontal = np.cross(direction, (0.0, 0.0, 1.0))
     right = (
+        # A vertical light has no horizontal axis of its own; any axis across the light will do.
         horizontal if np.linalg.norm(horizontal) > 1e-6 else np.cross(direction, (0.0, 1.0, 0.0))
     )
     right = right / np.linalg.norm(right)

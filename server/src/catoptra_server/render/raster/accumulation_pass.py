@@ -44,6 +44,7 @@ class AccumulationPass:
         self._rows = camera.height_px
         self._program = programs.get(ProgramSpec("fullscreen_triangle", "weighted_accumulate"))
         self._fullscreen_triangle = context.vertex_array(self._program, [])
+        # One texel a row: with a rolling shutter each row has weights of its own.
         self._weights = context.texture((1, self._rows), 1, dtype="f4")
         self._weights.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -51,6 +52,8 @@ class AccumulationPass:
         """Fill the target."""
         self._target.clear()
         for sharp_state, weights in sample_shutter(camera_state, self._rows):
+            # Camera and objects move between time samples, so the faces are rendered anew; the
+            # lookup map, fixed to the mirror, stays.
             self._faces.draw(sharp_state)
             self._mirror.draw(sharp_state)
             self._weights.write(weights.tobytes())

@@ -10,6 +10,7 @@ from catoptra_server.render.raster.shader_programs import Definitions, set_unifo
 
 def atlas_definitions(atlas: Atlas) -> Definitions:
     """Preprocessor definitions of such a program."""
+    # A definition instead of a uniform: without face U the shader has no comparison with U.
     return (("NUM_FACES", atlas.num_faces),)
 
 

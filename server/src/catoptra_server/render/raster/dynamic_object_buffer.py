@@ -90,6 +90,7 @@ class DynamicObjectBuffer:
         world_facets_of = world_facets(dynamic_object)
         attributes = [shading.facet_radiance(world_facets_of, self._lighting.constant_lights)]
         if self._lighting.definitions:
+            # An albedo of zero for unlit materials spares the shader a branch.
             attributes += [
                 world_facets_of.normals,
                 world_facets_of.albedo * ~world_facets_of.unlit[:, None],
@@ -99,6 +100,7 @@ class DynamicObjectBuffer:
             - self._origin
         )
         per_triangle = np.concatenate(attributes, axis=-1)
+        # OpenGL 3.3 has no attributes per triangle: each corner carries a copy.
         per_corner = np.broadcast_to(
             per_triangle[:, None], (*positions.shape[:2], per_triangle.shape[1])
         )
@@ -172,6 +174,8 @@ def object_distance_range(
     for dynamic_object in objects:
         centre_distance = float(np.linalg.norm(dynamic_object.centre - viewpoint))
         bound = centre_distance - dynamic_object.mesh.radius_m
+        # The sphere decides for far objects: the near plane does not depend on distances above the
+        # cutoff.
         if bound < cutoff_m:
             bound = _nearest_triangle(dynamic_object, viewpoint)
         nearest, farthest = (

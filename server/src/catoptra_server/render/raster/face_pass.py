@@ -161,11 +161,13 @@ class FacePass(Generic[FaceLayoutT]):
         viewpoint = pose.translation - self._scene.origin
         depth = frame_depth_range(self._scene, camera_state, self._max_depth_ratio)
         scene = self._scene.with_lighting(camera_state)
+        # Before set_frame: whether objects' programs need uniforms depends on the upload.
         scene.dynamic_objects.upload(camera_state.objects)
         scene.set_frame(viewpoint, depth.clip_z_from_w)
         self._begin()
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
         calls, triangles = self._draw_cells(scene, clip_from_scene, viewpoint)
+        # The resolve averages samples of a texel in linear light, since the texture is not sRGB.
         if self._resolved is not None:
             self._context.copy_framebuffer(self._resolved, self._target)
         self.counts = DrawCounts(len(self.atlas.cells), self._texels, calls, triangles)

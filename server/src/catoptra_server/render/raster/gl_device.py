@@ -16,7 +16,10 @@ from catoptra_protocol.errors import RendererUnavailableError
 
 EGL_LIBRARY = "libEGL.so.1"
 GL_LIBRARY = "libGL.so.1"
+# Debian's names; the last one is Mesa's drivers, without which EGL finds no device.
 PACKAGES = "libgl1 libegl1 libgl1-mesa-dri"
+# 3.3 core: the oldest version with integer arithmetic, texelFetch and multisampled textures; Mesa's
+# software drivers have it too.
 REQUIRED_VERSION = 330
 
 _CONTEXT_SETTINGS: dict[str, Any] = {"backend": "egl", "libgl": GL_LIBRARY, "libegl": EGL_LIBRARY}

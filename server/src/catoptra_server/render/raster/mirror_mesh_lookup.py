@@ -72,6 +72,7 @@ def render_lookup_texture(
     program = programs.get(spec)
     set_atlas_uniforms(program, atlas)
     mesh = build_mirror_mesh(camera, tessellation)
+    # Clip positions and directions in one buffer: used for a single draw call and freed after it.
     corners = np.concatenate((mirror_mesh_clip_positions(camera, mesh), mesh.directions), axis=-1)
     buffer = context.buffer(corners.astype(np.float32).tobytes())
     vertices = context.vertex_array(

@@ -82,6 +82,7 @@ class MirrorPass:
         self._lookup_map.use(1)
         self._context.enable_only(moderngl.NOTHING)
         self._target.use()
+        # Pixels outside the polygon keep the clear colour: black, as rays off the mirror in trace.
         self._target.clear()
         self._vertices.render(moderngl.TRIANGLE_FAN)
 

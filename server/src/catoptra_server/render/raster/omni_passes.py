@@ -71,6 +71,7 @@ class OmniPasses:
 
     def _make_long_exposure(self, target: moderngl.Framebuffer) -> tuple[Pass]:
         """One pass that accumulates sharp images in a target of its own."""
+        # Not the effects' own images: the accumulation reads one image while it adds to the other.
         sharp = LinearImageTarget(self.context, self.camera.width_px, self.camera.height_px)
         sharp_passes = self._make_sharp_passes(sharp.target)
         accumulation = AccumulationPass(

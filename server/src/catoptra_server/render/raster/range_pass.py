@@ -60,6 +60,7 @@ class RangePass:
         self._max_depth_ratio = max(cell.max_depth_ratio for cell in atlas.cells)
         size = (atlas.width, atlas.height)
         self._texels = _make_texture(context, size)
+        # A depth buffer of its own: that of the faces may be multisampled, ranges are not.
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._texels], self._depth)
         self.texture = _make_texture(context, (camera.width_px, camera.height_px))
@@ -75,6 +76,7 @@ class RangePass:
         self._draw_faces(camera_state)
         self._context.enable_only(moderngl.NOTHING)
         self._range_target.use()
+        # Two steps as for the image: ranges of faces, then the texel at each pixel's centre.
         set_sampler(self._lookup_program, "lookup_map", 1)
         self._texels.use(0)
         self._lookup_map.use(1)
@@ -95,6 +97,7 @@ class RangePass:
         self._target.use()
         self._objects.upload(camera_state.objects)
         clip_from_scene = self._clip_from_mirror @ pose.rotation.T
+        # The scene's clusters are culled by face; objects are few and drawn into every face.
         visible = self._scene.clusters.in_front_of_planes(
             frustum_planes(clip_from_scene), viewpoint
         )
@@ -146,6 +149,8 @@ class ObjectPositions:
 
     def upload(self, objects: tuple[DynamicObject, ...]) -> None:
         """Upload the objects of a camera state at their current poses."""
+        # Buffers of the last frame: sizes change with the objects, and only frames with range
+        # effects pay.
         self.close()
         for dynamic_object in objects:
             positions = (
@@ -171,6 +176,7 @@ class ObjectPositions:
 
 def _make_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
     """Texture of one float32 channel without interpolation."""
+    # Half floats would round a range of 10 m to 8 mm.
     texture = context.texture(size, 1, dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

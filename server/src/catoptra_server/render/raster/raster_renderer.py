@@ -82,6 +82,7 @@ class RasterRenderer:
         """
         self._check_thread()
         with self._device.context as context, ExitStack() as undo:
+            # Resources built so far are freed if a later one does not fit the device.
             faces = self._make_face_pass(plan, undo)
             output = OutputImage(context, camera.width_px, camera.height_px)
             undo.callback(output.close)
@@ -133,6 +134,8 @@ class RasterRenderer:
         )
         names_before = self.program_names
         with self._device.context as context:
+            # One sample a texel: the image has samples x samples texels a pixel already, at
+            # trace's positions.
             faces = FacePass(context, self._scene, cell, 1)
             output = OutputImage(context, camera.width_px, camera.height_px)
             average = AveragePass(context, self._programs, faces.texture, samples, output.target)

@@ -59,6 +59,7 @@ class RasterView:
     def render(self, camera_state: CameraState) -> RenderedImage:
         """Render one exposure of the camera."""
         assert threading.get_ident() == self._thread, "a view belongs to its renderer's thread"
+        # Several contexts may live in one thread, as in the tests: each call makes its own current.
         with self._device.context as context:
             clock = StageClock(context.finish)
             for render_pass in self._passes:
@@ -209,6 +210,8 @@ class RasterOmniView:
     def _linear_sequence(self, effects: tuple[ImageEffect, ...], has_shutter: bool) -> PassSequence:
         """Sequence of a list of effects: least recently used sequences are freed."""
         key = (effects, has_shutter)
+        # Dictionaries keep the order of insertion: taken out and put back, the sequence becomes
+        # the last, and the first is the least recently used.
         sequence = self._linear_passes.pop(key, None) or self._make_linear(effects, has_shutter)
         while len(self._linear_passes) >= _MAX_SEQUENCES:
             self._linear_passes.pop(next(iter(self._linear_passes))).close()

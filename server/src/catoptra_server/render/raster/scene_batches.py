@@ -99,6 +99,7 @@ class SceneBatches:
         if self._lighting.definitions:
             attributes["normal"] = _repeat_at_corners(scene.normals)
             attributes["lit_albedo"] = _repeat_at_corners(scene.albedo * ~scene.unlit[:, None])
+        # In cluster order, so that a cluster is a range of vertices.
         return {
             name: make_attribute(self._context, values[self._clusters.order])
             for name, values in attributes.items()
@@ -115,6 +116,7 @@ class SceneBatches:
             definitions = (*definitions, *self._lighting.definitions)
         program = programs.get(ProgramSpec("face", "face", definitions))
         attributes = [(*self._attributes[name], name) for name in names]
+        # Clusters are sorted by group, so a slice names the batch's.
         members = np.flatnonzero(self._clusters.groups == index)
         return _Batch(
             clusters=slice(int(members[0]), int(members[-1]) + 1),

@@ -132,6 +132,8 @@ class SceneBuffers:
         )
         for program in self._batches.programs:
             frame.apply_to(program)
+        # Objects receive the culled lights too, so their program may have more lights than the
+        # scene's.
         lights = shading.point_lights(self._world.lights)
         self.dynamic_objects.set_frame(
             FrameUniforms.from_viewpoint(

@@ -1,7 +1,7 @@
 """Shader programs from the files of `glsl/`, compiled at first use.
 
-The loader adds one directive to GLSL: `#include "path"`, a file under `glsl/`. Definitions of a
-variant follow the version line.
+The loader adds one directive to GLSL: `#include "path"`, a file under `glsl/`. A variant's
+definitions follow the version line.
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ class ShaderPrograms:
 
 def set_uniform(program: moderngl.Program, name: str, values: npt.ArrayLike) -> None:
     """Set a float, vector, matrix or array uniform; matrices in column-major order."""
+    # moderngl returns attributes and uniforms by one mapping: a shader's change is noticed here.
     uniform = program[name]
     assert isinstance(uniform, moderngl.Uniform), f"{name} is no uniform"
     uniform.write(np.asarray(values, dtype=np.float32).tobytes())
@@ -83,4 +84,5 @@ def load_source(path: str, definitions: Definitions = ()) -> str:
 def _load_with_includes(path: str) -> str:
     """Text of a file in which every include is replaced by the included file."""
     text = (_ROOT / path).read_text(encoding="utf-8")
+    # Recursive and without include guards: each include is named once, by the file that calls it.
     return _INCLUDE.sub(lambda line: _load_with_includes(line["path"]), text)

@@ -47,6 +47,7 @@ MAX_SHADOWED_DIRECTIONAL_LIGHTS = 8
 MAX_SHADOWED_POINT_LIGHTS = 40
 # Dynamic objects are small: with half as many texels a side their maps are finer still.
 _OBJECT_MAP_DIVISOR = 2
+# Texture units; unit 0 has the albedo texture of a batch.
 _SCENE_UNIT, _OBJECT_UNIT = 1, 2
 
 
@@ -186,6 +187,8 @@ class ShadowMaps:
             set_uniform(self._program, "clip_from_scene", projection.clip_from_scene.T)
             vertices.render()
         context.polygon_offset = 0.0, 0.0
+        # The static scene is drawn once, and objects change in every frame: no buffer is worth
+        # keeping.
         for resource in (vertices, buffer, target):
             resource.release()
 

@@ -38,10 +38,10 @@ from catoptra_server.render.trace.visible_surfaces import (
     VisibleSurfaces,
 )
 
-# Samples of a task: see ray_view.
+# Fewer samples per task than in ray_view: a filled image leaves few rays to share among threads.
 _SAMPLES_PER_TASK = 20_000
 _NODE_TASKS = 4
-_OUTLINE_TASKS = 2
+_EDGE_TASKS = 2
 _NO_RAYS = np.zeros(0, dtype=np.intp)
 
 Cells = npt.NDArray[np.intp]
@@ -59,6 +59,7 @@ class CellView:
         table: ProjectionTable,
         pool: ThreadPoolExecutor,
     ) -> None:
+        """Precompute the colours of all surfaces and split nodes and edges into tasks."""
         self._planes = planes
         self._shader = shader
         self._grid = grid
@@ -68,8 +69,7 @@ class CellView:
         self._node_parts = np.array_split(np.arange(len(grid.nodes)), _NODE_TASKS)
         ends = planes.surfaces.edges
         self._edges = [
-            SilhouetteEdges(ends[part::_OUTLINE_TASKS], table, grid)
-            for part in range(_OUTLINE_TASKS)
+            SilhouetteEdges(ends[part::_EDGE_TASKS], table, grid) for part in range(_EDGE_TASKS)
         ]
         of_surface = shader.shade_triangles(planes.surfaces.triangle)
         of_surface[NO_SURFACE] = 0
@@ -84,28 +84,30 @@ class CellView:
     def render_colours(self, camera_state: CameraState) -> RenderedColours:
         """Render an exposure into the colours of the shader's scale; also milliseconds by stage."""
         begin = time.perf_counter()
-        placement = self._shader.transform_view(camera_state)
-        seen = self._planes.view_from(camera_state.world_from_mirror)
-        surface = self._surface_of_cells(camera_state, placement, seen)
+        transform = self._shader.transform_view(camera_state)
+        visible = self._planes.view_from(camera_state.world_from_mirror)
+        surface = self._surface_of_cells(camera_state, transform, visible)
         rgb = self._fill_cells(surface)
-        middle = time.perf_counter()
+        traced_from = time.perf_counter()
         tasks = (
-            *self._trace_tasks(surface, placement, rgb),
-            *self._shading_tasks(surface, seen, placement, rgb),
+            *self._trace_tasks(surface, transform, rgb),
+            *self._shading_tasks(surface, visible, transform, rgb),
         )
         list(self._pool.map(_run, tasks))
         rgb.setflags(write=False)
         end = time.perf_counter()
-        return rgb, {"cells": 1e3 * (middle - begin), "trace": 1e3 * (end - middle)}
+        return rgb, {"cells": 1e3 * (traced_from - begin), "trace": 1e3 * (end - traced_from)}
 
     def _surface_of_cells(
-        self, camera_state: CameraState, placement: ViewTransform, seen: VisibleSurfaces
+        self, camera_state: CameraState, transform: ViewTransform, visible: VisibleSurfaces
     ) -> npt.NDArray[np.int32]:
         """(rows * columns,) surface that fills each cell, NO_SURFACE for cells to be traced."""
-        at_nodes = self._surface_at_nodes(placement)
+        at_nodes = self._surface_at_nodes(transform)
         surface = self._grid.first_node(at_nodes)
-        fillable = self._grid.has_equal_nodes(at_nodes) & seen.usable.take(surface)
-        vectors = seen.inverse_distance.take(np.where(fillable, surface, NO_SURFACE), axis=0)
+        # Four tests, each of which can only exclude cells: corners, silhouette edges, clusters of
+        # small triangles, dynamic objects.
+        fillable = self._grid.has_equal_nodes(at_nodes) & visible.usable.take(surface)
+        vectors = visible.inverse_distance.take(np.where(fillable, surface, NO_SURFACE), axis=0)
         pose = camera_state.world_from_mirror
         for cells in self._pool.map(lambda part: part.find_cells(pose, vectors), self._edges):
             fillable[cells] = False
@@ -118,28 +120,28 @@ class CellView:
                 table=self._table,
                 grid=self._grid,
             )
-        for body in placement.objects:
-            fillable[self._object_cells(body, placement.rotation)] = False
+        for instance in transform.objects:
+            fillable[self._object_cells(instance, transform.rotation)] = False
         return np.where(fillable, surface, NO_SURFACE)
 
-    def _surface_at_nodes(self, placement: ViewTransform) -> npt.NDArray[np.int32]:
+    def _surface_at_nodes(self, transform: ViewTransform) -> npt.NDArray[np.int32]:
         """Surface that the ray of each node hits."""
         grid = self._grid
         found = np.full((grid.rows + 1) * (grid.columns + 1), NO_SURFACE, dtype=np.int32)
 
-        def look(part: Cells) -> None:
-            directions = grid.node_rays[part] @ placement.rotation
-            origins = np.broadcast_to(placement.origin, directions.shape)
+        def trace_nodes(part: Cells) -> None:
+            directions = grid.node_rays[part] @ transform.rotation
+            origins = np.broadcast_to(transform.origin, directions.shape)
             triangle = self._shader.scene.intersect(origins, directions)
             found[grid.nodes[part]] = self._planes.surfaces.of_triangle.take(triangle, mode="wrap")
 
-        list(self._pool.map(look, self._node_parts))
+        list(self._pool.map(trace_nodes, self._node_parts))
         return found
 
     def _object_cells(self, instance: ObjectInstance, rotation: Float32s) -> Cells:
         """Cells in which a dynamic object may be visible."""
         grid = self._grid
-        cosine = grid.middle @ (rotation @ instance.cone_axis)
+        cosine = grid.cone_axes @ (rotation @ instance.cone_axis)
         reach = np.arccos(np.clip(instance.cone_cosine, -1.0, 1.0)) + grid.reach_rad
         near = (instance.cone_cosine <= -1.0) | (np.arccos(np.clip(cosine, -1.0, 1.0)) <= reach)
         cells: Cells = np.flatnonzero(grid.row_of >= 0)[near]
@@ -156,7 +158,7 @@ class CellView:
         return rgb
 
     def _trace_tasks(
-        self, surface: npt.NDArray[np.int32], placement: ViewTransform, rgb: Colours
+        self, surface: npt.NDArray[np.int32], transform: ViewTransform, rgb: Colours
     ) -> Iterator[Task]:
         """Yield tasks that trace cells without a surface, and pixels outside any cell."""
         grid = self._grid
@@ -164,19 +166,19 @@ class CellView:
 
         def trace(part: Cells) -> None:
             directions = grid.directions.take(part, axis=0).reshape(-1, 3)
-            found = self._shader.shade_rays(directions, placement, off_mirror=_NO_RAYS)
-            self._scatter(part, found, rgb)
+            colours = self._shader.shade_rays(directions, transform, off_mirror=_NO_RAYS)
+            self._scatter(part, colours, rgb)
 
         for chunk in self._chunks:
-            yield partial(chunk.render, rgb, self._shader, placement)
+            yield partial(chunk.render, rgb, self._shader, transform)
         for part in self._parts(rows):
             yield partial(trace, part)
 
     def _shading_tasks(
         self,
         surface: npt.NDArray[np.int32],
-        seen: VisibleSurfaces,
-        placement: ViewTransform,
+        visible: VisibleSurfaces,
+        transform: ViewTransform,
         rgb: Colours,
     ) -> Iterator[Task]:
         """Yield tasks that shade the pixels of filled cells whose light is not constant."""
@@ -185,18 +187,19 @@ class CellView:
         triangles = self._planes.surfaces.triangle
 
         def compute(part: Cells) -> None:
-            of = surface.take(part)
+            surfaces_of_cells = surface.take(part)
             rows = grid.row_of.take(part)
             directions = grid.directions.take(rows, axis=0)
-            places = PlanePoints(
+            # Points from the plane's equation, without a ray: two products per sample.
+            points = PlanePoints(
                 directions=directions,
-                turned=placement.rotation,
-                viewpoint=placement.origin,
-                inverse_distance=seen.inverse_distance.take(of, axis=0),
-                uv_vectors=seen.uv.take(of, axis=0),
+                turned=transform.rotation,
+                viewpoint=transform.origin,
+                inverse_distance=visible.inverse_distance.take(surfaces_of_cells, axis=0),
+                uv_vectors=visible.uv.take(surfaces_of_cells, axis=0),
             )
-            triangle = np.repeat(triangles.take(of), directions.shape[1])
-            self._scatter(rows, self._shader.shade_points(triangle, places, placement), rgb)
+            triangle = np.repeat(triangles.take(surfaces_of_cells), directions.shape[1])
+            self._scatter(rows, self._shader.shade_points(triangle, points, transform), rgb)
 
         for part in self._parts(cells):
             yield partial(compute, part)

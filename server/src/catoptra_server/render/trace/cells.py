@@ -40,7 +40,8 @@ class CellGrid:
     """(c, side^2 * samples_per_pixel, 3) directions of each cell's rays."""
     pixels: npt.NDArray[np.intp]
     """(c, side^2) flat pixel indices."""
-    middle: Float32s
+    cone_axes: Float32s
+    """(c, 3) axis of a cone around each cell."""
     reach_rad: Floats
     """(c,) half angle of a cone around each cell."""
     others: RaySamples
@@ -55,12 +56,12 @@ class CellGrid:
         inside = valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
         cells = np.flatnonzero(inside)
         pixels = _pixels_of(cells, columns, side_px, samples.width_px)
-        middle, reach = _cones(corners, cells, columns)
-        # Cells wholly on the mirror have all their pixels among the samples'.
-        place = np.full(samples.width_px * samples.height_px, -1)
-        place[samples.pixels] = np.arange(len(samples.pixels))
-        rest = np.ones(len(samples.pixels), dtype=bool)
-        rest[place[pixels]] = False
+        cone_axes, reach = _cones(corners, cells, columns)
+        # A cell wholly on the mirror has rays for all its pixels, so every look-up below succeeds.
+        sample_of_pixel = np.full(samples.width_px * samples.height_px, -1)
+        sample_of_pixel[samples.pixels] = np.arange(len(samples.pixels))
+        is_other = np.ones(len(samples.pixels), dtype=bool)
+        is_other[sample_of_pixel[pixels]] = False
         rays = samples.directions.reshape(-1, samples.samples_per_pixel, 3)
         row_of = np.full(rows * columns, -1, dtype=np.intp)
         row_of[cells] = np.arange(len(cells))
@@ -71,13 +72,13 @@ class CellGrid:
             nodes=np.flatnonzero(valid),
             node_rays=corners[valid].astype(np.float32),
             row_of=row_of,
-            directions=rays[place[pixels]].reshape(
+            directions=rays[sample_of_pixel[pixels]].reshape(
                 len(cells), side_px**2 * samples.samples_per_pixel, 3
             ),
             pixels=pixels,
-            middle=middle.astype(np.float32),
+            cone_axes=cone_axes.astype(np.float32),
             reach_rad=reach,
-            others=samples.select(rest),
+            others=samples.select(is_other),
         )
 
     def has_equal_nodes(self, at_nodes: npt.NDArray[np.int32]) -> Bools:
@@ -109,7 +110,7 @@ def _cones(corners: Floats, cells: npt.NDArray[np.intp], columns: int) -> tuple[
     """(c, 3) axes of cells and the (c,) angles to their farthest corners."""
     row, column = np.divmod(cells, columns)
     four = np.stack([corners[row + i, column + j] for i in (0, 1) for j in (0, 1)], axis=1)
-    middle = four.sum(axis=1)
-    middle /= np.linalg.norm(middle, axis=-1, keepdims=True)
-    chord = np.linalg.norm(four - middle[:, None], axis=-1).max(axis=-1, initial=0.0)
-    return middle, 2.0 * np.arcsin(0.5 * chord)
+    axes = four.sum(axis=1)
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    chord = np.linalg.norm(four - axes[:, None], axis=-1).max(axis=-1, initial=0.0)
+    return axes, 2.0 * np.arcsin(0.5 * chord)

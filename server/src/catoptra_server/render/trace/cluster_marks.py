@@ -29,7 +29,8 @@ def covered_cells(
     incidence = np.arccos(np.clip(unit[:, 2], -1.0, 1.0))
     seen = np.flatnonzero(incidence - reach <= table.rim_rad)
     unit, reach, incidence = unit[seen], reach[seen], incidence[seen]
-    # A middle beyond the rim is moved to it: what it covers there is within twice its reach.
+    # A centre beyond the rim is moved to the rim: no direction of the sphere that the mirror sees
+    # is farther than twice the sphere's reach from there.
     beyond = incidence > table.rim_rad
     unit[beyond] = _at_incidence(unit[beyond], table.rim_rad)
     reach[beyond] *= 2.0

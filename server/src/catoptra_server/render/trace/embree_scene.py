@@ -75,6 +75,7 @@ class EmbreeScene:
         """(n + 1,) shading of each triangle: index of its texture, or one of two constants."""
         index = np.append(self._scene.texture_index, -1).astype(np.int16)
         is_point_lit = np.append(~self._scene.unlit, False) & self._has_point_lights
+        # The last entry is the background, which no light reaches.
         index[index < 0] = np.where(is_point_lit, _POINT_LIGHT_ONLY, _CONSTANT_LIGHT)[index < 0]
         return index
 
@@ -224,5 +225,7 @@ class _RayHits:
 def _uv_frames(uv: Floats) -> Float32s:
     """(6, n) texture coordinates of each triangle's first corner and of its two edges."""
     a, b, c = np.moveaxis(uv, 1, 0)
+    # Edges instead of corners: coordinates at barycentric (u, v) are then two products and two
+    # sums.
     frames = np.concatenate((a, b - a, c - a), axis=-1).astype(np.float32)
     return np.ascontiguousarray(frames.T)

@@ -50,6 +50,7 @@ class TraceOmniView:
             make_ranges: Builds the function from a camera state to the ranges of all pixels.
         """
         self._camera = camera
+        # At most four sources, by scale and shadows: cached without a limit.
         self._encoded_source = cache(make_encoded_source)
         self._linear_source = cache(make_linear_source)
         self._make_ranges = make_ranges
@@ -73,6 +74,7 @@ class TraceOmniView:
         light, stage_ms = self._apply_effects(camera_state, effects)
         begin = time.perf_counter()
         rgb = encode_srgb(light)
+        # Read-only, as frames from the table: callers may keep both without a copy.
         rgb.setflags(write=False)
         return RenderedImage(rgb, stage_ms | {"encode": 1e3 * (time.perf_counter() - begin)})
 

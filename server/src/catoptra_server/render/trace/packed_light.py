@@ -28,6 +28,7 @@ Colours = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 
 _GREY, _LINEAR = np.dtype(np.uint8), np.dtype(np.float32)
 
+# Three fields of 21 bits fill 63 of 64; 256 samples of 13 bits fit one field.
 _FIELD_BITS = 21
 _FIELD_MASK = np.uint64(2**_FIELD_BITS - 1)
 _MAX_SAMPLES = 256

@@ -51,10 +51,12 @@ class PixelRangeTracer:
         def measure_chunk(chunk: RayChunk) -> None:
             directions = chunk.directions @ rotation
             distance = self._scene.distances(np.broadcast_to(origin, directions.shape), directions)
+            # The scene's distance limits the rays to objects: only nearer hits overwrite it.
             for instance in instances:
                 rays, hit_distance, _ = instance.closest_hit(directions, distance)
                 distance[rays] = hit_distance
             distance[chunk.off_mirror] = np.inf
+            # Each task writes pixels of its own, so the threads share the array without a lock.
             range_m.reshape(-1)[chunk.pixels] = distance
 
         list(self._pool.map(measure_chunk, self._chunks))

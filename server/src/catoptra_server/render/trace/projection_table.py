@@ -1,7 +1,7 @@
 """The camera model for many points at once: a table over the direction's height, in float32.
 
 Accurate to a tenth of a pixel, enough to decide where rays are needed; pixels that are shown come
-from rays of the exact model in optics/camera.
+from rays of the exact model in optics/omni_camera.
 """
 
 from __future__ import annotations
@@ -65,6 +65,8 @@ class ProjectionTable:
             axes=np.array(((sa, -ca), (-ca, -sa)), dtype=np.float32),
             radial_scale=scale,
             min_height=min_height,
+            # Non-decreasing, so an entry bounds all smaller angles too, and covers the interval
+            # before it.
             max_magnification=np.maximum.accumulate(np.append(magnification[0], magnification)),
             rim_rad=camera.rim_rad,
         )
@@ -74,6 +76,7 @@ class ProjectionTable:
     ) -> tuple[Float32s, Float32s]:
         """(n,) columns and rows of unit directions; far outside the image beyond the domain."""
         step = np.float32((len(self.radial_scale) - 1) / (1.0 - self.min_height))
+        # Nearest entry instead of interpolation: one take() per call; the table is refined instead.
         index = ((z - np.float32(self.min_height)) * step + np.float32(0.5)).astype(np.int32)
         scale = self.radial_scale.take(index, mode="clip")
         (ux, uy), (vx, vy) = self.axes

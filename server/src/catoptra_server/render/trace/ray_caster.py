@@ -51,5 +51,6 @@ class EmbreeRayCaster:
         rays = directions.astype(np.float32)
         hits = self._embree.run(starts, rays, query="INTERSECT", output=True)
         distance, is_hit = hits["tfar"], hits["primID"] >= 0
+        # Index -1 of a miss picks the last normal, which the mask then replaces.
         normals = np.where(is_hit[:, None], self._normals[hits["primID"]], 0.0)
         return np.where(is_hit, distance, np.inf).astype(np.float64), normals

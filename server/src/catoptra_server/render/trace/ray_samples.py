@@ -42,6 +42,7 @@ class RaySamples:
 
     def select(self, mask: Bools) -> RaySamples:
         """Rays of the pixels in a (p,) mask."""
+        # The rays of a pixel are consecutive.
         rays = np.repeat(mask, self.samples_per_pixel)
         return replace(
             self,
@@ -65,6 +66,7 @@ def lens_rays(camera: Lens, samples: int, mirror_from_camera: Floats | None = No
     """Rays of a perspective camera, rotated by a (3, 3) rotation if there is one."""
     directions, valid = camera.direction_from_pixel(pixel_sample_positions(camera, samples))
     if mirror_from_camera is not None:
+        # Rotated here, in float64, so that a face's rays need no rotation of their own per frame.
         directions = directions @ mirror_from_camera.T
     return _make_samples(directions, valid)
 

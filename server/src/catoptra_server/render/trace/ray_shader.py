@@ -102,6 +102,7 @@ class UnshadowedShader:
         pose = camera_state.world_from_mirror
         return ViewTransform(
             pose.rotation.T.astype(np.float32),
+            # Subtracted in float64: both positions may be far from the world's origin.
             (pose.translation - self.scene.origin).astype(np.float32),
             self._object_scenes.place_objects(camera_state.objects, pose.translation, self._scale),
         )
@@ -192,6 +193,7 @@ def visible_hits(
     if not len(rays):
         return _NO_HITS
     tested = directions[rays]
+    # An occlusion query ends at the first triangle found, so it costs less than a closest hit.
     is_occluded = scene.occludes(np.broadcast_to(origin, tested.shape), tested, distance)
     return rays[~is_occluded], radiance[~is_occluded]
 

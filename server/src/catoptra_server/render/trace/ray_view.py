@@ -51,7 +51,10 @@ class RayView:
         def render_chunk(chunk: RayChunk) -> None:
             chunk.render(rgb, self._shader, transform)
 
+        # list() waits for all chunks and raises the first error of any.
         list(self._pool.map(render_chunk, self._chunks))
+        # Frames are handed to other threads, which encode and send them while the next one is
+        # rendered.
         rgb.setflags(write=False)
         return rgb, {"trace": 1e3 * (time.perf_counter() - begin)}
 

@@ -81,6 +81,8 @@ class ShadowRays:
             normals: (n, 3) unit normals of the facets.
             objects: Dynamic objects, which occlude lights too.
         """
+        # Scaled by the largest coordinate of this batch: float32 rounding grows with the
+        # coordinates.
         lift = _RAY_BIAS * np.abs(points).max(initial=0.0)
         positions: Floats = points + lift * normals + self._origin
         total: Floats = np.zeros_like(positions)

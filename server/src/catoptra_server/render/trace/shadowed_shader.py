@@ -44,6 +44,8 @@ class ShadowedShader:
     ) -> None:
         """Tabulate the radiance for every set of visible directional lights, if these are few."""
         self.scene = scene
+        # Objects get only the light that nothing occludes in their tables; ShadowedObject adds the
+        # rest.
         self._object_scenes = objects.with_lights(receivers.hemisphere_lights)
         self._scale = scale
         self._receivers = receivers
@@ -74,6 +76,7 @@ class ShadowedShader:
         origins = np.broadcast_to(transform.origin, directions.shape)
         triangle, surface_points = self.scene.closest_hits(origins, directions)
         radiance = self._shade(triangle, surface_points, transform)
+        # Objects after the scene: only their hits in front of the scene overwrite its radiance.
         if transform.objects:
             shadowed_objects = [
                 ShadowedObject(instance, transform, self._receivers.shadow_rays)
@@ -120,6 +123,7 @@ class ShadowedShader:
         triangles = triangle.take(rays)
         radiance: Float32s = self.scene.hemisphere_radiance.take(triangles, axis=1)
         lit = np.flatnonzero(self._receivers.is_lit.take(triangles))
+        # Float64: the bias of shadow rays is a few units of float32 at the scene's size.
         points = surface_points.positions(rays[lit]).astype(np.float64)
         lit_triangles = triangles.take(lit)
         normals = self._receivers.normals.take(lit_triangles, axis=0)
@@ -145,6 +149,7 @@ class ShadowedShader:
         visible = receivers.shadow_rays.visible_directional_lights(
             points, normals, receivers.facing_bits.take(triangles), transform.objects
         )
+        # Row of the visible set and column of the triangle, in one flat index.
         light[rays] = self._table.reshape(-1).take(visible * self._table.shape[1] + triangles)
 
 
@@ -196,6 +201,7 @@ class ShadowReceivers:
 
     def _can_tabulate(self, world: World) -> bool:
         """Whether all shadow-casting lights are directional and few."""
+        # A point light's irradiance varies over a triangle, so no table can hold the sums.
         return len(
             self.shadow_rays.directional_lights
         ) <= _MAX_TABULATED_LIGHTS and not shading.point_lights(world.lights)

@@ -1,14 +1,14 @@
 """Cells of an image that silhouette edges cross in front of the surface seen there.
 
-The proof that a cell may be filled. Let its four corner rays hit surface T. The pyramid that they
-span meets T's plane in a quadrilateral with corners on T; T has no edge inside it, or the edge
-would have been found, so all of it is on T. Let another plane surface O occlude a part of it. The
-directions of the pyramid for which O's plane is nearer than T's are cut off by one straight line,
-so they contain a corner ray, or nothing. If no edge of O crosses there in front of T, O covers all
-of them or none; not all, since the corner rays hit T. So O occludes nothing. Curved objects are
-many surfaces; triangles too small for edges of their own lie in a sphere that marks every cell they
-may cover. The proof does not hold for two surfaces in one place, where rays too show now one, now
-the other.
+The proof that a cell may be filled. Let its four corner rays hit surface T. The pyramid that these
+rays span meets T's plane in a quadrilateral with corners on T; T has no edge inside, or the edge
+would have been found, so the whole quadrilateral is on T. Let another plane surface O occlude a
+part of T. The directions of the pyramid for which O's plane is nearer than T's are cut off by one
+straight line, so these directions contain a corner ray, or are none. If no edge of O crosses there
+in front of T, O covers all of these directions or none; not all, since the corner rays hit T. So O
+occludes nothing. Curved objects are many surfaces; triangles too small for edges of their own lie
+in a sphere that marks every cell which the triangles may cover. The proof does not hold for two
+coincident surfaces, where rays too show now one, now the other.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from catoptra_server.render.trace.cells import CellGrid
 from catoptra_server.render.trace.packed_light import Float32s
 from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, ProjectionTable
 
-# How far behind a surface a line must be to be hidden by it, relative to its distance: float32 and
-# what grazing surfaces lose of it (see seen_surfaces) stay within. And relative to the distance of
-# the line's near end, from which that of its points is computed.
+# Depth behind a surface from which the surface occludes an edge, relative to the edge's distance:
+# the rounding of float32 stays within, for grazing surfaces too (see visible_surfaces). Also
+# relative to the distance of the near end, from which all distances along the edge are computed.
 _BEHIND = np.float32(3e-4)
 _BEHIND_NEAR_END = np.float32(1e-6)
-# Nearer than this to the viewpoint, relative to a line's length, lines pass through it.
-_TINY = 1e-12
+# Edges nearer to the viewpoint than this, relative to their length, pass through the viewpoint.
+_MIN_LENGTH = 1e-12
 
 
 class SilhouetteEdges:
@@ -69,6 +69,8 @@ class SilhouetteEdges:
         along = np.arange(len(line)) - np.repeat(last + 1 - steps, steps)
         phi = (along * (angle / np.maximum(steps - 1, 1)).take(line)).astype(np.float32)
         c, s = np.cos(phi), np.sin(phi)
+        # 1 / distance is linear in cos and sin of the angle along the arc, as the three
+        # coordinates are.
         x, y, z, inverse = (start[i].take(line) * c + across[i].take(line) * s for i in range(4))
         inverse += _BEHIND * inverse + _BEHIND_NEAR_END * start[3].take(line)
         is_last = np.zeros(len(line), dtype=bool)
@@ -84,12 +86,12 @@ class SilhouetteEdges:
                 skips a row of cells.
         """
         ends = (self._ends - pose.translation) @ pose.rotation
-        distance = np.maximum(np.linalg.norm(ends, axis=-1), _TINY)
+        distance = np.maximum(np.linalg.norm(ends, axis=-1), _MIN_LENGTH)
         unit = ends / distance[..., None]
         a, b = unit[:, 0], unit[:, 1]
         cosine = np.einsum("ei,ei->e", a, b)
         across = b - cosine[:, None] * a
-        sine = np.maximum(np.linalg.norm(across, axis=-1), _TINY)
+        sine = np.maximum(np.linalg.norm(across, axis=-1), _MIN_LENGTH)
         angle = np.arctan2(sine, cosine)
         incidence = np.arccos(np.clip(unit[..., 2], -1.0, 1.0))
         near = np.flatnonzero(incidence.min(axis=1) - 0.5 * angle < self._table.rim_rad + 0.01)

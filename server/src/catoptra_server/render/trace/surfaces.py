@@ -18,12 +18,11 @@ from catoptra_server.scene.scene_mesh import SceneMesh
 
 Indices = npt.NDArray[np.int32]
 
-# Rows of every table of surfaces before those of the scene: what is part of no surface, and the
-# background.
+# First rows of every table of surfaces: triangles that are part of no surface, and the background.
 NO_SURFACE, BACKGROUND = 0, 1
 _FIRST = 2
 
-# Triangles with outlines of their own, and clusters, at most. More clusters fit closer and cost
+# Limits for triangles with edges of their own, and for clusters. More clusters fit closer and cost
 # more: in a scene of 500 balls of 2000 triangles 1000, 2000, 4000 and 9000 take 1.12, 1.17, 1.05
 # and 1.05 times the processor time of tracing every ray; with 30 balls 3000 and 6000 take 0.38 and
 # 0.42 times.
@@ -32,7 +31,7 @@ _MAX_CLUSTERS = 8000
 # Two triangles lie in one plane if their unit normals agree to this: 1e-5 rad.
 _SAME_NORMAL = 1.0 - 5e-11
 _SAME_UV = 1e-9
-# Corners of neighbours come out of different sums: within a nanometre they are one.
+# Corners of neighbours result from different sums: within a nanometre both are one vertex.
 _SAME_PLACE_DIGITS = 9
 
 
@@ -61,7 +60,7 @@ def find_surfaces(scene: SceneMesh) -> Surfaces:
     size = _clusters_side(scene)
     large = np.flatnonzero(_longest_edge(scene.corners) > size)
     small = np.flatnonzero(_longest_edge(scene.corners) <= size)
-    pairs, outlines = _shared_and_outer_edges(scene, large)
+    pairs, edges = _shared_and_outer_edges(scene, large)
     label, representative = _connected_components(len(large), pairs)
     of_triangle = np.full(len(scene) + 1, NO_SURFACE, dtype=np.int32)
     of_triangle[large] = label + _FIRST
@@ -74,7 +73,7 @@ def find_surfaces(scene: SceneMesh) -> Surfaces:
         triangle=np.append([-1, -1], large[representative]).astype(np.int32),
         centre=np.concatenate((none, centre)),
         reach_m=np.append([0.0, 0.0], reach),
-        edges=outlines,
+        edges=edges,
         cluster_centre=cluster_centre,
         cluster_radius_m=cluster_radius,
     )
@@ -95,8 +94,8 @@ def _clusters_side(scene: SceneMesh) -> float:
     # Not so small that the numbers of the cubes leave 63 bits.
     extent = float(np.ptp(scene.corners.reshape(-1, 3), axis=0).max())
     side = max(float(longest[-_MAX_LARGE]), 1e-5 * extent)
-    middles = scene.corners.mean(axis=1)
-    while len(np.unique(_voxels(middles, side))) > _MAX_CLUSTERS:
+    centres = scene.corners.mean(axis=1)
+    while len(np.unique(_voxels(centres, side))) > _MAX_CLUSTERS:
         side *= 1.2
     return side
 
@@ -125,10 +124,10 @@ def _spheres(corners: Floats, group: npt.NDArray[np.integer], groups: int) -> tu
     starts = np.searchsorted(group[order], np.arange(groups))
     lowest = np.minimum.reduceat(corners.min(axis=1)[order], starts)
     highest = np.maximum.reduceat(corners.max(axis=1)[order], starts)
-    middles: Floats = 0.5 * (lowest + highest)
-    reach = np.linalg.norm(corners - middles[group][:, None], axis=-1).max(axis=-1)
+    centres: Floats = 0.5 * (lowest + highest)
+    reach = np.linalg.norm(corners - centres[group][:, None], axis=-1).max(axis=-1)
     radii: Floats = np.maximum.reduceat(reach[order], starts)
-    return middles, radii
+    return centres, radii
 
 
 def _shared_and_outer_edges(

@@ -60,6 +60,8 @@ class TraceRenderer:
             threads: Threads of the pool; 0 for one per processor that this process may use.
             scene_lights: Lights that change the static scene visibly; None for all of the world.
         """
+        # Affinity, not cpu_count(): containers and tests may restrict the process to fewer
+        # processors.
         self._threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="trace")
         lights = world.lights if scene_lights is None else scene_lights
@@ -99,6 +101,8 @@ class TraceRenderer:
         samples = omni_rays(camera, plan)
         grid, table = self._make_cell_grid(camera, plan, samples)
 
+        # One source for each scale and for shadows or none; TraceOmniView keeps the ones that
+        # frames use.
         def make_source(scale: RadianceScale, has_shadows: bool) -> RayView | CellView:
             shader = self._make_shader(scale, has_shadows)
             if grid is None or table is None:
