@@ -24,21 +24,21 @@ ROOM = build_scene(make_test_world())
 @pytest.mark.parametrize(
     "axis", [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.48, -0.6, -0.64)]
 )
-def test_turn_leads_an_axis_to_z_and_is_a_rotation(axis: tuple[float, float, float]) -> None:
+def test_rotation_takes_the_axis_to_z(axis: tuple[float, float, float]) -> None:
     turn = rotation_to_axis(axis)
     assert turn @ np.array(axis) == pytest.approx([0.0, 0.0, 1.0])
     assert turn @ turn.T == pytest.approx(np.eye(3))
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
-def test_axis_of_robots_that_turn_where_they_stand_is_the_same() -> None:
+def test_axis_of_upright_robots_does_not_depend_on_heading() -> None:
     axes = {
         mirror_axis(Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, yaw))) for yaw in (0.0, 1.0, -2.5)
     }
     assert axes == {(0.0, 0.0, 1.0)}
 
 
-def test_distances_do_not_depend_on_what_was_asked_before() -> None:
+def test_distances_do_not_depend_on_earlier_queries() -> None:
     rng = np.random.default_rng(3)
     poses = [Pose.from_rpy((*rng.uniform(-1.5, 1.5, 2), -0.5)) for _ in range(10)]
     known = DistanceBoundCache(ROOM)
@@ -46,7 +46,7 @@ def test_distances_do_not_depend_on_what_was_asked_before() -> None:
     assert forth == [DistanceBoundCache(ROOM).min_distances_m(pose, CAMERA) for pose in poses]
 
 
-def test_distances_when_a_robot_drives_a_little_are_found_once() -> None:
+def test_distances_along_a_short_drive_are_evaluated_once() -> None:
     surroundings = DistanceBoundCache(ROOM)
     begin = surroundings.min_distances_m(CAMERA_STATE.world_from_mirror, CAMERA)
     found = surroundings.num_evaluations
@@ -59,7 +59,7 @@ def test_distances_when_a_robot_drives_a_little_are_found_once() -> None:
     assert surroundings.num_evaluations == found
 
 
-def test_open_floor_is_known_for_metres_around() -> None:
+def test_open_floor_shares_large_cells() -> None:
     surroundings = DistanceBoundCache(build_scene(FLOOR))
     for x in np.linspace(0.0, 10.0, 101):
         nearest = surroundings.min_distances_m(Pose.from_rpy((x, 0.0, -0.6)), CAMERA)

@@ -16,8 +16,8 @@ LEVEL = int(np.searchsorted(RING.edges_rad, 0.5 * np.pi)) - 1
 HERE = np.zeros(3)
 
 
-def around(*bodies: DynamicObject) -> tuple[np.ndarray, np.ndarray]:
-    found = DynamicObjectBounds().bound(bodies, HERE, np.eye(3), RING)
+def around(*objects: DynamicObject) -> tuple[np.ndarray, np.ndarray]:
+    found = DynamicObjectBounds().bound(objects, HERE, np.eye(3), RING)
     return found.min_distances_m, found.max_object_rates_rad_s
 
 
@@ -28,7 +28,7 @@ def test_cube_ahead_is_as_far_as_its_face() -> None:
     assert not passing.any()
 
 
-def test_body_that_crosses_the_way_passes_by_at_its_speed_over_its_distance() -> None:
+def test_crossing_object_passes_at_speed_over_distance() -> None:
     moving = DynamicObject(
         build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0)), Twist((0.0, 0.5, 0.0))
     )
@@ -37,7 +37,7 @@ def test_body_that_crosses_the_way_passes_by_at_its_speed_over_its_distance() ->
     assert passing[0] == 0.0
 
 
-def test_body_that_turns_in_place_passes_by_with_its_farthest_corner() -> None:
+def test_turning_object_passes_with_its_farthest_corner() -> None:
     turning = DynamicObject(
         build_cube_mesh(0.4), Pose.from_rpy((1.2, 0.0, 0.0)), Twist((0.0,) * 3, (0.0, 0.0, 2.0))
     )
@@ -45,7 +45,7 @@ def test_body_that_turns_in_place_passes_by_with_its_farthest_corner() -> None:
     assert 2.0 * 0.2 * np.sqrt(2.0) < passing[LEVEL] < 2.0 * 0.2 * np.sqrt(3.0) * 1.001
 
 
-def test_no_corner_of_a_robot_is_nearer_than_its_ring_says() -> None:
+def test_no_corner_of_a_robot_is_nearer_than_its_ring_bound() -> None:
     viewpoint = CAMERA_STATE.world_from_mirror.translation
     found = DynamicObjectBounds().bound(TWO_ROBOTS, viewpoint, np.eye(3), RING)
     for body in TWO_ROBOTS:

@@ -26,7 +26,7 @@ points = st.tuples(metres, metres, metres)
 
 
 def ring_of(directions: Floats) -> Floats:
-    """Return the ring of each (n, 3) direction, RINGS where the mirror does not see it."""
+    """Ring of each (n, 3) direction; NUM_RINGS outside the mirror's view."""
     theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
     return np.searchsorted(EDGES[1:], theta)
 
@@ -41,7 +41,7 @@ def test_rings_have_equal_widths_in_the_image() -> None:
 
 @given(points, points, st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=150)
-def test_no_point_of_a_box_is_nearer_than_its_ring_says(
+def test_no_point_of_a_box_is_nearer_than_its_ring_bound(
     one: tuple[float, ...], other: tuple[float, ...], seed: int
 ) -> None:
     low, high = np.minimum(one, other), np.maximum(one, other)
@@ -52,7 +52,7 @@ def test_no_point_of_a_box_is_nearer_than_its_ring_says(
 
 @given(points, st.floats(0.01, 4.0), st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=150)
-def test_no_point_behind_a_plane_is_nearer_than_its_ring_says(
+def test_no_point_behind_a_plane_is_nearer_than_its_ring_bound(
     normal: tuple[float, ...], distance: float, seed: int
 ) -> None:
     length = float(np.linalg.norm(normal))
@@ -67,7 +67,7 @@ def test_no_point_behind_a_plane_is_nearer_than_its_ring_says(
     assert (seen_m >= np.append(bounds, 0.0)[ring] * (1.0 - 1e-12)).all()
 
 
-def test_floor_by_ring_is_as_far_as_its_ring_looks_down() -> None:
+def test_floor_distance_follows_the_ring_angle() -> None:
     floor = np.array([[-50.0, -50.0, 0.6]]), np.array([[50.0, 50.0, 0.6]])
     bounds = box_distance_bounds(*floor, RING)[0]
     down = np.cos(EDGES[:-1])
@@ -76,24 +76,24 @@ def test_floor_by_ring_is_as_far_as_its_ring_looks_down() -> None:
     assert bounds == pytest.approx(expected, rel=2e-3)
 
 
-def test_small_box_by_ring_is_seen_where_it_stands_alone() -> None:
+def test_small_box_is_bounded_in_its_own_ring_only() -> None:
     theta = 0.5 * (EDGES[3] + EDGES[4])
-    place = 2.0 * np.array([[0.0, math.sin(theta), math.cos(theta)]])
-    bounds = box_distance_bounds(place - 0.01, place + 0.01, RING)[0]
+    point = 2.0 * np.array([[0.0, math.sin(theta), math.cos(theta)]])
+    bounds = box_distance_bounds(point - 0.01, point + 0.01, RING)[0]
     assert np.flatnonzero(np.isfinite(bounds)).tolist() == [3]
     assert bounds[3] == pytest.approx(1.99, abs=0.01)
 
 
-def test_box_around_the_viewpoint_is_no_distance_away_in_any_ring() -> None:
+def test_box_around_the_viewpoint_has_distance_zero_in_every_ring() -> None:
     bounds = box_distance_bounds(np.array([[-1.0, -1.0, -1.0]]), np.array([[1.0, 2.0, 0.5]]), RING)
     assert bounds.tolist() == [[0.0] * NUM_RINGS]
 
 
-def test_plane_that_may_be_passed_bounds_nothing() -> None:
+def test_plane_perhaps_behind_the_viewpoint_bounds_nothing() -> None:
     assert plane_distance_bounds(np.zeros(1), np.zeros(1), RING).tolist() == [[0.0] * NUM_RINGS]
 
 
-def test_floor_as_a_plane_is_not_seen_above_the_horizon() -> None:
+def test_floor_as_a_plane_is_infinitely_far_above_the_horizon() -> None:
     bounds = plane_distance_bounds(np.array([0.6]), np.array([1.0]), RING)[0]
     assert np.isinf(bounds[EDGES[:-1] > 0.5 * math.pi + 1e-3]).all()
     assert bounds[0] == pytest.approx(0.6, rel=1e-4)

@@ -26,16 +26,16 @@ def test_rates_are_rounded_up_by_less_than_a_step_whatever_their_sign() -> None:
     )
 
 
-def test_distance_of_nothing_is_the_least_there_is() -> None:
+def test_distance_zero_rounds_to_the_minimum() -> None:
     assert round_outward.round_down([0.0, math.inf]) == (round_outward.MIN_DISTANCE_M, math.inf)
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1e-17, -1e-17])
-def test_rates_that_are_rounding_are_none(value: float) -> None:
+def test_rates_of_rounding_size_are_zero(value: float) -> None:
     assert round_outward.round_away_from_zero([value]) == (0.0,)
 
 
-def test_motions_that_differ_little_are_one() -> None:
+def test_similar_twists_round_to_one() -> None:
     one = round_outward.round_twist(Twist((0.501, 0.0, -1e-12), (0.0, 0.0, -0.31)))
     assert one == round_outward.round_twist(Twist((0.502, 0.0, 0.0), (0.0, 0.0, -0.311)))
     assert one.linear_m_s[0] >= 0.502

@@ -15,19 +15,19 @@ AT = CAMERA_STATE.world_from_mirror.translation
 COARSE = 2.0**0.125
 
 
-def test_scene_when_looked_at_is_not_farther_than_is_told() -> None:
+def test_no_surface_is_farther_than_the_bound() -> None:
     scene = build_scene(make_test_world())
     farthest = float(np.linalg.norm(scene.corners - AT, axis=-1).max())
     assert farthest <= SceneBounds(scene).max_distance_m(AT, ()) <= 1.3 * COARSE * farthest
 
 
-def test_body_when_it_is_beyond_the_scene_counts() -> None:
+def test_object_beyond_the_scene_counts() -> None:
     far = place_cube(40.0, 0.0, 0.0)
-    told = SceneBounds(build_scene(make_test_world())).max_distance_m(np.zeros(3), (far,))
-    assert 40.2 <= told <= 41.0 * COARSE
+    bound_m = SceneBounds(build_scene(make_test_world())).max_distance_m(np.zeros(3), (far,))
+    assert 40.2 <= bound_m <= 41.0 * COARSE
 
 
-def test_world_when_it_is_empty_has_nothing_far() -> None:
+def test_empty_world_has_distance_zero() -> None:
     empty = SceneBounds(build_scene(World("nothing", ())))
     assert empty.max_distance_m(AT, ()) == 0.0
     near = place_cube(1.0, 0.0, 0.0)

@@ -23,32 +23,32 @@ from helpers.worlds import make_test_world
 WHITE = Material((1.0, 1.0, 1.0), unlit=True)
 
 
-def summaries(world: World) -> SceneSummarizer:
+def make_summarizer(world: World) -> SceneSummarizer:
     return SceneSummarizer(build_scene(world), world)
 
 
-def test_summary_knows_the_brightest_light_and_how_the_scene_moves() -> None:
+def test_summary_has_the_largest_radiance_and_the_scene_twist() -> None:
     world = make_test_world()
-    summary = summaries(world).summarize(DRIVING_STATE, CAMERA)
+    summary = make_summarizer(world).summarize(DRIVING_STATE, CAMERA)
     assert summary.max_radiance == max_radiance(build_scene(world), world)
     assert summary.scene_twist == round_outward.round_twist(scene_twist_in_mirror(DRIVING_STATE))
 
 
-def test_summary_of_light_alone_looks_for_no_distance() -> None:
-    known = summaries(make_test_world())
-    summary = known.summarize_radiance()
-    assert summary.max_radiance == known.max_radiance
+def test_summary_of_radiance_alone_has_no_distances() -> None:
+    summarizer = make_summarizer(make_test_world())
+    summary = summarizer.summarize_radiance()
+    assert summary.max_radiance == summarizer.max_radiance
     assert set(summary.min_distances_m) == {math.inf}
 
 
 def random_pose(rng: np.random.Generator, tilt_rad: float) -> Pose:
-    place = (*rng.uniform(-2.0, 2.0, 2), -rng.uniform(0.2, 1.5))
+    position = (*rng.uniform(-2.0, 2.0, 2), -rng.uniform(0.2, 1.5))
     turn = (*rng.uniform(-tilt_rad, tilt_rad, 2), rng.uniform(-math.pi, math.pi))
-    return Pose.from_rpy(place, turn)
+    return Pose.from_rpy(position, turn)
 
 
 def clutter(seed: int) -> World:
-    """Return thin bars and plates of all sizes, turned at random; one is a hair of 0.1 mm."""
+    """World of randomly oriented thin bars and plates; one is a hair of 0.1 mm."""
     rng = np.random.default_rng(seed)
     sizes = [(4.0, 1e-4, 1e-4), *np.exp(rng.uniform(math.log(1e-3), math.log(3.0), (25, 3)))]
     items = (
@@ -68,25 +68,25 @@ def clutter(seed: int) -> World:
 def test_no_ring_shows_anything_nearer_than_its_bound(seed: int, tilt_rad: float) -> None:
     rng = np.random.default_rng(seed)
     world = make_test_world() if seed == 0 else clutter(seed)
-    known = summaries(world)
+    summarizer = make_summarizer(world)
     for index in range(5):
-        exposure = CameraState(random_pose(rng, tilt_rad), TWO_ROBOTS if index % 2 else ())
-        bound = np.array(known.summarize(exposure, CAMERA).min_distances_m)
-        assert (bound <= min_ring_ranges_m(world, exposure)).all()
+        state = CameraState(random_pose(rng, tilt_rad), TWO_ROBOTS if index % 2 else ())
+        bound = np.array(summarizer.summarize(state, CAMERA).min_distances_m)
+        assert (bound <= min_ring_ranges_m(world, state)).all()
 
 
 def ratios(world: World, poses: list[Pose]) -> Floats:
-    """Return (poses, RINGS) bounds over what is seen; rings that see nothing are left out."""
-    known = summaries(world)
+    """Ratios of bounds to the distances in rendered images, for rings that show a surface."""
+    summarizer = make_summarizer(world)
     bounds = np.array(
-        [known.summarize(CameraState(pose), CAMERA).min_distances_m for pose in poses]
+        [summarizer.summarize(CameraState(pose), CAMERA).min_distances_m for pose in poses]
     )
     seen = np.array([min_ring_ranges_m(world, CameraState(pose)) for pose in poses])
     return np.asarray(bounds[np.isfinite(seen)] / seen[np.isfinite(seen)])
 
 
 @pytest.mark.parametrize("name", ["four_legged_2006", "corridor"])
-def test_bounds_in_shipped_worlds_are_mostly_more_than_half_of_what_is_seen(name: str) -> None:
+def test_bounds_in_bundled_worlds_are_mostly_above_half_the_distance(name: str) -> None:
     rng = np.random.default_rng(5)
     reach = (7.0, 0.6) if name == "corridor" else (2.5, 1.5)
     poses = [Pose.from_rpy((*rng.uniform(-1.0, 1.0, 2) * reach, -0.6)) for _ in range(8)]
@@ -96,19 +96,21 @@ def test_bounds_in_shipped_worlds_are_mostly_more_than_half_of_what_is_seen(name
     assert np.quantile(shares, 0.05) > 0.4
 
 
-def test_wire_thinner_than_a_pixel_is_bound_though_no_pixel_shows_it() -> None:
+def test_wire_thinner_than_a_pixel_is_bounded() -> None:
     wire = Item("wire", Box((1e-4, 1e-4, 2.0)), Pose.from_rpy((0.8, 0.3, -0.6)), WHITE)
-    exposure = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
+    state = CameraState(Pose.from_rpy((0.0, 0.0, -0.6)))
     world = World("wire", (wire,))
-    nearest = summaries(world).summarize(exposure, CAMERA).min_distances_m
+    nearest = make_summarizer(world).summarize(state, CAMERA).min_distances_m
     assert min(nearest) == pytest.approx(math.hypot(0.8, 0.3), rel=0.25)
     assert min(nearest) <= math.hypot(0.8, 0.3)
 
 
-def test_bodies_pass_by_where_they_are_seen_as_fast_as_their_parts_move() -> None:
-    summary = summaries(make_test_world()).summarize(DRIVING_STATE, CAMERA)
+def test_object_rates_bound_the_motion_of_visible_parts() -> None:
+    summary = make_summarizer(make_test_world()).summarize(DRIVING_STATE, CAMERA)
     (body,) = DRIVING_STATE.objects
     distance = np.linalg.norm(body.centre - DRIVING_STATE.world_from_mirror.translation)
     assert max(summary.max_object_rates_rad_s) >= 0.6 / distance
     still = CameraState(DRIVING_STATE.world_from_mirror, TWO_ROBOTS)
-    assert not any(summaries(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s)
+    assert not any(
+        make_summarizer(make_test_world()).summarize(still, CAMERA).max_object_rates_rad_s
+    )

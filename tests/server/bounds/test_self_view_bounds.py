@@ -32,13 +32,13 @@ BASE = Pose.from_rpy((0.4, -0.1, -0.1457), (0.0, 0.0, 0.7))
 WHITE = World("nothing", (), lights=(HEMISPHERE_LIGHT,), background=(1.0, 1.0, 1.0))
 
 
-def exposure_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:
-    body = DynamicObject(build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror)), BASE)
-    return CameraState(BASE @ mirror, ego_body=body)
+def camera_state_of(camera: OmniCamera, mirror: Pose = MIRROR) -> CameraState:
+    ego_body = DynamicObject(build_ego_body_mesh(P2AT, OmniCameraTower(camera, mirror)), BASE)
+    return CameraState(BASE @ mirror, ego_body=ego_body)
 
 
-def sampled(corners: Floats) -> tuple[float, float]:
-    """Return the least and the largest angle from +z of many points of one triangle."""
+def sampled_angles(corners: Floats) -> tuple[float, float]:
+    """Smallest and largest angle from +z of many points of one triangle."""
     a, b = np.meshgrid(np.linspace(0.0, 1.0, 300), np.linspace(0.0, 1.0, 300))
     a, b = np.where(a + b > 1.0, 1.0 - a, a), np.where(a + b > 1.0, 1.0 - b, b)
     points = np.stack((a, b, 1.0 - a - b), axis=-1) @ corners
@@ -46,37 +46,37 @@ def sampled(corners: Floats) -> tuple[float, float]:
     return float(angle.min()), float(angle.max())
 
 
-def test_angle_of_triangles_when_sampled_is_reached_and_not_exceeded() -> None:
+def test_max_angle_of_triangles_is_tight() -> None:
     corners = np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3, 3))
     found = max_angle_from_axis(corners)
     for triangle, angle in zip(corners, found, strict=True):
-        largest = sampled(triangle)[1]
+        largest = sampled_angles(triangle)[1]
         assert largest <= angle + 1e-9
         assert angle - largest < 0.05
 
 
-def test_triangle_when_it_lies_straight_behind_reaches_the_pole() -> None:
+def test_triangle_around_the_antipole_reaches_pi() -> None:
     around = np.array([[(1.0, 0.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]])
     assert max_angle_from_axis(around)[0] == math.pi
     assert max_angle_from_axis(around[:, ::-1])[0] == math.pi, "whichever way it is wound"
 
 
-def test_robot_when_it_has_none_or_is_beyond_the_rim_is_not_seen() -> None:
+def test_robot_absent_or_beyond_the_rim_is_not_visible() -> None:
     camera = make_omni_camera()
     above = CameraState(Pose.identity(), ego_body=place_cube(0.0, 0.0, -1.0))
     assert bound_self_view(CameraState(Pose.identity()), camera) == NOT_VISIBLE
     assert bound_self_view(above, camera) == NOT_VISIBLE
 
 
-def test_robot_when_only_its_camera_is_within_the_rim_reaches_beyond_it() -> None:
+def test_robot_partly_within_the_rim_is_bounded_beyond_the_rim() -> None:
     narrow = make_omni_camera(rim_deg=5.0)
-    reach = bound_self_view(exposure_of(narrow), narrow)
+    reach = bound_self_view(camera_state_of(narrow), narrow)
     assert reach.max_angle_rad > narrow.rim_rad
     assert reach.min_distances_m[0] == pytest.approx(0.2321)
 
 
-def test_reach_of_the_p2at_is_that_of_its_decks_corner() -> None:
-    reach = bound_self_view(exposure_of(make_omni_camera()), make_omni_camera())
+def test_bound_of_the_p2at_is_its_deck_corner() -> None:
+    reach = bound_self_view(camera_state_of(make_omni_camera()), make_omni_camera())
     below_m = 0.4543 + 0.1457 - 0.2913
     inner_m = P2AT.dimensions_m[1] - 2.0 * 0.4 * P2AT.wheel_radius_m
     corner = math.hypot(0.5 * P2AT.dimensions_m[0], 0.5 * inner_m) / below_m
@@ -85,31 +85,31 @@ def test_reach_of_the_p2at_is_that_of_its_decks_corner() -> None:
     assert reach.min_distances_m[-1] == math.inf
 
 
-def test_reach_when_the_robot_drives_on_stays_the_same_numbers() -> None:
+def test_bounds_of_a_driving_robot_are_cached() -> None:
     camera = make_omni_camera()
-    exposure = exposure_of(camera)
-    assert exposure.ego_body is not None
+    state = camera_state_of(camera)
+    assert state.ego_body is not None
     step = Pose.from_rpy((17.3, -4.1, 0.0), (0.0, 0.0, 2.2))
-    moved = DynamicObject(exposure.ego_body.mesh, step @ exposure.ego_body.world_from_object)
-    later = CameraState(step @ exposure.world_from_mirror, ego_body=moved)
-    assert bound_self_view(later, camera) is bound_self_view(exposure, camera)
+    moved = DynamicObject(state.ego_body.mesh, step @ state.ego_body.world_from_object)
+    later = CameraState(step @ state.world_from_mirror, ego_body=moved)
+    assert bound_self_view(later, camera) is bound_self_view(state, camera)
 
 
 @pytest.mark.parametrize("ring", [0, 1])
-def test_distances_by_ring_are_not_more_than_what_is_there(ring: int) -> None:
+def test_ring_distances_do_not_exceed_those_of_points(ring: int) -> None:
     camera = make_omni_camera(width_px=96)
-    exposure = exposure_of(camera)
-    mesh = exposure.ego_body.mesh if exposure.ego_body else build_cube_mesh(1.0)
+    state = camera_state_of(camera)
+    mesh = state.ego_body.mesh if state.ego_body else build_cube_mesh(1.0)
     local = MIRROR.inverse().transform_points(mesh.corners).reshape(-1, 3)
     theta = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
     ratio = camera.mirror.radius_ratio_from_t(np.tan(0.5 * theta))
     share = ratio * camera.horizon_radius_px / camera.rim_radius_px
     of_ring = local[np.floor(share * NUM_RINGS).astype(int) == ring]
-    reach = bound_self_view(exposure, camera)
+    reach = bound_self_view(state, camera)
     assert reach.min_distances_m[ring] <= np.linalg.norm(of_ring, axis=-1).min() + 1e-9
 
 
-def test_orthographic_cameras_robot_when_looked_at_is_its_deck() -> None:
+def test_nearest_part_under_an_orthographic_camera_is_the_deck() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0)
-    reach = bound_self_view(exposure_of(camera), camera)
+    reach = bound_self_view(camera_state_of(camera), camera)
     assert reach.min_distances_m[0] == pytest.approx(0.4543 + 0.1457 - 0.2913)

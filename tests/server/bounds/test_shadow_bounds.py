@@ -27,22 +27,22 @@ def bound(world: World, *bodies: DynamicObject) -> ShadowLoss:
     return ShadowBounds(build_scene(world), world).darkest_shadow(bodies)
 
 
-def test_floor_when_a_box_stands_on_it_loses_the_sun_and_keeps_the_sky() -> None:
+def test_floor_under_a_box_loses_the_directional_light_and_keeps_the_sky() -> None:
     shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON)))
     assert shade.lost_radiance == pytest.approx(0.5 * 0.5)
     assert shade.remaining_radiance == pytest.approx(0.5 * 0.3)
 
 
-def test_floor_when_a_second_sun_shines_past_all_things_keeps_it() -> None:
+def test_floor_keeps_a_directional_light_that_nothing_occludes() -> None:
     away = DirectionalLight((0.0, 0.0, -1.0), (0.4, 0.4, 0.4))
     shade = bound(make_world(floor_item(), BOX, lights=(SKY, NOON, away)))
     assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx((0.25, 0.15))
 
 
-def test_floor_when_alone_loses_nothing_until_a_body_comes() -> None:
+def test_floor_alone_loses_nothing_until_an_object_comes() -> None:
     world = make_world(floor_item(), lights=(SKY, NOON))
     assert bound(world) == NO_SHADOW_LOSS
-    # White, turned towards the sun, in the dimmer half of the sky.
+    # White, facing the directional light, in the dimmer half of the sky.
     shade = bound(world, DynamicObject(MESH, Pose.identity()))
     assert (shade.lost_radiance, shade.remaining_radiance) == pytest.approx(
         (0.5 / 0.7, 0.2 / 0.7)
@@ -52,14 +52,14 @@ def test_floor_when_alone_loses_nothing_until_a_body_comes() -> None:
     ) == pytest.approx((0.5, 0.2))
 
 
-def test_body_when_near_a_lamp_may_lose_more_than_the_floor() -> None:
-    lamp = PointLight((0.0, 0.0, -2.0), (0.1, 0.1, 0.1))
-    world = make_world(floor_item(), lights=(SKY, lamp))
+def test_object_near_a_point_light_may_lose_more_than_the_floor() -> None:
+    point_light = PointLight((0.0, 0.0, -2.0), (0.1, 0.1, 0.1))
+    world = make_world(floor_item(), lights=(SKY, point_light))
     far, near = (bound(world, DynamicObject(MESH, Pose.from_rpy((0, 0, -z)))) for z in (0.2, 1.5))
     assert near.lost_radiance > 2.0 * far.lost_radiance
 
 
-def test_world_when_it_has_a_sky_alone_loses_nothing() -> None:
+def test_world_with_a_hemisphere_light_alone_loses_nothing() -> None:
     assert (
         bound(make_world(floor_item(), BOX, lights=(SKY,)), DynamicObject(MESH, Pose.identity()))
         == NO_SHADOW_LOSS

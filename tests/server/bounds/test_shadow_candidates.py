@@ -19,7 +19,7 @@ INSIDE = PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
 
 
 def names(world: World, light: DirectionalLight | PointLight) -> set[str]:
-    """Return the items that something may hide a light from."""
+    """Names of the items with candidates for a shadow."""
     scene = build_scene(world)
     return {
         scene.item_names[i] for i in np.unique(scene.item_index[shadow_candidates(scene, light)])
@@ -27,7 +27,7 @@ def names(world: World, light: DirectionalLight | PointLight) -> set[str]:
 
 
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
-def test_floor_when_alone_or_seen_from_below_has_nothing_before_its_light(
+def test_floor_alone_or_from_below_is_no_candidate(
     light: DirectionalLight | PointLight,
 ) -> None:
     assert names(make_world(floor_item()), light) == set()
@@ -35,23 +35,23 @@ def test_floor_when_alone_or_seen_from_below_has_nothing_before_its_light(
 
 
 @pytest.mark.parametrize("light", [DIRECTIONAL_LIGHT, POINT_LIGHT])
-def test_floor_when_a_box_stands_on_it_may_be_hidden(light: DirectionalLight | PointLight) -> None:
+def test_floor_under_a_box_is_a_candidate(light: DirectionalLight | PointLight) -> None:
     assert "floor" in names(make_world(floor_item(), box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), light)
 
 
-def test_room_when_empty_and_convex_hides_nothing_from_its_lamp() -> None:
+def test_empty_convex_room_has_no_candidates() -> None:
     assert names(make_inward_facing_room(INSIDE), INSIDE) == set()
 
 
-def test_box_when_alone_is_not_hidden_by_itself() -> None:
+def test_single_box_has_no_candidates() -> None:
     assert names(make_world(box_item(0, 0, -0.1, (0.2, 0.2, 0.2))), DIRECTIONAL_LIGHT) == set()
 
 
-def test_scene_when_it_has_no_triangles_hides_nothing() -> None:
+def test_scene_without_triangles_has_no_candidates() -> None:
     assert names(World("empty", ()), DIRECTIONAL_LIGHT) == set()
 
 
-def test_hull_when_corners_are_many_is_their_box_and_reaches_no_less() -> None:
+def test_bound_of_many_corners_is_their_box() -> None:
     rng = np.random.default_rng(3)
     corners = rng.normal(size=(400, 3, 3))
     normals = rng.normal(size=(50, 3))

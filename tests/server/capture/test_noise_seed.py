@@ -4,12 +4,12 @@ from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.random_sources import RandomSource
 
 
-def test_key_when_of_a_stream_has_two_words_of_32_bits() -> None:
+def test_seed_of_a_source_has_two_words_of_32_bits() -> None:
     key = NoiseSeed.from_source(RandomSource((0x1122334455667788, 9)), 5)
     assert key == NoiseSeed((0x55667788, 0x11223344), 5)
 
 
-def test_key_when_the_camera_has_another_name_is_another_one() -> None:
+def test_seed_differs_between_cameras() -> None:
     keys = {
         NoiseSeed.from_source(RandomSource.from_names(1, "Mine", name), 0)
         for name in ("Left", "Right")

@@ -1,4 +1,4 @@
-"""When a plan is chosen again: after enough frames, and not for ever back and forth."""
+"""When a plan is chosen anew: after enough frames, and without oscillation."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ def record_frames(
     return [monitor.record_frame(ms, better_plan_ms=better_ms) for _ in range(frames)]
 
 
-def test_budget_when_kept_within_a_fifth_is_kept() -> None:
+def test_overrun_within_a_fifth_stays_within_budget() -> None:
     assert set(record_frames(BudgetMonitor(10.0), 11.9, 1000, better_ms=14.0)) == {
         BudgetStatus.WITHIN_BUDGET
     }
 
 
-def test_budget_when_exceeded_by_more_is_broken_after_thirty_frames() -> None:
+def test_larger_overrun_is_reported_after_thirty_frames() -> None:
     found = record_frames(BudgetMonitor(10.0), 12.1, WINDOW_FRAMES)
     assert found == [BudgetStatus.WITHIN_BUDGET] * (WINDOW_FRAMES - 1) + [BudgetStatus.OVER_BUDGET]
 
 
-def test_budget_when_a_few_frames_take_long_is_kept() -> None:
+def test_few_slow_frames_stay_within_budget() -> None:
     watch = BudgetMonitor(10.0)
     record_frames(watch, 9.0, 20)
     assert set(record_frames(watch, 50.0, 14)) == {BudgetStatus.WITHIN_BUDGET}
 
 
-def test_room_when_there_is_for_long_is_told() -> None:
+def test_lasting_headroom_is_reported() -> None:
     found = record_frames(
         BudgetMonitor(10.0), 4.0, WINDOW_FRAMES - 1 + HYSTERESIS_FRAMES, better_ms=8.0
     )
@@ -41,11 +41,11 @@ def test_room_when_there_is_for_long_is_told() -> None:
     assert found[-1] is BudgetStatus.HEADROOM
 
 
-def test_room_when_what_is_better_would_nearly_fill_the_budget_is_none() -> None:
+def test_better_plan_that_nearly_fills_the_budget_is_no_headroom() -> None:
     assert BudgetStatus.HEADROOM not in record_frames(BudgetMonitor(10.0), 4.0, 2000, better_ms=8.6)
 
 
-def test_room_when_it_was_a_mistake_is_waited_for_twice_as_long() -> None:
+def test_wait_for_headroom_doubles_after_a_mistake() -> None:
     watch = BudgetMonitor(10.0)
     watch.reset(BudgetStatus.HEADROOM)
     record_frames(watch, 20.0, WINDOW_FRAMES)
@@ -54,7 +54,7 @@ def test_room_when_it_was_a_mistake_is_waited_for_twice_as_long() -> None:
     assert found.index(BudgetStatus.HEADROOM) == len(found) - 1
 
 
-def test_watch_when_there_is_no_budget_still_knows_the_median() -> None:
+def test_monitor_without_a_budget_has_a_median() -> None:
     watch = BudgetMonitor(0.0)
     assert watch.median_ms is None
     assert set(record_frames(watch, 99.0, WINDOW_FRAMES)) == {BudgetStatus.WITHIN_BUDGET}

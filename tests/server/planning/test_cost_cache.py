@@ -1,4 +1,4 @@
-"""Costs are kept for what they were measured on, and whatever lies in the cache does no harm."""
+"""Costs are stored by their conditions, and no content of the cache folder does harm."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ CAMERA = make_omni_camera(width_px=64)
 RATES = {"raster": {"faces": (1.0, 2.5, 0.0), "readback": (0.25, 0.0)}}
 
 
-def test_rates_when_kept_are_read_again(tmp_path: Path) -> None:
+def test_stored_rates_are_read_again(tmp_path: Path) -> None:
     key = CostCache(tmp_path / "deep/costs", SCENE).make_key("llvmpipe", CAMERA, PerPixel())
     CostCache(tmp_path / "deep/costs", SCENE).write(key, RATES)
     assert CostCache(tmp_path / "deep/costs", SCENE).read(key) == RATES
     assert [path.suffix for path in (tmp_path / "deep/costs").iterdir()] == [".json"]
 
 
-def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None:
+def test_key_depends_on_everything_that_costs_depend_on(tmp_path: Path) -> None:
     cache = CostCache(tmp_path, SCENE)
     exact, split = PerPixel(), Tessellation(8, 8)
     other = CostCache(tmp_path, replace(SCENE, corners=SCENE.corners + 1.0))
@@ -40,29 +40,27 @@ def test_key_when_anything_that_costs_differs_is_another(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("text", ["", "[]", "[1]", '{"raster": 3}', '{"raster": {"a": ["x"]}}'])
-def test_file_when_it_is_spoilt_is_as_if_not_there(tmp_path: Path, text: str) -> None:
+def test_malformed_file_reads_as_absent(tmp_path: Path, text: str) -> None:
     (tmp_path / "key.json").write_text(text)
     assert not CostCache(tmp_path, SCENE).read("key")
 
 
-def test_cache_when_it_cannot_be_written_is_done_without(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unwritable_cache_is_logged_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("in the way")
     CostCache(tmp_path / "file", SCENE).write("key", RATES)
     assert "cannot be stored" in caplog.text
 
 
-def test_cache_when_there_is_none_keeps_nothing() -> None:
+def test_cache_without_a_folder_stores_nothing() -> None:
     CostCache(None, SCENE).write("key", RATES)
     assert CostCache(None, SCENE).read("key") is None
 
 
-def test_digest_of_a_scene_is_of_its_content() -> None:
+def test_digest_of_a_scene_follows_its_content() -> None:
     assert hash_scene(SCENE) == hash_scene(build_scene(make_test_world()))
 
 
-def test_users_cache_is_where_their_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_default_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
     assert default_cache_folder() == Path("/somewhere/catoptra/costs")
     monkeypatch.setenv("XDG_CACHE_HOME", "relative paths are invalid")

@@ -1,4 +1,4 @@
-"""A model of costs finds the rates that made the times, and foretells others."""
+"""Cost model: recovery of known rates, and prediction of other plans."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ TRUE_MODEL = CostModel(CAMERA, {"raster": RATES})
 
 
 def make_plan(kind: RendererKind, samples: int, texels_per_px: float = 1.0) -> RenderPlan:
-    wish = RenderSettings(samples=samples, texels_per_px=texels_per_px)
-    return plan_from_settings(wish, CAMERA, kind=kind, reason="test")
+    settings = RenderSettings(samples=samples, texels_per_px=texels_per_px)
+    return plan_from_settings(settings, CAMERA, kind=kind, reason="test")
 
 
 def raster_plan(samples: int, texels_per_px: float, face_samples: int = 1) -> RenderPlan:
@@ -44,7 +44,7 @@ MEASURED_PLANS = [
 ]
 
 
-def test_model_when_fitted_to_a_few_frames_foretells_others() -> None:
+def test_model_fitted_to_a_few_plans_predicts_others() -> None:
     model = fit_cost_model(
         CAMERA, [PlanTiming(plan, TRUE_MODEL.predict_stage_ms(plan)) for plan in MEASURED_PLANS]
     )
@@ -54,7 +54,7 @@ def test_model_when_fitted_to_a_few_frames_foretells_others() -> None:
         )
 
 
-def test_model_when_times_are_noisy_has_no_negative_rates() -> None:
+def test_model_of_noisy_times_has_no_negative_rates() -> None:
     rng = np.random.default_rng(3)
     measured = [
         PlanTiming(
@@ -66,20 +66,20 @@ def test_model_when_times_are_noisy_has_no_negative_rates() -> None:
     assert all(rate >= 0.0 for stage in rates.values() for rate in stage)
 
 
-def test_rates_of_something_that_only_falls_are_its_mean() -> None:
+def test_rates_of_decreasing_times_are_their_mean() -> None:
     amounts = np.array([[1.0, 1.0], [1.0, 2.0]])
     fixed, growing = fit_nonnegative_rates(amounts, np.array([2.0, 1.0]))
     assert growing == 0.0
     assert 1.0 < fixed < 2.0
 
 
-def test_way_of_a_plan_tells_renderers_and_sparse_rays_apart() -> None:
+def test_cost_group_separates_renderers_and_distant_rays() -> None:
     apart = make_plan(RendererKind.TRACE, 1)
     plans = (apart, replace(apart, stride_px=1), raster_plan(1, 1.0))
     assert len({cost_group(plan) for plan in plans}) == 3
 
 
-def test_model_when_asked_of_a_way_that_was_not_measured_says_so() -> None:
+def test_prediction_for_an_unmeasured_group_raises() -> None:
     with pytest.raises(KeyError, match="trace"):
         TRUE_MODEL.predict_frame_ms(make_plan(RendererKind.TRACE, 1))
 

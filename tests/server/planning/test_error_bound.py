@@ -1,4 +1,4 @@
-"""What a bound is made of and says; that it holds is tests/server/render/test_error_bound.py."""
+"""Composition and text of bounds; tests/server/render/test_error_bound.py tests that they hold."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def make_bound(kind: RendererKind, surface: MirrorSurface) -> ErrorBound:
     ],
     ids=["trace", "raster", "traced polygons", "rastered polygons"],
 )
-def test_bound_has_the_parts_of_its_plan_each_with_a_reason(
+def test_bound_has_the_components_of_its_plan_with_reasons(
     kind: RendererKind, surface: MirrorSurface, names: list[str]
 ) -> None:
     parts = make_bound(kind, surface).components
@@ -44,22 +44,22 @@ def test_bound_has_the_parts_of_its_plan_each_with_a_reason(
     assert all(part.reason and part.max_px > 0.0 for part in parts)
 
 
-def test_parts_add_up_but_for_the_rim() -> None:
+def test_components_add_up_but_for_the_rim() -> None:
     whole = make_bound(RASTER, Tessellation(16, 16))
     added = sum(part.max_px for part in whole.components if part.name != "rim")
     assert whole.geometric.max_px == pytest.approx(added)
 
 
-def test_rim_of_few_sectors_and_many_rings_is_the_whole() -> None:
+def test_rim_dominates_with_few_sectors_and_many_rings() -> None:
     camera = make_omni_camera(width_px=360, rim_deg=60.0)
-    split = Tessellation(8, 64, Interpolation.POSITION)
-    few = plan_from_settings(RenderSettings(split), camera, kind=TRACE, reason="test")
+    tessellation = Tessellation(8, 64, Interpolation.POSITION)
+    few = plan_from_settings(RenderSettings(tessellation), camera, kind=TRACE, reason="test")
     whole = error_bound(camera, few)
     rim = {part.name: part.max_px for part in whole.components}["rim"]
     assert whole.geometric.max_px == rim
 
 
-def test_second_answer_is_the_first_one() -> None:
+def test_repeated_bound_is_cached() -> None:
     assert make_bound(RASTER, Tessellation(8, 8)) is make_bound(RASTER, Tessellation(8, 8))
 
 
@@ -75,7 +75,7 @@ def test_bound_as_a_dict_has_a_number_for_each_name() -> None:
     assert "texels_per_px_min" not in make_bound(TRACE, PerPixel()).as_dict()
 
 
-def test_marker_is_off_by_both_errors() -> None:
+def test_marker_error_is_the_sum_of_both() -> None:
     whole = make_bound(RASTER, PerPixel())
     assert whole.marker_error_px == whole.geometric.max_px + whole.sampling.centroid_error_px
 
@@ -92,12 +92,12 @@ def test_bound_of_trace_when_printed_has_no_texels() -> None:
     assert "texels" not in str(make_bound(TRACE, PerPixel()))
 
 
-def test_polygons_of_an_orthographic_camera_have_no_bound() -> None:
+def test_mesh_under_an_orthographic_camera_has_no_bound() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03))
     with pytest.raises(DomainError, match="pinhole"):
         error_bound(camera, make_plan(TRACE, Tessellation(8, 8)))
 
 
-def test_outline_is_off_by_its_displacement_and_by_what_samples_leave() -> None:
+def test_outline_error_is_displacement_plus_sampling() -> None:
     whole = make_bound(RASTER, PerPixel())
     assert whole.outline_error_px == whole.geometric.max_px + whole.sampling.edge_error_px

@@ -1,4 +1,4 @@
-"""The displacement of edges by texels, searched by brute force in small pictures."""
+"""Displacement of edges by texels, searched by brute force in small images."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ EDGE_OFFSETS = np.linspace(0.0, 1.0, 17)
 
 
 def displacement_texels(samples: int, middle: Floats, radius: float) -> float:
-    """Return how far the farthest place on the wrong side of a disc's edge is from it."""
+    """Distance from a disc's edge to the farthest point on the wrong side."""
     texel = np.arange(-math.ceil(radius + 2), math.ceil(radius + 3))
-    places = (
+    points = (
         texel[:, None]
         + np.array(PATTERNS[samples]).T[:, None, :] / 16.0
         - 0.5
         - middle[:, None, None]
     )
-    x, y = places
+    x, y = points
     covered = (np.hypot(x[:, None], y[None, :]) < radius).mean(axis=-1)
     corners = [covered[:-1, :-1], covered[1:, :-1], covered[:-1, 1:], covered[1:, 1:]]
     column, row = np.nonzero(np.ptp(corners, axis=0) > 0.0)
@@ -50,7 +50,7 @@ def displacement_texels(samples: int, middle: Floats, radius: float) -> float:
 
 
 @pytest.mark.parametrize("samples", PATTERNS)
-def test_edges_are_displaced_as_said_and_nearly_as_far(samples: int) -> None:
+def test_edges_are_displaced_nearly_up_to_the_bound(samples: int) -> None:
     rng = np.random.default_rng(samples)
     displaced = [
         displacement_texels(samples, rng.uniform(-0.5, 0.5, 2), radius)
@@ -59,7 +59,7 @@ def test_edges_are_displaced_as_said_and_nearly_as_far(samples: int) -> None:
     assert max(displaced) <= MAX_EDGE_DISPLACEMENT_TEXELS[samples] < 1.3 * max(displaced)
 
 
-def test_samples_between_known_numbers_count_as_the_fewer() -> None:
+def test_untabulated_samples_count_as_the_next_lower() -> None:
     assert max_edge_displacement_texels(3) == max_edge_displacement_texels(2)
     assert max_edge_displacement_texels(32) == max_edge_displacement_texels(16)
     assert (

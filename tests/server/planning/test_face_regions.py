@@ -63,7 +63,7 @@ def test_windows_hold_every_direction_up_to_the_limit(limit_deg: float) -> None:
 
 
 @pytest.mark.parametrize("limit_deg", [30.0, 60.0, 100.0, 120.0, 125.2])
-def test_windows_are_no_larger_than_what_is_seen(limit_deg: float) -> None:
+def test_windows_are_no_larger_than_the_visible_part(limit_deg: float) -> None:
     directions = directions_within(limit_deg)
     face = face_from_direction(directions)
     top = face_coordinates(directions, face)[face == Face.N][:, 1] if limit_deg > 45 else None
@@ -75,24 +75,24 @@ def test_windows_are_no_larger_than_what_is_seen(limit_deg: float) -> None:
 @pytest.mark.parametrize(
     ("rim_deg", "faces"), [(40, "C"), (46, "NESWC"), (125.26, "NESWC"), (125.27, "NESWCU")]
 )
-def test_only_faces_that_are_seen_have_a_part(rim_deg: float, faces: str) -> None:
+def test_only_visible_faces_have_a_region(rim_deg: float, faces: str) -> None:
     assert (
         "".join(part.face.name for part in regions_of(make_omni_camera(rim_deg=rim_deg))) == faces
     )
 
 
 def texel_sides_px(camera: OmniCamera, region: FaceRegion) -> Floats:
-    """Return the lengths in px of texels' sides on a grid over a part, where the mirror looks."""
+    """Lengths in px of texels' sides, on a grid over the visible part of a region."""
     window = region.window
     grid = np.meshgrid(
         np.linspace(window.left, window.right, 97), np.linspace(window.top, window.bottom, 97)
     )
-    places = np.stack(grid, axis=-1).reshape(-1, 2)
+    points = np.stack(grid, axis=-1).reshape(-1, 2)
     lengths = []
     for step in ((0.5e-4, 0.0), (0.0, 0.5e-4)):
-        pixels, seen = [], np.ones(len(places), dtype=bool)
+        pixels, seen = [], np.ones(len(points), dtype=bool)
         for side in (-1.0, 1.0):
-            moved = np.column_stack((np.ones(len(places)), places + side * np.array(step)))
+            moved = np.column_stack((np.ones(len(points)), points + side * np.array(step)))
             pixel, inside = pixel_from_direction(
                 camera, moved @ MIRROR_FROM_FACE_ROTATIONS[region.face].T
             )
@@ -113,7 +113,7 @@ MIRRORS: list[tuple[CentralMirror, float]] = [
 
 @pytest.mark.parametrize(("mirror", "rim_deg"), MIRRORS)
 @pytest.mark.parametrize("texels_per_px", [1.0, 1.7])
-def test_no_texel_is_longer_than_its_share_of_a_pixel(
+def test_no_texel_is_longer_than_its_fraction_of_a_pixel(
     mirror: CentralMirror, rim_deg: float, texels_per_px: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
@@ -124,7 +124,7 @@ def test_no_texel_is_longer_than_its_share_of_a_pixel(
         assert longest.min() > 0.97
 
 
-def test_bottom_has_a_quarter_of_the_texels_a_side_that_the_sides_have() -> None:
+def test_bottom_face_is_coarser_than_the_side_faces() -> None:
     camera = make_omni_camera(width_px=640)
     size = {part.face: 2.0 * part.columns_per_unit for part in regions_of(camera)}
     # At the centre a pixel is 2 / h radians, and a texel of the bottom 2 / n: n = h.
@@ -140,7 +140,7 @@ def test_density_on_the_axis_is_the_same_all_around() -> None:
     assert density == pytest.approx(np.full((2, 2), camera.horizon_radius_px * slope), rel=1e-4)
 
 
-def test_wished_size_wins_on_every_face() -> None:
+def test_requested_size_applies_to_every_face() -> None:
     camera = make_omni_camera(rim_deg=130.0)
     parts = face_regions(camera, camera.rim_rad, size_px=500, texels_per_px=1.0)
     assert len(parts) == 6
@@ -148,20 +148,20 @@ def test_wished_size_wins_on_every_face() -> None:
     assert max_face_size_px(parts) == 500
 
 
-def test_wish_of_zero_is_by_density() -> None:
+def test_requested_size_zero_is_by_density() -> None:
     camera = make_omni_camera()
     parts = face_regions(camera, camera.rim_rad, size_px=0, texels_per_px=1.0)
     assert parts == regions_of(camera)
 
 
-def test_parts_for_an_extreme_mirror_stay_within_reason() -> None:
+def test_regions_of_an_extreme_mirror_stay_within_limits() -> None:
     camera = make_omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=85.0)
     parts = regions_of(camera)
     assert sum(part.num_texels for part in parts) <= 1.001 * MAX_TEXELS
     assert max(max(part.size_texels) for part in parts) <= 1.001 * MAX_SIDE_TEXELS
 
 
-def test_places_beyond_the_rim_that_coarse_polygons_look_at_have_the_density_of_the_rim() -> None:
+def test_points_beyond_the_rim_have_the_density_of_the_rim() -> None:
     camera = make_omni_camera(mirror=HyperbolicMirror(2.1, 0.2), rim_deg=100.0)
     parts = regions_by_density(camera, math.radians(110.0), texels_per_px=1.0)
     assert all(math.isfinite(part.num_texels) for part in parts)

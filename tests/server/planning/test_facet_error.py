@@ -1,4 +1,4 @@
-"""The error of polygon mirrors against the reference table of the optics notes, 3.2.
+"""Error of mirror meshes against a reference table.
 
 Tolerances are the table's own: position rms 3 %, max 5 %; UV 15 %, where face and diagonal are
 free; order of convergence 1.00 within 0.05.
@@ -39,7 +39,7 @@ def position_tessellation(sectors: int, rings: int) -> Tessellation:
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row[0]}x{row[1]}")
-def test_position_interpolation_errs_as_the_reference(row: tuple[float, ...]) -> None:
+def test_error_of_position_interpolation_is_the_reference(row: tuple[float, ...]) -> None:
     sectors, rings, max_deg, rms_deg, max_px, rms_px, _, _ = row
     error = facet_error(CAMERA, position_tessellation(int(sectors), int(rings)))
     assert error.rms_px == pytest.approx(rms_px, rel=0.03)
@@ -49,7 +49,7 @@ def test_position_interpolation_errs_as_the_reference(row: tuple[float, ...]) ->
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row[0]}x{row[1]}")
-def test_uv_interpolation_errs_as_the_reference(row: tuple[float, ...]) -> None:
+def test_error_of_uv_interpolation_is_the_reference(row: tuple[float, ...]) -> None:
     sectors, rings, *_, max_px, rms_px = row
     error = facet_error(CAMERA, Tessellation(int(sectors), int(rings)))
     assert error.rms_px == pytest.approx(rms_px, rel=0.15)
@@ -85,34 +85,36 @@ def test_bound_holds_on_a_finer_grid_of_every_sector(
     rim_deg: float,
 ) -> None:
     camera = make_omni_camera(width_px=360, rim_deg=rim_deg)
-    split = Tessellation(sectors, rings, interpolation)
-    bound = facet_error(camera, split)
-    steps = module._grid_steps(len(module._distinct_triangles(camera, split)[0]))
+    tessellation = Tessellation(sectors, rings, interpolation)
+    bound = facet_error(camera, tessellation)
+    steps = module._grid_steps(len(module._distinct_triangles(camera, tessellation)[0]))
     # Three times finer, the reserve taken off, no repetition relied on.
     monkeypatch.setattr(module, "_grid_steps", lambda num_triangles: 3 * steps)
     monkeypatch.setattr(
         module, "_num_distinct_sectors", lambda camera, tessellation: tessellation.sectors
     )
     reserve = (1.0 + math.pi / sectors / (3 * steps)) / (1.0 - 1.0 / (3 * steps) ** 2)
-    finer = facet_error.__wrapped__(camera, split)
+    finer = facet_error.__wrapped__(camera, tessellation)
     assert finer.max_px / reserve <= bound.max_px <= 1.1 * finer.max_px
     assert finer.max_deg / reserve <= bound.max_deg <= 1.1 * finer.max_deg
     assert bound.rms_px == pytest.approx(finer.rms_px, rel=0.01)
 
 
-def test_error_does_not_depend_on_how_the_image_is_turned() -> None:
+def test_error_does_not_depend_on_the_image_rotation() -> None:
     turned = replace(CAMERA, image_up_azimuth_rad=0.7)
-    split = Tessellation(10, 6)
-    assert facet_error(turned, split).max_px == pytest.approx(facet_error(CAMERA, split).max_px)
+    tessellation = Tessellation(10, 6)
+    assert facet_error(turned, tessellation).max_px == pytest.approx(
+        facet_error(CAMERA, tessellation).max_px
+    )
 
 
 @pytest.mark.parametrize("interpolation", Interpolation)
-def test_image_of_everything_and_its_borders_agree(interpolation: Interpolation) -> None:
+def test_whole_image_and_crop_agree(interpolation: Interpolation) -> None:
     # A hair beyond the border, and every sector is looked at, each with a part of the margin.
-    split = Tessellation(12, 8, interpolation)
+    tessellation = Tessellation(12, 8, interpolation)
     cropped = replace(CAMERA, centre_px=(180.0, 179.99))
-    assert facet_error(cropped, split).max_px == pytest.approx(
-        facet_error(CAMERA, split).max_px, rel=0.02
+    assert facet_error(cropped, tessellation).max_px == pytest.approx(
+        facet_error(CAMERA, tessellation).max_px, rel=0.02
     )
 
 
@@ -123,6 +125,6 @@ def test_gap_is_the_sagitta_of_the_outer_borders() -> None:
     assert rim_gap(CAMERA, Tessellation(10**6, 1)).max_px == pytest.approx(8.88e-10, rel=1e-3)
 
 
-def test_polygons_of_an_orthographic_camera_are_refused() -> None:
+def test_mesh_under_an_orthographic_camera_is_rejected() -> None:
     with pytest.raises(DomainError, match="pinhole"):
         facet_error(make_omni_camera(mirror=ParabolicMirror(0.03)), Tessellation(8, 8))

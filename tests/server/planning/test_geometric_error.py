@@ -14,5 +14,5 @@ def test_sum_of_nothing_is_no_error() -> None:
     assert sum_errors(()) == GeometricError(0.0, 0.0, 0.0, 0.0)
 
 
-def test_floor_raises_only_what_is_smaller_and_leaves_the_rms() -> None:
+def test_floor_raises_smaller_maxima_and_keeps_the_rms() -> None:
     assert apply_floor(FIRST, SECOND) == GeometricError(3.0, 0.3, 2.0, 0.05)

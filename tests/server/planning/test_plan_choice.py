@@ -1,4 +1,4 @@
-"""The planner with costs that are made up: what it takes, what it says, what its neighbours are."""
+"""Plan choice with invented costs: plan, reason and neighbours."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KINDS = tuple(RendererKind)
 
 
 class FakeCostPredictor:
-    """So many ms a sample and a million texels; rays apart cost half of all rays."""
+    """Costs a sample and a million texels; distant rays cost half of all rays."""
 
     def __init__(self, *, trace_ms: float = 5.0, raster_ms: float = 5.0) -> None:
         self._trace_ms, self._raster_ms = trace_ms, raster_ms
@@ -38,7 +38,7 @@ def choose_for(target: AccuracyTarget, costs: FakeCostPredictor | None = None) -
     return choose_plan(CAMERA, make_front(costs or FakeCostPredictor()), target)
 
 
-def test_ladder_when_climbed_costs_more_and_shows_better_at_each_step() -> None:
+def test_pareto_front_rises_in_cost_and_accuracy() -> None:
     steps = make_front(FakeCostPredictor())
     assert len(steps) > 8
     for lower, higher in itertools.pairwise(steps):
@@ -47,7 +47,7 @@ def test_ladder_when_climbed_costs_more_and_shows_better_at_each_step() -> None:
 
 
 @pytest.mark.parametrize(("tolerance_px", "samples"), [(2.0, 1), (0.5, 2), (0.1, 8)])
-def test_tolerance_when_it_can_be_kept_takes_the_cheapest_that_keeps_it(
+def test_reachable_tolerance_takes_the_cheapest_plan_within(
     tolerance_px: float, samples: int
 ) -> None:
     choice = choose_for(AccuracyTarget(max_error_px=tolerance_px), FakeCostPredictor(raster_ms=1e3))
@@ -59,7 +59,7 @@ def test_tolerance_when_it_can_be_kept_takes_the_cheapest_that_keeps_it(
     assert f"within {tolerance_px:g} px" in choice.plan.reason
 
 
-def test_tolerance_when_no_plan_keeps_it_takes_the_best_and_says_so() -> None:
+def test_unreachable_tolerance_takes_the_most_accurate_plan_and_reports_so() -> None:
     choice = choose_for(AccuracyTarget(max_error_px=0.01))
     assert not choice.target_met
     assert choice.plan.samples == 8
@@ -67,7 +67,7 @@ def test_tolerance_when_no_plan_keeps_it_takes_the_best_and_says_so() -> None:
     assert choice.plan.reason == "no plan stays within 0.01 px: the most accurate has 0.0884 px"
 
 
-def test_budget_when_plans_fit_takes_the_most_accurate_of_them() -> None:
+def test_budget_takes_the_most_accurate_plan_within() -> None:
     choice = choose_for(AccuracyTarget(budget_ms=21.0))
     assert choice.target_met
     assert choice.predicted_ms == 20.0
@@ -76,20 +76,20 @@ def test_budget_when_plans_fit_takes_the_most_accurate_of_them() -> None:
     assert choice.plan.reason.startswith("the most accurate within 21 ms")
 
 
-def test_budget_when_nothing_fits_takes_the_cheapest_and_says_so() -> None:
+def test_too_small_budget_takes_the_cheapest_plan_and_reports_so() -> None:
     choice = choose_for(AccuracyTarget(budget_ms=0.1))
     assert not choice.target_met
     assert choice.faster is None
     assert choice.plan.reason.startswith("no plan fits into 0.1 ms: the cheapest takes about ")
 
 
-def test_tolerance_with_a_budget_when_both_can_be_kept_is_as_cheap_as_without() -> None:
+def test_tolerance_within_the_budget_is_as_cheap_as_without_a_budget() -> None:
     both, alone = choose_for(AccuracyTarget(0.5, 30.0)), choose_for(AccuracyTarget(0.5))
     assert both.plan.description == alone.plan.description
     assert both.target_met
 
 
-def test_tolerance_with_a_budget_when_it_takes_too_long_keeps_the_budget_and_says_so() -> None:
+def test_tolerance_beyond_the_budget_yields_to_the_budget_and_reports_so() -> None:
     choice = choose_for(AccuracyTarget(0.1, 30.0))
     assert not choice.target_met
     assert choice.predicted_ms is not None
@@ -104,13 +104,11 @@ def test_tolerance_with_a_budget_when_it_takes_too_long_keeps_the_budget_and_say
         (FakeCostPredictor(trace_ms=100.0, raster_ms=0.1), RendererKind.RASTER),
     ],
 )
-def test_renderer_when_another_is_slower_is_the_faster_one(
-    costs: FakeCostPredictor, kind: RendererKind
-) -> None:
+def test_choice_takes_the_faster_renderer(costs: FakeCostPredictor, kind: RendererKind) -> None:
     assert choose_for(AccuracyTarget(max_error_px=2.0), costs).plan.renderer is kind
 
 
-def test_choice_when_printed_tells_time_and_neighbours() -> None:
+def test_choice_when_printed_has_time_and_neighbours() -> None:
     text = str(choose_for(AccuracyTarget(budget_ms=21.0)))
     assert "about 20.0 ms a frame" in text
     assert "next better trace" in text

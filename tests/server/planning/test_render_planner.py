@@ -1,4 +1,4 @@
-"""Numbers are taken as they are; a dial has every renderer measured, once, and times correct it."""
+"""Plans by settings and by targets: costs are measured once and corrected by real frames."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MS_PER_SAMPLE = {TRACE: 5.0, RASTER: 1.0}
 
 
 class _NamedRenderer:
-    """Something that can be described and closed."""
+    """Renderer with a description only."""
 
     def __init__(self, name: str) -> None:
         self.name, self.closed = name, False
@@ -46,7 +46,7 @@ class _NamedRenderer:
 
 
 class FakeCostMeasurement:
-    """Measures nothing: a frame takes so many ms for each sample of a pixel."""
+    """Invented measurement: milliseconds in proportion to the samples."""
 
     def __init__(self) -> None:
         self.measured_kinds: list[RendererKind] = []
@@ -58,7 +58,7 @@ class FakeCostMeasurement:
         kind: RendererKind,
         camera: OmniCamera,
         surface: MirrorSurface,
-        exposures: Sequence[CameraState],
+        camera_states: Sequence[CameraState],
     ) -> list[PlanTiming]:
         self.measured_kinds.append(kind)
         plans = generate_calibration_plans(kind, camera, surface)
@@ -78,12 +78,17 @@ def camera_spec(target: AccuracyTarget = AccuracyTarget(), **numbers: Any) -> Om
     return OmniCameraSpec(CAMERA, RenderSettings(accuracy_target=target, **numbers))
 
 
-def test_eye_when_no_dial_is_turned_follows_its_numbers_and_nothing_is_measured() -> None:
-    lab = FakeCostMeasurement()
-    choice = lab.create_planner().choose_plan(camera_spec(samples=3), CAMERA_STATES)
+def test_plan_without_a_target_follows_the_settings_and_measures_nothing() -> None:
+    measurement = FakeCostMeasurement()
+    choice = measurement.create_planner().choose_plan(camera_spec(samples=3), CAMERA_STATES)
     assert (choice.plan.samples, choice.plan.renderer, choice.plan.reason) == (3, TRACE, "test")
     assert choice.bound is not None
-    assert (choice.predicted_ms, choice.more_accurate, lab.measured_kinds, lab.created) == (
+    assert (
+        choice.predicted_ms,
+        choice.more_accurate,
+        measurement.measured_kinds,
+        measurement.created,
+    ) == (
         None,
         None,
         [],
@@ -91,13 +96,13 @@ def test_eye_when_no_dial_is_turned_follows_its_numbers_and_nothing_is_measured(
     )
 
 
-def test_eye_when_a_dial_is_turned_has_every_renderer_measured_once() -> None:
-    lab = FakeCostMeasurement()
-    planning = lab.create_planner()
+def test_target_measures_every_renderer_once() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
     coarse, fine = (
-        planning.choose_plan(camera_spec(AccuracyTarget(px)), CAMERA_STATES) for px in (2.0, 0.1)
+        planner.choose_plan(camera_spec(AccuracyTarget(px)), CAMERA_STATES) for px in (2.0, 0.1)
     )
-    assert lab.measured_kinds == [TRACE, RASTER]
+    assert measurement.measured_kinds == [TRACE, RASTER]
     assert coarse.plan.renderer is RASTER
     assert (fine.plan.renderer, fine.plan.samples, fine.predicted_ms) == (
         TRACE,
@@ -106,7 +111,7 @@ def test_eye_when_a_dial_is_turned_has_every_renderer_measured_once() -> None:
     )
 
 
-def test_numbers_when_a_dial_is_turned_do_not_count() -> None:
+def test_settings_are_ignored_with_a_target() -> None:
     choice = (
         FakeCostMeasurement()
         .create_planner()
@@ -116,64 +121,66 @@ def test_numbers_when_a_dial_is_turned_do_not_count() -> None:
     assert choice.plan.stride_px != 7
 
 
-def test_renderer_when_it_cannot_be_made_is_no_choice() -> None:
+def test_renderer_that_cannot_be_created_is_no_candidate() -> None:
     class Absent(FakeCostMeasurement):
         def create_raster(self) -> Any:
             raise RendererUnavailableError("no OpenGL", "install it")
 
-    lab = Absent()
+    measurement = Absent()
     assert (
-        lab.create_planner()
+        measurement.create_planner()
         .choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
         .plan.renderer
         is TRACE
     )
-    assert lab.measured_kinds == [TRACE]
+    assert measurement.measured_kinds == [TRACE]
 
 
-def test_costs_when_kept_on_disk_are_not_measured_again(tmp_path: Path) -> None:
+def test_stored_costs_are_not_measured_again(tmp_path: Path) -> None:
     cache = CostCache(tmp_path, build_scene(make_test_world()))
     first, second = FakeCostMeasurement(), FakeCostMeasurement()
     chosen = [
-        lab.create_planner(cache).choose_plan(camera_spec(AccuracyTarget(0.4)), CAMERA_STATES)
-        for lab in (first, second)
+        measurement.create_planner(cache).choose_plan(
+            camera_spec(AccuracyTarget(0.4)), CAMERA_STATES
+        )
+        for measurement in (first, second)
     ]
     assert (first.measured_kinds, second.measured_kinds) == ([TRACE, RASTER], [])
     assert chosen[0].plan == chosen[1].plan
 
 
-def test_prediction_when_frames_take_twice_as_long_doubles_for_that_renderer() -> None:
-    planning = FakeCostMeasurement().create_planner()
-    asked = camera_spec(AccuracyTarget(0.1))
-    plan = planning.choose_plan(asked, CAMERA_STATES).plan
+def test_frames_twice_as_slow_double_the_predictions_of_that_renderer() -> None:
+    planner = FakeCostMeasurement().create_planner()
+    camera = camera_spec(AccuracyTarget(0.1))
+    plan = planner.choose_plan(camera, CAMERA_STATES).plan
     assert (plan.renderer, plan.samples) == (TRACE, 8)
-    assert planning.predict_frame_ms(asked, plan) == pytest.approx(320.0)
-    planning.update_correction(asked, plan, 640.0)
-    assert planning.predict_frame_ms(asked, plan) == pytest.approx(640.0)
-    assert planning.cost_correction(RASTER) == 1.0
+    assert planner.predict_frame_ms(camera, plan) == pytest.approx(320.0)
+    planner.update_correction(camera, plan, 640.0)
+    assert planner.predict_frame_ms(camera, plan) == pytest.approx(640.0)
+    assert planner.cost_correction(RASTER) == 1.0
     assert (
-        planning.predict_frame_ms(
+        planner.predict_frame_ms(
             OmniCameraSpec(make_omni_camera(width_px=99), RenderSettings()), plan
         )
         is None
     )
 
 
-def test_dial_when_errors_have_no_bound_is_answered_by_numbers_and_says_so() -> None:
+def test_target_without_an_error_bound_falls_back_to_the_settings_and_reports_so() -> None:
     camera = make_omni_camera(mirror=ParabolicMirror(0.03))
-    wish = RenderSettings(Tessellation(8, 8), accuracy_target=AccuracyTarget(0.5))
+    settings = RenderSettings(Tessellation(8, 8), accuracy_target=AccuracyTarget(0.5))
     choice = (
         FakeCostMeasurement()
         .create_planner()
-        .choose_plan(OmniCameraSpec(camera, wish), CAMERA_STATES)
+        .choose_plan(OmniCameraSpec(camera, settings), CAMERA_STATES)
     )
     assert (choice.bound, choice.target_met) == (None, False)
     assert "no bound" in choice.plan.reason
 
 
-def test_planning_when_closed_closes_all_that_it_made() -> None:
-    lab = FakeCostMeasurement()
-    planning = lab.create_planner()
-    planning.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
-    planning.close()
-    assert [renderer.closed for renderer in lab.created] == [True]
+def test_close_closes_all_created_renderers() -> None:
+    measurement = FakeCostMeasurement()
+    planner = measurement.create_planner()
+    planner.choose_plan(camera_spec(AccuracyTarget(2.0)), CAMERA_STATES)
+    planner.close()
+    assert [renderer.closed for renderer in measurement.created] == [True]

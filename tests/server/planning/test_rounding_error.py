@@ -1,4 +1,4 @@
-"""What float32 leaves; that it holds for rays is tests/server/render/test_error_bound.py."""
+"""Rounding errors; tests/server/render/test_error_bound.py compares them with rays."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def rounding_px(
     [(PAPER_MIRROR, 120.0), (HyperbolicMirror(2.1, 0.2), 100.0), (ParabolicMirror(0.03), 135.0)],
     ids=str,
 )
-def test_places_in_the_atlas_are_held_better_than_their_part(
+def test_atlas_coordinates_are_more_precise_than_their_bound(
     mirror: CentralMirror, rim_deg: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=640, rim_deg=rim_deg)
@@ -63,15 +63,15 @@ def test_places_in_the_atlas_are_held_better_than_their_part(
     assert 0.0 < seen_px <= rounding_px(camera, RendererKind.RASTER) < 5e-3
 
 
-def test_directions_of_polygons_are_rounded_too() -> None:
+def test_directions_of_a_mesh_are_rounded_too() -> None:
     camera = make_omni_camera(width_px=360)
-    split = Tessellation(16, 16)
-    assert rounding_px(camera, RendererKind.RASTER, split) > rounding_px(
+    tessellation = Tessellation(16, 16)
+    assert rounding_px(camera, RendererKind.RASTER, tessellation) > rounding_px(
         camera, RendererKind.RASTER
     )
 
 
-def test_rounding_of_rays_is_far_below_what_can_be_seen() -> None:
+def test_rounding_of_rays_is_far_below_visibility() -> None:
     # Unit vectors in float32 are good to 6e-8; times up to 210 px a radian at the rim.
     assert 1e-5 < rounding_px(make_omni_camera(width_px=360), RendererKind.TRACE) < 5e-5
 
@@ -83,7 +83,7 @@ def test_rounding_grows_with_the_image() -> None:
     assert large == pytest.approx(10.0 * small)
 
 
-def test_corners_of_polygons_stand_finer_with_more_samples() -> None:
+def test_corner_error_falls_with_more_samples() -> None:
     camera = make_omni_camera(width_px=360)
     assert corner_error(camera, 1).max_px == pytest.approx(2**0.5 / 512.0)
     assert corner_error(camera, 4).max_px == pytest.approx(2**0.5 / 2048.0)

@@ -21,46 +21,46 @@ CAMERA = make_omni_camera(width_px=360)
 def make_sampling_error(
     kind: RendererKind, *, samples: int, face_size_px: int = 0
 ) -> SamplingError:
-    wish = RenderSettings(PerPixel(), samples, face_size_px)
-    return sampling_error(CAMERA, plan_from_settings(wish, CAMERA, kind=kind, reason="test"))
+    settings = RenderSettings(PerPixel(), samples, face_size_px)
+    return sampling_error(CAMERA, plan_from_settings(settings, CAMERA, kind=kind, reason="test"))
 
 
 @pytest.mark.parametrize("samples", [1, 2, 4])
-def test_outlines_are_drawn_within_half_the_diagonal_of_a_sample(samples: int) -> None:
+def test_edge_error_is_half_the_diagonal_of_a_sample(samples: int) -> None:
     assert make_sampling_error(RendererKind.TRACE, samples=samples).edge_error_px == pytest.approx(
         math.sqrt(0.5) / samples
     )
 
 
-def test_traced_pictures_have_no_texels() -> None:
+def test_trace_has_no_texel_footprint() -> None:
     error = make_sampling_error(RendererKind.TRACE, samples=1)
     assert error.texel_footprint is None
     assert error.minification == 0.0
     assert not error.is_undersampled
 
 
-def test_one_tap_passes_over_texels_where_the_middle_of_the_image_minifies() -> None:
+def test_coarse_samples_skip_texels_where_the_image_minifies() -> None:
     # Derived: n / h times at the centre, five times at n = 512.
     coarse = make_sampling_error(RendererKind.RASTER, samples=1, face_size_px=512)
     assert coarse.minification > 512 / CAMERA.horizon_radius_px > 4.9
     assert coarse.is_undersampled
 
 
-def test_enough_samples_see_every_texel() -> None:
+def test_enough_samples_reach_every_texel() -> None:
     many = make_sampling_error(RendererKind.RASTER, samples=16, face_size_px=512)
     assert many.minification < 1.0
     assert not many.is_undersampled
 
 
 def max_centroid_error_px(samples: int, radius_px: float, count: int) -> float:
-    """Return the largest error of centroids of discs from shares of light of whole pixels."""
+    """Largest error of disc centroids, computed from the light of whole pixels."""
     rng = np.random.default_rng(7)
     reach = math.ceil(radius_px + 1.0)
-    places = (np.arange(-reach * samples, (reach + 1) * samples) + 0.5) / samples
-    pixels = np.floor(places) + 0.5
+    points = (np.arange(-reach * samples, (reach + 1) * samples) + 0.5) / samples
+    pixels = np.floor(points) + 0.5
     worst = 0.0
     for u, v in rng.uniform(0.0, 1.0, (count, 2)):
-        inside = np.hypot(places[:, None] - u, places[None, :] - v) < radius_px
+        inside = np.hypot(points[:, None] - u, points[None, :] - v) < radius_px
         if inside.any():
             weight = inside / inside.sum()
             error = np.array(((weight.T @ pixels).sum() - u, (weight @ pixels).sum() - v))
@@ -69,13 +69,13 @@ def max_centroid_error_px(samples: int, radius_px: float, count: int) -> float:
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 4, 8])
-def test_centroids_of_discs_of_a_pixel_and_more_err_as_said_and_half_as_much(samples: int) -> None:
+def test_centroid_errors_of_discs_lie_between_half_the_bound_and_the_bound(samples: int) -> None:
     error = make_sampling_error(RendererKind.TRACE, samples=samples)
     worst = max(max_centroid_error_px(samples, 0.5 * size, 300) for size in (1.0, 1.3, 1.5, 3.0))
     assert worst <= error.centroid_error_px < 2.0 * worst
 
 
-def test_pixels_alone_move_centroids_as_said_and_half_as_much() -> None:
+def test_centroid_errors_by_pixels_alone_lie_between_half_the_bound_and_the_bound() -> None:
     worst = max_centroid_error_px(24, 0.5, 300)
     assert worst <= PIXEL_CENTROID_ERROR_PX + math.sqrt(0.5) / 24
     assert PIXEL_CENTROID_ERROR_PX < 2.0 * worst

@@ -28,7 +28,7 @@ def equal_size_regions(camera: OmniCamera, size_px: int) -> tuple[FaceRegion, ..
 
 
 def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Floats]:
-    """Return fewest and most texels a pixel at scattered pixels, by differences of the law."""
+    """Fewest and most texels a pixel at scattered pixels, by finite differences."""
     rng = np.random.default_rng(2)
     radius = 0.999 * camera.rim_radius_px * np.sqrt(rng.uniform(0.0, 1.0, 20_000))
     turn = rng.uniform(-math.pi, math.pi, 20_000)
@@ -44,7 +44,7 @@ def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Flo
 
 
 @pytest.mark.parametrize("camera", MIRROR_CAMERAS, ids=["the paper's", "strong", "parabolic"])
-def test_densities_are_those_of_the_law_by_differences(camera: OmniCamera) -> None:
+def test_densities_equal_finite_differences_of_the_camera_model(camera: OmniCamera) -> None:
     fewest, most = numeric_texels_per_px(camera, 300)
     texels = texel_footprint(camera, equal_size_regions(camera, 300))
     assert texels.min_texels_per_px == pytest.approx(fewest.min(), rel=0.01)
@@ -69,13 +69,13 @@ def test_twice_the_face_has_texels_of_half_the_size() -> None:
     assert two.median_texels_per_px == pytest.approx(2.0 * one.median_texels_per_px)
 
 
-def test_parts_by_density_have_about_a_texel_a_pixel_at_least() -> None:
+def test_regions_by_density_have_at_least_about_a_texel_a_pixel() -> None:
     texels = texel_footprint(CAMERA, regions_by_density(CAMERA, CAMERA.rim_rad, texels_per_px=1.0))
     # Along the columns and along the rows; aslant a little less.
     assert 0.7 < texels.min_texels_per_px <= 1.02
 
 
-def test_coarse_parts_count_where_they_are_looked_at_only() -> None:
+def test_coarse_regions_count_only_where_visible() -> None:
     # The upper half of each side face has a quarter of the rows.
     parts = equal_size_regions(CAMERA, 400)
     cut = tuple(

@@ -23,13 +23,13 @@ def test_mesh_keeps_each_patch_its_material() -> None:
     assert MESH.unlit.tolist() == [False] * 12 + [True] * 12
 
 
-def test_sphere_holds_every_corner_and_touches_one() -> None:
+def test_bounding_sphere_contains_every_corner_and_touches_one() -> None:
     distance = np.linalg.norm(MESH.corners - MESH.centre, axis=-1)
     assert distance.max() == MESH.radius_m
     assert MESH.centre == pytest.approx((0.5, 0.0, 0.0))
 
 
-def test_facets_are_turned_as_the_body_is() -> None:
+def test_world_facets_are_rotated_with_the_object() -> None:
     body = DynamicObject(MESH, Pose.from_rpy((5.0, 0.0, 0.0), (0.0, 0.0, 0.5 * math.pi)))
     ahead = np.flatnonzero(MESH.normals[:, 0] > 0.9)
     np.testing.assert_allclose(world_facets(body).normals[ahead], [[0.0, 1.0, 0.0]] * 4, atol=1e-15)
@@ -41,6 +41,6 @@ def test_mesh_cannot_be_written_to() -> None:
         MESH.corners[0] = 0.0
 
 
-def test_texture_is_no_part_of_a_body() -> None:
+def test_object_with_a_texture_is_rejected() -> None:
     with pytest.raises(AssertionError, match="no textures"):
         build_object_mesh([(CUBE, Material((1.0, 1.0, 1.0), Path("a.png")))])

@@ -1,4 +1,4 @@
-"""Landmarks as drawn: what the landmark file promises is where it says."""
+"""Landmark shapes: positions and colours as the landmark file documents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def build_landmark(landmark: Landmark) -> SceneMesh:
 
 
 def bounds(scene: SceneMesh, part: str) -> tuple[Floats, Floats]:
-    """Return the lower and upper (x, y, height) of an item."""
+    """Lower and upper (x, y, height) of an item."""
     index = scene.item_names.index(part)
     corners = scene.corners[scene.item_index == index] * (1.0, 1.0, -1.0)
     return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -36,7 +36,7 @@ def bounds(scene: SceneMesh, part: str) -> tuple[Floats, Floats]:
         ("b.upper", 0.3, 0.4, ALBEDOS["magenta"]),
     ],
 )
-def test_beacon_when_drawn_has_its_bands_where_they_belong(
+def test_beacon_has_its_bands_at_the_documented_heights(
     part: str, bottom: float, top: float, albedo: tuple[float, float, float]
 ) -> None:
     scene = build_landmark(BEACON)
@@ -49,13 +49,13 @@ def test_beacon_when_drawn_has_its_bands_where_they_belong(
     assert item.material.albedo == albedo
 
 
-def test_beacon_when_its_band_starts_at_the_floor_has_no_post() -> None:
+def test_beacon_with_a_band_at_the_floor_has_no_post() -> None:
     low = Landmark("b", "beacon", 0, 0, 0.1, 0.1, 0.0, 0.4, "cyan", "cyan")
     assert [item.name for item in items_from_landmark(low, ALBEDOS)] == ["b.lower", "b.upper"]
 
 
 @pytest.mark.parametrize(("goal", "outward"), [(GOAL, 1.0), (OTHER_GOAL, -1.0)])
-def test_goal_when_drawn_is_open_towards_the_middle(goal: Landmark, outward: float) -> None:
+def test_goal_is_open_towards_the_origin(goal: Landmark, outward: float) -> None:
     scene = build_landmark(goal)
     xs = outward * scene.corners[..., 0]
     # From the mouth on the goal line to the back board, 0.3 m behind and 0.02 m thick.
@@ -64,7 +64,7 @@ def test_goal_when_drawn_is_open_towards_the_middle(goal: Landmark, outward: flo
     assert min(abs(lower[0]), abs(upper[0])) == pytest.approx(3.0)
 
 
-def test_goal_when_drawn_has_its_mouth_between_the_side_boards() -> None:
+def test_goal_has_its_mouth_between_the_side_boards() -> None:
     scene = build_landmark(GOAL)
     _, left = bounds(scene, "g.left")
     right, _ = bounds(scene, "g.right")
@@ -72,5 +72,5 @@ def test_goal_when_drawn_has_its_mouth_between_the_side_boards() -> None:
     assert (scene.corners[..., 2].min(), scene.corners[..., 2].max()) == pytest.approx((-0.3, 0.0))
 
 
-def test_goal_when_drawn_is_of_its_colour() -> None:
+def test_goal_has_its_colour() -> None:
     np.testing.assert_array_equal(np.unique(build_landmark(GOAL).albedo, axis=0), [ALBEDOS["cyan"]])

@@ -1,4 +1,4 @@
-"""Mesh files of every format that a world can place, written here and read back."""
+"""Mesh files of every supported format, written here and read back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HALF_OF_SRGB = 0.50288
 
 
 def load(path: Path, *, scale: float = 1.0, up: str = "z") -> LoadedMesh:
-    """Return the only mesh of a file."""
+    """The only mesh of a file."""
     (mesh,) = load_mesh_file(MeshFile(path, scale, up))
     return mesh
 
@@ -43,7 +43,7 @@ def normal(mesh: LoadedMesh) -> np.ndarray:
 
 
 @pytest.mark.parametrize("ending", ["glb", "obj", "ply", "stl", "dae"])
-def test_square_when_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending: str) -> None:
+def test_square_of_any_format_is_two_triangles_facing_up(tmp_path: Path, ending: str) -> None:
     mesh = load(export_mesh(make_plain_square(), tmp_path / f"square.{ending}"))
     assert mesh.patch.corners.shape == (2, 3, 3)
     np.testing.assert_allclose(normal(mesh), (0.0, 0.0, -1.0), atol=1e-12)
@@ -60,20 +60,20 @@ def test_square_when_of_any_format_is_two_triangles_facing_up(tmp_path: Path, en
     ],
     ids=["glb", "obj", "gltf", "dae"],
 )
-def test_texture_when_in_a_file_is_at_full_light_and_the_right_way_round(
+def test_texture_of_a_file_is_at_full_light_and_unmirrored(
     tmp_path: Path, write: Callable[[Path], Path]
 ) -> None:
     mesh = load(write(tmp_path))
     assert mesh.texture is not None
     assert mesh.texture[:, :, 0].tolist() == [[255, 0], [0, 255]]
     np.testing.assert_array_equal(mesh.albedo, 1.0)
-    # The picture's bottom left corner, (0, 1), is the square's (-1, -1), which is (-1, 1) in SAE.
+    # The image's bottom left corner, (0, 1), is the square's (-1, -1), which is (-1, 1) in SAE.
     corner = (mesh.patch.corners[..., :2] == (-1.0, 1.0)).all(axis=-1)
     np.testing.assert_array_equal(mesh.patch.uv[corner], np.tile([0.0, 1.0], (corner.sum(), 1)))
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
-def test_colours_of_vertices_when_in_a_file_are_the_faces(tmp_path: Path, ending: str) -> None:
+def test_vertex_colours_of_a_file_become_face_colours(tmp_path: Path, ending: str) -> None:
     mesh = load(export_mesh(make_coloured_square(), tmp_path / f"m.{ending}"))
     np.testing.assert_allclose(mesh.albedo, (RED, RED), atol=1e-12)
 
@@ -87,7 +87,7 @@ def test_colours_of_vertices_when_in_a_file_are_the_faces(tmp_path: Path, ending
     ],
     ids=["glb is linear", "obj is sRGB", "dae is sRGB"],
 )
-def test_colour_of_a_material_when_without_texture_is_linear_light(
+def test_colour_of_a_material_is_linear_light(
     tmp_path: Path, write: Callable[[Path, int], Path], albedo: float
 ) -> None:
     mesh = load(write(tmp_path, HALF))
@@ -96,34 +96,34 @@ def test_colour_of_a_material_when_without_texture_is_linear_light(
     np.testing.assert_allclose(mesh.albedo[0], (albedo, 0.0, 0.0), atol=2e-3)
 
 
-def test_mesh_when_it_says_nothing_of_its_colour_is_mid_grey(tmp_path: Path) -> None:
+def test_mesh_without_a_colour_is_mid_grey(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         load(export_mesh(make_plain_square(), tmp_path / "m.stl")).albedo, 0.5
     )
 
 
-def test_mesh_when_scaled_is_in_metres(tmp_path: Path) -> None:
+def test_scaled_mesh_is_in_metres(tmp_path: Path) -> None:
     mesh = load(export_mesh(make_plain_square(), tmp_path / "m.stl"), scale=0.001)
     assert np.ptp(mesh.patch.corners[..., 0]) == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize(
-    ("up", "place", "in_sae"),
+    ("up", "point", "in_sae"),
     [
         ("z", (1.0, 2.0, 3.0), (1.0, -2.0, -3.0)),  # x forward, y left, z up
         ("y", (1.0, 2.0, 3.0), (-3.0, 1.0, -2.0)),  # x right, y up, z backwards
     ],
 )
-def test_mesh_when_its_up_axis_is_named_is_turned_into_sae(
-    tmp_path: Path, up: str, place: tuple[float, ...], in_sae: tuple[float, ...]
+def test_mesh_is_rotated_into_sae_by_its_up_axis(
+    tmp_path: Path, up: str, point: tuple[float, ...], in_sae: tuple[float, ...]
 ) -> None:
-    corners = np.array([place, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    corners = np.array([point, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
     turned = load(export_mesh(mesh, tmp_path / "m.ply"), up=up).patch.corners[0, 0]
     np.testing.assert_allclose(turned, in_sae, atol=1e-12)
 
 
-def test_scene_when_its_nodes_are_placed_has_them_there(tmp_path: Path) -> None:
+def test_node_transforms_of_a_scene_apply(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     for x in (0.0, 10.0):
         scene.add_geometry(
@@ -144,7 +144,7 @@ def test_scene_when_its_nodes_are_placed_has_them_there(tmp_path: Path) -> None:
     [b"", b"garbage\n" * 20, bytes(range(256)) * 4, b"\x00" * 100, b"{}", b"<xml"],
     ids=["empty", "text", "bytes", "zeros", "json", "xml"],
 )
-def test_file_when_it_is_no_mesh_is_refused_by_name(
+def test_file_without_a_mesh_is_rejected_by_name(
     tmp_path: Path, ending: str, content: bytes
 ) -> None:
     path = tmp_path / f"m.{ending}"
@@ -156,7 +156,7 @@ def test_file_when_it_is_no_mesh_is_refused_by_name(
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply", "stl", "dae"])
-def test_file_when_cut_off_is_refused(tmp_path: Path, ending: str) -> None:
+def test_truncated_file_is_rejected(tmp_path: Path, ending: str) -> None:
     path = export_mesh(make_coloured_square(), tmp_path / f"m.{ending}")
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(ConfigError, match="expected a"):
@@ -164,20 +164,20 @@ def test_file_when_cut_off_is_refused(tmp_path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["m.xyz", "m", "m.png"])
-def test_file_when_of_an_unknown_format_is_refused(tmp_path: Path, name: str) -> None:
+def test_file_of_an_unknown_format_is_rejected(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("1 2 3\n")
     with pytest.raises(ConfigError, match="expected a"):
         load_mesh_file(MeshFile(path))
 
 
-def test_file_when_missing_is_refused(tmp_path: Path) -> None:
+def test_missing_file_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="a mesh file that exists"):
         load_mesh_file(MeshFile(tmp_path / "m.glb"))
 
 
 @pytest.mark.parametrize("bad", ["nan 0 0", "inf 0 0", "0 -inf 0", "1e300 0 0"])
-def test_triangles_when_without_a_place_are_left_out_and_named(
+def test_triangles_without_a_finite_position_are_dropped_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
 ) -> None:
     path = tmp_path / "m.obj"
@@ -189,7 +189,7 @@ def test_triangles_when_without_a_place_are_left_out_and_named(
 
 
 @pytest.mark.parametrize("bad", ["nan 0", "inf 1", "1e30 0"])
-def test_triangles_when_without_a_place_on_their_texture_are_left_out_and_named(
+def test_triangles_without_finite_texture_coordinates_are_dropped_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, bad: str
 ) -> None:
     path = export_mesh(make_textured_square(), tmp_path / "m.obj")
@@ -204,7 +204,7 @@ def test_triangles_when_without_a_place_on_their_texture_are_left_out_and_named(
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-170, 1e-3])
-def test_triangles_when_without_area_are_left_out_at_any_scale(
+def test_triangles_without_area_are_dropped_at_any_scale(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, scale: float
 ) -> None:
     path = tmp_path / "m.obj"
@@ -216,7 +216,7 @@ def test_triangles_when_without_area_are_left_out_at_any_scale(
     assert not caplog.records
 
 
-def test_square_when_its_texture_coordinates_are_one_point_shows_that_texel(
+def test_square_with_one_texture_coordinate_shows_that_texel(
     tmp_path: Path,
 ) -> None:
     path = export_mesh(make_textured_square(), tmp_path / "m.obj")
@@ -227,7 +227,7 @@ def test_square_when_its_texture_coordinates_are_one_point_shows_that_texel(
     assert np.ptp(mesh.patch.uv, axis=(0, 1)).tolist() == [0.0, 0.0]
 
 
-def test_mesh_when_no_triangle_has_a_place_is_refused(tmp_path: Path) -> None:
+def test_mesh_without_a_finite_triangle_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "m.obj"
     path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(ConfigError, match="at least one triangle"):

@@ -1,6 +1,6 @@
 """The polygon mirror: on Eq. 1's surface, of the right area, looked up where its corners look.
 
-What its polygons do to the picture is measured in tests/server/figures.
+The effect on the image is measured in tests/studies/camera_figures.
 """
 
 from __future__ import annotations
@@ -33,47 +33,47 @@ CAMERA = make_omni_camera()
 
 
 def image_corners(camera: OmniCamera, corners: Floats) -> Floats:
-    """Return (..., 2) places of corners in the image plane, in units of the 90-degree circle."""
+    """(..., 2) corners in the image plane, in units of the 90-degree circle."""
     scale = PAPER_MIRROR.s
     return scale * corners[..., :2] / (camera.mirror.pinhole_distance_m - corners[..., 2:])
 
 
-@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
-def test_corners_when_made_lie_on_eq_1(split: Tessellation) -> None:
-    corners = build_mirror_mesh(CAMERA, split).corners
+@pytest.mark.parametrize("tessellation", TESSELLATIONS, ids=str)
+def test_corners_lie_on_eq_1(tessellation: Tessellation) -> None:
+    corners = build_mirror_mesh(CAMERA, tessellation).corners
     k, c = PAPER_MIRROR.k, PAPER_MIRROR.c_m
     r = np.hypot(corners[..., 0], corners[..., 1])
     residual = (corners[..., 2] - 0.5 * c) ** 2 - r**2 * (0.5 * k - 1) - 0.25 * c * c * (k - 2) / k
     np.testing.assert_allclose(residual / c**2, 0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
-def test_triangles_when_made_are_s_times_2r_minus_1(split: Tessellation) -> None:
-    mesh = build_mirror_mesh(CAMERA, split)
-    assert len(mesh.corners) == split.sectors * (2 * split.rings - 1)
-    assert len(mirror_polygons(CAMERA, split)) == split.num_polygons
+@pytest.mark.parametrize("tessellation", TESSELLATIONS, ids=str)
+def test_triangles_are_s_times_2r_minus_1(tessellation: Tessellation) -> None:
+    mesh = build_mirror_mesh(CAMERA, tessellation)
+    assert len(mesh.corners) == tessellation.sectors * (2 * tessellation.rings - 1)
+    assert len(mirror_polygons(CAMERA, tessellation)) == tessellation.num_polygons
 
 
-@pytest.mark.parametrize("split", TESSELLATIONS, ids=str)
-def test_mesh_when_seen_by_the_camera_covers_its_rim_polygon(split: Tessellation) -> None:
-    places = image_corners(CAMERA, build_mirror_mesh(CAMERA, split).corners)
-    a, b = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+@pytest.mark.parametrize("tessellation", TESSELLATIONS, ids=str)
+def test_mesh_in_the_image_covers_its_rim_polygon(tessellation: Tessellation) -> None:
+    points = image_corners(CAMERA, build_mirror_mesh(CAMERA, tessellation).corners)
+    a, b = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
     rim = CAMERA.rim_radius_px / CAMERA.horizon_radius_px
-    s = split.sectors
+    s = tessellation.sectors
     # Derived: (S / 2 pi) sin(2 pi / S) of the disc; no overlap, no hole.
     covered = s / (2.0 * math.pi) * math.sin(2.0 * math.pi / s)
     assert area / (math.pi * rim**2) == pytest.approx(covered, rel=1e-12)
 
 
-def test_rings_when_made_are_equal_in_image_radius() -> None:
+def test_rings_are_equal_in_image_radius() -> None:
     corners = mirror_polygons(CAMERA, Tessellation(8, 5))
     radii = np.unique(np.round(np.linalg.norm(image_corners(CAMERA, corners), axis=-1), 9))
     np.testing.assert_allclose(np.diff(radii), radii[-1] / 5, atol=2e-9)
 
 
 @pytest.mark.parametrize("sectors", [8, 16, 64])
-def test_sector_borders_when_a_multiple_of_8_are_on_the_cube_s_edges(sectors: int) -> None:
+def test_borders_of_a_multiple_of_8_sectors_are_on_the_cube_edges(sectors: int) -> None:
     azimuth = np.degrees(
         np.arctan2(*mirror_polygons(CAMERA, Tessellation(sectors, 2))[..., 1::-1].T)
     )
@@ -81,16 +81,16 @@ def test_sector_borders_when_a_multiple_of_8_are_on_the_cube_s_edges(sectors: in
         assert np.isclose(azimuth, edge).any()
 
 
-def test_directions_when_by_position_are_the_corners_themselves() -> None:
+def test_directions_by_position_are_the_corners() -> None:
     mesh = build_mirror_mesh(CAMERA, Tessellation(8, 8, Interpolation.POSITION))
     np.testing.assert_array_equal(mesh.directions, mesh.corners)
 
 
-@pytest.mark.parametrize("split", [Tessellation(32, 32), Tessellation(8, 8)], ids=str)
-def test_directions_when_by_uv_lie_on_the_plane_of_one_face_along_the_corners(
-    split: Tessellation,
+@pytest.mark.parametrize("tessellation", [Tessellation(32, 32), Tessellation(8, 8)], ids=str)
+def test_directions_by_uv_lie_on_the_plane_of_one_face(
+    tessellation: Tessellation,
 ) -> None:
-    mesh = build_mirror_mesh(CAMERA, split)
+    mesh = build_mirror_mesh(CAMERA, tessellation)
     unit = mesh.corners / np.linalg.norm(mesh.corners, axis=-1, keepdims=True)
     looked_up = mesh.directions / np.linalg.norm(mesh.directions, axis=-1, keepdims=True)
     np.testing.assert_allclose(looked_up, unit, atol=1e-14)
@@ -99,7 +99,7 @@ def test_directions_when_by_uv_lie_on_the_plane_of_one_face_along_the_corners(
     assert np.isclose(forward, 1.0, atol=1e-12).all(axis=2).any(axis=1).all()
 
 
-def test_face_when_a_polygon_lies_in_it_is_its_own() -> None:
+def test_face_of_a_polygon_is_the_one_around_its_centre() -> None:
     mesh = build_mirror_mesh(CAMERA, Tessellation(64, 64))
     middle = mesh.directions.sum(axis=1)
     face = face_from_direction(middle)
@@ -109,7 +109,7 @@ def test_face_when_a_polygon_lies_in_it_is_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "split"),
+    ("camera", "tessellation"),
     [
         (make_omni_camera(rim_deg=150.0), Tessellation(8, 4)),
         (make_omni_camera(rim_deg=30.0), Tessellation(8, 4)),
@@ -119,22 +119,22 @@ def test_face_when_a_polygon_lies_in_it_is_its_own() -> None:
         (CAMERA, Tessellation(3, 400)),
     ],
 )
-def test_mesh_when_of_an_odd_mirror_or_split_is_finite(
-    camera: OmniCamera, split: Tessellation
+def test_mesh_of_extreme_mirrors_and_tessellations_is_finite(
+    camera: OmniCamera, tessellation: Tessellation
 ) -> None:
-    mesh = build_mirror_mesh(camera, split)
+    mesh = build_mirror_mesh(camera, tessellation)
     assert np.isfinite(mesh.corners).all()
     assert np.isfinite(mesh.directions).all()
 
 
-def test_mesh_when_made_cannot_be_changed() -> None:
+def test_mesh_is_read_only() -> None:
     mesh = build_mirror_mesh(CAMERA, Tessellation(8, 8))
     with pytest.raises(ValueError, match="read-only"):
         mesh.directions[0, 0, 0] = 1.0
 
 
 @pytest.mark.parametrize(
-    ("polygons", "split"),
+    ("polygons", "tessellation"),
     [
         (16, (4, 4)),
         (64, (8, 8)),
@@ -146,19 +146,21 @@ def test_mesh_when_made_cannot_be_changed() -> None:
         (7, (7, 1)),
     ],
 )
-def test_split_when_only_n_is_given_has_n_polygons(polygons: int, split: tuple[int, int]) -> None:
+def test_tessellation_from_a_count_has_that_many_polygons(
+    polygons: int, tessellation: tuple[int, int]
+) -> None:
     made = tessellation_from_polygon_count(polygons)
     assert made.num_polygons == polygons
-    assert (made.sectors, made.rings) == split
+    assert (made.sectors, made.rings) == tessellation
 
 
-def test_split_when_of_any_n_is_a_surface() -> None:
+def test_tessellation_from_any_count_is_valid() -> None:
     assert [tessellation_from_polygon_count(n).num_polygons for n in range(3, 300)] == list(
         range(3, 300)
     )
 
 
 @pytest.mark.parametrize(("sectors", "rings"), [(2, 4), (8, 0), (-8, -2), (0, 0)])
-def test_split_when_no_surface_is_refused(sectors: int, rings: int) -> None:
+def test_degenerate_tessellation_is_rejected(sectors: int, rings: int) -> None:
     with pytest.raises(DomainError, match="at least 3 x 1"):
         Tessellation(sectors, rings)

@@ -1,4 +1,4 @@
-"""A rectangle on the floor against triangles from above: exact at touch, fast where nothing is."""
+"""A rectangle on the floor against triangles from above: exact at touch, fast in empty space."""
 
 from __future__ import annotations
 
@@ -50,19 +50,19 @@ BLOCK = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (2.0, 0.0, -0.5)))  # from x =
         (-50.0, 0.0, 0.0, False),
     ],
 )
-def test_rectangle_when_at_the_edge_of_a_block_touches_exactly(
+def test_rectangle_at_the_edge_of_a_block_touches_exactly(
     x: float, y: float, yaw: float, hit: bool
 ) -> None:
     assert intersects(BLOCK, x, y, yaw) is hit
 
 
-def test_rectangle_when_turned_by_45_degrees_touches_with_its_corner() -> None:
+def test_rectangle_at_45_degrees_touches_with_its_corner() -> None:
     reach = (HALF_SIZE_M[0] + HALF_SIZE_M[1]) * math.sqrt(0.5)
     assert not intersects(BLOCK, 1.5 - reach - 1e-9, 0.0, 0.25 * math.pi)
     assert intersects(BLOCK, 1.5 - reach + 1e-9, 0.0, 0.25 * math.pi)
 
 
-def test_rectangle_when_beside_a_corner_is_parted_by_its_own_diagonal() -> None:
+def test_rectangle_beside_a_corner_is_separated_by_its_diagonal() -> None:
     # Bounding boxes overlap here, the shapes do not.
     assert not intersects(BLOCK, 1.1, 1.0, 0.25 * math.pi)
 
@@ -78,21 +78,19 @@ def test_rectangle_when_beside_a_corner_is_parted_by_its_own_diagonal() -> None:
         (Box((9.0, 9.0, 0.1)), 3.0, False),  # the ceiling
     ],
 )
-def test_shape_when_between_ankle_and_mirror_is_in_the_way(
+def test_shape_between_ankle_and_mirror_is_an_obstacle(
     shape: Shape, height_m: float, is_obstacle: bool
 ) -> None:
     assert intersects(make_obstacle_grid((shape, (0.0, 0.0, -height_m))), 0.0) is is_obstacle
 
 
-def test_world_when_empty_stops_nothing() -> None:
+def test_empty_world_has_no_obstacles() -> None:
     assert not intersects(make_obstacle_grid(), 0.0)
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.2, 3.2))
-def test_rectangle_when_anywhere_touches_as_sampled_points_say(
-    x: float, y: float, yaw: float
-) -> None:
+def test_rectangle_intersects_as_sampled_points_do(x: float, y: float, yaw: float) -> None:
     block = make_obstacle_grid((Box((1.0, 1.0, 1.0)), (0.0, 0.0, -0.5)))
     along, across = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
     points = np.stack((HALF_SIZE_M[0] * along, HALF_SIZE_M[1] * across), axis=-1)
@@ -103,6 +101,6 @@ def test_rectangle_when_anywhere_touches_as_sampled_points_say(
         assert intersects(block, x, y, yaw) is bool(depth.max() > 0.0)
 
 
-def test_near_when_far_away_has_no_triangles() -> None:
+def test_distant_point_has_no_triangles_near() -> None:
     assert len(BLOCK.find_near((9.0, 9.0), 1.0)) == 0
     assert len(BLOCK.find_near((2.0, 0.0), 1.0)) >= 12

@@ -1,4 +1,4 @@
-"""Rays and boxes: from all sides, turned, inside, missed."""
+"""Rays and boxes: from all sides, rotated, from inside, misses."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ def distance(box: OrientedBox, origin: object, direction: object) -> float:
         ((0, 0, 0), (0.8, 0.6, 0), math.inf),
     ],
 )
-def test_distance_when_from_a_side_is_to_that_face(
+def test_distance_from_a_side_is_to_that_face(
     origin: object, direction: object, expected: float
 ) -> None:
     assert distance(BOX, origin, direction) == pytest.approx(expected)
 
 
-def test_distance_when_turned_by_45_degrees_is_to_the_corner() -> None:
+def test_distance_to_a_box_at_45_degrees_is_to_the_corner() -> None:
     box = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0), (0.0, 0.0, math.pi / 4)), (1.0, 1.0, 1.0))
     assert distance(box, (0, 0, 0), (1, 0, 0)) == pytest.approx(2.0 - math.sqrt(0.5))
 
 
-def test_distance_when_there_are_several_is_to_the_nearest() -> None:
+def test_distance_to_several_boxes_is_to_the_nearest() -> None:
     far = OrientedBox(Pose.from_rpy((5.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
     one_ray = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
     assert box_distances([far, BOX], *one_ray)[0] == 1.5
     assert np.isinf(box_distances([], *one_ray))
 
 
-def test_hits_when_a_box_is_met_have_the_normal_of_the_face_that_is_entered() -> None:
+def test_hits_have_the_normal_of_the_entered_face() -> None:
     box = OrientedBox(Pose.from_rpy((2.0, 0.0, 0.0), (0.0, 0.0, 0.5)), (1.0, 1.0, 1.0))
     towards = np.array([[1.0, 0.0, 0.0]])
     distances, normals = closest_box_hits([box], np.zeros((1, 3)), towards)
@@ -56,7 +56,7 @@ def test_hits_when_a_box_is_met_have_the_normal_of_the_face_that_is_entered() ->
     np.testing.assert_allclose(normals, [[-math.cos(0.5), -math.sin(0.5), 0.0]], atol=1e-12)
 
 
-def test_hits_when_inside_a_box_face_the_ray() -> None:
+def test_hits_from_inside_a_box_face_the_ray() -> None:
     distances, normals = closest_box_hits(
         [BOX], np.array([BOX.world_from_box.translation]), np.eye(3)[:1]
     )

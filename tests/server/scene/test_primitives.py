@@ -1,4 +1,4 @@
-"""Primitive shapes: closed or facing the right way, of the right area, pictures not mirrored."""
+"""Primitive shapes: closed or facing the right way, of the right area, images not mirrored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from catoptra_server.scene.world_description import Box, Cylinder, Rectangle, Ri
 
 
 def area_vectors(patch: Patch) -> Floats:
-    """Return (n, 3) normals whose length is each triangle's area."""
+    """(n, 3) normals whose length is each triangle's area."""
     edges = patch.corners[:, 1:] - patch.corners[:, :1]
     return 0.5 * np.cross(edges[:, 0], edges[:, 1])
 
@@ -33,13 +33,13 @@ def area(patch: Patch) -> float:
 
 
 def volume(patch: Patch) -> float:
-    """Return the volume inside a closed patch; negative if it is inside out."""
+    """Volume inside a closed patch; negative for one inside out."""
     middles = patch.corners.mean(axis=1)
     return float(np.einsum("ij,ij->", area_vectors(patch), middles)) / 3.0
 
 
 def assert_texture_is_upright(patch: Patch) -> None:
-    """Assert that u runs right and v down on each triangle as it is seen from its lit side."""
+    """Assert that u runs right and v down on each triangle, seen from the lit side."""
     edges = patch.corners[:, 1:] - patch.corners[:, :1]
     steps = patch.uv[:, 1:] - patch.uv[:, :1]
     # edges = steps @ (dP/du, dP/dv)
@@ -59,7 +59,7 @@ SOLIDS = {
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_solid_when_made_is_closed_and_faces_outwards(name: str) -> None:
+def test_solid_is_closed_and_faces_outwards(name: str) -> None:
     patch, _, _ = SOLIDS[name]
     np.testing.assert_allclose(area_vectors(patch).sum(axis=0), 0.0, atol=1e-12)
     outward = np.einsum("ij,ij->i", area_vectors(patch), patch.corners.mean(axis=1))
@@ -67,35 +67,35 @@ def test_solid_when_made_is_closed_and_faces_outwards(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_solid_when_made_has_its_volume_and_area(name: str) -> None:
+def test_solid_has_its_volume_and_area(name: str) -> None:
     patch, cubic_metres, square_metres = SOLIDS[name]
     # 480 facets miss a circle's area by (2 pi / 480)^2 / 6.
     assert volume(patch) == pytest.approx(cubic_metres, rel=1e-4)
     assert area(patch) == pytest.approx(square_metres, rel=1e-4)
 
 
-def test_box_when_made_has_its_top_up() -> None:
+def test_box_has_its_top_up() -> None:
     patch = box(Box((1.0, 2.0, 3.0)))
     top = area_vectors(patch)[(patch.corners[..., 2] == -1.5).all(axis=1)]
     assert (top[:, 2] < 0.0).all()
     assert len(top) == 2
 
 
-def test_box_when_textured_shows_the_picture_once_and_unmirrored_on_each_side() -> None:
+def test_box_when_textured_shows_the_image_once_and_unmirrored_on_each_side() -> None:
     patch = box(Box((1.0, 2.0, 3.0)))
     assert_texture_is_upright(patch)
     for side in patch.uv.reshape(6, 6, 2):
         assert {tuple(corner) for corner in side} == {(0, 0), (0, 1), (1, 0), (1, 1)}
 
 
-def test_box_when_textured_has_its_pictures_upright() -> None:
+def test_box_when_textured_has_upright_images() -> None:
     patch = box(Box((1.0, 2.0, 3.0)))
     upright = np.abs(area_vectors(patch)[:, 2]) < 1e-12
     low = patch.corners[upright][..., 2] > 0.0
     np.testing.assert_array_equal(patch.uv[upright][..., 1], low)
 
 
-def test_cylinder_when_textured_has_the_picture_once_around_unmirrored() -> None:
+def test_cylinder_when_textured_has_the_image_once_around_unmirrored() -> None:
     patch = cylinder(Cylinder(0.5, 2.0, sectors=12))
     side = np.abs(area_vectors(patch)[:, 2]) < 1e-12
     wall = Patch(patch.corners[side], patch.uv[side])
@@ -104,7 +104,7 @@ def test_cylinder_when_textured_has_the_picture_once_around_unmirrored() -> None
     assert (wall.uv.min(), wall.uv.max()) == (0.0, 1.0)
 
 
-def test_rectangle_when_made_faces_up_and_repeats_its_picture() -> None:
+def test_rectangle_faces_up_and_repeats_its_image() -> None:
     patch = rectangle(Rectangle((2.0, 3.0), texture_repeat=(4.0, 5.0)))
     assert area(patch) == pytest.approx(6.0)
     np.testing.assert_allclose(area_vectors(patch).sum(axis=0), (0.0, 0.0, -6.0), atol=1e-12)
@@ -112,14 +112,14 @@ def test_rectangle_when_made_faces_up_and_repeats_its_picture() -> None:
     assert_texture_is_upright(patch)
 
 
-def test_rectangle_when_textured_has_the_picture_s_top_ahead() -> None:
+def test_rectangle_when_textured_has_the_top_of_the_image_ahead() -> None:
     patch = rectangle(Rectangle((2.0, 3.0)))
     np.testing.assert_array_equal(patch.uv[..., 1] == 0.0, patch.corners[..., 0] > 0.0)
     np.testing.assert_array_equal(patch.uv[..., 0] == 0.0, patch.corners[..., 1] < 0.0)
 
 
 @pytest.mark.parametrize("inner", [0.0, 0.4])
-def test_ring_when_made_faces_up_with_its_area(inner: float) -> None:
+def test_ring_faces_up_with_its_area(inner: float) -> None:
     patch = ring(Ring(inner, 0.5, sectors=400))
     up = area_vectors(patch).sum(axis=0)
     assert -up[2] == pytest.approx(math.pi * (0.25 - inner**2), rel=1e-4)
@@ -129,7 +129,7 @@ def test_ring_when_made_faces_up_with_its_area(inner: float) -> None:
 @pytest.mark.parametrize(
     ("from_deg", "to_deg"), [(0.0, 180.0), (89.0, 91.0), (0.0, 30.0), (150.0, 180.0)]
 )
-def test_sphere_band_when_made_faces_inwards_with_its_area(from_deg: float, to_deg: float) -> None:
+def test_sphere_band_faces_inwards_with_its_area(from_deg: float, to_deg: float) -> None:
     lower, upper = math.radians(from_deg), math.radians(to_deg)
     patch = sphere_band(SphereBand(2.0, lower, upper, sectors=300, rings=100))
     zone = 2.0 * math.pi * 4.0 * (math.cos(lower) - math.cos(upper))
@@ -138,17 +138,17 @@ def test_sphere_band_when_made_faces_inwards_with_its_area(from_deg: float, to_d
     assert (inward < 0.0).all()
 
 
-def test_sphere_band_when_measured_from_the_lower_pole_starts_below() -> None:
+def test_sphere_band_starts_at_the_lower_pole() -> None:
     patch = sphere_band(SphereBand(2.0, 0.0, math.radians(10.0), rings=3))
     assert (patch.corners[..., 2] > 1.9).all()
 
 
-def test_grid_when_a_row_is_a_point_leaves_out_what_has_no_area() -> None:
+def test_grid_with_a_pole_has_no_degenerate_triangles() -> None:
     points = np.array([[[0.0, 0, 0], [0, 0, 0]], [[0, 1, 0], [1, 1, 0]]])
     assert len(grid(points, np.zeros((2, 2, 2))).corners) == 1
 
 
-def test_patches_when_joined_and_moved_keep_their_triangles() -> None:
+def test_concatenated_and_translated_patches_keep_their_triangles() -> None:
     flat = quad(*(np.array(corner) for corner in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))))
     both = concatenate([flat, flat.translate((0.0, 0.0, 5.0))])
     assert len(both.corners) == 4

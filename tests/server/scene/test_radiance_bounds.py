@@ -1,4 +1,4 @@
-"""The brightest light of a scene is bounded, and not by much more than it is."""
+"""Bounds of the radiance: never exceeded, and close."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from helpers.worlds import (
 )
 
 
-def largest_of(world: World) -> float:
+def bound_of(world: World) -> float:
     return max_radiance(build_scene(world), world)
 
 
@@ -42,37 +42,37 @@ def largest_of(world: World) -> float:
         (HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT, POINT_LIGHT),
     ],
 )
-def test_picture_when_drawn_is_never_brighter_than_the_summary_says(
+def test_image_is_never_brighter_than_the_bound(
     lights: tuple[Light, ...],
 ) -> None:
     world = make_test_world(lights=lights)
     scene, camera = build_scene(world), make_omni_camera()
     renderer = TraceRenderer(scene, world, threads=1)
     view = renderer.prepare(camera, make_plan(camera))
-    assert view.render_linear(CAMERA_STATE).max() <= largest_of(world) * (1.0 + 1e-6)
+    assert view.render_linear(CAMERA_STATE).max() <= bound_of(world) * (1.0 + 1e-6)
     renderer.close()
 
 
-def test_world_when_nothing_is_lit_is_as_bright_as_its_background() -> None:
-    assert largest_of(World("night", (), background=(0.01, 0.03, 0.02))) == 0.03
+def test_unlit_world_is_as_bright_as_its_background() -> None:
+    assert bound_of(World("night", (), background=(0.01, 0.03, 0.02))) == 0.03
 
 
-def test_white_robot_when_it_comes_is_counted_under_sky_and_sun() -> None:
+def test_white_facet_counts_under_hemisphere_and_directional_light() -> None:
     lights = (
         HemisphereLight((0.2, 0.2, 0.2), (0.1, 0.1, 0.1)),
         DirectionalLight((0, 0, 1), (2, 1, 1)),
     )
-    assert largest_of(World("dusk", (), lights=lights)) == pytest.approx(2.2)
+    assert bound_of(World("dusk", (), lights=lights)) == pytest.approx(2.2)
 
 
-def test_floor_when_under_a_lamp_is_as_bright_as_right_below_it() -> None:
+def test_floor_under_a_point_light_is_as_bright_as_right_below() -> None:
     floor = Item("floor", Rectangle((2, 2)), Pose.identity(), Material((0.5, 0.5, 0.5)))
-    lamp = PointLight((0.3, 0.2, -0.5), (1.0, 1.0, 1.0))
-    assert largest_of(World("lamp", (floor,), lights=(lamp,))) == pytest.approx(0.5 / 0.25)
+    point_light = PointLight((0.3, 0.2, -0.5), (1.0, 1.0, 1.0))
+    assert bound_of(World("lamp", (floor,), lights=(point_light,))) == pytest.approx(0.5 / 0.25)
 
 
-def test_unlit_facet_when_a_lamp_touches_it_stays_as_it_is() -> None:
+def test_unlit_facet_at_a_point_light_keeps_its_albedo() -> None:
     floor = Item("sign", Rectangle((2, 2)), Pose.identity(), Material((0.5, 0.5, 0.5), unlit=True))
-    lamp = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-    assert largest_of(World("lamp", (floor,), lights=(lamp,))) == pytest.approx(0.5)
-    assert np.isfinite(largest_of(World("lamp", (floor,), lights=(lamp,))))
+    point_light = PointLight((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    assert bound_of(World("lamp", (floor,), lights=(point_light,))) == pytest.approx(0.5)
+    assert np.isfinite(bound_of(World("lamp", (floor,), lights=(point_light,))))

@@ -45,7 +45,7 @@ def is_mirror_triangle(tower: OmniCameraTower) -> np.ndarray[tuple[int], np.dtyp
     return chosen
 
 
-def test_mirror_is_the_law_s_own_surface_and_faces_outwards() -> None:
+def test_mirror_lies_on_the_camera_models_surface_and_faces_outwards() -> None:
     mesh, chosen = build_robot_mesh(P2AT, TOWER), is_mirror_triangle(TOWER)
     corners, normals = mesh.corners[chosen], mesh.normals[chosen]
     inside = corners.mean(axis=(0, 1))
@@ -64,7 +64,7 @@ def test_pillar_ends_at_the_pinhole_and_without_one_at_the_deck() -> None:
     assert len(build_robot_mesh(P2AT, TOWER)) - len(build_robot_mesh(P2AT, flat)) == 80
 
 
-def test_own_body_ends_at_the_pinhole_and_has_neither_mirror_nor_glass() -> None:
+def test_ego_body_ends_at_the_pinhole_and_has_neither_mirror_nor_support() -> None:
     mesh = build_ego_body_mesh(P2AT, TOWER)
     above_deck = mesh.corners[mesh.corners[..., 2].min(axis=1) < -0.15]
     assert above_deck[..., 2].min() == pytest.approx(-0.4543 + 0.2321)
@@ -73,7 +73,7 @@ def test_own_body_ends_at_the_pinhole_and_has_neither_mirror_nor_glass() -> None
     assert not np.isclose(mesh.albedo, MIRROR_MATERIAL.albedo).all(axis=-1).any()
 
 
-def test_own_body_when_the_pinhole_is_nowhere_ends_at_the_deck() -> None:
+def test_ego_body_without_a_pinhole_ends_at_the_deck() -> None:
     tower = OmniCameraTower(
         make_omni_camera(mirror=ParabolicMirror(0.03), rim_deg=110.0), TOWER.robot_from_mirror
     )

@@ -1,4 +1,4 @@
-"""From a world to one soup of triangles: places, looks, which item each belongs to."""
+"""From a world to one triangle soup: positions, appearance, items."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def make_item(
         (SphereBand(1.0, 0.0, 1.0, sectors=10, rings=2), 30),
     ],
 )
-def test_shape_when_built_has_its_triangles_with_unit_normals(shape: Shape, triangles: int) -> None:
+def test_shape_has_its_triangles_with_unit_normals(shape: Shape, triangles: int) -> None:
     scene = build_scene(World("w", (make_item(shape),)))
     assert len(scene) == triangles
     np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=-1), 1.0, atol=1e-12)
@@ -58,21 +58,21 @@ def test_shape_when_built_has_its_triangles_with_unit_normals(shape: Shape, tria
         assert len(array) == triangles
 
 
-def test_world_when_empty_is_a_scene_without_triangles() -> None:
+def test_empty_world_is_a_scene_without_triangles() -> None:
     scene = build_scene(World("w", ()))
     assert len(scene) == 0
     assert scene.corners.shape == (0, 3, 3)
     assert scene.normals.shape == (0, 3)
 
 
-def test_items_when_placed_are_moved_and_turned() -> None:
+def test_items_are_transformed_by_their_poses() -> None:
     scene = build_scene(World("w", (make_item(BOX, x_m=5.0),)))
     np.testing.assert_allclose(scene.corners.mean(axis=(0, 1)), (5.0, 0.0, 0.0), atol=1e-12)
     ahead = scene.normals[np.argmax(scene.normals[:, 0])]
     assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.3)
 
 
-def test_items_when_several_are_told_apart() -> None:
+def test_several_items_keep_their_indices() -> None:
     landmark = Landmark("b", "beacon", 1, 0, 0.1, 0.1, 0.2, 0.4, "cyan", "yellow")
     colours = {"cyan": (0.0, 1.0, 1.0), "yellow": (1.0, 1.0, 0.0)}
     items = (
@@ -89,13 +89,13 @@ def test_items_when_several_are_told_apart() -> None:
     )
 
 
-def test_item_when_it_lets_light_through_has_triangles_that_cast_no_shadows() -> None:
+def test_item_without_shadows_has_triangles_that_cast_none() -> None:
     glass = Item("glass", BOX, Pose.identity(), GREY, casts_shadows=False)
     mesh = build_scene(World("w", (make_item(BOX), glass)))
     assert mesh.casts_shadows.tolist() == [True] * 12 + [False] * 12
 
 
-def test_scene_when_built_cannot_be_changed() -> None:
+def test_scene_is_read_only() -> None:
     scene = build_scene(World("w", (make_item(BOX),)))
     with pytest.raises(ValueError, match="read-only"):
         scene.corners[0, 0, 0] = 1.0
@@ -104,11 +104,11 @@ def test_scene_when_built_cannot_be_changed() -> None:
 # Textures.
 
 
-def test_texture_when_of_one_item_is_on_its_triangles_only(tmp_path: Path) -> None:
+def test_texture_of_an_item_is_on_its_triangles_only(tmp_path: Path) -> None:
     make_quadrant_image().save(tmp_path / "q.png")
-    picture = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
+    textured = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png")
     scene = build_scene(
-        World("w", (make_item(BOX), make_item(BOX, picture), make_item(BOX, picture)))
+        World("w", (make_item(BOX), make_item(BOX, textured), make_item(BOX, textured)))
     )
     assert scene.texture_index.tolist() == 12 * [-1] + 12 * [0] + 12 * [1]
     assert scene.textures[0].shape == (2, 2, 3)
@@ -116,21 +116,21 @@ def test_texture_when_of_one_item_is_on_its_triangles_only(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "1", "I;16"])
-def test_texture_when_in_any_mode_is_rgb(tmp_path: Path, mode: str) -> None:
+def test_texture_of_any_mode_is_rgb(tmp_path: Path, mode: str) -> None:
     path = tmp_path / ("q.tif" if mode == "CMYK" else "q.png")
     make_quadrant_image().convert("I" if mode == "I;16" else mode).convert(mode).save(path)
     assert load_texture(path).shape == (2, 2, 3)
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"\x89PNG\r\n\x1a\n" + bytes(50)])
-def test_texture_when_it_is_no_image_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+def test_texture_that_is_no_image_is_rejected_by_name(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "q.png"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"q\.png: Texture=.*expected an image file"):
         load_texture(path)
 
 
-def test_texture_when_cut_off_is_refused(tmp_path: Path) -> None:
+def test_truncated_texture_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "q.png"
     make_quadrant_image().resize((64, 64)).save(path)
     path.write_bytes(path.read_bytes()[:60])
@@ -141,14 +141,14 @@ def test_texture_when_cut_off_is_refused(tmp_path: Path) -> None:
 # Mesh files.
 
 
-def test_mesh_when_it_has_no_material_keeps_its_own_look(tmp_path: Path) -> None:
+def test_mesh_without_a_material_keeps_its_own_appearance(tmp_path: Path) -> None:
     path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
     scene = build_scene(World("w", (make_item(MeshFile(path), None),)))
     assert scene.texture_index.tolist() == [0, 0]
     np.testing.assert_array_equal(scene.albedo, 1.0)
 
 
-def test_mesh_when_given_a_material_takes_it(tmp_path: Path) -> None:
+def test_mesh_with_a_material_has_that_material(tmp_path: Path) -> None:
     path = export_mesh(make_textured_square(pbr=True), tmp_path / "m.glb")
     red = Material((1.0, 0.0, 0.0), unlit=True)
     scene = build_scene(World("w", (make_item(MeshFile(path), red),)))
@@ -157,7 +157,7 @@ def test_mesh_when_given_a_material_takes_it(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.albedo, [[1, 0, 0], [1, 0, 0]])
 
 
-def test_mesh_when_placed_is_turned_and_moved(tmp_path: Path) -> None:
+def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
     path = export_mesh(make_plain_square(), tmp_path / "m.stl")
     scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
     middle = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))

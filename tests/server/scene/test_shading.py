@@ -1,4 +1,4 @@
-"""The lighting and texture model, number by number. It is the reference of both renderers."""
+"""Lighting and texture model, number by number: the reference of both renderers."""
 
 from __future__ import annotations
 
@@ -35,31 +35,29 @@ TEXELS = np.arange(4.0).reshape(2, 2, 1) * np.ones(3)
     ("normal", "irradiance"),
     [(UP, (0.8, 0.6, 0.4)), (DOWN, (0.2, 0.1, 0.0)), (NORTH, (0.5, 0.35, 0.2))],
 )
-def test_hemisphere_when_a_facet_looks_up_gives_the_sky_s_light(
+def test_hemisphere_light_depends_on_the_upward_normal(
     normal: tuple[float, ...], irradiance: tuple[float, ...]
 ) -> None:
     np.testing.assert_allclose(facet_irradiance([SKY], np.array([normal])), [irradiance])
 
 
 @pytest.mark.parametrize(
-    ("normal", "share"), [(UP, 0.8), (NORTH, 0.0), (DOWN, 0.0), ((-0.6, 0.0, -0.8), 1.0)]
+    ("normal", "fraction"), [(UP, 0.8), (NORTH, 0.0), (DOWN, 0.0), ((-0.6, 0.0, -0.8), 1.0)]
 )
-def test_sun_when_it_shines_down_lights_what_faces_it_by_the_cosine(
-    normal: tuple[float, ...], share: float
-) -> None:
-    sun = DirectionalLight((0.6, 0.0, 0.8), (1.0, 0.5, 0.25))
-    lit = facet_irradiance([sun], np.array([normal]))
-    np.testing.assert_allclose(lit, [[share, 0.5 * share, 0.25 * share]], atol=1e-15)
+def test_directional_light_follows_the_cosine(normal: tuple[float, ...], fraction: float) -> None:
+    light = DirectionalLight((0.6, 0.0, 0.8), (1.0, 0.5, 0.25))
+    lit = facet_irradiance([light], np.array([normal]))
+    np.testing.assert_allclose(lit, [[fraction, 0.5 * fraction, 0.25 * fraction]], atol=1e-15)
 
 
-def test_lights_when_several_add_up() -> None:
+def test_several_lights_add_up() -> None:
     normals = np.array([UP, NORTH])
     both = facet_irradiance([SKY, LAMP, SKY], normals)
     np.testing.assert_allclose(both, 2.0 * facet_irradiance([SKY], normals))
 
 
 @pytest.mark.parametrize(
-    ("place", "normal", "share"),
+    ("point", "normal", "fraction"),
     [
         ((0.0, 0.0, 0.0), UP, 0.25),  # 2 m below: the inverse square
         ((0.0, 0.0, -1.0), UP, 1.0),  # 1 m: the intensity is what 1 m gets
@@ -68,23 +66,23 @@ def test_lights_when_several_add_up() -> None:
         ((0.0, 0.0, 0.0), NORTH, 0.0),
     ],
 )
-def test_lamp_when_near_lights_by_cosine_and_inverse_square(
-    place: tuple[float, ...], normal: tuple[float, ...], share: float
+def test_point_light_follows_cosine_and_inverse_square(
+    point: tuple[float, ...], normal: tuple[float, ...], fraction: float
 ) -> None:
-    lit = point_irradiance([LAMP], np.array([place]), np.array([normal]))
-    np.testing.assert_allclose(lit, [[4.0 * share, 2.0 * share, share]], atol=1e-15)
+    lit = point_irradiance([LAMP], np.array([point]), np.array([normal]))
+    np.testing.assert_allclose(lit, [[4.0 * fraction, 2.0 * fraction, fraction]], atol=1e-15)
 
 
-def test_lamp_when_at_the_very_place_gives_no_infinity() -> None:
+def test_point_light_on_a_surface_is_finite() -> None:
     lit = point_irradiance([LAMP], np.array([LAMP.position_m]), np.array([UP]))
     assert np.isfinite(lit).all()
 
 
-def test_point_lights_when_picked_are_only_those() -> None:
+def test_point_lights_are_selected() -> None:
     assert point_lights([SKY, LAMP]) == (LAMP,)
 
 
-def test_radiance_when_of_a_facet_is_albedo_times_irradiance_or_the_albedo_if_unlit() -> None:
+def test_facet_radiance_is_albedo_times_irradiance_or_albedo_if_unlit() -> None:
     box = Box((1.0, 1.0, 1.0))
     items = (
         Item("lit", box, Pose.identity(), Material((0.5, 0.5, 0.5))),
@@ -112,12 +110,10 @@ def test_radiance_when_of_a_facet_is_albedo_times_irradiance_or_the_albedo_if_un
         ((1e6 + 0.25, 0.25), 0.0),
     ],
 )
-def test_texture_when_looked_up_is_bilinear_and_repeats(
-    uv: tuple[float, float], value: float
-) -> None:
+def test_texture_is_bilinear_and_repeats(uv: tuple[float, float], value: float) -> None:
     np.testing.assert_allclose(sample_texture(TEXELS, np.array([uv])), [3 * [value]], atol=1e-9)
 
 
-def test_texture_when_of_one_texel_is_its_colour_everywhere() -> None:
+def test_texture_of_one_texel_is_uniform() -> None:
     uv = np.random.default_rng(1).uniform(-5.0, 5.0, (50, 2))
     np.testing.assert_allclose(sample_texture(np.full((1, 1, 3), 0.7), uv), 0.7)

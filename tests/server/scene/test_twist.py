@@ -9,7 +9,7 @@ from catoptra_server.scene.twist import AT_REST, Twist
 MOVING = Twist((1.0, 2.0, 3.0), (0.1, -0.2, 0.4))
 
 
-def test_pose_when_carried_is_where_many_small_steps_lead() -> None:
+def test_integrated_pose_is_the_limit_of_small_steps() -> None:
     pose, steps = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3)), 2**20
     # The rotation by a vector is the limit of many small ones.
     step = np.eye(3) + np.cross(np.eye(3), np.asarray(MOVING.angular_rad_s) * 0.5 / steps)
@@ -19,12 +19,12 @@ def test_pose_when_carried_is_where_many_small_steps_lead() -> None:
     np.testing.assert_allclose(carried.translation, (1.5, 3.0, 4.5))
 
 
-def test_pose_when_at_rest_stays_itself() -> None:
+def test_pose_at_rest_stays_the_same_object() -> None:
     pose = Pose.from_rpy((1, 2, 3))
     assert AT_REST.integrate_pose(pose, 9.0) is pose
 
 
-def test_motion_when_told_elsewhere_is_that_of_the_same_rigid_body() -> None:
+def test_twist_at_another_origin_is_of_the_same_rigid_motion() -> None:
     offset, point = np.array((0.3, -0.7, 2.0)), np.array((4.0, 5.0, -1.0))
     velocity = np.asarray(MOVING.linear_m_s) + np.cross(MOVING.angular_rad_s, point)
     there = MOVING.at_offset(offset)
@@ -32,7 +32,7 @@ def test_motion_when_told_elsewhere_is_that_of_the_same_rigid_body() -> None:
     np.testing.assert_allclose(same, velocity)
 
 
-def test_motion_when_turned_keeps_its_speed_and_its_own_taken_off_is_rest() -> None:
+def test_rotated_twist_keeps_its_speed_and_is_at_rest_relative_to_itself() -> None:
     turned = MOVING.rotate(rotation_from_rpy(0.3, 0.2, 0.1))
     assert turned.speed_m_s == pytest.approx(MOVING.speed_m_s)
     assert MOVING.relative_to(MOVING) == AT_REST

@@ -1,4 +1,4 @@
-"""What a description refuses before anything is built of it."""
+"""Rejection of invalid descriptions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("value", [-1e-9, math.nan, math.inf, 2.0 * MAX_LIGHT])
-def test_light_when_no_picture_can_show_it_is_refused(value: float) -> None:
+def test_light_out_of_range_is_rejected(value: float) -> None:
     colour = (0.5, value, 0.5)
     with pytest.raises(DomainError, match="point light"):
         PointLight(BLACK, colour)
@@ -28,5 +28,5 @@ def test_light_when_no_picture_can_show_it_is_refused(value: float) -> None:
         HemisphereLight(BLACK, colour)
 
 
-def test_light_when_as_bright_as_numbers_allow_is_taken() -> None:
+def test_brightest_light_is_accepted() -> None:
     assert PointLight(BLACK, (MAX_LIGHT, 0.0, 0.0)).intensity[0] == MAX_LIGHT
