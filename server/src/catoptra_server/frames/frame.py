@@ -40,6 +40,7 @@ class Frame:
     """All error bounds and their parts by name; None where unknown."""
     effect_decisions: tuple[EffectDecision, ...] = ()
     """Decisions about the effects of the camera, in a frame of one camera."""
+    # A frozen frame with a cache: payloads follow from the image alone.
     _payloads: dict[ImageType | ImageEncoding, bytes] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

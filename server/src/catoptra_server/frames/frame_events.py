@@ -25,4 +25,5 @@ class FrameRendered:
     channel: Channel
 
 
+# The events of `Mailboxes`, a part of those of the simulation.
 FrameEvent = FrameRequested | FrameRendered

@@ -33,10 +33,12 @@ class CameraChannel:
     """Name of the camera in any case; empty for the robot's first camera."""
 
 
+# Compared by value: channels are keys of mailboxes and of the scheduler.
 Channel = ImagePortChannel | CameraChannel
 IMAGE_PORT = ImagePortChannel()
 
 
+# eq=False here and below: states hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRequest:
     """One camera to render, in one state."""

@@ -111,6 +111,7 @@ def _compose(
     views = tuple(
         mounted.request_view(tile, visible_objects_of) if mounted else None for mounted in cameras
     )
+    # The fastest camera sets the pace of a frame of several.
     intervals = [mounted.camera.min_frame_interval_s for mounted in cameras if mounted]
     metadata = _frame_metadata(cameras, tile)
     return FrameComposition(layout, views, metadata, min(intervals, default=0.0))

@@ -52,6 +52,7 @@ class MountedCamera:
 
     def request_view(self, tile: Tile, visible_objects_of: VisibleObjectsLookup) -> ViewRequest:
         """View of the camera now, at the size of a tile."""
+        # Pose, twist and tick of one instant: the simulation thread moves nothing meanwhile.
         robot, visible = self.robot, visible_objects_of(self.robot)
         spec = self.camera.camera_spec(tile)
         state = mounted_camera_state(

@@ -103,6 +103,7 @@ class RenderThread:
 
     def stop(self) -> None:
         """End the thread after the requests already queued."""
+        # A sentinel behind the queued requests, which are still rendered.
         self._queue.put(None)
 
     def run(
@@ -134,6 +135,7 @@ class RenderThread:
         try:
             self._put(render_frame(request, views, monotonic=self._monotonic))
         except Exception as error:
+            # To both threads: a simulation waiting under lockstep raises the error, this one ends.
             future.set_exception(error)
             raise
         future.set_result(None)
@@ -158,6 +160,7 @@ def render_frame(
         None if view is None or views is None else views.render(view) for view in composition.views
     ]
     rgb = _compose_image(composition, rendered)
+    # Up to here the duration counts: the rest gathers numbers.
     end_s = monotonic()
     present = [view for view in rendered if view is not None]
     stage_ms: Counter[str] = Counter()
@@ -174,6 +177,7 @@ def render_frame(
         metadata=composition.metadata,
         stage_ms=dict(stage_ms),
         render_duration_s=end_s - begin_s,
+        # A set: cameras of one class share a plan.
         plan="; ".join(sorted({view.plan for view in present})) or None,
         error_bound_px=bounds["outline_px"] if bounds else None,
         error_bounds=bounds,

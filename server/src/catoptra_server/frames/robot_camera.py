@@ -20,6 +20,7 @@ class RobotCamera(Protocol):
     """A camera that a robot carries, of either kind."""
 
     name: str
+    # Assigned by `ImagePortLayout`, reported by the camera in CONF.
     tile: Tile | None
     """Tile of the camera in a multi-view; None without one."""
 
@@ -86,4 +87,5 @@ class VisibleObjects:
     """The robot itself, where a camera's effects include the view of the robot's own body."""
 
 
+# A function: a robot that no camera of a frame belongs to is not looked up.
 VisibleObjectsLookup = Callable[[CameraRobot], VisibleObjects]

@@ -99,6 +99,7 @@ class _CachedView:
 class ErrorBoundTable:
     """Error bounds of the prepared views by camera; any thread may read them."""
 
+    # Without a lock: one writer, and single operations of a dict are atomic.
     _bounds: dict[CameraSpec, ErrorBound | None] = field(default_factory=dict)
 
     def get(self, camera: CameraSpec) -> ErrorBound | None:
@@ -171,6 +172,7 @@ class ViewCache:
         self, camera: OmniCameraSpec, camera_state: CameraState, cached: _CachedView
     ) -> RenderedView:
         """Render a view with the effects that the camera state calls for."""
+        # Views of this kind of camera are prepared by `Renderer.prepare` only.
         view = cast(OmniView, cached.view)
         if not camera.effect_settings.settings:
             return RenderedView(view.render(camera_state), cached.plan_text, cached.bounds)
@@ -234,6 +236,7 @@ class ViewCache:
         better = choice.more_accurate
         better_ms = self._planner.predict_frame_ms(camera, better.plan) if better else None
         status = monitor.record_frame(ms, better_plan_ms=better_ms)
+        # Nothing faster was found before: planning again would not find it either.
         is_settled = status is BudgetStatus.OVER_BUDGET and cached.budget_unreachable
         cached.budget_status = BudgetStatus.WITHIN_BUDGET if is_settled else status
         median_ms = monitor.median_ms

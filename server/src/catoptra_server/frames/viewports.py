@@ -27,6 +27,7 @@ class Viewports:
         """Start with the first of the robot's cameras, given by name."""
         self._cameras = tuple(cameras)
         self._config = _CONFIGS[0]
+        # All four viewports exist from the start: RES reports each, whatever the division.
         first = [Viewport(name) for name in self._cameras[:1]]
         self._viewports = (*first, *[Viewport()] * (NUM_VIEWPORTS - len(first)))
 

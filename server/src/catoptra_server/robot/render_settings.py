@@ -33,6 +33,7 @@ class AccuracyTarget:
     def __post_init__(self) -> None:
         for name in ("max_error_px", "budget_ms"):
             value = getattr(self, name)
+            # Clients set both by SET and by the stream: NaN would compare false with every cost.
             if not (math.isfinite(value) and value >= 0.0):
                 raise DomainError(f"{name} must be 0 (no target) or more, not {value}")
 
@@ -59,6 +60,7 @@ class AccuracyTarget:
 class RenderSettings:
     """Requested numbers of a plan; 0 leaves a number to the planner."""
 
+    # 0 throughout for a number left to the planner: the ini file's form of an absent key.
     surface: MirrorSurface = PerPixel()
     samples: int = 0
     """Samples along a pixel's side; a pixel has samples^2 rays."""

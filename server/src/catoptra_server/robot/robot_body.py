@@ -51,6 +51,7 @@ def step_body(
     travel = wheel_travel(body.base, body.spin, duration_s)
     pose = body.pose
     if travel != NO_TRAVEL:
+        # Random numbers by tick: a drive repeats itself whatever other robots do.
         travel_on_floor = apply_slip(body.base, travel, random_source.generator(body.tick))
         pose = _move_until_contact(body, travel_on_floor, obstacles)
     return RobotBody(body.base, pose, body.spin, body.tick + 1), travel

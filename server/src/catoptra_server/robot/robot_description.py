@@ -58,6 +58,7 @@ class TextureClient:
     size_px: int
 
 
+# eq=False here and below: poses hold arrays, whose comparison is no truth value.
 @dataclass(frozen=True, slots=True, eq=False)
 class OmniCameraDescription:
     """The paper's three groups: mirror and mesh, five texture clients, the capture camera."""
@@ -92,6 +93,8 @@ class PerspectiveCameraDescription:
 class SensorDescription(Protocol):
     """The part of a sensor's description that all kinds have; each kind's is with its sensor."""
 
+    # Read-only properties: attributes of a protocol would have to be writable, and descriptions
+    # are frozen.
     @property
     def name(self) -> str:
         """Name that no other part of the robot has."""
@@ -134,6 +137,7 @@ class RobotDescription:
             name: Name of the link in any case.
             joint_angles_rad: Angles by lower-case link name.
         """
+        # HARD, the chassis, is the name of no link: the search ends without a match.
         chains = (*self.mission_packages, *filter(None, (self.chassis_joints,)))
         for chain in chains:
             for number, link in enumerate(chain.links, 1):
@@ -146,4 +150,5 @@ class RobotDescription:
         """Height of the effective viewpoint above the floor; 0 without an omni camera."""
         if self.omni_camera is None:
             return 0.0
+        # z points down: a mirror above the chassis origin has a negative z.
         return self.drive.ride_height_m - float(self.omni_camera.robot_from_mirror.translation[2])

@@ -54,6 +54,7 @@ def build_sensors(
     """
     sensors: list[Sensor] = []
     for kind in kinds:
+        # By exact class, in the order of the robot file: the order of the items in a shared line.
         alike = [each for each in descriptions if type(each) is kind.description]
         if alike and kind.shared_stream is not None:
             sensors.append(kind.create(alike, base, random_source_of(kind.shared_stream)))

@@ -47,6 +47,7 @@ class EncoderBank:
         random_source: RandomSource,
     ) -> None:
         self.name = self.type
+        # One line for all, as often as its fastest encoder.
         self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._wheel_radius_m = base.wheel_radius_m

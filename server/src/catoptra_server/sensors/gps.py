@@ -89,8 +89,10 @@ class GpsSensor:
         origin = context.environment.gps_origin
         time_s = context.time_s if self._description.has_timestamp else None
         if origin is None or satellites < _MIN_SATELLITES:
+            # Without an origin no satellite counts: the world is nowhere on Earth.
             return GpsReading(self.name, num_satellites=satellites if origin else 0, time_s=time_s)
         north_m, east_m = float(receiver[0]), float(receiver[1])
+        # Noise in metres before the conversion: equal north and east at any latitude.
         if self._description.noise_m:
             generator = self._random_source.generator(context.tick)
             noise = self._description.noise_m * generator.standard_normal(2)

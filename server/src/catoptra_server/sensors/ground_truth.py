@@ -54,6 +54,7 @@ class GroundTruthSensor:
         pose = context.world_from_robot
         if not self._description.is_chassis_pose:
             pose = pose @ self._description.mount.parent_from_item()
+        # Plain floats: reports are printed and compared, not computed with.
         x, y, z = (float(value) for value in pose.translation)
         return GroundTruthReading(
             context.time_s, self.name, (x, y, z), pose.to_rpy(), self._description.decimals

@@ -81,6 +81,7 @@ class InsSensor:
 
     def _add_bias(self, pose: PlanarPose) -> None:
         """Add the steady error of the motion since the last tick; none in the first tick."""
+        # The spawn pose is unknown here: the first tick only sets the reference.
         before, self._previous_pose = self._previous_pose or pose, pose
         distance_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
         turn_rad = wrap_angle(pose.yaw_rad - before.yaw_rad)
@@ -101,6 +102,7 @@ class InsSensor:
         """
         pose = world_from_robot @ self._robot_from_ins
         x, y = float(pose.translation[0]), float(pose.translation[1])
+        # An error, not a pose, is stored: the estimate moves with the robot afterwards.
         yaw = wrap_angle(rotation_rad[2] - pose.to_rpy()[2])
         self._error = (location_m[0] - x, location_m[1] - y, yaw)
 
@@ -111,6 +113,7 @@ class InsSensor:
         roll, pitch, yaw = pose.to_rpy()
         is_drifting = self._description.is_drifting
         error_x, error_y, error_yaw = self._error if is_drifting else self._reading_error(context)
+        # Errors along world axes; none of z, roll and pitch, as the base stays on its floor.
         return InsReading(
             self.name,
             (x + error_x, y + error_y, z),

@@ -29,6 +29,7 @@ class MissionPackage:
 
     def joint_angles_rad(self) -> dict[str, float]:
         """Angle of each joint by link name in lower case."""
+        # Lower case: mounts and encoders name links in any case.
         return {joint.link.name.lower(): joint.angle_rad for joint in self._joints}
 
     def list_joint_angles(self) -> list[tuple[str, float]]:
@@ -55,6 +56,7 @@ class MissionPackage:
         """
         if not 1 <= number <= len(self._joints):
             return False
+        # Joints are immutable: a command makes another one.
         self._joints[number - 1] = self._joints[number - 1].apply_command(value, order)
         return True
 
@@ -89,5 +91,6 @@ class MissionPackage:
 
 
 def _link_configuration(number: int, link: LinkDescription) -> LinkConfiguration:
+    # Without limits the range is inverted, and CONF has no limits to report.
     limits = (link.min_rad, link.max_rad) if link.min_rad <= link.max_rad else None
     return LinkConfiguration(number, link.max_speed_rad_s, link.max_torque, limits)

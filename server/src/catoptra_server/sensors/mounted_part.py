@@ -23,5 +23,6 @@ class MountedPart:
 
     def geometry(self) -> GeometryItem:
         """Reply to GETGEO: pose and parent of the mount."""
+        # The pose in the frame of the parent, not of the robot, as USARSim reports parts.
         mount = self.mount
         return GeometryItem(self.name, mount.position_m, mount.rotation_rad, mount.parent)

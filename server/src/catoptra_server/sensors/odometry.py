@@ -73,6 +73,7 @@ class OdometrySensor:
     def update(self, motion: MotionStep) -> None:
         """Integrate the wheel travel of one tick."""
         travel = motion.wheel_travel
+        # Skipped at rest, in most ticks: a tick has random numbers of its own, so none is lost.
         if travel == NO_TRAVEL:
             return
         # Variances proportional to distance and turn do not depend on the length of the ticks.
@@ -83,9 +84,11 @@ class OdometrySensor:
         root_distance = math.sqrt(abs(distance))
         measured_distance = errors.distance_scale * distance
         measured_distance += errors.distance_noise_m * root_distance * float(of_distance)
+        # The drift is clockwise in either direction of driving, unlike that of unequal wheels.
         measured_turn = errors.turn_scale * turn + errors.drift_rad_per_m * abs(distance)
         measured_turn += errors.turn_noise_rad * math.sqrt(abs(turn)) * float(of_turn)
         measured_turn += errors.heading_noise_rad * root_distance * float(of_heading)
+        # The same arc as the true motion: without errors odometry is exact.
         self._pose = integrate_arc(self._pose, measured_distance, measured_turn)
 
     def read(self, context: SensorContext) -> OdometryReading:

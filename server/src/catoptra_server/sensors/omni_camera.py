@@ -49,6 +49,7 @@ class OmniCameraSensor:
 
     def camera_spec(self, tile: Tile | None = None) -> OmniCameraSpec:
         """Camera and render settings, fitted to a tile."""
+        # Compared by value: equal cameras of several robots share one prepared view.
         camera = self.camera_for_tile(tile)
         return OmniCameraSpec(camera, self._render_settings, self._description.effects)
 

@@ -39,12 +39,14 @@ class PerspectiveCameraSensor:
         """
         limits = self.description
         requested = fov_rad or limits.fov_rad
+        # Clamped, not rejected: RES reports the field of view that the camera took.
         self.fov_rad = min(max(requested, limits.min_fov_rad), limits.max_fov_rad)
         return self.fov_rad
 
     def robot_from_camera(self, joint_angles_rad: Mapping[str, float]) -> Pose:
         """Pose of the pinhole, given joint angles by lower-case link name."""
         mount = self.description.mount
+        # A camera on a pan-tilt head moves with the joints.
         parent_in_robot = self._robot.robot_from_part(mount.parent, joint_angles_rad)
         return parent_in_robot @ mount.parent_from_item()
 

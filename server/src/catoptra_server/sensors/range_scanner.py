@@ -50,6 +50,7 @@ class RangeScannerSensor:
         self._description = description
         self._random_source = random_source
         self._robot_from_scanner = description.mount.parent_from_item()
+        # Into the robot frame once; a scan only turns the beams with the robot.
         self._beams_in_robot = self._robot_from_scanner.rotate_directions(
             _scan_directions(description)
         )
@@ -73,12 +74,15 @@ class RangeScannerSensor:
 
     def read(self, context: SensorContext) -> RangeScanReading:
         """Ranges of all beams, with noise, clamped to the scanner's limits."""
+        # One origin, broadcast to all beams: a scan is of one time and one position.
         pose, scanner = context.world_from_robot, self._description
         origin = pose.transform_points(self._robot_from_scanner.translation)
         ranges = context.environment.distances(origin, pose.rotate_directions(self._beams_in_robot))
         if scanner.noise_m:
+            # By the tick, not by the scan: SCAN between two reports changes no other noise.
             noise = self._random_source.generator(context.tick).standard_normal(len(ranges))
             ranges = ranges + scanner.noise_m * noise
+        # Limits last: noise never moves a range beyond MaxRange, which clients use for no echo.
         measured = clamp_ranges(ranges, min_m=scanner.min_range_m, max_m=scanner.max_range_m)
         return RangeScanReading(
             time_s=context.time_s,
@@ -127,6 +131,7 @@ def _reader_with_defaults(
     return read
 
 
+# Field of view, resolution and range of the models in DefaultUSAR.ini; 4.189 rad are 240 degrees.
 _read_lms200 = _reader_with_defaults(3.14159, 0.01745, 20.0)
 RANGE_SCANNER = SensorKind(
     RangeScannerDescription,

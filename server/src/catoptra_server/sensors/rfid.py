@@ -53,6 +53,7 @@ class RfidSensor:
 
     def read(self, context: SensorContext) -> RfidReading:
         """Numbers of the tags in range."""
+        # Distances are between points: tags have no extent in the world file.
         reader = context.world_from_robot.transform_points(self._robot_from_reader.translation)
         # No line of sight: radio waves pass through walls.
         ids = tuple(

@@ -57,6 +57,7 @@ class ConfiguredSensor(Protocol):
         """Whether readings in the UDK dialect carry a time, given UDK's default for the class."""
 
 
+# By protocol: the reader of ini files is in `config`, a layer above sensors.
 ReadDescription = Callable[[ConfiguredSensor], SensorDescription]
 
 

@@ -53,6 +53,7 @@ class SonarRing:
         self, descriptions: Sequence[SonarDescription], base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = self.type
+        # One line for all, as often as its fastest sonar.
         self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._random_source = random_source
@@ -81,6 +82,7 @@ class SonarRing:
 
     def read(self, context: SensorContext) -> SonarReadings:
         """Shortest echo of each cone, with noise, clamped to the sonar's limits."""
+        # The rays of a sonar are a slice of one array: one query of the ray caster for all.
         ranges: Floats = np.minimum.reduceat(self._echo_distances(context), self._first_ray)
         if self._noise_m.any():
             noise = self._random_source.generator(context.tick).standard_normal(len(ranges))

@@ -46,6 +46,7 @@ class TachometerSensor:
         self._description = description
         self._wheel_radius_m = base.wheel_radius_m
         self._spins_rad_s = (0.0, 0.0)  # left, right
+        # Two sides, not four wheels: the wheels of a side spin alike.
         self._angles_rad = (0.0, 0.0)
 
     @property

@@ -46,11 +46,13 @@ class TouchSensorBank:
         self, descriptions: Sequence[TouchDescription], base: DriveBase, random_source: RandomSource
     ) -> None:
         self.name = self.type
+        # One line for all, as often as its fastest switch.
         self.interval_s = min(description.interval_s for description in descriptions)
         self._descriptions = tuple(descriptions)
         self._ray_origins = np.concatenate(
             [_ray_origins_in_robot(description) for description in descriptions]
         )
+        # The x axis of a mount is the first column of its rotation.
         forward = [d.mount.parent_from_item().rotation[:, 0] for d in descriptions]
         self._forward = np.repeat(forward, _NUM_RAYS, axis=0)
         self._reach_m = np.repeat([d.diameter_m + _TRAVEL_M for d in descriptions], _NUM_RAYS)

@@ -82,8 +82,10 @@ class VictimSensor:
         """Position of a victim in the sensor's frame; None outside the view."""
         displacement: Floats = np.asarray(victim.position_m) - world_from_sensor.translation
         distance = float(np.linalg.norm(displacement))
+        # A victim at the sensor itself has no direction.
         if not 0.0 < distance <= self._description.max_range_m:
             return None
+        # Rows times rotation: the transpose turns world axes into the sensor frame.
         x, y, z = (float(value) for value in displacement @ world_from_sensor.rotation)
         # The field of view is a wedge: heights are not limited.
         if abs(math.atan2(y, x)) > 0.5 * self._description.fov_rad:

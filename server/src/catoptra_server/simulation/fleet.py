@@ -114,6 +114,7 @@ class Fleet:
             return None
         self._collision_index.invalidate(robot)
         self._image_port_layout.release(robot)
+        # The name is free at once: a client that reconnects spawns under its old name.
         log.info("robot %s removed", robot.name)
         return robot.name
 
@@ -131,6 +132,7 @@ class Fleet:
                     self._spawn(client, command, time_s)
             case GetStartPoses():
                 client.deliver([self._start_poses()])
+            # Without power, too: configuration and geometry move nothing.
             case GetConf():
                 if robot is not None:
                     client.deliver(execute_get_conf(robot, command, self._error_bound_of))
@@ -189,6 +191,7 @@ class Fleet:
         name = unique_name(init.name or description.model_name, existing)
         robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
+        # Before the first CONF of the cameras, which names their tiles.
         self._image_port_layout.assign_tiles(robot)
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
         # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from
@@ -214,6 +217,7 @@ class Fleet:
         if omni is None or event.camera.lower() not in ("", omni.name.lower()):
             return None, event.camera
         omni.set_accuracy_target(max_error_px=event.max_error_px, budget_ms=event.budget_ms)
+        # As tiled: the plan depends on the size that the image port renders.
         return omni.camera_spec(omni.tile), omni.name
 
     def sense(self, robot: Robot) -> SensorEnvironment:
@@ -233,6 +237,7 @@ class Fleet:
     def read_sensors(self, client: Client, time_s: float) -> list[Report]:
         """Reports of a whole cycle of a client's robot; empty without one."""
         robot = self._robots.get(client)
+        # A function for the environment: computed only if a sensor is due.
         return robot.read_all(time_s, partial(self.sense, robot)) if robot else []
 
     def step(self, duration_s: float, time_s: float) -> None:
@@ -283,6 +288,7 @@ class Fleet:
     def _find_camera(self, channel: CameraChannel) -> tuple[Robot, CameraSensor] | None:
         """Robot and camera of a channel; without a robot's name, of the displayed robot."""
         robots = self._robots.values()
+        # Names of robots are unique with their case, as `unique_name` compares them.
         if channel.robot:
             robot = next((robot for robot in robots if robot.name == channel.robot), None)
         else:

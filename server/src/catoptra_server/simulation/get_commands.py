@@ -37,6 +37,7 @@ def execute_get_conf(
     """
     if _is_robot(command.type):
         return [_vehicle_configuration(robot.description)]
+    # An empty reply rather than none: clients wait for a line of the requested type.
     parts = _find_parts(robot, command.type, command.name)
     empty = Configuration(command.type, (("Name", command.name),) if command.name else ())
     return [_configuration(part, error_bound_of) for part in parts] or [empty]
@@ -45,6 +46,7 @@ def execute_get_conf(
 def _configuration(part: Part, error_bound_of: ErrorBoundLookup) -> Report:
     """CONF of a part, with the error bound where the part is a camera that has one."""
     configuration = part.configuration()
+    # Of the camera as tiled: that view is rendered for the image port.
     bound = (
         error_bound_of(part.camera_spec(part.tile)) if isinstance(part, OmniCameraSensor) else None
     )
@@ -77,6 +79,7 @@ def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     # A package's GEO lists links, which the common form of the other parts cannot hold.
     if packages and not items:
         return [*packages]
+    # The name is echoed only in an empty reply: items carry their own names.
     return [Geometry(command.type, items, name=None if items else command.name)]
 
 

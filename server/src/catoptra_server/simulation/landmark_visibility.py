@@ -39,6 +39,7 @@ def compute_landmark_visibility(
     """Visibility of each landmark; robots occlude as boxes."""
     if not landmarks:
         return ()
+    # z points down, and landmarks are given in heights above the floor.
     centres = np.array([(mark.x_m, mark.y_m, -mark.band_centre_m) for mark in landmarks])
     displacements = centres - world_from_camera.translation
     pixels, inside = _project_directions(camera, displacements @ world_from_camera.rotation)

@@ -126,6 +126,7 @@ class Simulation:
             events = [self._events.get(timeout=self._wait_timeout_s())]
         except queue.Empty:
             return []
+        # All of them: events that arrived during a long tick are handled before the next.
         while not self._events.empty():
             events.append(self._events.get())
         return events
@@ -165,6 +166,7 @@ class Simulation:
         Returns:
             The client's whole sensor cycle, and a RES that tells clients where the reply ends.
         """
+        # A chained comparison is false for NaN, too.
         is_possible = self._clock is ClockMode.LOCKSTEP and 0.0 <= time_s <= MAX_STEP_S
         if is_possible:
             self._advance(time_s)
@@ -179,11 +181,13 @@ class Simulation:
             log.warning("simulation lags by %.1f s: continuing from the present", lag_s)
             self._started_s += lag_s - TICK_S
             lag_s = TICK_S
+        # Whole ticks: the remainder stays for the next call.
         for _ in range(int(lag_s / TICK_S)):
             self._tick(TICK_NS)
 
     def _advance(self, duration_s: float) -> None:
         """Advance by ticks, the last one shorter where the duration is no multiple."""
+        # Rounded, not truncated: 2.01 s are 2009999999.9999998 ns.
         end_ns = self._time_ns + round(duration_s * NS_PER_S)
         while self._time_ns < end_ns:
             self._tick(min(TICK_NS, end_ns - self._time_ns))

@@ -186,8 +186,10 @@ class Robot:
         self._body, travel = step_body(
             self._body, duration_s, obstacles=obstacles, random_source=self._slip
         )
+        # From poses, not from wheel travel: slip and obstacles are part of the motion blur.
         self._twist = _mean_twist(before, self._body.pose, duration_s)
         motion = MotionStep(travel, self._body.tick, duration_s, self._body.pose)
+        # Without power, too: the errors of a drifting sensor grow while the robot stands.
         for sensor in self.sensors:
             sensor.update(motion)
 
@@ -226,6 +228,7 @@ class Robot:
         return reports
 
     def _status(self, time_s: float) -> VehicleStatus:
+        # Whole seconds, as UT2004 counts down.
         left_s = max(0, int(self._battery_empty_s - time_s))
         joints = tuple(
             joint for chain in self._chassis_joints for joint in chain.list_joint_angles()

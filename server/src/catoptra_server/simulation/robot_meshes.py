@@ -49,6 +49,7 @@ def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
     if omni is None or tower is None:
         return None
     is_configured = any(setting.effect.name == SelfView.name for setting in omni.effects.settings)
+    # Only where configured: a mesh that no effect shows is never built.
     return build_ego_body_mesh(_dimensions(description), tower) if is_configured else None
 
 

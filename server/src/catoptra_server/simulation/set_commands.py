@@ -77,7 +77,8 @@ def _set_ins_pose(robot: Robot, command: Set, context: SensorContext) -> list[Re
     found = [
         s for s in robot.sensors if isinstance(s, InsSensor) and _matches_name(command, s.name)
     ]
-    numbers = command.numeric_params()
+    numbers = command.numeric_params
+    # x, y, z, roll, pitch, yaw; a part of a pose is no pose.
     if len(numbers) != 6:
         return None
     x, y, z, roll, pitch, yaw = numbers
@@ -88,6 +89,7 @@ def _set_ins_pose(robot: Robot, command: Set, context: SensorContext) -> list[Re
 
 def _scan(robot: Robot, command: Set, context: SensorContext) -> list[Report] | None:
     found = [s for s in robot.sensors if isinstance(s, RangeScannerSensor)]
+    # Beside the periodic scans, whose schedule does not change.
     scans: list[Report] = [s.read(context) for s in found if _matches_name(command, s.name)]
     return scans or None
 
@@ -102,11 +104,12 @@ def _set_budget(robot: Robot, command: Set, context: SensorContext) -> list[Repo
 
 def _set_accuracy_target(robot: Robot, command: Set, field: str) -> list[Report] | None:
     """Set one value of the omnidirectional camera's accuracy target."""
-    omni, numbers = robot.omni_camera, command.numeric_params()
+    omni, numbers = robot.omni_camera, command.numeric_params
     if omni is None or not _matches_name(command, omni.name) or len(numbers) != 1:
         return None
     try:
         omni.set_accuracy_target(**{field: numbers[0]})
+    # A negative value, which SET reports by Failed instead of an error.
     except DomainError:
         return None
     return []

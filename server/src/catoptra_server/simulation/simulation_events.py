@@ -41,6 +41,8 @@ class ClientDisconnected:
     client: Client
 
 
+# Replies by callback, not by future: the simulation knows no event loop, and each transport has
+# its own way back to its thread.
 @dataclass(frozen=True, slots=True)
 class LandmarksRequested:
     """A connection requests the landmarks in view of a camera."""
@@ -72,6 +74,8 @@ class StopRequested:
     """The server shuts down."""
 
 
+# To add an event: its class, its line here, and its case in `Simulation._handle`, which the type
+# check demands.
 SimulationEvent = (
     CommandReceived
     | ClientDisconnected

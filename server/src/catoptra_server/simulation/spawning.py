@@ -28,6 +28,7 @@ def spawn_pose(init: Init, starts: Sequence[StartPlace]) -> PlanarPose | None:
     if init.location_m is not None:
         (x, y, _), (_, _, yaw) = init.location_m, init.rotation_rad
         return PlanarPose(x, y, wrap_angle(yaw))
+    # The first start of the name wins, as for classes.
     for start in starts:
         if init.start is not None and start.name.lower() == init.start.lower():
             (x, y, _), (_, _, yaw) = start.location_m, start.rotation_rad
