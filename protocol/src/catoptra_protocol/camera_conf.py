@@ -103,6 +103,7 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
     Raises:
         RemoteProtocolError: A field is missing or wrong; names the field.
     """
+    # By Projection and not by Mirror, so that a header without either names the missing Mirror.
     if dict(pairs).get("Projection") != _PERSPECTIVE_PROJECTION:
         return omni_camera_from_pairs(pairs)[0]
     sides = _parse_side_px(pairs, "Width"), _parse_side_px(pairs, "Height")
@@ -113,6 +114,7 @@ def any_camera_from_pairs(pairs: Pairs) -> OmniCamera | PerspectiveCamera:
 
 
 def _pairs_from_mirror(mirror: CentralMirror) -> Pairs:
+    # By isinstance: the mirror classes know no names of the wire.
     name = next(name for name, kind in MIRRORS.items() if isinstance(mirror, kind))
     parameters = (
         (key, _format_number(getattr(mirror, field))) for key, field in MIRROR_PARAMETERS[name]

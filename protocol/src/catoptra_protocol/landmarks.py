@@ -66,6 +66,7 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
             value=str(path),
             expected=f"a readable CSV ({error})",
         ) from error
+    # Split at LF only: splitlines would also split at form feeds, and shift the line numbers.
     return landmarks_from_lines(text.split("\n"), file=str(path))
 
 
@@ -93,6 +94,7 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
             value=found,
             expected=f"the columns {','.join(names)}",
         )
+    # By name, to find repeated ones; in the order of the file.
     landmarks: dict[str, Landmark] = {}
     for i, line in numbered[1:]:
         landmark = _parse_landmark(SourceLocation(file, i), line, names)
@@ -106,6 +108,7 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
 
 
 def _parse_columns(location: SourceLocation, line: str) -> list[str]:
+    # One line at a time: a quoted line end would join rows, and shift the line numbers.
     try:
         return [value.strip() for value in next(csv.reader([line]))]
     except csv.Error as error:

@@ -51,7 +51,7 @@ PARAMETERS = [
 def test_parameters_as_numbers_are_separated_like_vectors(
     params: str | None, numbers: tuple[float, ...]
 ) -> None:
-    assert Set("INS", params=params).numeric_params() == numbers
+    assert Set("INS", params=params).numeric_params == numbers
 
 
 FIELDS_OF_VIEW = [

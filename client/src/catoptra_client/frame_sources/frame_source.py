@@ -63,6 +63,7 @@ def open_frame_source(
 
 def _parse_selection(parts: SplitResult, url: str) -> CameraSelection:
     """Camera selection in the query of a URL."""
+    # Blank values are valid: an empty camera is the first one of a robot.
     query = dict(parse_qsl(parts.query, keep_blank_values=True))
     unknown = [key for key in query if key not in _QUERY_KEYS]
     encoding = query.get("encoding", ImageEncoding.JPEG.value)

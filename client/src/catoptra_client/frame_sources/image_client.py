@@ -31,6 +31,7 @@ from catoptra_protocol.usarsim.image_port import (
 )
 
 _LOG = logging.getLogger(__name__)
+# About a raw frame of 640 x 640 px.
 _READ_BYTES = 1024 * 1024
 _RAW_HEADER_BYTES = 4
 
@@ -114,6 +115,7 @@ class ImageClient:
     def get_frame(self) -> Frame:
         """Request a frame and wait; frames of earlier requests are skipped."""
         self.request_frame()
+        # Left over from an iteration that ended early.
         while self._num_pending_requests > 1:
             self.receive_frame()
         return self.receive_frame()
@@ -124,6 +126,7 @@ class ImageClient:
         A frame is therefore as old as the processing time of the one before; with a lockstep server
         use `get_frame`, which requests after the step.
         """
+        # Two requests at the start: one frame is rendered while the one before is processed.
         if not self._num_pending_requests:
             self.request_frame()
         while True:
@@ -133,6 +136,7 @@ class ImageClient:
     def _read_frames(self) -> list[EncodedFrame]:
         try:
             data = self._socket.recv(_READ_BYTES)
+        # A server that stopped gives no sign over TCP, so a timeout counts as a lost connection.
         except TimeoutError as error:
             raise ConnectionLostError(
                 f"{self._peer} is connected but sent no frame: is this the image port, was a frame "
@@ -142,6 +146,7 @@ class ImageClient:
             raise self._connection_lost_error(str(error)) from error
         if not data:
             raise self._connection_lost_error("it closed the connection")
+        # Before decoding, which takes milliseconds.
         self._received_s = self._clock()
         return self._reader.receive(data)
 

@@ -36,6 +36,7 @@ def request_from_bytes(data: bytes) -> Request:
     """
     fields = unpack(data, MAX_REQUEST_BYTES)
     kind = read_str_field(fields, "kind")
+    # An error, unlike an unknown reply: the client waits for the outcome of its request.
     if kind not in REQUESTS:
         known = ", ".join(REQUESTS)
         raise RemoteProtocolError(f"kind: {kind[:80]!r}: expected one of {known}")

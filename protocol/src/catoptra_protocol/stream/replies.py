@@ -26,6 +26,7 @@ class Transform:
 
     position_m: Vector3
     """Origin of the child frame in the parent frame."""
+    # A matrix has no convention to agree on, unlike a quaternion or three angles.
     rotation: RotationRows
     """Rotation matrix (3, 3), row by row."""
 
@@ -86,12 +87,14 @@ class FrameHeader:
     """Frames of the channel rendered and not sent to this client, in total."""
     dropped_frames: int
     """Frames requested by this client that it did not read, in total."""
+    # Defaults from here on: servers of an earlier release do not send these fields.
     error_bounds: dict[str, float] | None = None
     """`error_bound_px` and its parts by name (SPEC.md 9.5)."""
     effects: tuple[EffectRecord, ...] = ()
     """Decisions about the effects that the robot file names, in optical order."""
 
     def __str__(self) -> str:
+        # Without the pairs of the camera model, which would fill the log of every frame.
         return (
             f"frame {self.sequence} of {self.camera!r}, {self.width_px} x {self.height_px} px "
             f"{self.encoding.value}, {1000.0 * self.age_s:.1f} ms old"
@@ -160,6 +163,7 @@ class LandmarkRecord:
     band_top_m: float
     lower_colour: str
     upper_colour: str
+    # Not columns of the landmark file, so this is not a Landmark.
     pixel: tuple[float, float] | None = None
     """Projection of the band centre into the requested camera; None outside the image."""
     visible: bool | None = None

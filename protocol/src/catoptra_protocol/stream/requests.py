@@ -20,6 +20,7 @@ from catoptra_protocol.vectors import Vector3
 class ImageEncoding(Enum):
     """Encoding of the image part: rows of R, G, B bytes without padding, or a JPEG or PNG file."""
 
+    # R, G, B here, B, G, R on the image port: the order there is that of USARSim's clients.
     RAW = "raw"
     JPEG = "jpeg"
     PNG = "png"
@@ -50,6 +51,7 @@ class SpawnRequest:
     KIND: ClassVar[str] = "spawn"
 
     id: int
+    # The fields of INIT, so that both transports spawn by the same rules.
     class_name: str
     name: str | None
     """Requested name; the server appends a number to a name in use."""

@@ -15,8 +15,9 @@ from catoptra_protocol.usarsim.value_format import format_fixed_point
 
 STATUS_OK = "OK"
 STATUS_FAILED = "Failed"
-CAMERA_DISABLED = "Disabled"  # a viewport that shows nothing, by wish
-CAMERA_MISSING = "None"  # a viewport that was to show a camera that is not there
+# In place of a camera's name: an empty viewport by command, and one whose camera does not exist.
+CAMERA_DISABLED = "Disabled"
+CAMERA_MISSING = "None"
 
 _STEP_TYPE = "Step"
 NUM_VIEWPORTS = 4
@@ -117,6 +118,7 @@ class ViewportsResult:
         """Parse a line; each status follows the block of its subject."""
         keys = [f"Viewport{i + 1}" for i in range(NUM_VIEWPORTS)]
         shown = (group for key in keys for group in split_groups(message, key)[:1])
+        # Each run extends to the end of the line; the first Status in it follows its own viewport.
         viewports = (Viewport(x.pairs[0][1], x.get("Status") or STATUS_OK) for x in shown)
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
@@ -138,6 +140,7 @@ def result_from_message(message: Message) -> CommandResult | CameraResult | View
     """Parse a RES line in the form of its type; a plain result if the command failed as a whole."""
     if message.get("Config") is not None:
         return ViewportsResult.from_message(message)
+    # By the fields: a SET Camera that failed as a whole has no FOV, and is a plain result.
     if message.get("FOV") is not None:
         return CameraResult.from_message(message)
     return CommandResult.from_message(message)

@@ -53,6 +53,8 @@ class Init:
     def from_message(cls, message: Message) -> Init:
         """Parse a line."""
         return cls(
+            # An INIT without a class goes on to the simulation, which logs the reason of each
+            # rejection.
             class_name=lenient_fields.read_name(message, "ClassName") or "",
             name=lenient_fields.read_name(message, "Name"),
             location_m=_read_location(message),
@@ -143,6 +145,7 @@ class Step:
     @classmethod
     def from_message(cls, message: Message) -> Step:
         """Parse a line; without a time the step is 0 s."""
+        # 0 s is a valid step: it reads the sensors without any time passing (SPEC.md 6).
         return cls(lenient_fields.read_number(message, "Time") or 0.0)
 
     def to_pairs(self) -> Pairs:
@@ -165,6 +168,7 @@ Command = (
     | Step
 )
 
+# A word may have several classes: the parsers of DRIVE and SET decide by the fields.
 COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "INIT": Init.from_message,
     "DRIVE": drive_from_message,
@@ -201,10 +205,12 @@ def _read_location(message: Message) -> Vector3 | None:
     location = lenient_fields.read_vector(message, "Location")
     if location is not None:
         return location
+    # One of the three suffices, as in GameBots; the others are 0.
     x, y, z = (lenient_fields.read_number(message, key) for key in ("X", "Y", "Z"))
     return None if x is None and y is None and z is None else (x or 0.0, y or 0.0, z or 0.0)
 
 
+# All commands are imported from this module, so that a command can move between the three files.
 __all__ = [
     "COMMAND_PARSERS",
     "Command",

@@ -107,6 +107,7 @@ class MultiDrive:
     def from_message(cls, message: Message) -> MultiDrive:
         """Parse a line; a block without a name is no joint."""
         named = (pair for pair in message.pairs if pair[0])
+        # Truncated as in every command: a name has at most 256 characters (SPEC.md 3).
         return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in named))
 
     def to_pairs(self) -> Pairs:

@@ -49,12 +49,15 @@ class Set:
             ("FOV", self.fov_rad),
         )
 
+    @property
     def numeric_params(self) -> tuple[float, ...]:
-        """Return the parameters as numbers: x,y,z,roll,pitch,yaw of an INS's POSE."""
+        """Parameters as numbers: x,y,z,roll,pitch,yaw of POSE for an INS."""
+        # Separated like vectors (SPEC.md 3), of which POSE has two.
         return numbers_from_text(self.params or "")
 
     def parse_fov_rad(self) -> float | None:
         """Field of view in either form: 0 means the default, None no field of view."""
+        # The explicit {FOV} takes precedence over an opcode.
         if self.fov_rad is None and (self.opcode or "").upper() in _FOV_OPCODES:
             return number_from_text(self.params or "")
         return self.fov_rad
@@ -74,6 +77,7 @@ class SetViewports:
     @classmethod
     def from_message(cls, message: Message) -> SetViewports:
         """Parse a line."""
+        # Viewports count from 1 on the wire.
         cameras = (
             lenient_fields.read_name(message, f"Viewport{i + 1}") for i in range(_NUM_VIEWPORTS)
         )

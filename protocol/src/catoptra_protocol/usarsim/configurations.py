@@ -37,18 +37,21 @@ class Configuration:
     @classmethod
     def from_message(cls, message: Message) -> Configuration:
         """Parse a line."""
+        # The Type may be anywhere: UDK writes the robot's Name first.
         others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
         return cls(strict_fields.read_text(message, "Type"), others)
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line; none in UDK if empty."""
         says_something = any(name.lower() != "name" for name, _ in self.pairs)
+        # UDK has no empty replies (SPEC.md 8).
         if dialect is Dialect.UDK and not says_something:
             return ()
         return (Message(self.WORD, (("Type", self.type), *self.pairs)),)
 
     def get(self, name: str) -> str | None:
         """Value of the first pair with this name, in any case; None if missing."""
+        # By Message.get, so that names are compared in one function only.
         return Message(self.WORD, self.pairs).get(name)
 
 
@@ -108,6 +111,7 @@ class RangeScannerConfiguration:
         """Line."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
+        # Whole Unreal units: captures of UDK show 3.1414 for a configured 3.14159.
         if is_udk:
             resolution_rad, fov_rad = (
                 truncate_to_unreal_units(resolution_rad),
@@ -154,6 +158,7 @@ class SonarConfiguration:
         )
 
     def _udk_pairs(self) -> Pairs:
+        # Keys as captured from UDK, with lower-case initials, unlike BeamAngle of UT2004.
         return (
             ("ScanInterval", format_fixed_point(self.scan_interval_s)),
             ("beamAngle", format_fixed_point(self.beam_angle_rad)),
@@ -258,6 +263,7 @@ class CameraConfiguration:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line."""
+        # UT2004 has no block for a tile; its clients find the number of the tile in View of STA.
         is_tiled = dialect is Dialect.UDK and self.texture_region is not None
         tile = (
             _texture_region_pairs(self.texture_region) if is_tiled and self.texture_region else ()
@@ -276,6 +282,7 @@ class CameraConfiguration:
 
 
 def _conf_messages(type_: str, name: str, *pairs: tuple[str, str]) -> tuple[Message, ...]:
+    # The Name is the second block of every part, so that a client can match replies to requests.
     return (Message("CONF", (("Type", type_), ("Name", name), *pairs)),)
 
 

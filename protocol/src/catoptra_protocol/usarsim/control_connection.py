@@ -27,6 +27,7 @@ class ControlServer:
     def __init__(self, dialect: Dialect = Dialect.UT2004) -> None:
         self._reader = LineReader()
         self._state = ControlState.ACCEPTED
+        # Of the reports only: commands are the same in both dialects.
         self._dialect = dialect
 
     @property

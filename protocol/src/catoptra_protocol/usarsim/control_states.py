@@ -44,6 +44,7 @@ TRANSITIONS: dict[ControlState, dict[type[Command], ControlState]] = {
     ControlState.ACCEPTED: {},
     ControlState.GREETED: {
         Init: ControlState.SPAWNED,
+        # Start poses serve to choose the pose of INIT; a step belongs to the clock, not to a robot.
         GetStartPoses: ControlState.GREETED,
         Step: ControlState.GREETED,
     },

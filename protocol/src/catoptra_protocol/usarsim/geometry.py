@@ -64,6 +64,7 @@ class Geometry:
         """Line: in UDK to the centimetre, and none without items."""
         type_ = ("Type", self.type)
         if dialect is Dialect.UDK:
+            # Centimetres: captures of UDK have 2 decimals in GEO, those of UT2004 have 4.
             pairs = tuple(pair for item in self.items for pair in item.to_pairs(2))
             return (Message(self.WORD, (type_, *pairs)),) if pairs else ()
         if not self.items:
@@ -106,6 +107,8 @@ class VehicleGeometry:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line, the same in both dialects."""
+        # No capture of UDK has this line; the common order follows GroundVehicle.uc
+        # (SPEC-NOTES.md).
         pairs = (
             ("Type", self.vehicle_type),
             ("Name", self.name),
@@ -127,6 +130,7 @@ def geometry_from_message(
         return VehicleGeometry.from_message(message)
     if message.get("Link") is not None:
         return MissionPackageGeometry.from_message(message)
+    # The empty reply may have a Name without a Location.
     placed = [x for x in items_from_message(message) if x.get("Location") is not None]
     items = tuple(GeometryItem.from_message(item) for item in placed)
     type_ = strict_fields.read_text(message, "Type")

@@ -17,10 +17,13 @@ from catoptra_protocol.limits import MAX_LINE_BYTES
 
 Pairs = tuple[tuple[str, str], ...]
 
+# The strings of UnrealScript are ISO-8859-1 on the wire, and every byte survives a round trip.
 ENCODING = "latin-1"
 
 _LINE_END = re.compile(rb"[\r\n]")
+# No braces inside: no source nests blocks, and a block that is never closed matches nothing.
 _BLOCK = re.compile(r"\{([^{}]*)\}")
+# Characters that would end a block or a line inside a value; a space ends a name, too.
 _UNSAFE_IN_VALUE = re.compile(r"[{}\r\n]")
 _UNSAFE_IN_NAME = re.compile(r"[{}\r\n ]")
 
@@ -42,6 +45,7 @@ class Message:
     def __str__(self) -> str:
         """Line for a log, with unprintable characters escaped."""
         text = " ".join((self.word, *map(_format_block, self.pairs)))
+        # isprintable rather than ASCII: Latin-1 names stay readable in logs.
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
@@ -94,6 +98,8 @@ def split_words(value: str) -> list[str]:
 def split_groups(message: Message, key: str) -> list[Message]:
     """Runs of blocks that each begin with this name; blocks before the first run are ignored."""
     found: list[list[tuple[str, str]]] = []
+    # Blocks before the first run belong to no group: a joint or link begins with its name or
+    # number.
     for pair in message.pairs:
         if pair[0].lower() == key.lower():
             found.append([])

@@ -68,6 +68,7 @@ class StartPoses:
             RemoteProtocolError: The number of words does not fit the number of poses.
         """
         blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
+        # No spaces inside a list of numbers, so the words come in threes: name, location, rotation.
         found = split_words(" ".join(" ".join(pair) for pair in blocks[:1]))
         if len(found) != 3 * strict_fields.read_integer(message, "StartPoses"):
             raise RemoteProtocolError(

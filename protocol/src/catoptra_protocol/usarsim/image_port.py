@@ -69,6 +69,7 @@ class RegionRequest:
     The region may lie outside the picture: SPEC.md 7.3.
     """
 
+    # Unsigned on the wire, so a region may begin beyond the picture but never before it.
     x: int
     y: int
     width: int
@@ -97,6 +98,7 @@ class ImageRequestReader:
         data = self._pending + data
         requests: list[ImageRequest] = []
         position = 0
+        # Bytes outside requests are skipped by the search.
         while start := _REQUEST_START.search(data, position):
             begin, position = start.start(), start.start() + _REQUEST_LENGTHS[start[0][0]]
             # An incomplete request at the end: buffered from its first byte, so it is searched

@@ -19,6 +19,7 @@ from catoptra_protocol.vectors import Vector3
 
 def read_name(message: Message, key: str) -> str | None:
     """Name truncated to a length that fits into a reply; None if missing or empty."""
+    # Names are echoed in replies, whose lines have a limited length.
     return (message.get(key) or "")[:MAX_NAME_CHARS] or None
 
 
@@ -48,6 +49,7 @@ def read_vector(message: Message, key: str) -> Vector3 | None:
 
 def format_pairs(*pairs: tuple[str, str | float | bool | Vector3 | None]) -> Pairs:
     """Pairs of the values that are not None: numbers exact, booleans in lower case for UDK."""
+    # None means no block: servers distinguish a missing value from 0.
     return tuple((key, _format_value(value)) for key, value in pairs if value is not None)
 
 
@@ -56,6 +58,7 @@ def _format_value(value: str | float | bool | Vector3) -> str:
         return value
     # Before the numbers: bool is a subclass of int.
     if isinstance(value, bool):
+        # UDK compares with `true` exactly (SPEC-NOTES.md, 3).
         return str(value).lower()
     if isinstance(value, tuple):
         return ",".join(map(format_exact, value))

@@ -80,6 +80,7 @@ class LinkConfiguration:
 
     def to_pairs(self) -> Pairs:
         """Blocks."""
+        # KRobot.uc treats a minimum above the maximum as no limit, and the capture prints 1 and 0.
         least, most = (
             ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
         )
@@ -162,6 +163,7 @@ class MissionPackageGeometry:
 
 def _parse_link_status(group: Message) -> LinkStatus:
     """Status in the blocks of one link; servers of UDK print no torque."""
+    # Torque is 0 at rest in our server, so a missing block reads as that.
     torque = strict_fields.read_optional_number(group, "Torque") or 0.0
     return LinkStatus(
         strict_fields.read_integer(group, "Link"), strict_fields.read_number(group, "Value"), torque

@@ -131,6 +131,7 @@ class GroundTruthReading:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line."""
+        # More than 3 only by configuration: experiments need millimetres and less.
         decimals = max(self.decimals, 3) if dialect is Dialect.UDK else self.decimals
         pairs = (
             ("Time", format_fixed_point(self.time_s)),
@@ -163,6 +164,7 @@ def reading_from_message(message: Message) -> Reading | None:
     return reader(message) if reader else None
 
 
+# Keys in lower case: types match in any case (SPEC.md 3).
 READING_PARSERS: dict[str, Callable[[Message], Reading]] = {
     "sonar": SonarReadings.from_message,
     "rangescanner": RangeScanReading.from_message,
@@ -182,6 +184,7 @@ def _format_angles(angles_rad: Vector3, decimals: int, dialect: Dialect) -> str:
     """Angles of a dialect: UT2004 in [0, 2 pi), UDK unwrapped."""
     if dialect is Dialect.UDK:
         return format_vector(angles_rad, decimals)
+    # A tiny negative angle prints as 6.28, as in captures.
     return format_vector(map(_wrap_to_positive, angles_rad), decimals)
 
 

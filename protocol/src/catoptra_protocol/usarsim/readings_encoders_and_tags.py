@@ -123,6 +123,7 @@ class RfidReading:
     def from_message(cls, message: Message) -> RfidReading:
         """Parse a line."""
         ids = (value for name, value in message.pairs if name.lower() == "id")
+        # Each ID as a message of its own, so that an error names the field.
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
@@ -172,6 +173,7 @@ class VictimReading:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line, the same in both dialects."""
+        # No capture has victims; comments in three clients agree on this form (SPEC-NOTES.md, 5).
         time = () if self.time_s is None else (("Time", format_fixed_point(self.time_s)),)
         head = (*time, ("Type", "VictSensor"), ("Name", self.name))
         status = (("Status", self.status),) if self.status else ()
@@ -180,6 +182,7 @@ class VictimReading:
 
 
 def _read_optional_numbers(message: Message, name: str) -> tuple[float, ...]:
+    # UDK lists no wheels before its clock has moved.
     return () if message.get(name) is None else strict_fields.read_numbers(message, name)
 
 
@@ -191,6 +194,7 @@ def _parse_victim_parts(message: Message) -> list[VictimPart]:
     """Each PartName with the Location after it."""
     names = [value for name, value in message.pairs if name.lower() == "partname"]
     places = [value for name, value in message.pairs if name.lower() == "location"]
+    # Not strict: a part without a location is skipped.
     located = zip(names, places, strict=False)
     return [
         VictimPart(name, *strict_fields.parse_vectors(message, Location=place))

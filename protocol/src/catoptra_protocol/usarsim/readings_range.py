@@ -46,6 +46,7 @@ class RangeScanReading:
         """Line: UT2004 has 2 decimals in Time and 4 in Range, UDK the reverse."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
+        # Angles of UDK pass through whole Unreal units, as in CONF.
         if is_udk:
             resolution_rad, fov_rad = (
                 truncate_to_unreal_units(resolution_rad),
@@ -75,6 +76,7 @@ class SonarReadings:
     @classmethod
     def from_message(cls, message: Message) -> SonarReadings:
         """Parse a line of either dialect."""
+        # One item per line in UDK, all in one line in UT2004.
         items = items_from_message(message)
         named = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_number(item, "Range"))

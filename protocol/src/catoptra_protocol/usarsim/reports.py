@@ -105,6 +105,7 @@ Report = (
 
 ReportParser = Callable[[Message], Report | None]
 
+# A property of the dialect's lines and not of a report: several reports have such blocks.
 _BLOCKS_WITHOUT_SPACE = {Dialect.UT2004: frozenset[str](), Dialect.UDK: UDK_BLOCKS_WITHOUT_SPACE}
 
 
@@ -114,6 +115,7 @@ def line_from_report(report: Report, dialect: Dialect = Dialect.UT2004) -> bytes
     Raises:
         LocalProtocolError: The report has no valid line, or one longer than clients can read.
     """
+    # Several lines where UDK lists items in a line each.
     return b"".join(_encode_line(message, dialect) for message in report.to_messages(dialect))
 
 
@@ -129,6 +131,7 @@ def report_from_message(message: Message) -> Report | None:
 
 def _encode_line(message: Message, dialect: Dialect) -> bytes:
     line = format_line(message.word, message.pairs, _BLOCKS_WITHOUT_SPACE[dialect])
+    # An error and not a shorter line: clients would read half a list as a complete one.
     if len(line) > MAX_SERVER_LINE_BYTES:
         raise LocalProtocolError(
             f"a line of {len(line)} bytes ({line[:80]!r}...): clients read at most "
@@ -137,6 +140,7 @@ def _encode_line(message: Message, dialect: Dialect) -> bytes:
     return line
 
 
+# ASTA is the MISSTA of UDK. CONF has one parser: clients read free pairs.
 REPORT_PARSERS: dict[str, ReportParser] = {
     "NFO": greeting_from_message,
     "STA": VehicleStatus.from_message,
@@ -148,6 +152,7 @@ REPORT_PARSERS: dict[str, ReportParser] = {
     "RES": result_from_message,
 }
 
+# All reports are imported from this module, so that a report can move between the files.
 __all__ = [
     "AnyConfiguration",
     "CameraConfiguration",

@@ -39,6 +39,7 @@ def read_integer(message: Message, name: str, default: int | None = None) -> int
     """Integer; the default, if given, for a missing field."""
     if default is not None and message.get(name) is None:
         return default
+    # Through a float: 4.0 is accepted as 4.
     return int(read_number(message, name))
 
 
@@ -70,6 +71,7 @@ def parse_vectors(message: Message, **values: str) -> tuple[Vector3, ...]:
 
 
 def _parse_number(message: Message, name: str, value: str) -> float:
+    # Not number_from_text, which would turn a malformed reading into 0.
     try:
         number = float(value)
     except ValueError:

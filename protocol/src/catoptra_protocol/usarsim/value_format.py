@@ -41,6 +41,7 @@ def format_fixed_point(value: float, decimals: int = 4) -> str:
     configured 5.385 prints 5.3850 as in the replies of the reference, though the double nearest to
     it is 5.38499999999999978. Negative zero prints as -0.0000, as on the real wire.
     """
+    # On the text: int(value * 10**decimals) would print 5.3849 for 5.385.
     whole, _, fraction = format_exact(value).partition(".")
     return f"{whole}.{fraction[:decimals].ljust(decimals, '0')}" if decimals else whole
 
@@ -73,6 +74,7 @@ def number_from_text(text: str) -> float:
     """Number at the start of the text, or 0: always finite."""
     found = _NUMBER.match(text)
     value = float(found.group(1)) if found else 0.0
+    # An overflow such as 1e999 is 0: a robot is never sent to infinity.
     return value if math.isfinite(value) else 0.0
 
 

@@ -55,11 +55,13 @@ class VehicleStatus:
         return (
             ("Type", self.vehicle_type),
             ("Time", format_fixed_point(self.time_s, 2)),
+            # Always 0 on a skid-steered robot, but the Java client requires the blocks.
             ("FrontSteer", format_fixed_point(0.0)),
             ("RearSteer", format_fixed_point(0.0)),
             *self._joint_pairs(),
             ("LightToggle", format_boolean(self.light)),
             ("LightIntensity", "100" if self.light else "0"),
+            # Integers, which the Java client parses as such.
             ("Battery", str(int(self.battery_s))),
             ("View", str(self.view)),
         )
@@ -84,5 +86,6 @@ class VehicleStatus:
 
 def _parse_joints(message: Message) -> Iterator[tuple[str, float]]:
     for name, value in message.pairs:
+        # A further block that is no number is no joint: other servers append text.
         if name and name.lower() not in _STANDARD_BLOCKS and is_number(value):
             yield name, strict_fields.read_number(Message(message.word, ((name, value),)), name)

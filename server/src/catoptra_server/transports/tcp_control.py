@@ -102,6 +102,8 @@ def serve_control(
                 for command in protocol.receive(data):
                     post(CommandReceived(client, command))
         finally:
+            # Whatever ended the connection, also an exception: the robot must not stay in the
+            # world.
             post(ClientDisconnected(client))
             log.info("controller %s disconnected", client.address)
 

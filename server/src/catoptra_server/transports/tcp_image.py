@@ -83,6 +83,7 @@ class _ImagePeer:
             await self._answer(FullFrameRequest())
         requests = ImageRequestReader()
         while data := await reader.read(_READ_BYTES):
+            # In order, and the next read waits for all replies: TCP holds back a fast client.
             for request in requests.receive(data):
                 await self._answer(request)
 
@@ -98,6 +99,7 @@ class _ImagePeer:
 
     async def _next_frame(self, channel: Channel) -> Frame:
         """Next frame of a channel that this client has not received."""
+        # Per channel: a client may alternate between the full picture and tiles.
         mailbox, last = self._subscriptions.get(channel) or (self._mailboxes.get(channel), 0)
         frame = await mailbox.wait_for_newer(last)
         self._subscriptions[channel] = (mailbox, frame.sequence)

@@ -86,6 +86,7 @@ def pose_from_transform(transform: Transform) -> Pose:
 def _decode_rgb(header: FrameHeader, payload: bytes) -> Pixels:
     shape = (header.height_px, header.width_px, 3)
     if header.encoding is ImageEncoding.RAW:
+        # An int of a header may be negative, and two negative sides have a positive product.
         if min(shape) < 0 or len(payload) != shape[0] * shape[1] * 3:
             raise RemoteProtocolError(f"{header}: its image has {len(payload)} bytes")
         # A read-only view of the received bytes: a raw frame is never copied.

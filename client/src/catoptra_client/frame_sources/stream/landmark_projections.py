@@ -29,6 +29,7 @@ def landmarks_from_reply(reply: LandmarksReply) -> tuple[Landmark, ...]:
 
 def projections_from_reply(reply: LandmarksReply) -> tuple[LandmarkProjection, ...]:
     """Projection of each landmark."""
+    # Only a reply without a camera has no time.
     time_s = reply.time_s or 0.0
     return tuple(
         LandmarkProjection(_landmark_from_record(one), one.pixel, bool(one.visible), time_s)

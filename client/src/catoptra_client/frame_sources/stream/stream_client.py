@@ -99,7 +99,9 @@ class StreamClient:
         self._socket = StreamSocket(host, port, clock=clock)
         self._timeout_s = timeout_s
         self._clock = clock
+        # From 1: 0 is the id of errors about unreadable messages.
         self._ids = itertools.count(1)
+        # One per connection: frames of one camera mostly follow each other.
         self._camera_cache = CameraModelCache()
 
     @classmethod
@@ -111,6 +113,7 @@ class StreamClient:
         """
         client = cls(host, port, timeout_s=timeout_s)
         try:
+            # ZeroMQ connects in the background: only a reply proves that there is a server.
             client.get_status()
         # KeyboardInterrupt included: an open socket would keep its I/O thread alive.
         except BaseException:
@@ -155,6 +158,7 @@ class StreamClient:
             rotation_rad: Roll, pitch, yaw in the world frame, with a location.
             start_pose: Name of a start pose.
         """
+        # Arguments by keyword and defaults as in INIT; the message has every field.
         id_ = next(self._ids)
         request = SpawnRequest(id_, class_name, name, location_m, rotation_rad, start_pose)
         return _parse_reports(self._call(request, SensorReports))
@@ -269,6 +273,7 @@ class StreamClient:
         deadline_s = self._clock() + self._timeout_s
         while True:
             _LOG.debug("to %s: %s", self._socket.address, request)
+            # Repeated for frames only: a repeated drive or step would be executed twice.
             self._socket.send(data, deadline_s)
             until_s = deadline_s if retry_interval_s is None else self._clock() + retry_interval_s
             received = self._wait_for_reply(request.id, min(until_s, deadline_s))
@@ -282,10 +287,12 @@ class StreamClient:
         while (parts := self._socket.receive(deadline_s)) is not None:
             reply = reply_from_bytes(parts[0])
             _LOG.debug("from %s: %s", self._socket.address, reply)
+            # Raised for any request: the id of an unreadable one is unknown to the server.
             if isinstance(reply, Error) and reply.id == 0:
                 raise RemoteProtocolError(
                     f"{self._socket.address} cannot read the request: {reply.reason}"
                 )
+            # A late reply of a call that timed out has a lower id, a heartbeat none.
             if reply is not None and getattr(reply, "id", None) == id_:
                 return reply, parts[1:]
         return None
@@ -299,6 +306,7 @@ class StreamClient:
 
     def _timeout_error(self, description: str) -> CatoptraError:
         """Error of a call without a reply: the server is lost, or slow."""
+        # Heartbeats distinguish the two cases: the remedies differ.
         if self._socket.is_lost():
             return ConnectionLostError(
                 f"lost the stream server at {self._socket.address}: no heartbeat. See the log of "
@@ -313,4 +321,5 @@ class StreamClient:
 
 def _parse_reports(reply: SensorReports) -> list[Report]:
     reports = (report_from_message(parse_message(line)) for line in reply.reports)
+    # None is a report of a newer server, which this client skips.
     return [report for report in reports if report is not None]

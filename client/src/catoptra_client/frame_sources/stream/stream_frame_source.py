@@ -45,6 +45,7 @@ class StreamFrameSource:
 
     def iter_frames(self) -> Iterator[Frame]:
         """Iterate over newest frames for ever."""
+        # Requested when the consumer advances, not ahead: each frame is the newest at that moment.
         while True:
             yield self.get_frame()
 

@@ -40,6 +40,7 @@ def create_listener(host: str, port: int) -> socket.socket:
     try:
         infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         family, _, _, _, address = infos[0]
+        # One socket for IPv4 and IPv6, where the system supports both on one.
         dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
         listener = socket.create_server(
             address, family=family, backlog=MAX_CONNECTIONS, dualstack_ipv6=dual
@@ -68,12 +69,14 @@ class ConnectionGuard:
             connection.close()
 
     def _listen(self) -> None:
+        # The guard may have been closed while a retry was pending.
         if self._listener.fileno() >= 0:
             self._loop.add_reader(self._listener, self._accept)
 
     def _accept(self) -> None:
         try:
             client_socket, address = self._listener.accept()
+        # The client has disconnected between the event and this call.
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError as error:
@@ -90,6 +93,7 @@ class ConnectionGuard:
     def _open_connection(self, client_socket: socket.socket, client_host: str) -> None:
         if len(self._connections) >= MAX_CONNECTIONS:
             raise OSError(f"the limit of {MAX_CONNECTIONS} connections is reached")
+        # A reply must not wait for the acknowledgement of the one before.
         client_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         router_socket = socket.socket(socket.AF_UNIX)
         try:
@@ -141,6 +145,7 @@ class _GuardedConnection:
     def close(self) -> None:
         """Close both sockets."""
         loop = asyncio.get_running_loop()
+        # Callbacks first: the number of a closed descriptor may be reused at once.
         for end in self._sockets:
             loop.remove_reader(end)
             loop.remove_writer(end)
@@ -148,6 +153,7 @@ class _GuardedConnection:
         self._on_close(self)
 
     def _close_on_error(self, reason: Exception | None) -> None:
+        # Only violations are logged here; StreamServer logs clients that disconnect.
         if isinstance(reason, RemoteProtocolError):
             log.info("stream connection of %s ended: %s", self._client_host, reason)
         self.close()
@@ -177,6 +183,7 @@ class _Relay:
     def _receive(self) -> None:
         try:
             data = self._source.recv(self._read_bytes)
+            # Before the bytes are relayed: a part beyond the limit must not reach libzmq.
             self._check(data)
         except BlockingIOError:
             return
@@ -187,6 +194,7 @@ class _Relay:
             self._on_end(None)
             return
         self._pending = memoryview(data)
+        # Backpressure: with bytes pending the source is not read, and TCP stops its sender.
         if self._send_pending() and self._pending:
             self._loop.remove_reader(self._source)
             self._loop.add_writer(self._sink, self._resume_sending)

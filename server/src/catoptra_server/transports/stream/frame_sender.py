@@ -77,6 +77,7 @@ class FrameSender:
         if channel != self._channel:
             self.close()
         self._channel = channel
+        # A running task serves the replaced request: one task per client at most.
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._answer_requests(channel))
 

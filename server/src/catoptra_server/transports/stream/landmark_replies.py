@@ -29,6 +29,7 @@ def handle_landmarks_request(
         send_reply: Sends the reply; called on the loop.
         post: Hands an event to the simulation.
     """
+    # True positions never change, so no event is needed.
     if request.robot is None and request.camera is None:
         send_reply(LandmarksReply(request.id, tuple(map(_record_from_landmark, landmarks))))
         return

@@ -53,6 +53,7 @@ def handle_plan_request(
         def reply(state: ViewState | None) -> None:
             loop.call_soon_threadsafe(send_reply, _plan_reply(request.id, name, camera, state))
 
+        # `name` is that of the camera the simulation selected, since a request may leave it empty.
         if camera is None:
             reply(None)
         else:
@@ -71,6 +72,8 @@ def _plan_reply(
     if camera is None or state is None:
         reason = f"this client has no robot with an omnidirectional camera {name[:80]!r}"
         return Error(id_, reason)
+    # The target as the simulation has it, not as requested: None in a request leaves a value
+    # unchanged.
     choice, target = state.choice, camera.render_settings.accuracy_target
     return PlanReply(
         id=id_,

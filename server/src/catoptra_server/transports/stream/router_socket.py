@@ -138,6 +138,8 @@ class RouterSocket:
     def _read(self) -> None:
         for _ in range(_MAX_MESSAGES_PER_READ):
             try:
+                # Without copies: only zmq's own message objects know the descriptor of their
+                # connection.
                 head, *parts = self._socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
             except zmq.Again:
                 return

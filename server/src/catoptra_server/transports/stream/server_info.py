@@ -60,6 +60,8 @@ def build_server_info(
         plans: Description of the rendering plan by class name.
     """
     cameras: dict[CameraKey, CameraInfo] = {}
+    # Cameras of classes and not of robots, so that clients can read a model before any robot
+    # exists.
     for robot in robots:
         omni = robot.omni_camera
         if omni is not None:
@@ -91,6 +93,7 @@ def records_from_decisions(
     decisions: Sequence[EffectDecision], stage_ms: Mapping[str, float]
 ) -> tuple[EffectRecord, ...]:
     """Records of effect decisions, with the durations of a frame by stage."""
+    # A disabled effect has no stage, and one that changes the scene has none of its own.
     return tuple(
         _record_from_decision(decision, stage_ms.get(decision.effect)) for decision in decisions
     )

@@ -75,6 +75,7 @@ class StreamPeer:
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Receive reports of the simulation."""
+        # In the simulation's thread; sockets belong to the loop.
         self._loop.call_soon_threadsafe(self._handle_reports, tuple(reports))
 
     def reject_init(self) -> None:
@@ -96,6 +97,7 @@ class StreamPeer:
 
     def wants_heartbeat(self, max_idle: int) -> bool:
         """Whether a heartbeat is due; counts those without a pending request, up to `max_idle`."""
+        # A client that waits reads, so its heartbeats cannot accumulate.
         if (
             self._pending_spawn is not None
             or self._pending_steps
@@ -135,6 +137,7 @@ class StreamPeer:
             *(request.class_name, request.name, request.location_m),
             *(request.rotation_rad, request.start),
         )
+        # Reasons known here go to the client; the simulation can only reject.
         reason = self._find_spawn_error(init)
         if reason:
             self.send_reply(Error(request.id, reason))
@@ -168,6 +171,7 @@ class StreamPeer:
         self._post_command(Step(time_s))
 
     def _reject_if_busy(self, id_: int) -> bool:
+        # Steps and resets share the limit: both wait in the queue of the simulation.
         busy = len(self._pending_steps) + len(self._pending_resets) >= _MAX_PENDING_STEPS
         if busy:
             reason = f"{_MAX_PENDING_STEPS} steps or resets are pending: wait for their replies"
@@ -181,6 +185,7 @@ class StreamPeer:
         """
         if self._reject_if_busy(id_):
             return
+        # To the simulation a reset is a disconnection: the robot is removed either way.
         self._post(ClientDisconnected(self))
         # The simulation has no reply to a disconnection; that of the next command follows the
         # removal, since events are processed in order.
@@ -196,6 +201,7 @@ class StreamPeer:
         for report in reports:
             # One entry per sensor: as many as the robot file lists.
             self._readings[(type(report), getattr(report, "name", ""))] = report
+        # RES comes last in the delivery of a step.
         if reports and isinstance(reports[-1], CommandResult):
             self._finish_step(reports, reports[-1])
         # A status is part of every first delivery, of a robot without sensors too.
@@ -213,6 +219,7 @@ class StreamPeer:
     def _finish_step(self, reports: tuple[Report, ...], result: CommandResult) -> None:
         if not self._pending_steps or result.type != "Step":
             return
+        # Steps are executed in order, so the oldest pending one is the one that has ended.
         id_ = self._pending_steps.pop(0)
         if result.status == "OK":
             self.send_reply(SensorReports(id_, _lines_from_reports(reports)))

@@ -46,6 +46,7 @@ log = logging.getLogger(__name__)
 # A client treats three missed heartbeats as a lost server; also the interval at which the server
 # detects ended connections.
 HEARTBEAT_INTERVAL_S = 0.5
+# Encoded once: all clients get the same bytes.
 _HEARTBEAT = bytes_from_message(Heartbeat(SCHEMA_VERSION))
 # Heartbeats in a row to a client without a pending request. A busy program may not read: its unread
 # heartbeats must not fill the queue of its ZeroMQ (64 messages in our client), or its connection
@@ -102,6 +103,7 @@ class StreamServer:
 
     def disconnect_peers(self) -> None:
         """Disconnect all clients: their robots are removed."""
+        # A copy: each disconnection removes its client from the dict.
         for identity in list(self._peers):
             self._disconnect(identity)
 
@@ -140,11 +142,13 @@ class StreamServer:
             self._send(identity, [bytes_from_message(Error(0, str(error)))])
             return
         log.debug("from stream client %s: %s", identity.hex(), request)
+        # A client exists from its first valid request on; malformed messages add none.
         peer = self._peers.get(identity) or self._add_peer(identity)
         if peer is None:
             error_reply = Error(request.id, f"the limit of {MAX_PEERS} clients is reached")
             self._send(identity, [bytes_from_message(error_reply)])
             return
+        # A client that sends a request has read its heartbeats.
         peer.reset_idle_count()
         self._handle_request(peer, request)
 
@@ -191,6 +195,7 @@ class StreamServer:
 
     def _camera_reply(self, id_: int, camera: str) -> CameraReply | Error:
         """Reply with the first camera of a name; an empty name selects the first of all."""
+        # The first class with the camera: models are the same for all robots of a class.
         for (class_name, name), info in self._server_info.cameras.items():
             if camera in ("", name):
                 model, mount = dict(info.camera_model), transform_from_pose(info.robot_from_mirror)
@@ -235,6 +240,7 @@ async def serve_stream(
     try:
         yield server
     finally:
+        # Before the socket closes: a heartbeat must not be sent to a closed one.
         heartbeats.cancel()
         await asyncio.gather(heartbeats, return_exceptions=True)
         server.close()
@@ -247,6 +253,7 @@ async def _run_heartbeats(server: StreamServer) -> None:
 
 
 def _parse_request(parts: list[bytes]) -> Request:
+    # Rejected as a whole: a client that splits its request would lose the rest silently.
     if len(parts) != 1:
         raise RemoteProtocolError(f"a message of {len(parts)} parts: a request is one part")
     return request_from_bytes(parts[0])

@@ -63,6 +63,7 @@ class ZmtpPartCounter:
     def _read_frame(self) -> None:
         flags = self._head[0]
         if flags & _LONG and self._head_bytes == _SHORT_HEAD_BYTES:
+            # The other seven bytes of the length are still to come.
             self._head_bytes = _LONG_HEAD_BYTES
             return
         self._count_part(flags)
