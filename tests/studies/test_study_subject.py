@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_server.render.render_plan import RendererKind
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_studies.study_subject import open_study_subject
 from helpers.configs import FIELD, OMNI_ROBOT, ROBOTS
 

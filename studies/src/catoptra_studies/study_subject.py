@@ -127,6 +127,7 @@ def open_study_subject(
     *,
     size_px: int | None = None,
     poses: Sequence[PlanarPose] | None = None,
+    num_poses: int = len(_POSE_OFFSETS),
     kinds: Sequence[RendererKind] = tuple(RendererKind),
     resolution_scale: float = 1.0,
 ) -> Iterator[StudySubject]:
@@ -137,6 +138,7 @@ def open_study_subject(
         world_file: World in which the robot stands.
         size_px: Width and height of the image; None keeps the size in the robot file.
         poses: Poses of the robot; None takes those of `study_poses`.
+        num_poses: Number of the latter.
         kinds: Renderers to start; raster is left out where OpenGL is missing.
         resolution_scale: Factor on the sizes that figures request.
 
@@ -157,7 +159,7 @@ def open_study_subject(
             renderers=_open_renderers(kinds, scene, world, stack),
             camera_states=tuple(
                 CameraState(pose.at_height(height_m) @ omni.robot_from_mirror)
-                for pose in poses or study_poses(world)
+                for pose in poses or study_poses(world)[:num_poses]
             ),
             resolution_scale=resolution_scale,
         )

@@ -1,4 +1,4 @@
-"""A study of made-up numbers: what is told of them does not depend on any machine."""
+"""Results with invented numbers, whose report does not depend on any machine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from catoptra_studies.accuracy_cost.cost_results import (
 )
 
 
-def step(name: str, *, ms: float, rmse: float, polygons: int = 0, samples: int = 2) -> LevelCost:
+def make_level(
+    name: str, *, ms: float, rmse: float, polygons: int = 0, samples: int = 2
+) -> LevelCost:
     return LevelCost(
         name=name,
         renderer="raster",
@@ -37,13 +39,13 @@ def step(name: str, *, ms: float, rmse: float, polygons: int = 0, samples: int =
     )
 
 
-def rate(carries: str, ms: float) -> FrameRate:
-    polygons = int(carries) if carries.isdigit() else 0
-    return FrameRate("field", "raster", carries, polygons, 1e3 / ms, ms, ms, {"screen": 2.0})
+def make_frame_rate(payload: str, ms: float) -> FrameRate:
+    polygons = int(payload) if payload.isdigit() else 0
+    return FrameRate("field", "raster", payload, polygons, 1e3 / ms, ms, ms, {"perspective": 2.0})
 
 
 @pytest.fixture
-def document() -> CostResults:
+def results() -> CostResults:
     return CostResults(
         conditions=StudyConditions(
             date="2026-11-21",
@@ -58,16 +60,16 @@ def document() -> CostResults:
             reference_samples=8,
         ),
         levels=(
-            step("exact, 2x2", ms=5.0, rmse=3.7),
-            step("256 polygons (uv), 2x2", ms=7.0, rmse=25.0, polygons=256),
-            step("exact, 1x1", ms=4.0, rmse=6.1, samples=1),
+            make_level("exact, 2x2", ms=5.0, rmse=3.7),
+            make_level("256 polygons (uv), 2x2", ms=7.0, rmse=25.0, polygons=256),
+            make_level("exact, 1x1", ms=4.0, rmse=6.1, samples=1),
         ),
         polygon_rows=(PolygonRow(256, 16, 16, "uv", 0.975, 2.95, 7.28, 2.95, 7.28),),
         frame_rates=(
-            rate("no camera", 2.0),
-            *(rate(str(count), 6.0) for count in (16, 64, 256, 1024, 4096)),
-            rate("per pixel", 5.0),
-            rate("LMS200", 2.2),
+            make_frame_rate("no camera", 2.0),
+            *(make_frame_rate(str(count), 6.0) for count in (16, 64, 256, 1024, 4096)),
+            make_frame_rate("per pixel", 5.0),
+            make_frame_rate("LMS200", 2.2),
         ),
         localization=LocalizationAccuracy(
             num_runs=5,

@@ -10,6 +10,7 @@ import pytest
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.accuracy_cost.cost_results import (
+    FORMAT_VERSION,
     CostResults,
     LevelCost,
     read_cost_results,
@@ -17,39 +18,39 @@ from catoptra_studies.accuracy_cost.cost_results import (
 )
 
 
-def written(document: CostResults, folder: Path) -> Any:
-    write_cost_results(document, folder / "cost.json")
+def write_and_load(results: CostResults, folder: Path) -> Any:
+    write_cost_results(results, folder / "cost.json")
     text = (folder / "cost.json").read_text()
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
-def test_document_when_written_and_read_is_the_same(document: CostResults, tmp_path: Path) -> None:
-    written(document, tmp_path)
-    assert read_cost_results(tmp_path / "cost.json") == document
+def test_document_when_written_and_read_is_the_same(results: CostResults, tmp_path: Path) -> None:
+    write_and_load(results, tmp_path)
+    assert read_cost_results(tmp_path / "cost.json") == results
 
 
-def test_schema_has_a_version_and_every_field_of_a_step(
-    document: CostResults, tmp_path: Path
+def test_json_when_written_has_a_version_and_every_field_of_a_level(
+    results: CostResults, tmp_path: Path
 ) -> None:
-    read = written(document, tmp_path)
-    assert read["version"] == 1
+    read = write_and_load(results, tmp_path)
+    assert read["version"] == FORMAT_VERSION
     assert set(read) == {
-        *("version", "conditions", "steps", "polygons", "frame_rates", "landmarks")
+        *("version", "conditions", "levels", "polygon_rows", "frame_rates", "localization")
     }
-    assert set(read["steps"][0]) == {field.name for field in fields(LevelCost)}
+    assert set(read["levels"][0]) == {field.name for field in fields(LevelCost)}
 
 
-def test_numbers_that_json_lacks_are_null_and_come_back(
-    document: CostResults, tmp_path: Path
+def test_numbers_when_json_lacks_them_are_null_and_return(
+    results: CostResults, tmp_path: Path
 ) -> None:
-    assert document.localization is not None
-    row = replace(document.localization.rows[0], bearing_rms_deg=math.nan)
+    assert results.localization is not None
+    row = replace(results.localization.rows[0], bearing_rms_deg=math.nan)
     changed = replace(
-        document,
-        levels=(replace(document.levels[0], psnr_db=math.inf),),
-        localization=replace(document.localization, rows=(row,)),
+        results,
+        levels=(replace(results.levels[0], psnr_db=math.inf),),
+        localization=replace(results.localization, rows=(row,)),
     )
-    assert written(changed, tmp_path)["steps"][0]["psnr_db"] is None
+    assert write_and_load(changed, tmp_path)["levels"][0]["psnr_db"] is None
     read = read_cost_results(tmp_path / "cost.json")
     assert read.levels[0].psnr_db == math.inf
     assert read.localization is not None
@@ -58,20 +59,20 @@ def test_numbers_that_json_lacks_are_null_and_come_back(
 
 @pytest.mark.parametrize(
     "change",
-    [{"version": 2}, {"steps": [{"name": "alone"}]}, {"conditions": None}],
+    [{"version": 1}, {"levels": [{"name": "alone"}]}, {"conditions": None}],
     ids=["another version", "missing fields", "nothing"],
 )
 def test_document_when_it_is_no_study_is_refused_with_a_remedy(
-    document: CostResults, tmp_path: Path, change: dict[str, Any]
+    results: CostResults, tmp_path: Path, change: dict[str, Any]
 ) -> None:
-    broken = written(document, tmp_path) | change
+    broken = write_and_load(results, tmp_path) | change
     (tmp_path / "cost.json").write_text(json.dumps(broken))
-    with pytest.raises(CatoptraError, match="measure anew with catoptra-server cost"):
+    with pytest.raises(CatoptraError, match="measure again with catoptra-studies cost"):
         read_cost_results(tmp_path / "cost.json")
 
 
-def test_document_when_it_has_unknown_keys_is_read(document: CostResults, tmp_path: Path) -> None:
-    read = written(document, tmp_path)
-    read["steps"][0]["weather"] = "fine"
+def test_document_when_it_has_unknown_keys_is_read(results: CostResults, tmp_path: Path) -> None:
+    read = write_and_load(results, tmp_path)
+    read["levels"][0]["weather"] = "fine"
     (tmp_path / "cost.json").write_text(json.dumps(read))
-    assert read_cost_results(tmp_path / "cost.json") == document
+    assert read_cost_results(tmp_path / "cost.json") == results

@@ -8,12 +8,12 @@ from catoptra_studies.accuracy_cost.cost_results import CostResults
 from catoptra_studies.accuracy_cost.frame_rate_report import format_frame_rates
 
 
-def with_times(document: CostResults, **processor_ms: float) -> CostResults:
+def with_times(results: CostResults, **cpu_ms: float) -> CostResults:
     rows = tuple(
-        replace(row, cpu_ms=processor_ms.get(f"n{row.payload}", row.cpu_ms))
-        for row in document.frame_rates
+        replace(row, cpu_ms=cpu_ms.get(f"n{row.payload}", row.cpu_ms))
+        for row in results.frame_rates
     )
-    return replace(document, frame_rates=rows)
+    return replace(results, frame_rates=rows)
 
 
 @pytest.mark.parametrize(
@@ -24,24 +24,24 @@ def with_times(document: CostResults, **processor_ms: float) -> CostResults:
         ({"n4096": 8.0}, "it depends by more than 10%"),
     ],
 )
-def test_verdict_follows_from_the_processor_times(
-    document: CostResults, times: dict[str, float], expected: str
+def test_conclusion_follows_from_the_processor_times(
+    results: CostResults, times: dict[str, float], expected: str
 ) -> None:
-    told = " ".join(format_frame_rates(with_times(document, **times)).split())
-    assert expected in told
+    text = " ".join(format_frame_rates(with_times(results, **times)).split())
+    assert expected in text
 
 
-def test_section_tells_the_camera_and_the_scanner_apart(document: CostResults) -> None:
-    told = " ".join(format_frame_rates(document).split())
-    assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in told
+def test_section_has_the_cost_of_camera_and_scanner(results: CostResults) -> None:
+    text = " ".join(format_frame_rates(results).split())
+    assert "The camera with 1024 polygons takes 4.0 ms, the scanner 0.2." in text
 
 
-def test_section_says_what_the_exact_law_takes_beside_the_finest_mesh(
-    document: CostResults,
+def test_section_compares_the_camera_model_with_the_finest_mesh(
+    results: CostResults,
 ) -> None:
-    told = " ".join(format_frame_rates(document).split())
-    assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in told
+    text = " ".join(format_frame_rates(results).split())
+    assert "2.5 ms for the mirror and 5.0 ms a frame, where 256 polygons take 4.5 and 7.0" in text
 
 
-def test_section_when_nothing_was_measured_is_empty(document: CostResults) -> None:
-    assert format_frame_rates(replace(document, frame_rates=())) == ""
+def test_section_when_nothing_was_measured_is_empty(results: CostResults) -> None:
+    assert format_frame_rates(replace(results, frame_rates=())) == ""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR, HyperbolicMirror
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from catoptra_studies.accuracy_cost.cost_results import PolygonRow
@@ -16,9 +16,7 @@ from catoptra_studies.accuracy_cost.polygon_table import (
 
 # k and c of the paper; the rim at 120 degrees.
 RIM_RAD = 2.0943951023931953
-CAMERA = camera_with_inscribed_rim(
-    HyperbolicMirror(11.546, 0.2321), width_px=100, height_px=100, rim_rad=RIM_RAD
-)
+CAMERA = camera_with_inscribed_rim(PAPER_MIRROR, width_px=100, height_px=100, rim_rad=RIM_RAD)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +24,7 @@ def rows() -> tuple[PolygonRow, ...]:
     return measure_polygon_rows(CAMERA)
 
 
-def test_table_has_ten_splits_in_both_ways(rows: tuple[PolygonRow, ...]) -> None:
+def test_table_has_ten_tessellations_with_both_interpolations(rows: tuple[PolygonRow, ...]) -> None:
     assert len({(row.sectors, row.rings, row.interpolation) for row in rows}) == 20
 
 

@@ -7,11 +7,16 @@ from typing import Any
 
 import cv2
 import pytest
+from catoptra_studies.camera_figures.figure_subject import FigureSubject
 from rich.console import Console
 from rich.progress import Progress
 
-from catoptra_studies.camera_figures.figures_command import EXIT_FAILURE, FIGURES, main, write_figures
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
+from catoptra_studies.camera_figures.figures_command import (
+    EXIT_FAILURE,
+    FIGURES,
+    main,
+    write_figures,
+)
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"

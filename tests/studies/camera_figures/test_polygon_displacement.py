@@ -11,7 +11,7 @@ import math
 
 import pytest
 
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.omni_camera import OmniCamera, camera_with_inscribed_rim
 from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 from catoptra_studies.camera_figures.polygon_displacement import (
@@ -20,7 +20,7 @@ from catoptra_studies.camera_figures.polygon_displacement import (
 )
 
 CAMERA: OmniCamera = camera_with_inscribed_rim(
-    HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
+    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
 # sectors, rings, covered, position max and rms, uv max and rms
 TABLE = [

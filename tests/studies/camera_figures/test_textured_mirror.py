@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from catoptra_studies.camera_figures.figure_subject import FigureSubject
 
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
 from catoptra_studies.camera_figures.textured_mirror import mirror_points, sample_cube
 
 PLAIN = {face: np.full((4, 4, 3), 10 * face, dtype=np.uint8) for face in Face}
@@ -15,7 +15,7 @@ def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: FigureSubject) -
     x, y, z = point = mirror_points(subject.camera, direction)
 
     assert np.cross(point, direction) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
-    k, c = 11.546, 0.2321
+    k, c = PAPER_MIRROR.k, PAPER_MIRROR.c_m
     left = (z - c / 2) ** 2 - (x * x + y * y) * (k / 2 - 1)
     assert left == pytest.approx(c * c / 4 * (k - 2) / k, rel=1e-12)
 

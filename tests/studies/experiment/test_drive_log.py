@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.landmarks import read_landmarks
-from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_studies.experiment.drive_log import LandmarkMeasurement, manual_measurement
@@ -19,7 +19,7 @@ from catoptra_studies.experiment.route import Waypoint
 
 FIELD = read_landmarks(Path(__file__).parents[3] / "configs" / "landmarks" / "four_legged_2006.csv")
 CAMERA = camera_with_inscribed_rim(
-    HyperbolicMirror(11.546, 0.2321), width_px=360, height_px=360, rim_rad=math.radians(120.0)
+    PAPER_MIRROR, width_px=360, height_px=360, rim_rad=math.radians(120.0)
 )
 HEIGHT_M = 0.6
 HERE = Waypoint(0.4, -0.9, 0.6)

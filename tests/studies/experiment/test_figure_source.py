@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_studies.experiment.figure_source import FigureSource, collect_camera_figures
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
+from catoptra_studies.experiment.figure_source import FigureSource, collect_camera_figures
 
 DRAWN = {
     "figures": [

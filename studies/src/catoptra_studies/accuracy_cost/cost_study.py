@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_server.config.robot_file import read_robot
-from catoptra_server.config.world_file import read_world
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_studies.accuracy_cost.accuracy_levels import (
     AccuracyLevel,
@@ -27,7 +25,6 @@ from catoptra_studies.study_subject import (
     REFERENCE_SAMPLES,
     StudySubject,
     open_study_subject,
-    study_poses,
 )
 
 
@@ -76,9 +73,8 @@ def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> Cos
 
     The localization of the results is None: `localization_study` measures it with their levels.
     """
-    world_file = config.world_files[0]
     with open_study_subject(
-        config.robot_file, world_file, size_px=config.size_px, poses=_poses(config, world_file)
+        config.robot_file, config.world_files[0], size_px=config.size_px, num_poses=config.num_poses
     ) as subject:
         levels = _available_levels(subject, config)
         reference = subject.render_reference(config.reference_samples)
@@ -102,11 +98,6 @@ def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> Cos
     )
 
 
-def _poses(config: CostStudyConfig, world_file: Path) -> tuple[PlanarPose, ...]:
-    world, _ = read_world(world_file)
-    return study_poses(world)[: config.num_poses]
-
-
 def _available_levels(subject: StudySubject, config: CostStudyConfig) -> list[AccuracyLevel]:
     """Levels of the renderers that run here: only those of trace without OpenGL."""
     face_size_px = subject.plan(RendererKind.RASTER, RenderSettings()).face_size_px
@@ -121,7 +112,7 @@ def _measure_world_frame_rates(
     description, _ = read_robot(config.robot_file)
     rows: list[FrameRate] = []
     with open_study_subject(
-        config.robot_file, world_file, size_px=config.size_px, poses=_poses(config, world_file)
+        config.robot_file, world_file, size_px=config.size_px, num_poses=config.num_poses
     ) as subject:
         for kind in subject.renderers:
             # Payloads differ by less than levels do, so their medians take twice the frames.

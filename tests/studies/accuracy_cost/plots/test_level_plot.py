@@ -12,24 +12,24 @@ from catoptra_studies.accuracy_cost.plots.level_plot import MAX_COLUMNS, select_
 BLACK = np.zeros((4, 4, 3), dtype=np.uint8)
 
 
-def drawn(document: CostResults, times: list[float]) -> list[MeasuredLevel]:
-    step = document.levels[0]
+def make_levels(results: CostResults, times: list[float]) -> list[MeasuredLevel]:
+    level = results.levels[0]
     return [
-        MeasuredLevel(replace(step, wall_ms=ms, is_on_pareto_front=True), BLACK) for ms in times
+        MeasuredLevel(replace(level, wall_ms=ms, is_on_pareto_front=True), BLACK) for ms in times
     ]
 
 
-def test_steps_are_those_of_the_front_from_fast_to_exact(document: CostResults) -> None:
-    off = MeasuredLevel(replace(document.levels[0], wall_ms=1.0, is_on_pareto_front=False), BLACK)
-    found = select_front_levels([off, *drawn(document, [9.0, 3.0])])
+def test_levels_are_those_of_the_front_from_fast_to_exact(results: CostResults) -> None:
+    off = MeasuredLevel(replace(results.levels[0], wall_ms=1.0, is_on_pareto_front=False), BLACK)
+    found = select_front_levels([off, *make_levels(results, [9.0, 3.0])])
     assert [one.cost.wall_ms for one in found] == [3.0, 9.0]
 
 
 @pytest.mark.parametrize("count", [1, MAX_COLUMNS, MAX_COLUMNS + 5])
-def test_steps_when_too_many_keep_both_ends(document: CostResults, count: int) -> None:
+def test_levels_when_too_many_keep_both_ends(results: CostResults, count: int) -> None:
     found = [
         one.cost.wall_ms
-        for one in select_front_levels(drawn(document, [float(n) for n in range(count)]))
+        for one in select_front_levels(make_levels(results, [float(n) for n in range(count)]))
     ]
     assert len(found) == min(count, MAX_COLUMNS)
     assert (found[0], found[-1]) == (0.0, count - 1.0)

@@ -10,7 +10,6 @@ import pytest
 
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.effects.effect import EffectMode
-from catoptra_studies.degradation.__main__ import EXIT_FAILURE, main, write_degradation_results
 from catoptra_studies.degradation.degradation_study import num_drives, run_degradation_study
 from catoptra_studies.degradation.degradation_sweeps import (
     REAL_ROBOT,
@@ -20,6 +19,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
     clean_robot_ini,
     degraded_robot_ini,
 )
+from catoptra_studies.effects.effects_command import EXIT_FAILURE, main, write_degradation_results
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
 from catoptra_studies.experiment.experiment_setups import SIM
 from helpers.configs import REPOSITORY
