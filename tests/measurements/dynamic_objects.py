@@ -1,12 +1,13 @@
-"""What do moving robots cost a frame, and should their triangles be committed anew or rays turned?
+"""Cost of other robots in a frame, and two methods to trace their meshes.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/dynamic_objects.py
 
-Prints the median and the least milliseconds of a frame on the field with 0, 1, 4 and 16 robots in
-sight, in both renderers: 640 x 640 px of the mirror and 320 x 240 px of an ordinary camera, 2 x 2
-samples; then what preparing the ordinary camera anew costs, as a zoom does. Last, for 100 000 rays
-around the viewpoint on one thread, the two ways that trace could ask for bodies. Decided by it:
-render/trace/embree_objects.py turns rays into each body's frame.
+Prints the median and the minimum milliseconds of a frame on the field with 0, 1, 4 and 16 robots in
+view, in both renderers: 640 x 640 px of the mirror and 320 x 240 px of a perspective camera, 2 x 2
+samples; then the time to prepare the perspective camera again, as a zoom does. Last, for 100 000
+rays from the viewpoint on one thread, two methods for trace: a new commit of all meshes in each
+frame, and rays transformed into each object's frame. Decision: render/trace/embree_objects.py
+transforms the rays.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ from scenes import CAMERA_STATE, make_camera, make_worlds
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
-from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.render_plan import RendererKind, RenderSettings, plan_from_settings
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import Renderer, View
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.trace.embree_objects import EmbreeObjectScenes, intersect_objects
 from catoptra_server.render.trace.packed_light import SrgbScale
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.dynamic_object import DynamicObject
 from catoptra_server.scene.robot_shapes import OmniCameraTower, RobotDimensions, build_robot_mesh
 from catoptra_server.scene.scene_mesh import build_scene
@@ -42,18 +44,21 @@ PERSPECTIVE = PerspectiveCamera(320, 240, math.radians(80.0))
 
 
 def make_robots(count: int) -> tuple[DynamicObject, ...]:
-    """Return robots in a ring around the viewpoint, from 0.9 m to 2.4 m away."""
+    """Robots around the viewpoint, at distances from 0.9 m to 2.4 m."""
     x, y, _ = CAMERA_STATE.world_from_mirror.translation
-    bodies = []
+    robots = []
     for index in range(count):
-        bearing, distance = 2.4 * index, 0.9 + 0.1 * index  # golden angle: evenly all round
-        place = (x + distance * math.cos(bearing), y + distance * math.sin(bearing), -0.1457)
-        bodies.append(DynamicObject(ROBOT, Pose.from_rpy(place, (0.0, 0.0, 3.0 * bearing))))
-    return tuple(bodies)
+        bearing, distance = (
+            2.4 * index,
+            0.9 + 0.1 * index,
+        )  # the golden angle spreads bearings evenly
+        location_m = (x + distance * math.cos(bearing), y + distance * math.sin(bearing), -0.1457)
+        robots.append(DynamicObject(ROBOT, Pose.from_rpy(location_m, (0.0, 0.0, 3.0 * bearing))))
+    return tuple(robots)
 
 
 def measure_ms(run: Callable[[], object]) -> str:
-    """Return the median and the least time, formatted."""
+    """Median and minimum time in milliseconds, formatted."""
     times = []
     for _ in range(FRAMES):
         begin = time.perf_counter()
@@ -64,10 +69,11 @@ def measure_ms(run: Callable[[], object]) -> str:
 
 def print_times(name: str, view: View) -> None:
     for count in COUNTS:
-        exposure = CameraState(CAMERA_STATE.world_from_mirror, make_robots(count))
-        view.render(exposure)
+        camera_state = CameraState(CAMERA_STATE.world_from_mirror, make_robots(count))
+        view.render(camera_state)
         print(
-            f"  {name}, {count:2d} robots".ljust(38), measure_ms(lambda e=exposure: view.render(e))
+            f"  {name}, {count:2d} robots".ljust(38),
+            measure_ms(lambda s=camera_state: view.render(s)),
         )
 
 
@@ -81,7 +87,10 @@ def measure_frames() -> None:
     plan = plan_from_settings(
         RenderSettings(samples=2), make_camera(), kind=RendererKind.RASTER, reason="measured"
     )
-    for renderer in (TraceRenderer(scene, world), RasterRenderer(scene, world)):
+    for renderer in (
+        create_renderer(RendererKind.TRACE, scene, world),
+        create_renderer(RendererKind.RASTER, scene, world),
+    ):
         print(renderer.describe(), f"\n  {'':<36}  median     min")
         print_times("mirror", renderer.prepare(make_camera(), plan))
         print_times("perspective", renderer.prepare_perspective(PERSPECTIVE, 2))
@@ -92,34 +101,36 @@ def measure_frames() -> None:
 
 
 def compare_methods() -> None:
-    """Print what it costs to commit all bodies again and ask all rays, and to turn the rays."""
+    """Print the times of a new commit, of rays cast in the committed scene, and of turned rays."""
     rng = np.random.default_rng(0)
     rays = rng.normal(size=(100_000, 3))
     rays[:, 2] = np.abs(rays[:, 2])
-    rays = rays[np.argsort(np.arctan2(rays[:, 1], rays[:, 0]))]  # neighbours follow each other
+    rays = rays[
+        np.argsort(np.arctan2(rays[:, 1], rays[:, 0]))
+    ]  # adjacent rays in sequence, as in an image
     directions = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
     viewpoint = CAMERA_STATE.world_from_mirror.translation
     origins = np.broadcast_to(viewpoint.astype(np.float32), directions.shape)
     scale, scenes = SrgbScale.for_samples(4), EmbreeObjectScenes(make_worlds()["field"].lights)
     print(f"100 000 rays on one thread, {len(ROBOT)} triangles a robot")
     for count in COUNTS[1:]:
-        bodies = make_robots(count)
+        robots = make_robots(count)
 
-        def committed(bodies: tuple[DynamicObject, ...] = bodies) -> rtcore_scene.EmbreeScene:
-            places = [body.world_from_object.transform_points(body.mesh.corners) for body in bodies]
+        def commit(robots: tuple[DynamicObject, ...] = robots) -> rtcore_scene.EmbreeScene:
+            corners = [r.world_from_object.transform_points(r.mesh.corners) for r in robots]
             scene = rtcore_scene.EmbreeScene()
-            TriangleMesh(scene, np.concatenate(places).astype(np.float32))
+            TriangleMesh(scene, np.concatenate(corners).astype(np.float32))
             scene.run(origins[:1], directions[:1])
             return scene
 
-        def turned(bodies: tuple[DynamicObject, ...] = bodies) -> None:
-            intersect_objects(scenes.place_objects(bodies, viewpoint, scale), directions, scale)
+        def turn_rays(robots: tuple[DynamicObject, ...] = robots) -> None:
+            intersect_objects(scenes.place_objects(robots, viewpoint, scale), directions, scale)
 
-        ready = committed()
-        asked = measure_ms(lambda s=ready: s.run(origins, directions, output=True))
-        print(f"  {count:2d} robots committed anew".ljust(38), measure_ms(committed))
-        print(f"  {count:2d} robots, then asked".ljust(38), asked)
-        print(f"  {count:2d} robots, rays turned".ljust(38), measure_ms(turned))
+        scene = commit()
+        cast_ms = measure_ms(lambda s=scene: s.run(origins, directions, output=True))
+        print(f"  {count:2d} robots committed anew".ljust(38), measure_ms(commit))
+        print(f"  {count:2d} robots, rays cast".ljust(38), cast_ms)
+        print(f"  {count:2d} robots, rays turned".ljust(38), measure_ms(turn_rays))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""What do faces of one size cost against parts of the picture's own density, and what do they show?
+"""Cost and error of cube faces of one size against regions with the image's own density.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/face_parts.py
 
-Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, on the
-wall and of all processors, drawn in turns; the latter's ratio to faces of one size (1.01 picture
-widths, which give a texel a pixel at any rim); and the RMSE in grey levels against 8 x 8 exact rays
-a pixel. Decided by it: DEFAULT_TEXELS_PER_PX in render/render_plan.py.
+Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, wall
+time and all processors, rendered in turns; the latter's ratio to faces of one size (1.01 image
+widths, which give a texel per pixel at any rim); and the RMSE in grey levels against 8 x 8 exact
+rays per pixel. Decision: DEFAULT_TEXELS_PER_PX in planning/face_regions.py.
 """
 
 from __future__ import annotations
@@ -16,16 +16,13 @@ import numpy as np
 from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds_with_million_triangles
 
-from catoptra_server.planning.face_regions import FaceRegion, regions_by_density, regions_of_size
-from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.raster.raster_renderer import RasterView
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderSettings,
-    plan_from_settings,
-)
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.face_regions import regions_by_density, regions_of_size
+from catoptra_server.planning.renderer_choice import create_renderer
+from catoptra_server.render.face_region import FaceRegion
+from catoptra_server.render.renderer import OmniView, Renderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
 
@@ -33,7 +30,7 @@ ROUNDS = 25
 
 
 def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
-    """Return the parts that are compared, by name; the first is what the others are measured by."""
+    """Face regions to be compared, by name; the first is the reference of the ratios."""
     shown = make_camera()
     parts = {"one size, 672 px": regions_of_size(shown.rim_rad, 672)}
     for texels in (1.0, 1.25, 1.5, 2.0):
@@ -42,9 +39,7 @@ def part_layouts() -> dict[str, tuple[FaceRegion, ...]]:
     return parts
 
 
-def prepare_view(
-    renderer: RasterRenderer, parts: tuple[FaceRegion, ...], samples: int
-) -> RasterView:
+def prepare_view(renderer: Renderer, parts: tuple[FaceRegion, ...], samples: int) -> OmniView:
     plan = plan_from_settings(
         RenderSettings(PerPixel(), samples),
         make_camera(),
@@ -58,7 +53,7 @@ def render_reference(world: World) -> np.ndarray[tuple[int, ...], np.dtype[np.fl
     plan = plan_from_settings(
         RenderSettings(PerPixel(), 8), make_camera(), kind=RendererKind.TRACE, reason="measured"
     )
-    renderer = TraceRenderer(build_scene(world), world)
+    renderer = create_renderer(RendererKind.TRACE, build_scene(world), world)
     image = renderer.prepare(make_camera(), plan).render(CAMERA_STATE).rgb.astype(float)
     renderer.close()
     return image
@@ -67,7 +62,7 @@ def render_reference(world: World) -> np.ndarray[tuple[int, ...], np.dtype[np.fl
 def print_errors(
     world: World, samples: int, exact: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 ) -> None:
-    renderer = RasterRenderer(build_scene(world), world)
+    renderer = create_renderer(RendererKind.RASTER, build_scene(world), world)
     views = {name: prepare_view(renderer, parts, samples) for name, parts in part_layouts().items()}
     images = {name: view.render(CAMERA_STATE).rgb for name, view in views.items()}
     draws = {name: lambda view=view: view.render(CAMERA_STATE) for name, view in views.items()}

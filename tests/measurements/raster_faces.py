@@ -1,10 +1,10 @@
-"""What do the cube faces cost in OpenGL: storage, samples, chunks, waiting for the device?
+"""Cost of the cube faces in OpenGL: texture format, samples, triangle clusters, waits per stage.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/raster_faces.py
 
-Prints the median and the least milliseconds of the faces of a 640 x 640 px picture in two scenes.
-Decided by it: RGBA16F in render/raster/passes.py, 96 triangles in chunks.py, the wait after each
-stage in timing.py, and the plain clear in faces.py.
+Prints the median and the minimum milliseconds of the faces of a 640 x 640 px image in two scenes.
+Decisions: RGBA16F in render/raster/passes.py, 96 triangles in scene/triangle_clusters.py, the wait
+after each stage in render/stage_clock.py, and the plain clear in render/raster/faces.py.
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ import moderngl
 import numpy as np
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.planning.face_regions import regions_of_size
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.projection.atlas import GUARD_TEXELS, Atlas, pack_atlas
-from catoptra_server.render.raster import RasterRenderer, open_device, scene_buffers
+from catoptra_server.render.raster import open_device, scene_buffers
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.render.raster.shader_programs import ShaderPrograms
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.render.stage_clock import StageClock
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.triangle_clusters import TRIANGLES_PER_CLUSTER, make_clusters
 from catoptra_server.scene.world_description import World
@@ -52,7 +50,7 @@ def measure_ms(draw: Callable[[], object], finish: Callable[[], None]) -> str:
 
 
 def draw_faces(scene: SceneBuffers, atlas: Atlas, target: moderngl.Framebuffer) -> None:
-    """Draw the faces as FacePass does, into any target."""
+    """Render the faces as FacePass does, into any target."""
     pose = CAMERA_STATE.world_from_mirror
     viewpoint = pose.translation - scene.origin
     depth = scene.depth_range_finder.find_range(viewpoint, max_depth_ratio=1.75)
@@ -97,23 +95,23 @@ def measure_storage(context: moderngl.Context, scene: SceneBuffers) -> None:
 
 
 def chunk_sizes(world: World) -> None:
-    """Compare sizes of chunks by whole frames."""
+    """Compare cluster sizes by whole frames."""
     for size in (32, TRIANGLES_PER_CLUSTER, 256, 1024, 4096, 10**9):
         with mock.patch.object(scene_buffers, "make_chunks", partial(make_clusters, size=size)):
             print(f"  {f'chunks of {size}':<36}{measure_frame(world)}")
 
 
 def measure_waiting(world: World) -> None:
-    """Compare a frame whose stages are waited for with one that is only queued."""
+    """Compare a frame with a wait after each stage to one that is only queued."""
     print(f"  {'frame, waiting after each stage':<36}{measure_frame(world)}")
     with mock.patch.object(StageClock, "mark", return_value=None):
         print(f"  {'frame, never waiting':<36}{measure_frame(world)}")
 
 
 def measure_frame(world: World) -> str:
-    renderer = RasterRenderer(build_scene(world), world)
-    wish = RenderSettings(PerPixel(), 1, FACE_PX, 1)
-    plan = plan_from_settings(wish, make_camera(), kind=RendererKind.RASTER, reason="measured")
+    renderer = create_renderer(RendererKind.RASTER, build_scene(world), world)
+    settings = RenderSettings(PerPixel(), 1, FACE_PX, 1)
+    plan = plan_from_settings(settings, make_camera(), kind=RendererKind.RASTER, reason="measured")
     view = renderer.prepare(make_camera(), plan)
     times = measure_ms(lambda: view.render(CAMERA_STATE), lambda: None)
     view.close()

@@ -1,10 +1,10 @@
-"""Which renderer is faster on this machine, and how good is what it shows?
+"""Frame time and error of both renderers on this machine.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/renderer_comparison.py
 
-Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, on the
-wall and of all processors together, drawn in turns, and the RMSE in grey levels against 8 x 8 exact
-rays a pixel. Decided by it: what `auto` takes in planning/renderer_choice.py where OpenGL is software.
+Prints, for 640 x 640 px in three scenes, the median milliseconds of a frame with read-back, wall
+time and all processors, rendered in turns, and the RMSE in grey levels against 8 x 8 exact rays per
+pixel. Decision: the choice of `auto` in planning/renderer_choice.py where OpenGL is software.
 """
 
 from __future__ import annotations
@@ -16,21 +16,17 @@ from interleaved import median_ms
 from scenes import CAMERA_STATE, CORRIDOR, make_camera, make_worlds
 
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.raster import RasterRenderer
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import Renderer, View
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 
 ROUNDS = 15
 REFERENCE_SAMPLES = 8
 
-# name, samples along a pixel's side, face size in px (0 = the plan's own), face samples
+# name, samples along a pixel's side, face size in px (0 = by the plan), face samples
 TRACE = [(f"trace, {n} x {n}", n, 0, 1) for n in (1, 2, 3, 4)]
 RASTER = [
     *((f"raster, {n} x {n}", n, 0, 1) for n in (1, 2, 3, 4)),
@@ -42,9 +38,9 @@ RASTER = [
 def prepare_view(
     renderer: Renderer, kind: RendererKind, samples: int, face_size_px: int, face_samples: int
 ) -> View:
-    wish = RenderSettings(PerPixel(), samples, face_size_px, face_samples)
+    settings = RenderSettings(PerPixel(), samples, face_size_px, face_samples)
     return renderer.prepare(
-        make_camera(), plan_from_settings(wish, make_camera(), kind=kind, reason="measured")
+        make_camera(), plan_from_settings(settings, make_camera(), kind=kind, reason="measured")
     )
 
 
@@ -67,7 +63,10 @@ def print_costs(trace: Renderer, raster: Renderer) -> None:
 def main() -> None:
     for title, world in {**make_worlds(), "corridor": read_world(CORRIDOR)[0]}.items():
         scene = build_scene(world)
-        trace, raster = TraceRenderer(scene, world), RasterRenderer(scene, world)
+        trace, raster = (
+            create_renderer(RendererKind.TRACE, scene, world),
+            create_renderer(RendererKind.RASTER, scene, world),
+        )
         print(f"{title}, {len(scene)} triangles\n  {trace.describe()}\n  {raster.describe()}")
         print(f"  {'':<36}{'wall':>8}{'proc.':>8}{'rmse':>8}")
         print_costs(trace, raster)

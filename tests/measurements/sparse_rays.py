@@ -1,11 +1,11 @@
-"""How much faster is a picture whose uniform cells are filled without rays, and is it the same?
+"""Frame time and error of images whose uniform cells are filled without rays.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/sparse_rays.py
 
-Prints, for 640 x 640 px, the median milliseconds of frames along a path for each side of cells
-(1: every ray is traced), frames of all sides taking turns; then how many pixels differ from every
-ray being traced, over all those poses, and by how many grey levels at most. Decided by it: the
-default of RenderPlan.stride_px.
+Prints, for 640 x 640 px, the median milliseconds of frames along a path for each side of the cells
+(1 = every ray is traced), rendered in turns; then the number of pixels that differ from the image
+with every ray, over all poses, and their largest difference in grey levels. Decision: the default
+of RenderPlan.stride_px.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from scenes import CORRIDOR, FIELD, make_balls, make_camera, make_thin_objects_w
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.world_file import read_world
-from catoptra_server.render.render_plan import RendererKind, RenderSettings, plan_from_settings
+from catoptra_server.planning.explicit_plan import plan_from_settings
+from catoptra_server.planning.renderer_choice import create_renderer
 from catoptra_server.render.renderer import View
-from catoptra_server.render.trace import TraceRenderer
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import World
 
@@ -31,7 +33,7 @@ WARM_UP_FRAMES = 5
 
 
 def make_worlds() -> dict[str, World]:
-    """Return what is measured, with few triangles and with many, in few and in many places."""
+    """Worlds with few and with many triangles, clustered and spread out."""
     return {
         "field": read_world(FIELD)[0],
         "corridor": read_world(CORRIDOR)[0],
@@ -43,7 +45,7 @@ def make_worlds() -> dict[str, World]:
 
 
 def make_poses(frames: int) -> list[Pose]:
-    """Return viewpoints on a path through the middle of a world, 0.6 m above the floor."""
+    """Viewpoints on a path through the centre of a world, 0.6 m above the floor."""
     t = np.linspace(0.0, 12.0, frames)
     return [
         Pose.from_rpy((1.5 * np.sin(a), 0.6 * np.cos(1.3 * a), -0.6), (0.0, 0.0, 0.5 * a))
@@ -60,18 +62,20 @@ def render(view: View, pose: Pose) -> tuple[float, np.ndarray[tuple[int, int, in
 def print_errors(world: World, samples: int, frames: int) -> None:
     scene = build_scene(world)
     begin = time.perf_counter()
-    trace = TraceRenderer(scene, world)
+    trace = create_renderer(RendererKind.TRACE, scene, world)
     ready_s = time.perf_counter() - begin
     views = {}
     for stride in STRIDES:
-        wish = RenderSettings(samples=samples, stride_px=stride)
-        plan = plan_from_settings(wish, make_camera(), kind=RendererKind.TRACE, reason="measured")
+        settings = RenderSettings(samples=samples, stride_px=stride)
+        plan = plan_from_settings(
+            settings, make_camera(), kind=RendererKind.TRACE, reason="measured"
+        )
         views[stride] = trace.prepare(make_camera(), plan)
     for view in views.values():
         for pose in make_poses(WARM_UP_FRAMES):
             view.draw(CameraState(pose))
     times: dict[int, list[float]] = {stride: [] for stride in STRIDES}
-    different, most = dict.fromkeys(STRIDES, 0), dict.fromkeys(STRIDES, 0)
+    different, largest = dict.fromkeys(STRIDES, 0), dict.fromkeys(STRIDES, 0)
     for pose in make_poses(frames):
         whole = None
         for stride, view in views.items():
@@ -80,7 +84,7 @@ def print_errors(world: World, samples: int, frames: int) -> None:
             whole = image if whole is None else whole
             apart = np.abs(image - whole).max(axis=-1)
             different[stride] += np.count_nonzero(apart)
-            most[stride] = max(most[stride], int(apart.max()))
+            largest[stride] = max(largest[stride], int(apart.max()))
     print(
         f"  {world.name}, {len(scene)} triangles, {samples} x {samples}, ready in {ready_s:.1f} s"
     )
@@ -89,7 +93,7 @@ def print_errors(world: World, samples: int, frames: int) -> None:
         share = different[stride] / frames / 640**2
         print(
             f"    {stride:2} px {median:7.1f} ms  x {median / statistics.median(times[1]):.2f}"
-            f"   differ {share:.1e} of the pixels, by {most[stride]} at most"
+            f"   differ {share:.1e} of the pixels, by {largest[stride]} levels at most"
         )
     trace.close()
 
