@@ -19,7 +19,7 @@ import zmq.asyncio
 
 from catoptra_client.frame import rgb_from_image_bytes
 from catoptra_protocol.stream.messages import bytes_from_message, reply_from_bytes
-from catoptra_protocol.stream.replies import FrameHeader
+from catoptra_protocol.stream.replies import FrameHeader, Heartbeat
 from catoptra_protocol.stream.requests import GetFrameRequest, ImageEncoding
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_protocol.usarsim.control_connection import ControlClient
@@ -117,11 +117,11 @@ class ReferenceClient:
     async def _receive_frame(self, socket: zmq.asyncio.Socket) -> FrameHeader:
         while True:
             head, *rest = await socket.recv_multipart()
-            answer = reply_from_bytes(head)
-            if isinstance(answer, FrameHeader):
-                self._check([len(part) for part in rest] == [64 * 64 * 3], "a stream's picture")
-                return answer
-            self._check(answer is not None and answer.KIND == "pulse", f"unasked: {answer}")
+            reply = reply_from_bytes(head)
+            if isinstance(reply, FrameHeader):
+                self._check([len(part) for part in rest] == [64 * 64 * 3], "a stream image")
+                return reply
+            self._check(isinstance(reply, Heartbeat), f"unsolicited: {reply}")
 
     def _check(self, condition: bool, message: str) -> None:
         if not condition:
