@@ -79,7 +79,7 @@ class CostCache:
         Args:
             renderer_description: The renderer's `describe()`: library, device, threads.
         """
-        # On demand: hashing a million triangles takes a tenth of a second.
+        # On demand: hashing a million triangles takes half a second.
         if not self._digest:
             self._digest = hash_scene(self._scene)
         parts = (

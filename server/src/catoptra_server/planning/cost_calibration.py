@@ -69,7 +69,8 @@ def _measure_stages(
         start_s = clock()
         stages = view.render(next(turns)).stage_ms
         end_s = clock()
-        # Stages may overlap in threads; their sum can then exceed the wall time.
+        # Clamped: stages have clocks of their own, and rounding may take their sum above the wall
+        # time.
         other_ms = max(0.0, 1e3 * (end_s - start_s) - sum(stages.values()))
         frames.append({**stages, OTHER_STAGES: other_ms})
         if len(frames) >= _MIN_FRAMES and end_s - begin_s > _MAX_DURATION_S:

@@ -23,7 +23,7 @@ class PerspectivePlan:
     """Reason of the renderer's choice, for the log."""
 
     def __post_init__(self) -> None:
-        # The same limits as of RenderPlan: one shader averages both.
+        # The same limits as of RenderPlan.
         if not 1 <= self.samples <= 16:
             raise DomainError(f"samples must be 1 to 16 along a pixel's side, not {self.samples}")
 

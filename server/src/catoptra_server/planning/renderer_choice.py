@@ -123,7 +123,7 @@ def _choose_automatically(inputs: _Scene, samples: int) -> RendererChoice:
         shape = f"{samples} x {samples} samples of {triangles} triangles"
         reason = f"only software OpenGL ({device.renderer}), for {shape} "
         if samples < MIN_SOFTWARE_RASTER_SAMPLES or triangles > MAX_SOFTWARE_RASTER_TRIANGLES:
-            # An OpenGL context belongs to its thread: closed now, opened anew by the alternative.
+            # Closed now: few servers ever need the alternative, which opens a device of its own.
             device.close()
             raster = {RendererKind.RASTER: lambda: _create_raster(inputs)}
             return trace(f"{reason}slower than trace", raster)

@@ -55,7 +55,7 @@ def load_mesh_file(shape: MeshFile) -> list[LoadedMesh]:
     Raises:
         ConfigError: The file is missing, unreadable, or without a triangle.
     """
-    # Imported on demand: loading it takes longer than building a world without mesh files.
+    # Imported on demand: loading trimesh takes a second, reading and building the corridor 0.3 s.
     import trimesh
 
     if not shape.path.is_file():

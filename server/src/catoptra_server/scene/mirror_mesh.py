@@ -59,7 +59,7 @@ def tessellation_from_polygon_count(
 
     Any other count is factored as near to sectors = 4 rings as possible.
     """
-    # Square from 4 x 4 on: fewer sectors enclose no volume around the axis.
+    # The paper's meshes, 16 to 4096 polygons, are square; smaller counts are factored below.
     root = math.isqrt(num_polygons)
     if root * root == num_polygons and root >= 4:
         return Tessellation(root, root, interpolation)

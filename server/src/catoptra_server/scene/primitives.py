@@ -140,7 +140,7 @@ def ring(shape: Ring) -> Patch:
 
 def sphere_band(shape: SphereBand) -> Patch:
     """Band of a sphere between two angles from +z, lit from inside."""
-    # The last meridian repeats the first, with the texture's other edge.
+    # The last meridian repeats the first and so closes the band.
     azimuth = np.linspace(0.0, 2.0 * math.pi, shape.sectors + 1)
     angle = np.linspace(shape.from_rad, shape.to_rad, shape.rings + 1)[:, None]
     points = shape.radius_m * np.stack(

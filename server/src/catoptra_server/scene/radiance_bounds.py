@@ -51,7 +51,8 @@ def max_point_irradiance(corners: Floats, light: PointLight) -> tuple[Floats, Fl
     """
     low, high = corners.min(axis=1), corners.max(axis=1)
     position = np.asarray(light.position_m)
-    # A box rather than the triangle: a tenth of the operations, and never farther.
+    # The nearest point of a box needs no case distinction, and is never farther than the
+    # triangle's.
     outside = np.maximum(np.maximum(low - position, position - high), 0.0)
     squared = np.maximum(np.square(outside).sum(axis=-1), _MIN_DISTANCE_SQUARED_M2)
     irradiance: Floats = np.asarray(light.intensity) / squared[:, None]

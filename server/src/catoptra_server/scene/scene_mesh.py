@@ -98,7 +98,7 @@ def _concatenate_parts(parts: list[_MeshPart], items: tuple[Item, ...]) -> Scene
     textures: list[Texture] = []
     indices: list[int] = []
     for part in parts:
-        # By identity, not by content: equal images of two files stay two textures.
+        # By identity, not by content: an image that is loaded twice is stored twice.
         found = [i for i, texture in enumerate(textures) if texture is part.texture]
         if part.texture is not None and not found:
             textures.append(part.texture)

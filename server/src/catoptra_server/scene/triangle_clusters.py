@@ -63,7 +63,7 @@ def make_clusters(
         groups: (n,) group of each triangle; no cluster has two.
         size: Largest number of triangles in a cluster.
     """
-    # Along a Morton curve: one sort, and boxes nearly as tight as a built tree's.
+    # Neighbours on a Morton curve are neighbours in space: one sort in place of a built tree.
     order = np.lexsort((_morton_codes(corners.mean(axis=1)), groups))
     counts = np.bincount(groups[order]) if len(order) else np.zeros(0, dtype=np.intp)
     ends = np.cumsum(counts)
