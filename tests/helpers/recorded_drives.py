@@ -1,4 +1,4 @@
-"""Films made by hand: a robot at the origin that looks along x, and what the stream says."""
+"""Recorded drives made by hand: a robot at the origin facing x, and the visible landmarks."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ _STATIONARY_STEP = DriveStep(Waypoint(0.0, 0.0, 0.0), OdometryPose(0.0, 0.0, 0.0
 
 
 def make_frame(*visible: Landmark) -> LabelledFrame:
-    """Return a black frame in which these landmarks, and no others, are visible."""
-    seen = (LandmarkProjection(m, (m.x_m, m.y_m), m in visible, 0.0) for m in FIELD)
-    return LabelledFrame(np.zeros((40, 40, 3), np.uint8), tuple(seen))
+    """A black frame in which these landmarks, and no others, are visible."""
+    projections = (LandmarkProjection(m, (m.x_m, m.y_m), m in visible, 0.0) for m in FIELD)
+    return LabelledFrame(np.zeros((40, 40, 3), np.uint8), tuple(projections))
 
 
-def make_drive(*shots: LabelledFrame) -> RecordedDrive:
-    """Return a drive in which the robot does not move."""
-    steps = (_STATIONARY_STEP,) * (1 + len(shots))
-    return RecordedDrive(DriveLog("still", 0, steps), tuple(shots), CAMERA, 0.6)
+def make_drive(*frames: LabelledFrame) -> RecordedDrive:
+    """A drive in which the robot does not move."""
+    steps = (_STATIONARY_STEP,) * (1 + len(frames))
+    return RecordedDrive(DriveLog("still", 0, steps), tuple(frames), CAMERA, 0.6)
 
 
 def make_detection(name: str, range_m: float, bearing_deg: float) -> Detection:
-    """Return a beacon that a detector says it has found."""
+    """Detection of a beacon with a range."""
     bearing = math.radians(bearing_deg)
     return Detection(name, "beacon", range_m, bearing, np.eye(2), 9, True)

@@ -1,20 +1,17 @@
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import cv2
 import matplotlib
 import numpy as np
-import pytest
 
-from catoptra_protocol.errors import CatoptraError
 from catoptra_studies import plot_style
 
 NOISE = np.random.default_rng(7).integers(0, 256, (20, 20, 3), dtype=np.uint8)
 
 
-def test_picture_shows_every_pixel_as_a_block_when_the_width_is_a_multiple(tmp_path: Path) -> None:
+def test_image_shows_every_pixel_as_a_block_when_the_width_is_a_multiple(tmp_path: Path) -> None:
     with plot_style.open_page(100, 80) as page:
         plot_style.show_image(page, NOISE, 30, 10, 40)
         plot_style.save_page(page, tmp_path / "page.png")
@@ -23,7 +20,7 @@ def test_picture_shows_every_pixel_as_a_block_when_the_width_is_a_multiple(tmp_p
     assert np.array_equal(shown, NOISE.repeat(2, axis=0).repeat(2, axis=1))
 
 
-def test_page_has_exactly_the_pixels_asked_for(tmp_path: Path) -> None:
+def test_page_has_exactly_its_size_in_pixels(tmp_path: Path) -> None:
     with plot_style.open_page(321, 123) as page:
         plot_style.save_page(page, tmp_path / "page.png")
 
@@ -38,9 +35,8 @@ def test_settings_end_with_the_page() -> None:
     assert matplotlib.rcParams["font.size"] == before
 
 
-def test_page_names_the_remedy_when_matplotlib_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+def test_chart_when_the_block_ends_is_written(tmp_path: Path) -> None:
+    with plot_style.open_chart(tmp_path / "chart.png", figsize=(2.0, 1.0)) as figure:
+        figure.subplots().plot([0, 1], [0, 1])
 
-    with pytest.raises(CatoptraError, match=r"pip install 'catoptra-server\[figures\]'"):
-        with plot_style.open_page(50, 50):
-            pass
+    assert cv2.imread(str(tmp_path / "chart.png")).shape == (110, 220, 3)

@@ -4,13 +4,19 @@ from collections.abc import Iterator
 
 import pytest
 
-from catoptra_studies.camera_figures.figure_subject import FigureSubject, open_figure_subject
+from catoptra_studies.camera_figures.figure_spec import FigureInputs, open_figure_inputs
+from catoptra_studies.study_subject import StudySubject
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 
 @pytest.fixture(scope="package")
-def subject() -> Iterator[FigureSubject]:
-    """Return the paper's robot on its field, pictured small: only the rings have their size."""
+def inputs() -> Iterator[FigureInputs]:
+    """The paper's robot on its field, rendered small; only the rings have their full size."""
     rings = WORLDS / "incidence_rings.ini"
-    with open_figure_subject(OMNI_ROBOT, FIELD, rings, pose=None, resolution_scale=0.25) as opened:
-        yield opened
+    with open_figure_inputs(OMNI_ROBOT, FIELD, rings, resolution_scale=0.25) as inputs:
+        yield inputs
+
+
+@pytest.fixture(scope="package")
+def subject(inputs: FigureInputs) -> StudySubject:
+    return inputs.subject

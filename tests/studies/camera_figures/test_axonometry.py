@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
 
 from catoptra_server.scene.mirror_mesh import mirror_polygons, tessellation_from_polygon_count
 from catoptra_studies.camera_figures.axonometry import Axonometry, shade
+from catoptra_studies.study_subject import StudySubject
 
 FROM_BEHIND = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=0.0)
 FROM_BELOW = Axonometry.from_view_angles(azimuth_deg=180.0, elevation_deg=-89.0)
@@ -25,7 +25,7 @@ def test_farthest_polygon_comes_first() -> None:
     assert list(FROM_BEHIND.depth_order(polygons)) == [1, 0, 2]
 
 
-def test_every_polygon_of_the_mirror_turns_its_reflecting_side_down(subject: FigureSubject) -> None:
+def test_every_polygon_of_the_mirror_turns_its_reflecting_side_down(subject: StudySubject) -> None:
     polygons = mirror_polygons(subject.camera, tessellation_from_polygon_count(64))
 
     assert polygons.shape == (64, 4, 3)

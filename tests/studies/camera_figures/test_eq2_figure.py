@@ -1,4 +1,4 @@
-"""Eq. 2 against the exact law: the numbers of the optics notes, 1.3."""
+"""Deviation of Eq. 2 from the camera model, against numbers derived independently."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from catoptra_studies.camera_figures.eq2_figure import eq2_deviation_px
-from catoptra_studies.camera_figures.figure_subject import PAPER_SIZE_PX, FigureSubject
+from catoptra_studies.paper_values import PAPER_SIZE_PX
+from catoptra_studies.study_subject import StudySubject
 
 # degrees, px with the same h, px with the same rim
 TABLE = [
@@ -21,10 +22,10 @@ TABLE = [
 
 
 @pytest.mark.parametrize(("theta_deg", "same_h", "same_rim"), TABLE)
-def test_eq2_departs_as_derived(
-    subject: FigureSubject, theta_deg: float, same_h: float, same_rim: float
+def test_eq2_deviates_as_derived(
+    subject: StudySubject, theta_deg: float, same_h: float, same_rim: float
 ) -> None:
     camera = subject.resize_camera(PAPER_SIZE_PX)
-    departures = eq2_deviation_px(camera, np.radians(np.array(float(theta_deg))))
+    deviations = eq2_deviation_px(camera, np.radians(np.array(float(theta_deg))))
 
-    assert departures == pytest.approx((same_h, same_rim), abs=6e-5)  # half the last digit
+    assert deviations == pytest.approx((same_h, same_rim), abs=6e-5)  # half the last digit

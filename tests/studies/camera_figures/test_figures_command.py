@@ -7,31 +7,31 @@ from typing import Any
 
 import cv2
 import pytest
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
-from rich.console import Console
-from rich.progress import Progress
 
+from catoptra_studies.camera_figures.figure_spec import FigureInputs
 from catoptra_studies.camera_figures.figures_command import (
     EXIT_FAILURE,
     FIGURES,
     main,
     write_figures,
 )
+from catoptra_studies.progress_display import open_progress
 from helpers.configs import FIELD, OMNI_ROBOT, WORLDS
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-LARGEST_BYTES = 300_000
+MAX_BYTES = 300_000
 
 
 @pytest.fixture(scope="module")
-def folder(subject: FigureSubject, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    written = tmp_path_factory.mktemp("figures") / "made"
-    write_figures(subject, written, Progress(console=Console(quiet=True)))
-    return written
+def folder(inputs: FigureInputs, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("figures") / "new"
+    with open_progress(is_visible=False) as progress:
+        write_figures(inputs, output, progress)
+    return output
 
 
 @pytest.fixture(scope="module")
-def told(folder: Path) -> dict[str, Any]:
+def index(folder: Path) -> dict[str, Any]:
     read: dict[str, Any] = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     return read
 
@@ -41,35 +41,35 @@ def test_figure_is_a_png_of_its_page_below_the_limit(folder: Path, figure: Any) 
     data = (folder / figure.file).read_bytes()
 
     assert data.startswith(PNG_SIGNATURE)
-    assert len(data) < LARGEST_BYTES
+    assert len(data) < MAX_BYTES
     pixels = cv2.imread(str(folder / figure.file))
     assert pixels.shape[:2] == (figure.height_px, figure.width_px)
     assert pixels.std() > 10.0  # something is drawn
 
 
-def test_figures_json_tells_of_every_figure_in_order(told: dict[str, Any]) -> None:
-    assert [entry["file"] for entry in told["figures"]] == [figure.file for figure in FIGURES]
-    assert list(told["numbers"]) == [Path(figure.file).stem for figure in FIGURES]
-    for entry in told["figures"]:
-        assert all(entry[key].strip() for key in ("figure", "title", "caption", "alt"))
+def test_index_has_every_figure_in_order(index: dict[str, Any]) -> None:
+    assert [entry["file"] for entry in index["figures"]] == [figure.file for figure in FIGURES]
+    assert list(index["metrics"]) == [Path(figure.file).stem for figure in FIGURES]
+    for entry in index["figures"]:
+        assert all(entry[key].strip() for key in ("paper_reference", "title", "caption", "alt"))
 
 
-def test_every_decimal_number_of_a_caption_is_told_apart_too(told: dict[str, Any]) -> None:
-    for entry in told["figures"]:
-        numbers = told["numbers"][Path(entry["file"]).stem].values()
+def test_every_decimal_number_of_a_caption_is_a_metric(index: dict[str, Any]) -> None:
+    for entry in index["figures"]:
+        numbers = index["metrics"][Path(entry["file"]).stem].values()
         for text in re.findall(r"\d+\.\d+", entry["caption"]):
             rounding = 0.5 * 10.0 ** -len(text.partition(".")[2])
             assert any(abs(float(text) - n) <= 1.01 * rounding for n in numbers), entry["caption"]
 
 
-def test_bad_file_ends_with_a_message_and_no_traceback(
+def test_robot_file_when_missing_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path, robot=tmp_path / "absent.ini") == EXIT_FAILURE
     assert "absent.ini" in capsys.readouterr().err
 
 
-def test_robot_without_a_camera_is_refused_with_a_remedy(
+def test_robot_without_a_camera_is_rejected_with_a_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = OMNI_ROBOT.read_text(encoding="utf-8")

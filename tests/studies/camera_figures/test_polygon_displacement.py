@@ -1,4 +1,4 @@
-"""The polygon mirrors of scene/mirror_mesh against the reference table of the optics notes, 3.2.
+"""Mirror meshes of scene/mirror_mesh against an independent reference table.
 
 The table was made in float64 and again in OpenGL, for 360 x 360 pixels with the rim at 120 degrees.
 Tolerances are the table's own: UV 15 % (which face a polygon uses is free), position rms 3 %, max
@@ -65,10 +65,10 @@ def test_error_falls_as_one_over_the_number_of_polygons(interpolation: Interpola
     )
     order = math.log(coarse / fine) / math.log(16.0)
 
-    # 1.00 +- 0.05 by the optics notes, 3.2.
+    # 1.00 +- 0.05 by the derivation of the reference table.
     assert order == pytest.approx(1.0, abs=0.05)
 
 
-def test_the_exact_law_is_exact_to_the_rounding_of_its_rays() -> None:
+def test_exact_model_is_exact_to_the_rounding_of_its_rays() -> None:
     # Unit vectors in float32 are good to 2^-24 = 6e-8; times up to 210 px a radian at the rim.
     assert exact_model_error_px(CAMERA) < 2e-5

@@ -2,15 +2,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from catoptra_studies.camera_figures.figure_subject import FigureSubject
 
 from catoptra_protocol.optics.cube_map import Face
+from catoptra_protocol.optics.mirrors import PAPER_MIRROR
 from catoptra_studies.camera_figures.textured_mirror import mirror_points, sample_cube
+from catoptra_studies.study_subject import StudySubject
 
 PLAIN = {face: np.full((4, 4, 3), 10 * face, dtype=np.uint8) for face in Face}
 
 
-def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: FigureSubject) -> None:
+def test_mirror_point_lies_in_the_direction_and_on_eq1(subject: StudySubject) -> None:
     direction = np.array([0.6, -0.3, 0.2])
     x, y, z = point = mirror_points(subject.camera, direction)
 

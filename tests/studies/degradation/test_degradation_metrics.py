@@ -1,4 +1,4 @@
-"""Judgements of sightings, and figures over films, against a truth made by hand."""
+"""Evaluation of detections, and metrics over drives, against a truth made by hand."""
 
 from __future__ import annotations
 
@@ -16,78 +16,87 @@ from catoptra_studies.degradation.degradation_metrics import (
 from catoptra_studies.experiment.experiment_setups import SIM
 from helpers.recorded_drives import FAR, FIELD, NEAR, SIDE, make_detection, make_drive, make_frame
 
-# The filter believes the start as it is.
+# The filter starts at the true pose.
 SETUP = replace(SIM, initial_heading_error_rad=0.0)
 
 
-def judged_frame(*seen: Detection):
-    (frame,) = evaluate_drive(make_drive(make_frame(NEAR, SIDE, FAR)), [seen])
+def evaluate(*detections: Detection):
+    (frame,) = evaluate_drive(make_drive(make_frame(NEAR, SIDE, FAR)), [detections])
     return frame
 
 
-def numbers(*seen: tuple[Detection, ...]) -> DegradationMetrics:
-    there = make_drive(*(make_frame(NEAR, SIDE) for _ in seen))
-    return compute_degradation_metrics([there], [seen], setup=SETUP, landmarks=FIELD)
+def compute(*detections: tuple[Detection, ...]) -> DegradationMetrics:
+    drive = make_drive(*(make_frame(NEAR, SIDE) for _ in detections))
+    return compute_degradation_metrics([drive], [detections], setup=SETUP, landmarks=FIELD)
 
 
-def test_beacons_when_beyond_the_used_range_are_not_asked_for() -> None:
-    assert judged_frame().visible_beacons == {"near", "aside"}
+def test_beacons_when_beyond_the_range_in_use_do_not_count() -> None:
+    assert evaluate().visible_beacons == {"near", "aside"}
 
 
-def test_beacons_when_not_visible_are_not_asked_for_and_false() -> None:
+def test_detection_of_a_beacon_that_is_not_visible_is_false() -> None:
     (frame,) = evaluate_drive(make_drive(make_frame(NEAR)), [(make_detection("aside", 2.0, 90.0),)])
     assert frame.visible_beacons == {"near"}
     assert [one.name for one in frame.false_detections] == ["aside"]
 
 
-def test_sighting_when_where_it_should_be_is_found_with_its_errors() -> None:
-    frame = judged_frame(make_detection("near", 1.1, 4.0), make_detection("aside", 1.9, 89.0))
+def test_detection_when_near_its_bearing_has_its_errors() -> None:
+    frame = evaluate(make_detection("near", 1.1, 4.0), make_detection("aside", 1.9, 89.0))
     assert frame.detection_errors["near"] == pytest.approx((0.1, math.radians(4.0)))
     assert frame.detection_errors["aside"] == pytest.approx((-0.1, math.radians(-1.0)))
     assert frame.false_detections == ()
 
 
 @pytest.mark.parametrize(("bearing_deg", "false"), [(4.9, 0), (5.1, 1), (-5.1, 1)])
-def test_sighting_when_farther_off_than_five_degrees_is_false(bearing_deg, false) -> None:
-    frame = judged_frame(make_detection("near", 1.0, bearing_deg))
+def test_detection_when_more_than_five_degrees_off_is_false(bearing_deg, false) -> None:
+    frame = evaluate(make_detection("near", 1.0, bearing_deg))
     assert (len(frame.detection_errors), len(frame.false_detections)) == (1 - false, false)
 
 
-def test_sighting_when_of_a_far_beacon_is_neither_found_nor_false() -> None:
-    frame = judged_frame(make_detection("far", 3.0, 180.0))
+def test_detection_of_a_far_beacon_is_neither_correct_nor_false() -> None:
+    frame = evaluate(make_detection("far", 3.0, 180.0))
     assert (frame.detection_errors, frame.false_detections) == ({}, ())
 
 
-def test_figures_have_shares_and_rms_errors() -> None:
-    got = numbers(
+def test_metrics_have_rates_and_rms_errors() -> None:
+    metrics = compute(
         (make_detection("near", 1.03, 4.0),), (), (make_detection("aside", 2.0, 20.0),), ()
     )
-    assert (got.num_frames, got.num_visible, got.num_detected, got.detection_rate) == (
+    assert (
+        metrics.num_frames,
+        metrics.num_visible,
+        metrics.num_detected,
+        metrics.detection_rate,
+    ) == (
         4,
         8,
         1,
         0.125,
     )
-    assert got.false_per_frame == 0.25
-    assert got.range_rms_m == pytest.approx(0.03)
-    assert got.bearing_rms_deg == pytest.approx(4.0)
+    assert metrics.false_per_frame == 0.25
+    assert metrics.range_rms_m == pytest.approx(0.03)
+    assert metrics.bearing_rms_deg == pytest.approx(4.0)
 
 
-def test_figures_when_nothing_was_found_have_no_errors() -> None:
-    got = numbers((), ())
-    assert (got.bearing_rms_deg, got.range_rms_m, got.detection_rate) == (None, None, 0.0)
-    assert (got.ekf_max_m, got.odometry_max_m) == (0.0, 0.0)
+def test_metrics_when_nothing_was_detected_have_no_errors() -> None:
+    metrics = compute((), ())
+    assert (metrics.bearing_rms_deg, metrics.range_rms_m, metrics.detection_rate) == (
+        None,
+        None,
+        0.0,
+    )
+    assert (metrics.ekf_max_m, metrics.odometry_max_m) == (0.0, 0.0)
 
 
-def test_filter_when_sightings_mislead_it_errs_more_than_odometry() -> None:
-    got = numbers(*[(make_detection("near", 1.2, 3.0), make_detection("aside", 2.2, 93.0))] * 5)
-    # The start is believed to be certain and the robot stands: nothing is believed but that.
-    assert got.ekf_final_m == pytest.approx(0.0, abs=1e-6)
-    assert got.odometry_max_m == 0.0
+def test_filter_when_its_start_is_certain_ignores_misleading_detections() -> None:
+    metrics = compute(*[(make_detection("near", 1.2, 3.0), make_detection("aside", 2.2, 93.0))] * 5)
+    # P0 = 0 and no motion: the covariance stays zero, and no measurement changes the estimate.
+    assert metrics.ekf_final_m == pytest.approx(0.0, abs=1e-6)
+    assert metrics.odometry_max_m == 0.0
 
 
 def test_rate_when_nothing_was_visible_is_zero() -> None:
-    got = compute_degradation_metrics(
+    metrics = compute_degradation_metrics(
         [make_drive(make_frame())], [((),)], setup=SETUP, landmarks=FIELD
     )
-    assert (got.num_visible, got.detection_rate) == (0, 0.0)
+    assert (metrics.num_visible, metrics.detection_rate) == (0, 0.0)

@@ -10,7 +10,7 @@ from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
 from catoptra_studies.degradation.degradation_report import (
     failure_table,
     format_degradation_report,
-    summarise_degradation,
+    summarize_degradation,
 )
 from catoptra_studies.degradation.degradation_study import (
     TRAINED_ON_CLEAN,
@@ -21,65 +21,66 @@ from catoptra_studies.degradation.degradation_study import (
 from catoptra_studies.degradation.degradation_sweeps import DegradationLevel, DegradationSweep
 from catoptra_studies.degradation.example_frame import ExampleFrame
 
-LADDER = DegradationSweep(
+SWEEP = DegradationSweep(
     "Too dark",
     "no light",
     "light",
     (DegradationLevel("0.5", "A=1|B=2"), DegradationLevel("0.1", "A=2")),
     ini_keys="C=3",
 )
-SAMPLE = ExampleFrame(np.zeros((4, 4, 3), np.uint8), (), (), (), (2.0, 2.0))
+EXAMPLE = ExampleFrame(np.zeros((4, 4, 3), np.uint8), (), (), (), (2.0, 2.0))
 
 
-def measured(found: int, ekf_max_m: float) -> DegradationMetrics:
-    error = 0.5 if found else None
-    return DegradationMetrics(200, 100, found, 0.25, error, error, ekf_max_m, 0.05, 2.0)
+def make_metrics(num_detected: int, ekf_max_m: float) -> DegradationMetrics:
+    error = 0.5 if num_detected else None
+    return DegradationMetrics(200, 100, num_detected, 0.25, error, error, ekf_max_m, 0.05, 2.0)
 
 
 RESULT = SweepResult(
-    LADDER,
-    LevelResult("clean", {TRAINED_ON_CLEAN: measured(100, 0.1)}, SAMPLE),
+    SWEEP,
+    LevelResult("clean", {TRAINED_ON_CLEAN: make_metrics(100, 0.1)}, EXAMPLE),
     (
         LevelResult(
             "0.5",
-            {TRAINED_ON_CLEAN: measured(80, 0.3), TRAINED_ON_DEGRADED: measured(100, 0.1)},
-            SAMPLE,
+            {TRAINED_ON_CLEAN: make_metrics(80, 0.3), TRAINED_ON_DEGRADED: make_metrics(100, 0.1)},
+            EXAMPLE,
         ),
         LevelResult(
             "0.1",
-            {TRAINED_ON_CLEAN: measured(0, 2.0), TRAINED_ON_DEGRADED: measured(60, 0.2)},
-            SAMPLE,
+            {TRAINED_ON_CLEAN: make_metrics(0, 2.0), TRAINED_ON_DEGRADED: make_metrics(60, 0.2)},
+            EXAMPLE,
         ),
     ),
 )
 
 
-def test_document_has_rungs_keys_and_verdicts() -> None:
-    told = json.loads(
-        json.dumps(summarise_degradation([RESULT], num_runs=2, seed=7), allow_nan=False)
+def test_summary_has_levels_keys_and_failure_levels() -> None:
+    summary = json.loads(
+        json.dumps(summarize_degradation([RESULT], num_runs=2, seed=7), allow_nan=False)
     )
-    assert (told["version"], told["runs"], told["seed"]) == (1, 2, 7)
-    (ladder,) = told["ladders"]
-    assert ladder["keys"] == ["C=3"]
-    assert ladder["clean"]["changed_grey_levels"] == 0.0
-    assert [rung["keys"] for rung in ladder["rungs"]] == [["A=1", "B=2"], ["A=2"]]
-    assert ladder["rungs"][0]["taught"][TRAINED_ON_DEGRADED]["rate"] == 1.0
-    assert ladder["rungs"][1]["taught"][TRAINED_ON_CLEAN]["bearing_rms_deg"] is None
-    assert ladder["verdicts"][TRAINED_ON_CLEAN] == {
-        **{"falters": "0.5", "fails": "0.1", "drifts": "0.5", "lost": "0.1"}
-    }
-    assert ladder["verdicts"][TRAINED_ON_DEGRADED]["falters"] == "0.1"
+    assert (summary["version"], summary["num_runs"], summary["seed"]) == (2, 2, 7)
+    (sweep,) = summary["sweeps"]
+    assert sweep["ini_keys"] == ["C=3"]
+    assert sweep["clean"]["rms_difference_grey_levels"] == 0.0
+    assert [level["ini_keys"] for level in sweep["levels"]] == [["A=1", "B=2"], ["A=2"]]
+    assert sweep["levels"][0]["trained_on"][TRAINED_ON_DEGRADED]["detection_rate"] == 1.0
+    assert sweep["levels"][1]["trained_on"][TRAINED_ON_CLEAN]["bearing_rms_deg"] is None
+    failure_levels = sweep["failure_levels"]
+    assert list(failure_levels[TRAINED_ON_CLEAN].values()) == ["0.5", "0.1", "0.5", "0.1"]
+    assert failure_levels[TRAINED_ON_DEGRADED]["detection_below_90_percent"] == "0.1"
 
 
-def test_table_has_a_row_a_ladder_with_dashes_for_what_does_not_happen() -> None:
-    *_, row = failure_table([RESULT])
+def test_table_has_a_row_a_sweep_with_dashes_where_no_level_fails() -> None:
+    *_, row = failure_table([RESULT]).splitlines()
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells == ["Too dark", "light", "0.5 … 0.1", *("0.5", "0.1") * 2, "0.1", "–", "–"]
 
 
-def test_page_has_every_rung_of_every_ladder() -> None:
-    page = format_degradation_report([RESULT], num_runs=2)
-    assert "2 drives of 100 frames" in page
-    assert "\n## Too dark\n\nNo light.\n" in page
-    assert "| clean | 0.0 | 100% | 0.25 | 0.50° | 500 mm | 0.10 m | 0.05 m |" in page
-    assert "| 0.1 | 0.0 | 0% | 0.25 | – | – | 2.00 m | 0.05 m | 60% | 0.25 | 0.20 m |" in page
+def test_report_has_every_level_of_every_sweep() -> None:
+    report = format_degradation_report([RESULT], num_runs=2)
+    rows = [" ".join(line.split()) for line in report.splitlines()]
+    assert "2 drives of 100 frames" in report
+    assert "\n## Too dark\n\nNo light.\n" in report
+    clean = "| clean | 0.0 | 100% | 0.25 | 0.50° | 500 mm | 0.10 m | 0.05 m |"
+    assert any(row.startswith(clean) for row in rows)
+    assert "| 0.1 | 0.0 | 0% | 0.25 | – | – | 2.00 m | 0.05 m | 60% | 0.25 | 0.20 m |" in rows

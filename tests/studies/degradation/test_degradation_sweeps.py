@@ -1,4 +1,4 @@
-"""The table of ladders, and the robot files that it stands for."""
+"""The table of sweeps, and the robot files of their levels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from catoptra_studies.degradation.degradation_sweeps import (
     degraded_robot_ini,
 )
 
-LADDER = DegradationSweep(
+SWEEP = DegradationSweep(
     "Two words",
     "w",
     "u",
@@ -24,38 +24,38 @@ LADDER = DegradationSweep(
 )
 
 
-def test_slugs_when_of_the_table_are_different() -> None:
-    assert len({ladder.slug for ladder in SWEEPS}) == len(SWEEPS)
+def test_slugs_of_the_table_are_unique() -> None:
+    assert len({sweep.slug for sweep in SWEEPS}) == len(SWEEPS)
 
 
-@pytest.mark.parametrize("ladder", SWEEPS, ids=lambda ladder: ladder.slug)
-def test_rungs_when_of_one_ladder_have_labels_and_keys_of_their_own(
-    ladder: DegradationSweep,
+@pytest.mark.parametrize("sweep", SWEEPS, ids=lambda sweep: sweep.slug)
+def test_levels_of_one_sweep_have_unique_labels_and_keys(
+    sweep: DegradationSweep,
 ) -> None:
-    assert len({rung.label for rung in ladder.levels}) == len(ladder.levels) >= 3
-    assert len({rung.ini_keys for rung in ladder.levels}) == len(ladder.levels)
-    assert "clean" not in {rung.label for rung in ladder.levels}
+    assert len({level.label for level in sweep.levels}) == len(sweep.levels) >= 3
+    assert len({level.ini_keys for level in sweep.levels}) == len(sweep.levels)
+    assert "clean" not in {level.label for level in sweep.levels}
 
 
 def test_slug_is_fit_for_a_file_name() -> None:
-    assert LADDER.slug == "two_words"
+    assert SWEEP.slug == "two_words"
 
 
-def test_robot_file_says_what_ladder_and_rung_say(tmp_path: Path) -> None:
-    lines = degraded_robot_ini(LADDER, LADDER.levels[0], tmp_path).splitlines()
+def test_robot_file_has_the_keys_of_sweep_and_level(tmp_path: Path) -> None:
+    lines = degraded_robot_ini(SWEEP, SWEEP.levels[0], tmp_path).splitlines()
     assert lines[1] == f"BasedOn={tmp_path.resolve() / 'base.ini'}"
     camera = lines.index("[Catoptra.OmniCaptureCamera]")
     assert lines[camera + 1 :] == ["Samples=1", "A=1", "B=2", "C=3"]
 
 
-def test_robot_file_when_clean_asks_for_no_effect(tmp_path: Path) -> None:
+def test_robot_file_when_clean_has_no_effect(tmp_path: Path) -> None:
     assert clean_robot_ini(tmp_path).endswith("[Catoptra.OmniCaptureCamera]\nSamples=1\n")
 
 
-def test_robot_file_when_of_any_ladder_has_the_odometry_of_the_sim_robot() -> None:
-    robots = Path(__file__).parents[4] / "configs" / "robots"
+def test_robot_file_of_any_sweep_has_the_odometry_of_the_sim_robot() -> None:
+    robots = Path(__file__).parents[3] / "configs" / "robots"
     sim = (robots / "p2at_omni_sim.ini").read_text(encoding="utf-8")
-    said = {line.partition(";")[0].strip() for line in sim.splitlines() if "=" in line}
-    odometry = {line for line in said if not line.startswith("BasedOn")}
+    entries = {line.partition(";")[0].strip() for line in sim.splitlines() if "=" in line}
+    odometry = {line for line in entries if not line.startswith("BasedOn")}
     assert odometry
-    assert odometry <= set(degraded_robot_ini(LADDER, LADDER.levels[0], robots).splitlines())
+    assert odometry <= set(degraded_robot_ini(SWEEP, SWEEP.levels[0], robots).splitlines())

@@ -1,4 +1,4 @@
-"""At which rung a ladder starts to fail."""
+"""The level at which a sweep starts to fail."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ from catoptra_studies.degradation.degradation_metrics import DegradationMetrics
 from catoptra_studies.degradation.failure_levels import FailureLevels, find_failure_levels
 
 
-def measured(found: int, ekf_max_m: float) -> DegradationMetrics:
-    return DegradationMetrics(100, 100, found, 0.0, 0.1, 0.02, ekf_max_m, 0.05, 2.0)
+def make_metrics(num_detected: int, ekf_max_m: float) -> DegradationMetrics:
+    return DegradationMetrics(100, 100, num_detected, 0.0, 0.1, 0.02, ekf_max_m, 0.05, 2.0)
 
 
-CLEAN = measured(80, 0.2)
+CLEAN = make_metrics(80, 0.2)
 
 
-def test_shares_are_of_what_is_found_in_clean_pictures() -> None:
-    rungs = [("a", measured(73, 0.2)), ("b", measured(71, 0.2)), ("c", measured(39, 0.2))]
-    assert find_failure_levels(CLEAN, rungs) == FailureLevels(
+def test_rates_are_relative_to_those_of_clean_images() -> None:
+    levels = [
+        ("a", make_metrics(73, 0.2)),
+        ("b", make_metrics(71, 0.2)),
+        ("c", make_metrics(39, 0.2)),
+    ]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels(
         detection_below_90_percent="b",
         detection_below_50_percent="c",
         ekf_error_above_twice_clean=None,
@@ -23,9 +27,13 @@ def test_shares_are_of_what_is_found_in_clean_pictures() -> None:
     )
 
 
-def test_errors_are_against_clean_ones_and_the_papers_limit() -> None:
-    rungs = [("a", measured(80, 0.4)), ("b", measured(80, 0.41)), ("c", measured(80, 0.61))]
-    assert find_failure_levels(CLEAN, rungs) == FailureLevels(
+def test_errors_are_compared_with_clean_ones_and_the_papers_bound() -> None:
+    levels = [
+        ("a", make_metrics(80, 0.4)),
+        ("b", make_metrics(80, 0.41)),
+        ("c", make_metrics(80, 0.61)),
+    ]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels(
         detection_below_90_percent=None,
         detection_below_50_percent=None,
         ekf_error_above_twice_clean="b",
@@ -33,6 +41,6 @@ def test_errors_are_against_clean_ones_and_the_papers_limit() -> None:
     )
 
 
-def test_first_rung_counts_when_a_later_one_is_better() -> None:
-    rungs = [("a", measured(10, 0.7)), ("b", measured(80, 0.1))]
-    assert find_failure_levels(CLEAN, rungs) == FailureLevels("a", "a", "a", "a")
+def test_first_level_counts_when_a_later_one_is_better() -> None:
+    levels = [("a", make_metrics(10, 0.7)), ("b", make_metrics(80, 0.1))]
+    assert find_failure_levels(CLEAN, levels) == FailureLevels("a", "a", "a", "a")

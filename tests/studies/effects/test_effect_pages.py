@@ -6,18 +6,18 @@ import cv2
 import pytest
 
 from catoptra_server.effects import EFFECT_TYPES
-from catoptra_studies.effects.effect_pages import main
+from catoptra_studies.effects.effect_pages import write_effect_pages
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("pages") / "effects"
-    assert main(["--output", str(made)]) == 0
-    return made
+    output = tmp_path_factory.mktemp("pages") / "effects"
+    write_effect_pages(output)
+    return output
 
 
 @pytest.mark.parametrize("name", [kind.name for kind in EFFECT_TYPES])
-def test_page_shows_a_picture_without_and_another_with_the_effect(folder: Path, name: str) -> None:
+def test_page_shows_an_image_without_and_another_with_the_effect(folder: Path, name: str) -> None:
     page = cv2.imread(str(folder / f"{name}.png"))
     assert page.shape == (660, 1520, 3)
     without, with_it = page[56:536, 20:500], page[56:536, 520:1000]
@@ -25,11 +25,11 @@ def test_page_shows_a_picture_without_and_another_with_the_effect(folder: Path, 
     assert (without != with_it).mean() > 0.01
 
 
-def test_explanations_tell_of_a_scene_that_calls_for_each_effect_and_one_that_does_not(
+def test_explanations_have_a_scene_that_needs_each_effect_and_one_that_does_not(
     folder: Path,
 ) -> None:
-    told = (folder / "explanations.txt").read_text(encoding="utf-8").split("\n\n")
-    assert len(told) == len(EFFECT_TYPES)
-    for called, left_out in (one.strip().splitlines() for one in told):
-        assert ": on, " in called
-        assert ": off, " in left_out
+    explanations = (folder / "explanations.txt").read_text(encoding="utf-8").split("\n\n")
+    assert len(explanations) == len(EFFECT_TYPES)
+    for required, negligible in (pair.strip().splitlines() for pair in explanations):
+        assert ": on, " in required
+        assert ": off, " in negligible

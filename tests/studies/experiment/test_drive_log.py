@@ -1,4 +1,4 @@
-"""Landmarks measured by hand: true but for the set-up's noise, and only near ones."""
+"""Manual measurements: the truth with the set-up's noise, of near landmarks only."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ HEIGHT_M = 0.6
 HERE = Waypoint(0.4, -0.9, 0.6)
 
 
-def looks(setup, count, *, seed=3) -> list[tuple[LandmarkMeasurement, ...]]:
+def measure(setup, count, *, seed=3) -> list[tuple[LandmarkMeasurement, ...]]:
     generator = np.random.Generator(np.random.Philox(key=seed))
-    look = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, generator)
-    return [look(HERE) for _ in range(count)]
+    function = manual_measurement(setup, CAMERA, HEIGHT_M, FIELD, generator)
+    return [function(HERE) for _ in range(count)]
 
 
-def true_polar(name: str) -> tuple[float, float]:
+def true_range_bearing(name: str) -> tuple[float, float]:
     mark = next(m for m in FIELD if m.name == name)
     dx, dy = mark.x_m - HERE.x_m, mark.y_m - HERE.y_m
     return math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - HERE.yaw_rad)
@@ -39,23 +39,25 @@ def true_polar(name: str) -> tuple[float, float]:
 
 def test_without_noise_the_measurement_is_the_truth():
     exact = replace(REAL, manual_sigma_px=0.0, manual_sigma_rad=0.0)
-    (seen,) = looks(exact, 1)
+    (seen,) = measure(exact, 1)
     assert seen
     for measured in seen:
-        assert (measured.range_m, measured.bearing_rad) == pytest.approx(true_polar(measured.name))
+        assert (measured.range_m, measured.bearing_rad) == pytest.approx(
+            true_range_bearing(measured.name)
+        )
 
 
-def test_only_landmarks_within_reach_are_measured():
-    (seen,) = looks(REAL, 1)
-    near = {m.name for m in FIELD if true_polar(m.name)[0] <= MAX_RANGE_M}
+def test_only_landmarks_within_range_are_measured():
+    (seen,) = measure(REAL, 1)
+    near = {m.name for m in FIELD if true_range_bearing(m.name)[0] <= MAX_RANGE_M}
     assert {measured.name for measured in seen} == near
 
 
 def test_noise_has_the_stated_size():
     # 4000 samples: a standard deviation is known to 1.1 %, so 5 % is more than four of those.
-    name = looks(REAL, 1)[0][0].name
-    _, bearing = true_polar(name)
-    measured = [next(s for s in seen if s.name == name) for seen in looks(REAL, 4000)]
+    name = measure(REAL, 1)[0][0].name
+    _, bearing = true_range_bearing(name)
+    measured = [next(s for s in seen if s.name == name) for seen in measure(REAL, 4000)]
     bearings = np.array([wrap_angle(s.bearing_rad - bearing) for s in measured])
     assert bearings.std() == pytest.approx(math.radians(1.0), rel=0.05)
     t = np.array([s.range_m / (math.hypot(s.range_m, HEIGHT_M) + HEIGHT_M) for s in measured])
@@ -64,5 +66,5 @@ def test_noise_has_the_stated_size():
 
 
 def test_same_seed_gives_the_same_measurements():
-    assert looks(REAL, 3) == looks(REAL, 3)
-    assert looks(REAL, 3) != looks(REAL, 3, seed=4)
+    assert measure(REAL, 3) == measure(REAL, 3)
+    assert measure(REAL, 3) != measure(REAL, 3, seed=4)

@@ -1,4 +1,4 @@
-"""Figures over many runs: quantiles of what is there, and the run to show."""
+"""Statistics over many runs, and the run to show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from catoptra_studies.experiment.ensemble import (
     compute_run_metrics,
     error_quantiles,
     median_run_index,
-    summarise_runs,
+    summarize_runs,
     summary_statistics,
 )
 from catoptra_studies.experiment.filter_replay import FilterRun
@@ -19,8 +19,8 @@ from catoptra_studies.experiment.filter_replay import FilterRun
 STEPS = 101
 
 
-def trace(seed: int, *, largest_m: float) -> FilterRun:
-    """Return a trace whose filter error rises to a maximum, and whose odometry is twice as bad."""
+def make_filter_run(seed: int, *, largest_m: float) -> FilterRun:
+    """A run whose filter error rises to a maximum, with twice the error of odometry."""
     error = np.linspace(0.0, largest_m, STEPS)
     ones = np.ones(STEPS, dtype=np.int64)
     poses = np.zeros((STEPS, 3))
@@ -29,43 +29,43 @@ def trace(seed: int, *, largest_m: float) -> FilterRun:
     )
 
 
-def test_spread_ignores_what_is_missing():
+def test_statistics_ignore_missing_values():
     found = summary_statistics([1.0, None, 3.0])
     assert found is not None
     assert (found.median, found.mean, found.count) == (2.0, 2.0, 2)
     assert summary_statistics([None, None]) is None
 
 
-def test_run_figures_count_the_steps_above_a_metre():
-    figures = compute_run_metrics(trace(0, largest_m=1.0))
-    assert figures.odometry_max_m == 2.0
-    assert figures.odometry_steps_above_1m == 50  # 2 k / 100 > 1 from k = 51 on
-    assert figures.ekf_max_m == 1.0
-    assert figures.windowed_nis_max == 0.5
-    assert figures.accepted_steps_9_to_22 == 1.0
-    assert figures.relock_step is None
-    assert not figures.ekf_worse_in_first_5_steps
+def test_run_metrics_count_the_steps_above_a_metre():
+    metrics = compute_run_metrics(make_filter_run(0, largest_m=1.0))
+    assert metrics.odometry_max_m == 2.0
+    assert metrics.odometry_steps_above_1m == 50  # 2 k / 100 > 1 from k = 51 on
+    assert metrics.ekf_max_m == 1.0
+    assert metrics.windowed_nis_max == 0.5
+    assert metrics.accepted_steps_9_to_22 == 1.0
+    assert metrics.relock_step is None
+    assert not metrics.ekf_worse_in_first_5_steps
 
 
-def test_share_of_steps_without_landmarks_is_missing():
-    blind = replace(trace(0, largest_m=1.0), num_measured=np.zeros(STEPS, dtype=np.int64))
+def test_rate_of_steps_without_landmarks_is_missing():
+    blind = replace(make_filter_run(0, largest_m=1.0), num_measured=np.zeros(STEPS, dtype=np.int64))
     assert compute_run_metrics(blind).accepted_steps_1_to_8 is None
 
 
-def test_typical_run_has_the_median_largest_error():
-    traces = [trace(seed, largest_m=m) for seed, m in enumerate([0.9, 0.1, 0.5])]
-    assert traces[median_run_index(traces)].seed == 2
+def test_median_run_has_the_median_largest_error():
+    runs = [make_filter_run(seed, largest_m=m) for seed, m in enumerate([0.9, 0.1, 0.5])]
+    assert runs[median_run_index(runs)].seed == 2
 
 
-def test_summary_holds_every_run_and_its_spread():
-    found = summarise_runs([trace(seed, largest_m=0.1 * (seed + 1)) for seed in range(3)])
+def test_summary_has_every_run_and_statistics():
+    found = summarize_runs([make_filter_run(seed, largest_m=0.1 * (seed + 1)) for seed in range(3)])
     assert found["seeds"] == [0, 1, 2]
-    assert found["spread"]["ekf_max_m"]["median"] == pytest.approx(0.2)
+    assert found["statistics"]["ekf_max_m"]["median"] == pytest.approx(0.2)
 
 
 def test_error_bands_enclose_the_median():
-    traces = [trace(seed, largest_m=0.1 * seed) for seed in range(11)]
-    low, median, high = error_quantiles(traces, of_odometry=False)
+    runs = [make_filter_run(seed, largest_m=0.1 * seed) for seed in range(11)]
+    low, median, high = error_quantiles(runs, of_odometry=False)
     assert (low <= median).all()
     assert (median <= high).all()
     assert median[-1] == pytest.approx(0.5)

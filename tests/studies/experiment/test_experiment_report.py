@@ -1,4 +1,4 @@
-"""The report is one file: pictures inside, every claim with its verdict, text escaped."""
+"""The report is one file: figures inside, every claim with its evaluation, text escaped."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ import re
 import cv2
 import numpy as np
 import pytest
-from client.experiment.test_ensemble import trace
 
-from catoptra_studies.experiment.ensemble import summarise_runs
-from catoptra_studies.experiment.experiment_report import Claim, ReportFigure, write_html_report
+from catoptra_studies.experiment.ensemble import summarize_runs
+from catoptra_studies.experiment.experiment_report import write_html_report
+from catoptra_studies.experiment.paper_claims import Claim
+from catoptra_studies.reports.html_page import ReportFigure
+from studies.experiment.test_ensemble import make_filter_run
 
 NOTHING = {
     "measurements": 0,
     "range_error_m": {},
     "bearing_error_deg": {},
-    "beacons_measured_by_distance": [{"from_m": 0.0, "to_m": 0.5, "share": 0.25}],
+    "beacons_measured_by_distance": [{"from_m": 0.0, "to_m": 0.5, "rate": 0.25}],
 }
 
 
 @pytest.fixture
 def report(tmp_path):
-    """Return the text of a small report, and the bytes of its picture."""
+    """The text of a small report, and the bytes of its figure."""
     png = tmp_path / "a.png"
     cv2.imwrite(str(png), np.zeros((4, 4, 3), dtype=np.uint8))
-    filters = {"paper": {"title": "P0 < 1", **summarise_runs([trace(0, largest_m=0.25)])}}
+    filters = {"paper": {"title": "P0 < 1", **summarize_runs([make_filter_run(0, largest_m=0.25)])}}
     setups = {"sim": {"title": "a & b", "measurements": NOTHING, "filters": filters}}
-    picture = ReportFigure("a.png", "Title", "less < more", 'the "alt"')
+    figure = ReportFigure("a.png", "Title", "less < more", 'the "alt"')
     path = write_html_report(
         tmp_path,
         subtitle="now",
         num_runs=1,
-        claims=[Claim("it holds", "1 m", True), Claim("it does not", "2 m", False)],
-        camera_figures=[picture],
+        claims=[Claim("confirmed claim", "1 m", True), Claim("other claim", "2 m", False)],
+        camera_figures=[figure],
         landmark_figures=[],
         drive_figures=[],
         summary={"setups": setups},
@@ -49,20 +51,20 @@ def test_report_is_self_contained(report):
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 
-def test_report_states_each_claim_and_whether_it_holds(report):
+def test_report_has_each_claim_and_its_evaluation(report):
     text, _ = report
-    assert '<td>it holds</td><td>1 m</td><td class="yes">yes</td>' in text
-    assert '<td>it does not</td><td>2 m</td><td class="no">no</td>' in text
+    assert '<td>confirmed claim</td><td>1 m</td><td class="yes">yes</td>' in text
+    assert '<td>other claim</td><td>2 m</td><td class="no">no</td>' in text
 
 
-def test_report_escapes_what_it_is_given(report):
+def test_report_escapes_its_texts(report):
     text, _ = report
     assert "less &lt; more" in text
     assert 'alt="the &quot;alt&quot;"' in text
     assert "a &amp; b" in text
 
 
-def test_report_shows_spreads_and_what_is_missing(report):
+def test_report_shows_statistics_and_missing_values(report):
     text, _ = report
     assert "0.25 [0.25, 0.25]" in text
     assert "0-0.5 m: 25%" in text

@@ -17,15 +17,15 @@ from catoptra_studies.experiment.experiment_runner import (
 from catoptra_studies.experiment.experiment_setups import PAPER_FILTER, REAL, SETUPS, SIM
 from catoptra_studies.experiment.server_process import run_server
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def ignore_progress(name: str) -> None:
-    """Take no note of progress."""
+    """Progress callback without effect."""
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
+def config(tmp_path_factory):
     return ExperimentConfig(
         config_folder=CONFIGS,
         output_folder=tmp_path_factory.mktemp("experiment"),
@@ -38,45 +38,45 @@ def plan(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def trained_classifier(plan):
-    return train_classifier(plan, ignore_progress)
+def trained(config):
+    return train_classifier(config, ignore_progress)
 
 
 @pytest.fixture(scope="module")
-def results(plan, trained):
-    return [run_setup(plan, setup, trained[0], ignore_progress) for setup in SETUPS]
+def results(config, trained):
+    return [run_setup(config, setup, trained[0], ignore_progress) for setup in SETUPS]
 
 
-def test_landmarks_are_found_in_the_frames_that_came_over_tcp(trained):
+def test_landmarks_are_detected_in_frames_received_over_tcp(trained):
     _, snapshot = trained
-    assert snapshot.frame.shape == (360, 360, 3)
-    names = {detection.name for detection in snapshot.view.detections}
+    assert snapshot.rgb.shape == (360, 360, 3)
+    names = {detection.name for detection in snapshot.stages.detections}
     assert "magenta_over_yellow" in names
 
 
 @pytest.mark.parametrize("number", [0, 1], ids=["sim", "real"])
 def test_filter_stays_within_the_papers_bound_where_odometry_does_not(results, number):
-    trace = results[number].traces[PAPER_FILTER.name][0]
-    assert len(trace.estimate_error_m) == 101
-    assert trace.odometry_error_m.max() > 1.0
-    assert trace.estimate_error_m.max() < 0.7  # the 95 % quantile over seeds is 0.65
+    run = results[number].filter_runs[PAPER_FILTER.name][0]
+    assert len(run.estimate_error_m) == 101
+    assert run.odometry_error_m.max() > 1.0
+    assert run.estimate_error_m.max() < 0.7  # the 95 % quantile over seeds is 0.65
 
 
 def test_sim_and_real_measure_with_their_own_noise(results):
-    sim, real = (result.recordings[0] for result in results)
+    sim, real = (result.drive_logs[0] for result in results)
     assert (sim.setup, real.setup) == (SIM.name, REAL.name)
-    assert sum(len(step.seen) for step in sim.steps) > 100
-    assert sum(len(step.seen) for step in real.steps) > 150
+    assert sum(len(step.measurements) for step in sim.steps) > 100
+    assert sum(len(step.measurements) for step in real.steps) > 150
 
 
-def test_the_same_run_gives_the_same_record(plan, trained, results):
-    again = run_setup(plan, REAL, trained[0], ignore_progress)
-    assert again.drive_logs == results[1].recordings
+def test_the_same_run_gives_the_same_log(config, trained, results):
+    again = run_setup(config, REAL, trained[0], ignore_progress)
+    assert again.drive_logs == results[1].drive_logs
 
 
-def test_report_and_summary_are_written(plan, trained, results):
-    report = write_experiment_results(
-        plan,
+def test_report_and_summary_are_written(config, trained, results):
+    report, claims = write_experiment_results(
+        config,
         results,
         [],
         snapshot=trained[1],
@@ -84,14 +84,14 @@ def test_report_and_summary_are_written(plan, trained, results):
         timing_s={"all": 1.0},
         subtitle="a test",
     )
-    document = json.loads((plan.output / "summary.json").read_text())
+    document = json.loads((config.output_folder / "summary.json").read_text())
     assert set(document["setups"]) == {"sim", "real"}
-    assert len(document["claims"]) == 8
-    assert "overview.png" in {path.name for path in plan.output.iterdir()}
-    assert report.stat().st_size > 200_000  # four pictures are inside
+    assert len(document["claims"]) == len(claims) == 8
+    assert "overview.png" in {path.name for path in config.output_folder.iterdir()}
+    assert report.stat().st_size > 200_000  # four figures are inside
 
 
-def test_server_that_cannot_start_is_reported_with_its_last_words(tmp_path):
+def test_server_that_cannot_start_is_reported_with_the_end_of_its_log(tmp_path):
     missing = tmp_path / "missing.ini"
     with (
         pytest.raises(CatoptraError, match=r"did not start:[\s\S]*missing\.ini"),

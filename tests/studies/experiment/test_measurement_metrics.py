@@ -19,42 +19,45 @@ from catoptra_studies.experiment.route import Waypoint
 
 BEACON = Landmark("b", "beacon", 1.2, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 HERE = Waypoint(0.0, 0.0, math.pi / 2)
-NOWHERE = OdometryPose(0.0, 0.0, 0.0)
+NO_ODOMETRY = OdometryPose(0.0, 0.0, 0.0)
 
 
-def recording(*seen: tuple[LandmarkMeasurement, ...]) -> DriveLog:
-    steps = (DriveStep(HERE, NOWHERE, ()), *(DriveStep(HERE, NOWHERE, found) for found in seen))
+def make_log(*measurements: tuple[LandmarkMeasurement, ...]) -> DriveLog:
+    steps = (
+        DriveStep(HERE, NO_ODOMETRY, ()),
+        *(DriveStep(HERE, NO_ODOMETRY, found) for found in measurements),
+    )
     return DriveLog("sim", 0, steps)
 
 
 def test_errors_are_measured_minus_true_and_wrapped():
-    found = recording((LandmarkMeasurement("b", 1.25, math.radians(-91.0)),))
-    figures = compute_measurement_metrics([found], [BEACON])
-    assert figures["range_error_m"]["median"] == pytest.approx(0.05)
-    assert figures["bearing_error_deg"]["median"] == pytest.approx(-1.0)
+    found = make_log((LandmarkMeasurement("b", 1.25, math.radians(-91.0)),))
+    metrics = compute_measurement_metrics([found], [BEACON])
+    assert metrics["range_error_m"]["median"] == pytest.approx(0.05)
+    assert metrics["bearing_error_deg"]["median"] == pytest.approx(-1.0)
 
 
 def test_detection_rate_counts_the_steps_after_the_start():
-    found = recording((LandmarkMeasurement("b", 1.2, -math.pi / 2),), ())
+    found = make_log((LandmarkMeasurement("b", 1.2, -math.pi / 2),), ())
     assert detection_rates_by_distance([found], [BEACON]) == [
-        {"from_m": 1.0, "to_m": 1.5, "share": 0.5}
+        {"from_m": 1.0, "to_m": 1.5, "rate": 0.5}
     ]
 
 
 def test_nothing_measured_has_no_error():
-    assert compute_measurement_metrics([recording(())], [BEACON])["range_error_m"] == {}
+    assert compute_measurement_metrics([make_log(())], [BEACON])["range_error_m"] == {}
 
 
 def test_rms_errors_are_of_range_and_bearing_and_nan_of_nothing():
-    found = recording(
+    found = make_log(
         (LandmarkMeasurement("b", 1.23, math.radians(-93.0)),),
         (LandmarkMeasurement("b", 1.16, -math.pi / 2),),
     )
     assert rms_errors([found], [BEACON]) == pytest.approx((math.sqrt(0.00125), math.sqrt(4.5)))
-    assert all(math.isnan(error) for error in rms_errors([recording(())], [BEACON]))
+    assert all(math.isnan(error) for error in rms_errors([make_log(())], [BEACON]))
 
 
-def test_found_share_counts_beacons_within_reach_alone():
-    found = recording((LandmarkMeasurement("b", 1.2, 0.0),), ())
+def test_detection_rate_counts_beacons_within_the_distance_alone():
+    found = make_log((LandmarkMeasurement("b", 1.2, 0.0),), ())
     assert detection_rate([found], [BEACON], max_distance_m=1.2) == 0.5
     assert math.isnan(detection_rate([found], [BEACON], max_distance_m=1.1))

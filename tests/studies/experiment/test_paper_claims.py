@@ -1,4 +1,4 @@
-"""A claim holds only where the numbers say so."""
+"""Claims are confirmed by the numbers alone."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ GOOD = {
 
 
 def setups(**changed):
-    spread = {**deepcopy(GOOD), **changed}
+    statistics = {**deepcopy(GOOD), **changed}
     return {
-        name: {"filters": {"paper": {"spread": spread, "seeds": list(range(20))}}}
+        name: {"filters": {"paper": {"statistics": statistics, "seeds": list(range(20))}}}
         for name in ("sim", "real")
     }
 
 
-def test_all_claims_hold_for_the_papers_numbers():
+def test_all_claims_are_confirmed_by_the_papers_numbers():
     claims = evaluate_claims(setups())
     assert len(claims) == 8
     assert all(claim.is_confirmed for claim in claims)
 
 
 @pytest.mark.parametrize(
-    ("key", "number", "broken"),
+    ("key", "number", "num_refuted"),
     [
         ("odometry_max_m", 0.9, 2),
         ("odometry_steps_above_1m", 1.0, 2),
@@ -52,6 +52,6 @@ def test_all_claims_hold_for_the_papers_numbers():
         ("ekf_worse_in_first_5_steps", 0.3, 1),
     ],
 )
-def test_a_claim_breaks_when_its_number_does(key, number, broken):
+def test_claim_when_its_number_is_off_is_not_confirmed(key, number, num_refuted):
     claims = evaluate_claims(setups(**{key: value(number)}))
-    assert sum(not claim.is_confirmed for claim in claims) == broken
+    assert sum(not claim.is_confirmed for claim in claims) == num_refuted

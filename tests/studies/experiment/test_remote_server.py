@@ -1,4 +1,4 @@
-"""Servers that run elsewhere: how they are named, and how long one waits for their greeting."""
+"""Addresses of servers that run elsewhere, and the wait for their greeting."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from client.scripted_server import ScriptedControlPeer, serve_script, wait_for_c
 
 
 @pytest.fixture
-def nobody() -> Iterator[ServerAddress]:
-    """Return an address that refuses: the port is bound, and nobody listens."""
+def closed_address() -> Iterator[ServerAddress]:
+    """An address that rejects connections: the port is bound but not listening."""
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         yield ServerAddress("127.0.0.1", held.getsockname()[1], 5003)
@@ -29,17 +29,17 @@ def nobody() -> Iterator[ServerAddress]:
         ("sim=there:3100:5100", ServerAddress("there", 3100, 5100)),
     ],
 )
-def test_server_when_named_is_where_it_says(text: str, address: ServerAddress) -> None:
+def test_address_when_valid_is_parsed(text: str, address: ServerAddress) -> None:
     assert parse_server_address(text) == ("sim", address)
 
 
 @pytest.mark.parametrize("text", ["there", "sim=", "sim=there:", "sim=there:x", "=there"])
-def test_server_when_named_otherwise_is_refused_with_an_example(text: str) -> None:
+def test_address_when_invalid_is_rejected_with_an_example(text: str) -> None:
     with pytest.raises(DomainError, match="sim=localhost"):
         parse_server_address(text)
 
 
-def test_server_when_it_greets_is_answering() -> None:
+def test_server_when_it_greets_is_returned() -> None:
     def greet(connection: socket.socket) -> None:
         ScriptedControlPeer(connection)
         wait_for_close(connection)
@@ -49,13 +49,13 @@ def test_server_when_it_greets_is_answering() -> None:
         assert wait_for_server(address, timeout_s=0.0) == address
 
 
-def test_server_when_it_never_answers_is_given_up_after_so_long(nobody: ServerAddress) -> None:
-    now, rests = [0.0], []
+def test_server_when_it_never_answers_times_out(closed_address: ServerAddress) -> None:
+    now, pauses = [0.0], []
 
-    def rest(time_s: float) -> None:
-        rests.append(time_s)
+    def sleep(time_s: float) -> None:
+        pauses.append(time_s)
         now[0] += time_s
 
     with pytest.raises(ConnectionLostError, match="no control server at 127"):
-        wait_for_server(nobody, timeout_s=1.0, clock=lambda: now[0], sleep=rest)
-    assert 1.0 <= sum(rests) < 1.5
+        wait_for_server(closed_address, timeout_s=1.0, clock=lambda: now[0], sleep=sleep)
+    assert 1.0 <= sum(pauses) < 1.5

@@ -1,4 +1,4 @@
-"""The way round the field has the paper's shape and length."""
+"""The route round the field has the paper's shape and length."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ def test_first_corner_is_reached_with_step_23():
 def test_direction_of_turning_is_clockwise_as_seen_from_above():
     # SAE: yaw grows clockwise; the first turn of the clockwise route is to the right.
     assert clockwise_route()[24].yaw_rad > 0.0
-    turned = counter_clockwise_route()
-    assert math.sin(turned[24].yaw_rad - turned[23].yaw_rad) < 0.0
+    route = counter_clockwise_route()
+    assert math.sin(route[24].yaw_rad - route[23].yaw_rad) < 0.0

@@ -1,4 +1,4 @@
-"""The operator's wheel speeds lead to the waypoint, by the arc model that the server drives."""
+"""Wheel speeds lead to the waypoint, by the arc model of the server's drive."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ P2AT = Chassis(wheel_radius_m=0.13, wheel_separation_m=0.4712, max_speed_rad_s=5
 HERE = Waypoint(1.0, -0.5, 0.7)
 
 
-def driven(here: Waypoint, target: Waypoint) -> np.ndarray:
-    """Return the (3,) pose after the operator's command, without slip."""
+def drive_to(here: Waypoint, target: Waypoint) -> np.ndarray:
+    """(3,) pose after the command, without slip."""
     command = wheel_command_towards(target, here, P2AT)
     left = command.left_rad_s * command.duration_s * P2AT.wheel_radius_m
     right = command.right_rad_s * command.duration_s * P2AT.wheel_radius_m
@@ -29,13 +29,13 @@ def driven(here: Waypoint, target: Waypoint) -> np.ndarray:
 def test_arc_ends_at_the_waypoint(angle_deg):
     heading = HERE.yaw_rad + math.radians(angle_deg)
     target = Waypoint(HERE.x_m + 0.2 * math.cos(heading), HERE.y_m + 0.2 * math.sin(heading), 0.0)
-    assert driven(HERE, target)[:2] == pytest.approx([target.x_m, target.y_m], abs=1e-9)
+    assert drive_to(HERE, target)[:2] == pytest.approx([target.x_m, target.y_m], abs=1e-9)
 
 
 @pytest.mark.parametrize("turn_deg", [45.0, -45.0, 170.0, 0.0])
 def test_reached_waypoint_is_turned_towards(turn_deg):
     target = HERE.turn(math.radians(turn_deg))
-    end = driven(HERE, target)
+    end = drive_to(HERE, target)
     assert end[:2] == pytest.approx([HERE.x_m, HERE.y_m], abs=1e-9)
     assert math.cos(end[2] - target.yaw_rad) == pytest.approx(1.0, abs=1e-12)
 

@@ -12,10 +12,10 @@ from catoptra_studies.reports.markdown import (
 )
 
 
-def test_table_is_aligned_with_words_left_and_numbers_right() -> None:
-    table = markdown_table(("step", "ms"), [("trace", "12.5"), ("a|b", "3")])
+def test_table_is_aligned_with_text_left_and_numbers_right() -> None:
+    table = markdown_table(("level", "ms"), [("trace", "12.5"), ("a|b", "3")])
     assert table.split("\n") == [
-        "| step  |   ms |",
+        "| level |   ms |",
         "| ----- | ---: |",
         "| trace | 12.5 |",
         "| a\\|b  |    3 |",

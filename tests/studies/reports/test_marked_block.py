@@ -10,7 +10,7 @@ from catoptra_studies.reports.marked_block import replace_block
 TEXT = "before\n<!-- cost: begin, written by make cost -->\nold\n<!-- cost: end -->\nafter\n"
 
 
-def test_block_is_replaced_and_all_else_stays(tmp_path: Path) -> None:
+def test_block_is_replaced_and_the_rest_stays(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
     path.write_text(TEXT)
     replace_block(path, "cost", "new\ntable")
@@ -27,12 +27,12 @@ def test_block_when_written_twice_is_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("missing", ["<!-- cost: begin", "<!-- cost: end -->"])
-def test_file_when_a_mark_is_missing_is_refused_and_left_alone(
+def test_file_when_a_mark_is_missing_is_rejected_and_unchanged(
     tmp_path: Path, missing: str
 ) -> None:
     path = tmp_path / "README.md"
     path.write_text(TEXT.replace(missing, ""))
     before = path.read_text()
-    with pytest.raises(CatoptraError, match="no place for the table"):
+    with pytest.raises(CatoptraError, match="no marks for the table"):
         replace_block(path, "cost", "new")
     assert path.read_text() == before

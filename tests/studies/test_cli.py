@@ -1,0 +1,77 @@
+"""The command `catoptra-studies`: its subcommands, and their need of a server."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from catoptra_studies.cli import EXIT_USAGE, main
+
+COMMANDS = ("demo", "cost", "effects", "figures")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_when_asked_for_help_prints_its_own(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert f"usage: catoptra-studies {command}" in capsys.readouterr().out
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out
+    assert all(f"  {command} " in listed for command in COMMANDS)
+
+
+@pytest.mark.parametrize("words", [[], ["walk"]])
+def test_command_when_unknown_is_answered_with_usage(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == EXIT_USAGE
+    assert "usage: catoptra-studies" in capsys.readouterr().err
+
+
+# A None in sys.modules makes every import of that name fail, as if it were not installed.
+WITHOUT_SERVER = """
+import importlib.util, sys
+find_spec = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: (
+    None if name == "catoptra_server" else find_spec(name, *rest)
+)
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "catoptra_server":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+from catoptra_studies.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def run_without_server(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT_SERVER, *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("command", ["cost", "figures"])
+def test_command_when_the_server_is_missing_names_the_extra_in_one_line(command: str) -> None:
+    ended = run_without_server(command)
+    assert ended.returncode == EXIT_USAGE
+    (line,) = ended.stderr.splitlines()
+    assert "pip install 'catoptra-studies[server]'" in line
+
+
+def test_demo_when_the_server_is_missing_starts_and_has_no_camera_figures() -> None:
+    ended = run_without_server("demo", "--help")
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_demo_when_the_server_is_missing_and_must_be_started_names_the_extra(tmp_path) -> None:
+    ended = run_without_server("demo", "--output", str(tmp_path), "--runs", "1")
+    assert ended.returncode == 1
+    assert "pip install 'catoptra-studies[server]'" in " ".join(ended.stderr.split())
