@@ -75,8 +75,8 @@ class DisplacementTargets:
 
     def outline_directions(self) -> tuple[Floats, Bools]:
         """(n * points, 3) directions of all outlines, and whether each is far from corners."""
-        turn = 2.0 * math.pi * np.arange(_OUTLINE_POINTS) / _OUTLINE_POINTS
-        circle = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+        angle_rad = 2.0 * math.pi * np.arange(_OUTLINE_POINTS) / _OUTLINE_POINTS
+        circle = np.stack((np.cos(angle_rad), np.sin(angle_rad)), axis=-1)
         smooth = np.ones(_OUTLINE_POINTS, dtype=np.bool_)
         if not self.is_round:
             circle /= np.abs(circle).max(axis=-1, keepdims=True)
@@ -109,9 +109,9 @@ def scatter_squares(
     """Squares likewise, in the planes of the cube's faces, rotated from the texels."""
     directions, half = _scatter(camera, size_px=size_px, count=count, rng=rng)
     face = face_from_direction(directions)
-    turn = rotation_from_rpy(turn_rad, 0.0, 0.0)
-    middle = face_coordinates(directions, face) @ turn[1:, 1:]
-    return DisplacementTargets(MIRROR_FROM_FACE_ROTATIONS[face] @ turn, middle, half, False)
+    rotation = rotation_from_rpy(turn_rad, 0.0, 0.0)
+    centre = face_coordinates(directions, face) @ rotation[1:, 1:]
+    return DisplacementTargets(MIRROR_FROM_FACE_ROTATIONS[face] @ rotation, centre, half, False)
 
 
 def _scatter(
@@ -119,9 +119,9 @@ def _scatter(
 ) -> tuple[Floats, Floats]:
     """(n, 3) directions and (n,) half sizes at unit distance, evenly over the image."""
     radius_px = camera.rim_radius_px * np.sqrt(rng.uniform(0.0, 1.0, 60 * count))
-    turn = rng.uniform(-math.pi, math.pi, 60 * count)
-    circle = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-    places, _ = direction_from_pixel(camera, camera.centre_px + radius_px[:, None] * circle)
+    angle_rad = rng.uniform(-math.pi, math.pi, 60 * count)
+    circle = np.stack((np.cos(angle_rad), np.sin(angle_rad)), axis=-1)
+    points, _ = direction_from_pixel(camera, camera.centre_px + radius_px[:, None] * circle)
     t = camera.mirror.t_from_radius_ratio(radius_px / camera.horizon_radius_px)
     along_px = camera.horizon_radius_px * camera.mirror.radius_ratio_slope(t)
     across_px = radius_px * (1.0 + t * t) / (2.0 * t)
@@ -130,10 +130,10 @@ def _scatter(
     reach = np.arctan(1.5 * half)
     chosen: list[int] = []
     for i in np.flatnonzero(2.0 * np.arctan(t) + reach < camera.rim_rad):
-        room = np.cos(reach[i] + reach[chosen])
-        if len(chosen) < count and (places[chosen] @ places[i] < room).all():
+        min_cosine = np.cos(reach[i] + reach[chosen])
+        if len(chosen) < count and (points[chosen] @ points[i] < min_cosine).all():
             chosen.append(int(i))
-    return places[chosen], half[chosen]
+    return points[chosen], half[chosen]
 
 
 def _plane_axes(directions: Floats) -> Floats:
@@ -163,16 +163,16 @@ def max_displacement_px(camera: OmniCamera, image: Image, targets: DisplacementT
 
 
 def _nearest(
-    places: Floats, others: Floats
+    points: Floats, others: Floats
 ) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.intp]]]:
     """(n,) distances of (n, 2) points to the nearest of (m, 2) others, and the indices of these.
 
     In single precision, good to 1e-4 px here and twice as fast.
     """
-    distance, index = np.zeros(len(places)), np.zeros(len(places), dtype=np.intp)
+    distance, index = np.zeros(len(points)), np.zeros(len(points), dtype=np.intp)
     u, v = others.astype(np.float32).T
-    for i, (place_u, place_v) in enumerate(places.astype(np.float32)):
-        squared = np.square(u - place_u) + np.square(v - place_v)
+    for i, (point_u, point_v) in enumerate(points.astype(np.float32)):
+        squared = np.square(u - point_u) + np.square(v - point_v)
         index[i] = squared.argmin()
         distance[i] = math.sqrt(squared[index[i]])
     return distance, index

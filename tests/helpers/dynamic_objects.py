@@ -1,4 +1,4 @@
-"""Bodies for tests: two robots in the room of `helpers.worlds`, and boxes of one colour."""
+"""Dynamic objects for tests: two robots in the world of `helpers.worlds`, unlit boxes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ P2AT = RobotDimensions((0.5238, 0.4968, 0.2913), 0.1457, 0.13, 0.2884)
 ROBOT_MESH = build_robot_mesh(
     P2AT, OmniCameraTower(make_omni_camera(), Pose.from_rpy((0.0, 0.0, -0.4543)))
 )
-# One ahead of helpers.worlds.VIEW in front of the wall, one behind, partly hidden by the crate.
+# One ahead of helpers.worlds.CAMERA_STATE before the wall, one behind, partly behind the crate.
 TWO_ROBOTS = (
     DynamicObject(ROBOT_MESH, Pose.from_rpy((0.85, 0.4, -0.1457), (0.0, 0.0, 0.8))),
     DynamicObject(ROBOT_MESH, Pose.from_rpy((-1.4, -1.2, -0.1457), (0.0, 0.0, 2.0))),
@@ -21,11 +21,11 @@ TWO_ROBOTS = (
 
 
 def build_cube_mesh(size_m: float, rgb: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> ObjectMesh:
-    """Return a luminous cube around the body's origin."""
+    """An unlit cube around the object's origin."""
     patch = primitives.box(Box((size_m, size_m, size_m)))
     return build_object_mesh([(patch, Material(rgb, unlit=True))])
 
 
 def place_cube(x: float, y: float, z: float, *, size_m: float = 0.4) -> DynamicObject:
-    """Return a luminous red cube at a place."""
+    """An unlit red cube at a position."""
     return DynamicObject(build_cube_mesh(size_m), Pose.from_rpy((x, y, z)))

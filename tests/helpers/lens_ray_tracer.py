@@ -58,11 +58,13 @@ class Quadric:
         with np.errstate(all="ignore"):
             root = np.sqrt(half_b * half_b - a * c)
             q = -half_b - np.copysign(root, half_b)
-            ways = np.stack((q / a, c / q))
-            heights = o + ways * d
-            ways[~((ways > 0.0) & (heights < self.max_z_m))] = np.inf
-            way = ways.min(axis=0)
-            points: Floats = origin + np.where(np.isfinite(way), way, np.nan)[:, None] * direction
+            roots = np.stack((q / a, c / q))
+            heights = o + roots * d
+            roots[~((roots > 0.0) & (heights < self.max_z_m))] = np.inf
+            distance = roots.min(axis=0)
+            points: Floats = (
+                origin + np.where(np.isfinite(distance), distance, np.nan)[:, None] * direction
+            )
         return points
 
     def normal(self, point: Floats) -> Floats:
@@ -87,10 +89,10 @@ def pinhole_lens(
     """A thin lens around the pinhole, of an aperture's diameter, in focus at a depth."""
     pinhole = np.array((0.0, 0.0, camera.mirror.pinhole_distance_m))
 
-    def rays(flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
-        depth = np.full(len(flat_px), -1.0)
-        sharp = pinhole + focus_m * np.column_stack((flat_px / focal_px, depth))
-        start = pinhole + 0.5 * aperture_m * np.append(place, 0.0)
+    def rays(offset_px: Floats, aperture_point: Floats) -> tuple[Floats, Floats]:
+        depth = np.full(len(offset_px), -1.0)
+        sharp = pinhole + focus_m * np.column_stack((offset_px / focal_px, depth))
+        start = pinhole + 0.5 * aperture_m * np.append(aperture_point, 0.0)
         return np.broadcast_to(start, sharp.shape), sharp - start
 
     return rays
@@ -99,10 +101,10 @@ def pinhole_lens(
 def telecentric_lens(px_per_m: float, *, slope: float, focus_height_m: float) -> LensRays:
     """An orthographic lens in focus at a height; slope: half the width of its cones."""
 
-    def rays(flat_px: Floats, place: Floats) -> tuple[Floats, Floats]:
-        height = np.full(len(flat_px), focus_height_m)
-        sharp = np.column_stack((flat_px / px_per_m, height))
-        direction = np.append(slope * place, -1.0)
+    def rays(offset_px: Floats, aperture_point: Floats) -> tuple[Floats, Floats]:
+        height = np.full(len(offset_px), focus_height_m)
+        sharp = np.column_stack((offset_px / px_per_m, height))
+        direction = np.append(slope * aperture_point, -1.0)
         return sharp - direction, np.broadcast_to(direction, sharp.shape)
 
     return rays
@@ -127,20 +129,22 @@ def render_through_lens(
     quadric = Quadric.from_mirror(camera.mirror)
     rim_m = float(camera.mirror.surface_point(np.array(camera.rim_t))[0])
 
-    def sample(offset_and_place: tuple[Floats, Floats]) -> Floats:
-        offset, place = offset_and_place
-        origin, direction = lens(_offset_from_axis_px(camera, offset, stride_px), place)
-        met = quadric.intersect(origin, direction)
-        on_mirror: Bools = np.hypot(met[:, 0], met[:, 1]) <= rim_m
-        met, direction = met[on_mirror], direction[on_mirror]
-        normal = quadric.normal(met)
+    def sample(sample_point: tuple[Floats, Floats]) -> Floats:
+        offset, aperture_point = sample_point
+        origin, direction = lens(_offset_from_axis_px(camera, offset, stride_px), aperture_point)
+        hits = quadric.intersect(origin, direction)
+        on_mirror: Bools = np.hypot(hits[:, 0], hits[:, 1]) <= rim_m
+        hits, direction = hits[on_mirror], direction[on_mirror]
+        normal = quadric.normal(hits)
         away = direction - 2.0 * (direction * normal).sum(axis=1, keepdims=True) * normal
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        start = met @ pose.rotation.T + pose.translation - scene.origin
-        towards = (away @ pose.rotation.T).astype(np.float32)
-        seen = scene.trace_radiance(start.astype(np.float32), towards, table=table, scale=scale)
+        start = hits @ pose.rotation.T + pose.translation - scene.origin
+        directions_in_world = (away @ pose.rotation.T).astype(np.float32)
+        radiance = scene.trace_radiance(
+            start.astype(np.float32), directions_in_world, table=table, scale=scale
+        )
         light = np.zeros((len(on_mirror), 3))
-        light[on_mirror] = scale.unpack(seen)
+        light[on_mirror] = scale.unpack(radiance)
         return light
 
     with ThreadPoolExecutor(2) as pool:

@@ -48,8 +48,8 @@ def marker_world(
 
 def _disc_pose(direction: Floats, distance_m: float) -> Pose:
     """Pose, in the mirror frame, of a ring that faces back along a (3,) direction."""
-    aside = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    x = np.cross(aside, direction)
+    least_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(least_axis, direction)
     x /= np.linalg.norm(x)
     rotation = np.stack((x, np.cross(direction, x), direction), axis=-1)
     return Pose(rotation, distance_m * direction)
@@ -68,8 +68,8 @@ def marker_centroid(image: Image, near_px: Floats, *, window_px: float = 5.0) ->
     return np.array(((u * light).sum(), (v * light).sum())) / light.sum()
 
 
-def _axes(image: Image, place: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
-    return (float(place[1]), image.shape[0]), (float(place[0]), image.shape[1])
+def _axes(image: Image, position_px: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
+    return (float(position_px[1]), image.shape[0]), (float(position_px[0]), image.shape[1])
 
 
 def _window(centre: float, reach: float, size: int) -> slice:

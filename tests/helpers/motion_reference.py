@@ -39,19 +39,19 @@ def load_world_setup(name: str) -> StartupConfig:
 
 
 def driving_camera_state(
-    start: Pose, speed_m_s: float, turn_deg_s: float, *bodies: DynamicObject
+    start: Pose, speed_m_s: float, turn_deg_s: float, *objects: DynamicObject
 ) -> CameraState:
     """Camera state of a robot that drives ahead and turns."""
     ahead = start.rotation @ np.array([speed_m_s, 0.0, 0.0])
     twist = Twist((*ahead.tolist(),), (0.0, 0.0, math.radians(turn_deg_s)))
-    return CameraState(start, bodies, twist=twist)
+    return CameraState(start, objects, twist=twist)
 
 
 def crossing_object(start: Pose, speed_m_s: float = 0.6) -> DynamicObject:
     """An object ahead to the right that crosses the robot's path and turns."""
-    place = start @ Pose.from_rpy((0.9, 0.5, 0.3))
+    pose = start @ Pose.from_rpy((0.9, 0.5, 0.3))
     return replace(
-        DYNAMIC_OBJECT, world_from_object=place, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
+        DYNAMIC_OBJECT, world_from_object=pose, twist=Twist((0.0, -speed_m_s, 0.0), (0.0, 0.0, 1.0))
     )
 
 
@@ -74,21 +74,28 @@ def displacements_px(camera: OmniCamera, twist: Twist, range_m: Floats, time_s: 
     return np.where(both, after_px - pixels, np.nan)
 
 
-def relative_twist(exposure: CameraState, body: DynamicObject) -> Twist:
+def relative_twist(camera_state: CameraState, dynamic_object: DynamicObject) -> Twist:
     """An object's motion relative to the camera, at the viewpoint, mirror frame."""
-    mirror = exposure.world_from_mirror
-    theirs = body.twist.at_offset(mirror.translation - body.world_from_object.translation)
-    return theirs.relative_to(exposure.twist).rotate(mirror.rotation.T)
-
-
-def camera_state_after(exposure: CameraState, time_s: float) -> CameraState:
-    """Camera state at another time, every pose moved by its twist."""
-    bodies = (
-        replace(body, world_from_object=_integrate_pose(body.world_from_object, body.twist, time_s))
-        for body in exposure.objects
+    mirror = camera_state.world_from_mirror
+    object_twist = dynamic_object.twist.at_offset(
+        mirror.translation - dynamic_object.world_from_object.translation
     )
-    pose = _integrate_pose(exposure.world_from_mirror, exposure.twist, time_s)
-    return replace(exposure, world_from_mirror=pose, objects=tuple(bodies))
+    return object_twist.relative_to(camera_state.twist).rotate(mirror.rotation.T)
+
+
+def camera_state_after(camera_state: CameraState, time_s: float) -> CameraState:
+    """Camera state at another time, every pose moved by its twist."""
+    objects = (
+        replace(
+            dynamic_object,
+            world_from_object=_integrate_pose(
+                dynamic_object.world_from_object, dynamic_object.twist, time_s
+            ),
+        )
+        for dynamic_object in camera_state.objects
+    )
+    pose = _integrate_pose(camera_state.world_from_mirror, camera_state.twist, time_s)
+    return replace(camera_state, world_from_mirror=pose, objects=tuple(objects))
 
 
 def _integrate_pose(pose: Pose, twist: Twist, time_s: float) -> Pose:
@@ -111,15 +118,18 @@ def time_samples(duration_s: float, count: int) -> Floats:
     return ((np.arange(count) + 0.5) / count - 0.5) * duration_s
 
 
-def average_frames(view: OmniView, exposure: CameraState, duration_s: float, count: int) -> Floats:
+def average_frames(
+    view: OmniView, camera_state: CameraState, duration_s: float, count: int
+) -> Floats:
     """Return the mean light of sharp frames of a moving robot."""
     frames = (
-        view.render_linear(camera_state_after(exposure, t)) for t in time_samples(duration_s, count)
+        view.render_linear(camera_state_after(camera_state, t))
+        for t in time_samples(duration_s, count)
     )
     return sum((frame.astype(np.float64) for frame in frames), start=np.array(0.0)) / count
 
 
 def rmse(one: Floats, other: Floats) -> float:
-    """Return the rms difference of two linear pictures, in grey levels of what is encoded."""
+    """RMS difference of two linear images, in encoded grey levels."""
     difference = 255.0 * (srgb_from_linear(one) - srgb_from_linear(other))
     return float(np.sqrt(np.square(difference).mean()))

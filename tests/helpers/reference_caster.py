@@ -81,8 +81,10 @@ def _radiance(
     scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats, u: Floats, v: Floats
 ) -> Floats:
     radiance = shading.facet_radiance(scene, world.lights)[triangle]
-    lamps = shading.point_irradiance(world.lights, points, scene.normals[triangle])
-    radiance = radiance + np.where(scene.unlit[triangle, None], 0.0, scene.albedo[triangle] * lamps)
+    point_irradiance = shading.point_irradiance(world.lights, points, scene.normals[triangle])
+    radiance = radiance + np.where(
+        scene.unlit[triangle, None], 0.0, scene.albedo[triangle] * point_irradiance
+    )
     corners = scene.uv[triangle]
     uv = (1.0 - u - v)[:, None] * corners[:, 0] + u[:, None] * corners[:, 1]
     uv += v[:, None] * corners[:, 2]

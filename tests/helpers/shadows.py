@@ -68,36 +68,42 @@ def reference_radiance(
     scene: SceneMesh, world: World, triangle: np.ndarray, points: Floats
 ) -> tuple[Floats, Bools]:
     """(n, 3) radiance of points on untextured triangles, and (n,) whether no edge is near."""
-    sky = shading.facet_irradiance(shading.hemisphere_lights(world.lights), scene.normals[triangle])
-    certain = np.ones(len(points), dtype=bool)
-    total = sky.copy()
+    irradiance = shading.facet_irradiance(
+        shading.hemisphere_lights(world.lights), scene.normals[triangle]
+    )
+    is_certain = np.ones(len(points), dtype=bool)
+    total = irradiance.copy()
     for light in shading.shadow_casting_lights(world.lights):
         normals = scene.normals[triangle]
-        unhidden = shading.unshadowed_irradiance(light, points, normals)
-        towards, far = shading.direction_to_light(light, points + _SHADOW_BIAS_M * normals)
-        hidden, doubtful = _occlusion(scene, points + _SHADOW_BIAS_M * normals, towards, far)
-        total += np.where(hidden[:, None], 0.0, unhidden)
-        certain &= ~(doubtful & unhidden.any(axis=-1))
+        unshadowed = shading.unshadowed_irradiance(light, points, normals)
+        to_light, light_distance = shading.direction_to_light(
+            light, points + _SHADOW_BIAS_M * normals
+        )
+        is_occluded, is_doubtful = _occlusion(
+            scene, points + _SHADOW_BIAS_M * normals, to_light, light_distance
+        )
+        total += np.where(is_occluded[:, None], 0.0, unshadowed)
+        is_certain &= ~(is_doubtful & unshadowed.any(axis=-1))
     unlit = scene.unlit[triangle, None]
-    return scene.albedo[triangle] * np.where(unlit, 1.0, total), certain
+    return scene.albedo[triangle] * np.where(unlit, 1.0, total), is_certain
 
 
 def _occlusion(
-    scene: SceneMesh, points: Floats, towards: Floats, far: Floats
+    scene: SceneMesh, points: Floats, to_light: Floats, light_distance: Floats
 ) -> tuple[Bools, Bools]:
     """(n,) whether a triangle lies before a light, and whether an edge is near."""
-    hidden, doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
+    is_occluded, is_doubtful = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for corners in scene.corners[scene.casts_shadows]:
         a, first, second = corners[0], corners[1] - corners[0], corners[2] - corners[0]
-        p = np.cross(towards, second)
+        p = np.cross(to_light, second)
         determinant = p @ first
         with np.errstate(divide="ignore", invalid="ignore"):
             u = np.einsum("ni,ni->n", p, points - a) / determinant
             q = np.cross(points - a, first)
-            v = np.einsum("ni,ni->n", q, towards) / determinant
+            v = np.einsum("ni,ni->n", q, to_light) / determinant
             distance = q @ second / determinant
             edge = np.minimum(np.minimum(u, v), 1.0 - u - v)
-            between = (distance > 0.0) & (distance < far)
-        hidden |= between & (edge >= 0.0)
-        doubtful |= between & (np.abs(edge) < _EDGE_TOLERANCE)
-    return hidden, doubtful
+            between = (distance > 0.0) & (distance < light_distance)
+        is_occluded |= between & (edge >= 0.0)
+        is_doubtful |= between & (np.abs(edge) < _EDGE_TOLERANCE)
+    return is_occluded, is_doubtful
