@@ -89,7 +89,7 @@ def test_server_after_a_rejected_init_accepts_another() -> None:
 
 
 def test_reject_init_without_an_init_is_a_local_error() -> None:
-    with pytest.raises(LocalProtocolError, match="no INIT"):
+    with pytest.raises(LocalProtocolError, match="no pending INIT"):
         greet_client().reject_init()
 
 

@@ -49,11 +49,11 @@ class CommandResult:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line; none in UDK, except of STEP. Without a name there is no block for a name."""
-        named = (("Name", self.name),) if self.name else ()
+        name_pairs = (("Name", self.name),) if self.name else ()
         # A client of lockstep has to know when a step has ended, in either dialect.
         is_step = self.type == _STEP_TYPE
         head = (("Time", format_fixed_point(self.time_s, 4 if is_step else 2)), ("Type", self.type))
-        pairs = (*head, *named, ("Status", self.status))
+        pairs = (*head, *name_pairs, ("Status", self.status))
         is_silent = dialect is Dialect.UDK and not is_step
         return () if is_silent else (Message(self.WORD, pairs),)
 
@@ -117,9 +117,9 @@ class ViewportsResult:
     def from_message(cls, message: Message) -> ViewportsResult:
         """Parse a line; each status follows the block of its subject."""
         keys = [f"Viewport{i + 1}" for i in range(NUM_VIEWPORTS)]
-        shown = (group for key in keys for group in split_groups(message, key)[:1])
+        runs = (group for key in keys for group in split_groups(message, key)[:1])
         # Each run extends to the end of the line; the first Status in it follows its own viewport.
-        viewports = (Viewport(x.pairs[0][1], x.get("Status") or STATUS_OK) for x in shown)
+        viewports = (Viewport(run.pairs[0][1], run.get("Status") or STATUS_OK) for run in runs)
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             config=strict_fields.read_text(message, "Config"),

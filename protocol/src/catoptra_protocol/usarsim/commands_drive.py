@@ -85,8 +85,8 @@ class DriveJoints:
     @classmethod
     def from_message(cls, message: Message) -> DriveJoints:
         """Parse a line; the blocks of a single joint may precede its name."""
-        named = split_groups(message, "Name")
-        runs = [message] if len(named) == 1 else named
+        groups = split_groups(message, "Name")
+        runs = [message] if len(groups) == 1 else groups
         return cls(tuple(map(_read_joint, runs)))
 
     def to_pairs(self) -> Pairs:
@@ -106,9 +106,9 @@ class MultiDrive:
     @classmethod
     def from_message(cls, message: Message) -> MultiDrive:
         """Parse a line; a block without a name is no joint."""
-        named = (pair for pair in message.pairs if pair[0])
+        joints = (pair for pair in message.pairs if pair[0])
         # Truncated as in every command: a name has at most 256 characters (SPEC.md 3).
-        return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in named))
+        return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in joints))
 
     def to_pairs(self) -> Pairs:
         """Blocks to send."""

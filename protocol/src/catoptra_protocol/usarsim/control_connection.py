@@ -76,7 +76,7 @@ class ControlServer:
             LocalProtocolError: No INIT is pending.
         """
         if self._state is not ControlState.SPAWNED:
-            raise LocalProtocolError(f"there is no INIT to refuse in state {self._state.name}")
+            raise LocalProtocolError(f"there is no pending INIT in state {self._state.name}")
         self._state = ControlState.GREETED
 
     def _advance_state(self, command: Command) -> bool:

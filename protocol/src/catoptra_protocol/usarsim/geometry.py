@@ -68,8 +68,8 @@ class Geometry:
             pairs = tuple(pair for item in self.items for pair in item.to_pairs(2))
             return (Message(self.WORD, (type_, *pairs)),) if pairs else ()
         if not self.items:
-            named = () if self.name is None else (("Name", self.name),)
-            return (Message(self.WORD, (type_, *named)),)
+            name_pairs = () if self.name is None else (("Name", self.name),)
+            return (Message(self.WORD, (type_, *name_pairs)),)
         items = (item.to_pairs(4) for item in self.items)
         return messages_from_items(self.WORD, (type_,), items, dialect)
 
@@ -131,7 +131,7 @@ def geometry_from_message(
     if message.get("Link") is not None:
         return MissionPackageGeometry.from_message(message)
     # The empty reply may have a Name without a Location.
-    placed = [x for x in items_from_message(message) if x.get("Location") is not None]
-    items = tuple(GeometryItem.from_message(item) for item in placed)
+    located = [x for x in items_from_message(message) if x.get("Location") is not None]
+    items = tuple(GeometryItem.from_message(item) for item in located)
     type_ = strict_fields.read_text(message, "Type")
     return Geometry(type_, items, name=None if items else message.get("Name"))

@@ -97,15 +97,15 @@ def split_words(value: str) -> list[str]:
 
 def split_groups(message: Message, key: str) -> list[Message]:
     """Runs of blocks that each begin with this name; blocks before the first run are ignored."""
-    found: list[list[tuple[str, str]]] = []
+    groups: list[list[tuple[str, str]]] = []
     # Blocks before the first run belong to no group: a joint or link begins with its name or
     # number.
     for pair in message.pairs:
         if pair[0].lower() == key.lower():
-            found.append([])
-        if found:
-            found[-1].append(pair)
-    return [Message(message.word, tuple(run)) for run in found]
+            groups.append([])
+        if groups:
+            groups[-1].append(pair)
+    return [Message(message.word, tuple(run)) for run in groups]
 
 
 class LineReader:

@@ -69,13 +69,13 @@ class StartPoses:
         """
         blocks = [pair for pair in message.pairs if pair[0].lower() != "startposes"]
         # No spaces inside a list of numbers, so the words come in threes: name, location, rotation.
-        found = split_words(" ".join(" ".join(pair) for pair in blocks[:1]))
-        if len(found) != 3 * strict_fields.read_integer(message, "StartPoses"):
+        words = split_words(" ".join(" ".join(pair) for pair in blocks[:1]))
+        if len(words) != 3 * strict_fields.read_integer(message, "StartPoses"):
             raise RemoteProtocolError(
                 f"NFO {{StartPoses {strict_fields.read_text(message, 'StartPoses')}}}: "
-                f"expected three words (name x,y,z r,p,y) per pose, not {len(found)} in total"
+                f"expected three words (name x,y,z r,p,y) per pose, not {len(words)} in total"
             )
-        triples = zip(found[::3], found[1::3], found[2::3], strict=True)
+        triples = zip(words[::3], words[1::3], words[2::3], strict=True)
         return cls(tuple(_parse_start_pose(message, *triple) for triple in triples))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
@@ -84,9 +84,9 @@ class StartPoses:
         Raises:
             LocalProtocolError: A name is not one word.
         """
-        said = [word for pose in self.poses for word in _format_start_pose(pose)]
+        words = [word for pose in self.poses for word in _format_start_pose(pose)]
         # The block has no name of its own: the name of the first pose stands in its position.
-        block = ((said[0], " ".join(said[1:])),) if said else ()
+        block = ((words[0], " ".join(words[1:])),) if words else ()
         return (Message(self.WORD, (("StartPoses", str(len(self.poses))), *block)),)
 
 

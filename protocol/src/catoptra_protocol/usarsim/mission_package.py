@@ -81,7 +81,7 @@ class LinkConfiguration:
     def to_pairs(self) -> Pairs:
         """Blocks."""
         # KRobot.uc treats a minimum above the maximum as no limit, and the capture prints 1 and 0.
-        least, most = (
+        minimum, maximum = (
             ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
         )
         return (
@@ -89,8 +89,8 @@ class LinkConfiguration:
             ("JointType", self.joint_type),
             ("MaxSpeed", format_fixed_point(self.max_speed, 2)),
             ("MaxTorque", format_fixed_point(self.max_torque, 2)),
-            ("MinRange", least),
-            ("MaxRange", most),
+            ("MinRange", minimum),
+            ("MaxRange", maximum),
         )
 
 

@@ -32,11 +32,11 @@ class EncoderReadings:
     def from_message(cls, message: Message) -> EncoderReadings:
         """Parse a line of either dialect."""
         items = items_from_message(message)
-        named = (
+        readings = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_integer(item, "Tick"))
             for item in items
         )
-        return cls(tuple(named), strict_fields.read_optional_number(message, "Time"))
+        return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line; in UDK one line each."""
@@ -95,11 +95,11 @@ class TouchReadings:
     def from_message(cls, message: Message) -> TouchReadings:
         """Parse a line of either dialect."""
         items = items_from_message(message)
-        named = (
+        readings = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_boolean(item, "Touch"))
             for item in items
         )
-        return cls(tuple(named), strict_fields.read_optional_number(message, "Time"))
+        return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line; in UDK one line each."""

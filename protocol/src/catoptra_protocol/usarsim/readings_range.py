@@ -78,11 +78,11 @@ class SonarReadings:
         """Parse a line of either dialect."""
         # One item per line in UDK, all in one line in UT2004.
         items = items_from_message(message)
-        named = (
+        readings = (
             (strict_fields.read_text(item, "Name"), strict_fields.read_number(item, "Range"))
             for item in items
         )
-        return cls(strict_fields.read_number(message, "Time"), tuple(named))
+        return cls(strict_fields.read_number(message, "Time"), tuple(readings))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """One line; in UDK one line each."""

@@ -66,8 +66,8 @@ def read_vector(message: Message, name: str) -> Vector3:
 
 def parse_vectors(message: Message, **values: str) -> tuple[Vector3, ...]:
     """Vectors from texts outside named blocks; the keywords are the names in error texts."""
-    named = Message(message.word, tuple(values.items()))
-    return tuple(read_vector(named, name) for name in values)
+    fields = Message(message.word, tuple(values.items()))
+    return tuple(read_vector(fields, name) for name in values)
 
 
 def _parse_number(message: Message, name: str, value: str) -> float:
