@@ -114,14 +114,14 @@ def _rotation_from_vector(vector: Floats) -> Floats:
 
 
 def time_samples(duration_s: float, count: int) -> Floats:
-    """Return the middles of equal parts of a duration about 0."""
+    """Centres of equal parts of a duration about 0."""
     return ((np.arange(count) + 0.5) / count - 0.5) * duration_s
 
 
 def average_frames(
     view: OmniView, camera_state: CameraState, duration_s: float, count: int
 ) -> Floats:
-    """Return the mean light of sharp frames of a moving robot."""
+    """Mean light of sharp frames of a moving robot."""
     frames = (
         view.render_linear(camera_state_after(camera_state, t))
         for t in time_samples(duration_s, count)

@@ -106,7 +106,7 @@ class SceneBuffers:
         """Scene under the lighting of a camera state: with shadows where some light casts them."""
         if not camera_state.has_shadows or not shading.shadow_casting_lights(self._world.lights):
             return self
-        # Built at the first frame with shadows: maps of up to 128 MB that most worlds never need.
+        # Built at the first frame with shadows: maps of up to 128 MiB that most worlds never need.
         if self._shadowed is None:
             self._shadowed = ShadowedScene(
                 self._context,
