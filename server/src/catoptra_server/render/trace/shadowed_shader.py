@@ -123,7 +123,7 @@ class ShadowedShader:
         triangles = triangle.take(rays)
         radiance: Float32s = self.scene.hemisphere_radiance.take(triangles, axis=1)
         lit = np.flatnonzero(self._receivers.is_lit.take(triangles))
-        # Float64 like the shading functions; tabulated facets, with constant irradiance, do without.
+        # Float64 like the shading functions; tabulated facets, of constant irradiance, do without.
         points = surface_points.positions(rays[lit]).astype(np.float64)
         lit_triangles = triangles.take(lit)
         normals = self._receivers.normals.take(lit_triangles, axis=0)
