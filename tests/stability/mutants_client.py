@@ -1,6 +1,6 @@
-"""Naive forms of the client's formulas: as a textbook or a first attempt would write them.
+"""Mutants of the client's formulas: naive forms, as a textbook or a first attempt has them.
 
-Each takes the place of ours and must fail a case of its group.
+Each mutant replaces a function of the client and must fail a case of its group.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ def wrap_anything(angle: float) -> float:
     return math.pi if wrapped <= -math.pi else wrapped
 
 
-def plain_difference(angle: float, start: float) -> float:
+def subtract_plainly(angle: float, start: float) -> float:
     return angle - start
 
 
-def plain_mean(start: float, end: float, *, share: float) -> float:
-    return start + share * (end - start)
+def interpolate_plainly(start: float, end: float, *, fraction: float) -> float:
+    return start + fraction * (end - start)
 
 
-def moved_by_radius(pose: Floats, control: Control) -> Floats:
+def propagate_by_radius(pose: Floats, control: Control) -> Floats:
     radius = control.distance_m / control.turn_rad
     phi, new = pose[2], pose[2] + control.turn_rad
     x = pose[0] + radius * (math.sin(new) - math.sin(phi))
     y = pose[1] - radius * (math.cos(new) - math.cos(phi))
-    return np.array([x, y, plain_difference(new, 0.0)])
+    return np.array([x, y, subtract_plainly(new, 0.0)])
 
 
-def moved_by_radius_guarded(pose: Floats, control: Control) -> Floats:
+def propagate_by_radius_guarded(pose: Floats, control: Control) -> Floats:
     tiny = abs(control.turn_rad) < 1e-9
-    return moved_straight(pose, control) if tiny else moved_by_radius(pose, control)
+    return propagate_straight(pose, control) if tiny else propagate_by_radius(pose, control)
 
 
-def moved_straight(pose: Floats, control: Control) -> Floats:
+def propagate_straight(pose: Floats, control: Control) -> Floats:
     middle = pose[2] + 0.5 * control.turn_rad
     step = control.distance_m * np.array([math.cos(middle), math.sin(middle)])
     return np.array([*(pose[:2] + step), pose[2] + control.turn_rad])
 
 
-def slope_closed(a: float) -> float:
+def derivative_in_closed_form(a: float) -> float:
     return (a * math.cos(a) - math.sin(a)) / a**2 if a else 0.0
 
 
@@ -66,7 +66,7 @@ def control_by_distance(previous: OdometryPose, current: OdometryPose) -> Contro
     return Control(chord, current.yaw_rad - previous.yaw_rad)
 
 
-def expectation(pose: Floats, landmark: Any, bearing: Any) -> tuple[PredictedMeasurement, bool]:
+def predict_with(pose: Floats, landmark: Any, bearing: Any) -> tuple[PredictedMeasurement, bool]:
     dx, dy = landmark.x_m - float(pose[0]), landmark.y_m - float(pose[1])
     rho = math.sqrt(dx * dx + dy * dy)
     if not rho:
@@ -76,15 +76,15 @@ def expectation(pose: Floats, landmark: Any, bearing: Any) -> tuple[PredictedMea
     return PredictedMeasurement(rho, bearing(dx, dy, rho) - float(pose[2]), jacobian), True
 
 
-def expect_by_squares(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
-    return expectation(pose, landmark, lambda dx, dy, rho: math.atan2(dy, dx))
+def predict_by_squares(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
+    return predict_with(pose, landmark, lambda dx, dy, rho: math.atan2(dy, dx))
 
 
-def expect_by_acos(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
-    return expectation(pose, landmark, lambda dx, dy, rho: math.acos(dx / rho))
+def predict_by_acos(pose: Floats, landmark: Any) -> tuple[PredictedMeasurement, bool]:
+    return predict_with(pose, landmark, lambda dx, dy, rho: math.acos(dx / rho))
 
 
-def residual_not_wrapped(
+def innovation_without_wrap(
     measured: Any, expected: PredictedMeasurement
 ) -> tuple[Floats, Floats, Floats]:
     assert not isinstance(measured, BearingOnly)
@@ -107,29 +107,29 @@ def range_without_validity(t: float, *, drop_m: float) -> tuple[float, bool]:
     return drop_m * 2.0 * t / ((1.0 - t) * (1.0 + t)) if t != 1.0 else 0.0, True
 
 
-def corrected(belief: Belief, K: Floats, innovation: Floats, covariance: Floats) -> Any:
+def apply_gain(belief: Belief, K: Floats, innovation: Floats, covariance: Floats) -> Any:
     symmetric = 0.5 * (covariance + covariance.T)
     return Belief(belief.mean + K @ innovation, symmetric), True
 
 
-def gain(belief: Belief, H: Floats, L: Floats) -> Floats:
+def kalman_gain(belief: Belief, H: Floats, L: Floats) -> Floats:
     return np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
 
 
 def correct_by_subtraction(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
-    K = gain(belief, H, L)
-    return corrected(belief, K, off, belief.covariance - K @ L @ L.T @ K.T)
+    K = kalman_gain(belief, H, L)
+    return apply_gain(belief, K, off, belief.covariance - K @ L @ L.T @ K.T)
 
 
 def correct_by_short_form(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
-    K = gain(belief, H, L)
-    return corrected(belief, K, off, (np.eye(3) - K @ H) @ belief.covariance)
+    K = kalman_gain(belief, H, L)
+    return apply_gain(belief, K, off, (np.eye(3) - K @ H) @ belief.covariance)
 
 
 def correct_by_information(belief: Belief, off: Floats, H: Floats, R: Floats, L: Floats) -> Any:
     prior = np.linalg.inv(belief.covariance)
     covariance = np.linalg.inv(prior + H.T @ np.linalg.inv(R) @ H)
-    return corrected(belief, covariance @ H.T @ np.linalg.inv(R), off, covariance)
+    return apply_gain(belief, covariance @ H.T @ np.linalg.inv(R), off, covariance)
 
 
 def root_by_cholesky(covariance: Floats) -> Floats:
@@ -152,10 +152,10 @@ def cholesky_of_anything(S: Floats) -> tuple[Floats, bool]:
     return np.linalg.cholesky(S + 1e-12 * np.eye(len(S))), True
 
 
-def threshold_of_upper_share(gate: Any, size: int) -> float:
-    if size == 2:
-        return -2.0 * math.log(gate.false_rejection)
-    return NormalDist().inv_cdf(1.0 - 0.5 * gate.false_rejection) ** 2
+def threshold_of_upper_tail(gate: Any, dof: int) -> float:
+    if dof == 2:
+        return -2.0 * math.log(gate.false_rejection_rate)
+    return NormalDist().inv_cdf(1.0 - 0.5 * gate.false_rejection_rate) ** 2
 
 
 def nees_by_inverse(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
@@ -163,23 +163,23 @@ def nees_by_inverse(belief: Belief, true_pose: Floats) -> tuple[float, bool]:
     return float(error @ np.linalg.inv(belief.covariance) @ error), True
 
 
-def quantile_by_cube_root(freedom: int, share: float) -> float:
-    spread = 2.0 / (9.0 * freedom)
-    return freedom * (1.0 - spread + NormalDist().inv_cdf(share) * spread**0.5) ** 3
+def quantile_by_cube_root(dof: int, probability: float) -> float:
+    spread = 2.0 / (9.0 * dof)
+    return dof * (1.0 - spread + NormalDist().inv_cdf(probability) * spread**0.5) ** 3
 
 
-def accepts_by_division(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
+def compare_by_division(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
     with np.errstate(all="ignore"):
         likely = positive.counts / positive.total
         return likely / (negative.counts / negative.total) >= theta
 
 
-def accepts_by_quotients(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
+def compare_by_quotients(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
     with np.errstate(all="ignore"):
         return positive.counts / positive.total >= theta * (negative.counts / negative.total)
 
 
-def accepts_in_64_bits(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
+def compare_in_64_bits(positive: Histogram, negative: Histogram, *, theta: float) -> Floats:
     with np.errstate(all="ignore"):
         return positive.counts * negative.total >= theta * (negative.counts * positive.total)
 
@@ -193,49 +193,81 @@ def range_by_quotient(slope: float, *, drop_m: float) -> tuple[float, bool]:
 
 
 _FILTER = "catoptra_client.localization."
-_SEEN = "catoptra_client.landmarks."
+_LANDMARKS = "catoptra_client.landmarks."
 _ANGLES = "catoptra_protocol.optics.numerics."
 
 MUTATIONS: list[Mutation] = [
     Mutation("wrap by modulo", "angles", _ANGLES + "wrap_angle", wrap_by_modulo),
     Mutation("wrap NaN to NaN", "angles", _ANGLES + "wrap_angle", wrap_anything),
-    Mutation("difference not wrapped", "angles", _ANGLES + "angle_difference", plain_difference),
-    Mutation("mean of numbers", "angles", _ANGLES + "angle_between", plain_mean),
-    Mutation("motion by v / omega", "motion", _FILTER + "motion.moved", moved_by_radius),
+    Mutation("difference not wrapped", "angles", _ANGLES + "angle_difference", subtract_plainly),
+    Mutation("mean of numbers", "angles", _ANGLES + "interpolate_angle", interpolate_plainly),
     Mutation(
-        "motion by v / omega, guarded", "motion", _FILTER + "motion.moved", moved_by_radius_guarded
+        "motion by v / omega",
+        "motion",
+        _FILTER + "motion_model.propagate_pose",
+        propagate_by_radius,
     ),
-    Mutation("motion along the chord", "motion", _FILTER + "motion.moved", moved_straight),
-    Mutation("S' closed", "motion", _FILTER + "motion.chord_over_arc_slope", slope_closed),
+    Mutation(
+        "motion by v / omega, guarded",
+        "motion",
+        _FILTER + "motion_model.propagate_pose",
+        propagate_by_radius_guarded,
+    ),
+    Mutation(
+        "motion along the chord",
+        "motion",
+        _FILTER + "motion_model.propagate_pose",
+        propagate_straight,
+    ),
+    Mutation(
+        "S' closed",
+        "motion",
+        _FILTER + "motion_model.chord_over_arc_derivative",
+        derivative_in_closed_form,
+    ),
     Mutation(
         "control by distance",
         "motion",
         _FILTER + "odometry.control_from_odometry",
         control_by_distance,
     ),
-    Mutation("range by squares", "measurement", _FILTER + "measurement.expect", expect_by_squares),
-    Mutation("bearing by acos", "measurement", _FILTER + "measurement.expect", expect_by_acos),
+    Mutation(
+        "range by squares",
+        "measurement",
+        _FILTER + "measurement_model.predict_measurement",
+        predict_by_squares,
+    ),
+    Mutation(
+        "bearing by acos",
+        "measurement",
+        _FILTER + "measurement_model.predict_measurement",
+        predict_by_acos,
+    ),
     Mutation(
         "residual not wrapped",
         "measurement",
-        _FILTER + "measurement.residual",
-        residual_not_wrapped,
+        _FILTER + "measurement_model.compute_innovation",
+        innovation_without_wrap,
     ),
-    Mutation("residual not wrapped", "ekf", _FILTER + "ekf.residual", residual_not_wrapped),
     Mutation(
-        "theta by acos", "ranging", _SEEN + "ranging.half_angle_from_range", half_angle_by_acos
+        "residual not wrapped", "ekf", _FILTER + "ekf.compute_innovation", innovation_without_wrap
     ),
-    Mutation("H tan(theta)", "ranging", _SEEN + "ranging.range_from_half_angle", range_by_tangent),
+    Mutation(
+        "theta by acos", "ranging", _LANDMARKS + "ranging.half_angle_from_range", half_angle_by_acos
+    ),
+    Mutation(
+        "H tan(theta)", "ranging", _LANDMARKS + "ranging.range_from_half_angle", range_by_tangent
+    ),
     Mutation(
         "a range above the horizon",
         "ranging",
-        _SEEN + "ranging.range_from_half_angle",
+        _LANDMARKS + "ranging.range_from_half_angle",
         range_without_validity,
     ),
-    Mutation("P - K S K^T", "ekf", _FILTER + "ekf._corrected", correct_by_subtraction),
-    Mutation("(I - K H) P", "ekf", _FILTER + "ekf._corrected", correct_by_short_form),
-    Mutation("information form by inv", "ekf", _FILTER + "ekf._corrected", correct_by_information),
-    Mutation("root by Cholesky", "ekf", _FILTER + "ekf.square_root", root_by_cholesky),
+    Mutation("P - K S K^T", "ekf", _FILTER + "ekf._correct", correct_by_subtraction),
+    Mutation("(I - K H) P", "ekf", _FILTER + "ekf._correct", correct_by_short_form),
+    Mutation("information form by inv", "ekf", _FILTER + "ekf._correct", correct_by_information),
+    Mutation("root by Cholesky", "ekf", _FILTER + "ekf.covariance_square_root", root_by_cholesky),
     Mutation(
         "definite up to 1e-9",
         "ekf",
@@ -249,16 +281,47 @@ MUTATIONS: list[Mutation] = [
     Mutation("NaN not looked for", "ekf", _FILTER + "ekf.is_finite", always_finite),
     Mutation("S + 1e-12 I", "ekf", _FILTER + "ekf._cholesky", cholesky_of_anything),
     Mutation(
-        "quantile of 1 - p / 2", "trust", _FILTER + "gate.Gate.threshold", threshold_of_upper_share
+        "quantile of 1 - p / 2",
+        "trust",
+        _FILTER + "validation_gate.ValidationGate.threshold",
+        threshold_of_upper_tail,
     ),
     Mutation("NEES by inv", "trust", _FILTER + "consistency.nees", nees_by_inverse),
-    Mutation("cube root alone", "trust", _FILTER + "consistency._quantile", quantile_by_cube_root),
-    Mutation("ratio divided", "likelihood", _SEEN + "classifier.accepts", accepts_by_division),
-    Mutation("quotients", "likelihood", _SEEN + "classifier.accepts", accepts_by_quotients),
-    Mutation("64-bit products", "likelihood", _SEEN + "classifier.accepts", accepts_in_64_bits),
-    Mutation("totals not checked", "histogram", _SEEN + "histogram._check_total", no_check),
-    Mutation("no horizon gate", "detector", _SEEN + "beacons._range_sigma", lambda *_: (0.0, True)),
     Mutation(
-        "range by a quotient", "detector", _SEEN + "beacons.range_from_slope", range_by_quotient
+        "cube root alone",
+        "trust",
+        _FILTER + "consistency._chi_square_quantile",
+        quantile_by_cube_root,
+    ),
+    Mutation(
+        "ratio divided",
+        "likelihood",
+        _LANDMARKS + "classifier.likelihood_ratio_test",
+        compare_by_division,
+    ),
+    Mutation(
+        "quotients",
+        "likelihood",
+        _LANDMARKS + "classifier.likelihood_ratio_test",
+        compare_by_quotients,
+    ),
+    Mutation(
+        "64-bit products",
+        "likelihood",
+        _LANDMARKS + "classifier.likelihood_ratio_test",
+        compare_in_64_bits,
+    ),
+    Mutation("totals not checked", "histogram", _LANDMARKS + "histogram._check_total", no_check),
+    Mutation(
+        "no horizon gate",
+        "detector",
+        _LANDMARKS + "beacons._axis_range_sigma",
+        lambda *_: (0.0, True),
+    ),
+    Mutation(
+        "range by a quotient",
+        "detector",
+        _LANDMARKS + "beacons.range_from_slope",
+        range_by_quotient,
     ),
 ]

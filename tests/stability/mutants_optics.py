@@ -1,6 +1,6 @@
-"""Naive forms of the camera law, the wire's numbers and light, as a first attempt writes them.
+"""Mutants of the camera models, the number formats and the light sums: naive forms of each.
 
-Each takes the place of ours and must fail a case of its group.
+Each mutant replaces a function of the product and must fail a case of its group.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ CAMERA = "catoptra_protocol.optics.omni_camera"
 CUBE = "catoptra_protocol.optics.cube_map"
 LENS = "catoptra_protocol.optics.lenses.perspective.PerspectiveCamera"
 NUMBERS = "catoptra_protocol.usarsim.value_format"
-SCALE = "catoptra_server.render.trace.packed_light.LightScale"
+SCALE = "catoptra_server.render.trace.packed_light.SrgbScale"
 
 
-# The mirror's law.
+# Image radius of a mirror.
 
 
 def radius_by_angle(mirror: HyperbolicMirror, t: Floats) -> Floats:
@@ -41,7 +41,7 @@ def radius_by_eq2(mirror: HyperbolicMirror, t: Floats) -> Floats:
     return t
 
 
-def radius_unguarded(mirror: HyperbolicMirror, t: Floats) -> Floats:
+def radius_without_guard(mirror: HyperbolicMirror, t: Floats) -> Floats:
     """One less kappa squared t squared, without a domain."""
     kappa = 1.0 / (mirror.k - 1.0 + math.sqrt(mirror.k * (mirror.k - 2.0)))
     s = math.sqrt(mirror.k * (mirror.k - 2.0))
@@ -117,7 +117,7 @@ def half_angle_by_one_form(direction: Floats) -> tuple[Floats, Floats]:
 
 
 def pixel_by_azimuth(camera: OmniCamera, direction: Floats) -> tuple[Floats, Floats]:
-    """Angles, sines and cosines; what is not seen is held at the rim in silence."""
+    """Angles, sines and cosines; directions beyond the rim are clamped without a word."""
     x, y, z = direction
     theta = np.minimum(np.arctan2(np.sqrt(x * x + y * y), z), camera.rim_rad)
     azimuth = np.arctan2(y, x) - camera.image_up_azimuth_rad
@@ -127,7 +127,7 @@ def pixel_by_azimuth(camera: OmniCamera, direction: Floats) -> tuple[Floats, Flo
 
 
 def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Floats]:
-    """Divide by the radius, which is nothing at the centre."""
+    """Divide by the radius, zero at the centre."""
     du, dv = (np.asarray(pixel) - camera.centre_px) / camera.horizon_radius_px
     radius = np.sqrt(du * du + dv * dv)
     t = camera.mirror.t_from_radius_ratio(radius)
@@ -138,24 +138,24 @@ def direction_by_normalising(camera: OmniCamera, pixel: Floats) -> tuple[Floats,
 
 
 def face_by_last(direction: Floats) -> Floats:
-    """The last of the largest."""
+    """Last instead of first of equal faces."""
     ahead = direction @ MIRROR_FROM_FACE_ROTATIONS[:, :, 0].T
     return len(ahead) - 1 - np.argmax(ahead[::-1])
 
 
 def face_by_largest_component(direction: Floats) -> Floats:
-    """The largest absolute component, then its sign: another winner in a tie of signs."""
+    """The largest absolute component, then its sign: ties of signs go to another face."""
     axis = int(np.argmax(np.abs(direction)))
     return {0: (0, 2), 1: (1, 3), 2: (4, 5)}[axis][int(direction[axis] < 0.0)]
 
 
-def coordinates_unguarded(direction: Floats, face: Floats) -> Floats:
+def coordinates_without_guard(direction: Floats, face: Floats) -> Floats:
     local = np.einsum("...i,...ij->...j", direction, MIRROR_FROM_FACE_ROTATIONS[face])
     return local[..., 1:] / local[..., :1]
 
 
-def lens_pixel_unguarded(camera: PerspectiveCamera, direction: Floats) -> tuple[Floats, Floats]:
-    """y / x, wherever it lies."""
+def lens_pixel_without_guard(camera: PerspectiveCamera, direction: Floats) -> tuple[Floats, Floats]:
+    """y / x for every direction, behind the camera too."""
     x, y, z = direction
     u = camera.focal_length_px * y / x + 0.5 * camera.width_px
     v = camera.focal_length_px * z / x + 0.5 * camera.height_px
@@ -164,7 +164,7 @@ def lens_pixel_unguarded(camera: PerspectiveCamera, direction: Floats) -> tuple[
 
 
 def lens_direction_by_angles(camera: PerspectiveCamera, pixel: Floats) -> tuple[Floats, Floats]:
-    """Clamp to the picture in silence."""
+    """Clamp to the image without a word."""
     u, v = np.clip(pixel, 0.0, (camera.width_px, camera.height_px))
     y, z = u - 0.5 * camera.width_px, v - 0.5 * camera.height_px
     ray = np.array([camera.focal_length_px, y, z])
@@ -174,31 +174,31 @@ def lens_direction_by_angles(camera: PerspectiveCamera, pixel: Floats) -> tuple[
 # Numbers on the wire.
 
 
-def rounded(value: float, decimals: int = 4) -> str:
+def format_rounded(value: float, decimals: int = 4) -> str:
     return f"{value:.{decimals}f}"
 
 
-def truncated_by_scaling(value: float, decimals: int = 4) -> str:
+def format_truncated_after_scaling(value: float, decimals: int = 4) -> str:
     scale = 10.0**decimals
     whole = math.trunc(value * scale) if math.isfinite(value) else 0
     return f"{whole / scale:.{decimals}f}"
 
 
-def printed_short(value: float, decimals: int = 4) -> str:
-    """repr, cut off: an exponent where the number is large or small."""
+def format_cut_repr(value: float, decimals: int = 4) -> str:
+    """repr, cut off: large and small numbers get an exponent."""
     whole, _, fraction = repr(value).partition(".")
     return f"{whole}.{fraction[:decimals].ljust(decimals, '0')}" if decimals else whole
 
 
-def read_by_float(text: str) -> float:
-    """float(): inf and nan are numbers to it, and a unit is an error."""
+def parse_by_float(text: str) -> float:
+    """float(): accepts inf and nan, and rejects a trailing unit."""
     try:
         return float(text)
     except ValueError:
         return 0.0
 
 
-def rounded_units(angle_rad: float) -> float:
+def round_unreal_units(angle_rad: float) -> float:
     return round(angle_rad * 10430.3783505) / 10430.3783505 if abs(angle_rad) < 1e300 else 0.0
 
 
@@ -209,12 +209,12 @@ def metres_by_two_steps(length_uu: float) -> float:
 # Light.
 
 
-def encoded_unclipped(linear: Floats) -> Floats:
+def encode_without_clip(linear: Floats) -> Floats:
     return 1.055 * np.abs(linear) ** (1.0 / 2.4) - 0.055
 
 
-def mean_of_greys(scale: SrgbScale, sums: Floats) -> Floats:
-    """A mean of encoded samples: what averaging finished pictures does."""
+def average_encoded(scale: SrgbScale, sums: Floats) -> Floats:
+    """Mean of encoded samples, as averaging finished images would compute."""
     shifts = (0, 21, 42)
     light = [
         (int(sums[0]) >> shift & (2**21 - 1)) / (scale.max_level * scale.samples)
@@ -223,60 +223,71 @@ def mean_of_greys(scale: SrgbScale, sums: Floats) -> Floats:
     return np.array([[255.0 * level for level in light]])
 
 
-def packed_overflowing(scale: SrgbScale, radiance: Floats) -> Floats:
-    """Without a clip: what is brighter than white spills over into the next channel."""
+def pack_without_clip(scale: SrgbScale, radiance: Floats) -> Floats:
+    """Without a clip, radiance above white overflows into the next channel."""
     levels = (radiance * scale.max_level + 0.5).astype(np.uint64)
     return levels[0] | (levels[1] << np.uint64(21)) | (levels[2] << np.uint64(42))
 
 
-def lamp_unguarded(lights: tuple[PointLight, ...], points: Floats, normals: Floats) -> Floats:
-    """The inverse square down to the lamp itself."""
+def point_light_without_guard(
+    lights: tuple[PointLight, ...], points: Floats, normals: Floats
+) -> Floats:
+    """The inverse square down to the point light itself."""
     towards = np.asarray(lights[0].position_m) - points
     distance = np.sqrt((towards * towards).sum(axis=-1))
     cosine = np.maximum((towards * normals).sum(axis=-1) / distance, 0.0)
     return (cosine / distance**2)[:, None] * np.asarray(lights[0].intensity)
 
 
-RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface"
+RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface_point"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
 HALF_ANGLE, FACE = f"{CAMERA}.half_angle_tangent", f"{CUBE}.face_from_direction"
-LAMP = "catoptra_server.scene.shading.point_irradiance"
-ENCODED = "catoptra_server.scene.colour.srgb_from_linear"
+POINT_LIGHT = "catoptra_server.scene.shading.point_irradiance"
+ENCODE = "catoptra_server.scene.colour.srgb_from_linear"
 
 MUTATIONS = [
     Mutation("sin / (1 + cos / xi) of the angle", "mirror", RATIO, radius_by_angle),
     Mutation("Eq. 2 for every mirror", "mirror", RATIO, radius_by_eq2),
-    Mutation("1 - kappa^2 t^2, unguarded", "mirror", RATIO, radius_unguarded),
+    Mutation("1 - kappa^2 t^2, unguarded", "mirror", RATIO, radius_without_guard),
     Mutation("c / 2 - sqrt, then projected", "mirror", RATIO, radius_by_surface),
     Mutation("sqrt(1 + y^2) - 1", "mirror", INVERSE, incidence_by_root),
     Mutation("tan of half an atan, kappa a difference", "mirror", INVERSE, incidence_by_tangents),
     Mutation("a difference quotient", "mirror", SLOPE, slope_by_difference),
     Mutation("c / 2 - sqrt(...)", "surface", SHAPE, surface_by_root),
     Mutation("l / (1 + e cos(theta))", "surface", SHAPE, surface_by_polar_form),
-    Mutation("(p^2 - r^2) / 2p", "surface", f"{PARABOLIC}.surface", paraboloid_by_squares),
+    Mutation("(p^2 - r^2) / 2p", "surface", f"{PARABOLIC}.surface_point", paraboloid_by_squares),
     Mutation("tan(acos(z) / 2)", "pixel", HALF_ANGLE, half_angle_by_arc_cosine),
     Mutation("sin / (1 + cos) above the horizon too", "pixel", HALF_ANGLE, half_angle_by_one_form),
-    Mutation("angles, held at the rim in silence", "pixel", PIXEL, pixel_by_azimuth),
+    Mutation("angles, clamped at the rim", "pixel", PIXEL, pixel_by_azimuth),
     Mutation("over the radius, 0 at the centre", "pixel", RAY, direction_by_normalising),
     Mutation("the last of equal faces", "cube", FACE, face_by_last),
     Mutation("the largest absolute component", "cube", FACE, face_by_largest_component),
-    Mutation("a plane behind", "cube", f"{CUBE}.face_coordinates", coordinates_unguarded),
-    Mutation("y / x unguarded", "lens", f"{LENS}.pixel_from_direction", lens_pixel_unguarded),
+    Mutation("a plane behind", "cube", f"{CUBE}.face_coordinates", coordinates_without_guard),
+    Mutation("y / x unguarded", "lens", f"{LENS}.pixel_from_direction", lens_pixel_without_guard),
     Mutation("clamped", "lens", f"{LENS}.direction_from_pixel", lens_direction_by_angles),
-    Mutation("rounded, not truncated", "wire", f"{NUMBERS}.fixed", rounded),
-    Mutation("truncated after scaling", "wire", f"{NUMBERS}.fixed", truncated_by_scaling),
-    Mutation("repr cut off", "wire", f"{NUMBERS}.fixed", printed_short),
-    Mutation("float()", "wire", f"{NUMBERS}.number_from_text", read_by_float),
-    Mutation("rounded Unreal units", "wire", f"{NUMBERS}.unreal_angle", rounded_units),
+    Mutation("rounded, not truncated", "wire", f"{NUMBERS}.format_fixed_point", format_rounded),
+    Mutation(
+        "truncated after scaling",
+        "wire",
+        f"{NUMBERS}.format_fixed_point",
+        format_truncated_after_scaling,
+    ),
+    Mutation("repr cut off", "wire", f"{NUMBERS}.format_fixed_point", format_cut_repr),
+    Mutation("float()", "wire", f"{NUMBERS}.number_from_text", parse_by_float),
+    Mutation(
+        "rounded Unreal units", "wire", f"{NUMBERS}.truncate_to_unreal_units", round_unreal_units
+    ),
     Mutation(
         "times 4 over 1000",
         "wire",
         "catoptra_protocol.optics.units.metres_from_uu",
         metres_by_two_steps,
     ),
-    Mutation("the power alone, unclipped", "light", ENCODED, encoded_unclipped),
-    Mutation("a mean without a curve", "light", f"{SCALE}.colours", mean_of_greys),
-    Mutation("no clip before packing", "light", f"{SCALE}.packed", packed_overflowing),
-    Mutation("the lamp's inverse square unguarded", "light", LAMP, lamp_unguarded),
+    Mutation("the power alone, unclipped", "light", ENCODE, encode_without_clip),
+    Mutation("a mean without a curve", "light", f"{SCALE}.unpack", average_encoded),
+    Mutation("no clip before packing", "light", f"{SCALE}.pack", pack_without_clip),
+    Mutation(
+        "a point light's inverse square unguarded", "light", POINT_LIGHT, point_light_without_guard
+    ),
 ]

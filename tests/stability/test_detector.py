@@ -29,7 +29,7 @@ def _cylinder() -> CylinderGeometry:
 
 
 def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
-    place = {"range_m": range_m, "width_m": 0.1, "eye_m": BAND_M + drop_m}
+    place = {"range_m": range_m, "width_m": 0.1, "viewpoint_height_m": BAND_M + drop_m}
     lower = make_blob(_cylinder(), "cyan", heights_m=(0.2, 0.3), **place)
     return lower, make_blob(_cylinder(), "magenta", heights_m=(0.3, 0.4), **place)
 

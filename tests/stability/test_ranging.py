@@ -34,7 +34,7 @@ def _sigma(name: str, range_: float, drop: float, sigma: float) -> Any:
 SUBJECTS: dict[str, Subject] = {
     "range_from_half_angle": lambda t, drop: _valid(ranging.range_from_half_angle(t, drop_m=drop)),
     "half_angle": lambda range_, drop: _valid(ranging.half_angle_from_range(range_, drop_m=drop)),
-    **{n: partial(_sigma, n) for n in ("theta_sigma", "range_sigma", "azimuth_sigma")},
+    **{n: partial(_sigma, n) for n in ("incidence_angle_sigma", "range_sigma", "azimuth_sigma")},
 }
 
 

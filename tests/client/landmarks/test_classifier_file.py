@@ -28,12 +28,12 @@ def rewrite_entries(path: Path, **changes) -> None:
         np.savez(file, **{name: entry for name, entry in entries.items() if entry is not None})
 
 
-def test_what_is_saved_is_loaded(small, tmp_path: Path) -> None:
+def test_what_is_saved_is_loaded(small_classifier, tmp_path: Path) -> None:
     path = tmp_path / "colours.classifier"
-    save_classifier(small, path)
+    save_classifier(small_classifier, path)
     again = load_classifier(path)
-    np.testing.assert_array_equal(again.lookup_table, small.table)
-    assert again.theta == small.theta
+    np.testing.assert_array_equal(again.lookup_table, small_classifier.lookup_table)
+    assert again.theta == small_classifier.theta
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_what_is_saved_is_loaded(small, tmp_path: Path) -> None:
         ({"theta": np.array([1.0, 2.0])}, "readable"),
     ],
 )
-def test_broken_entry_is_named(small, tmp_path: Path, changes, message) -> None:
+def test_broken_entry_is_named(small_classifier, tmp_path: Path, changes, message) -> None:
     path = tmp_path / "colours.npz"
-    save_classifier(small, path)
+    save_classifier(small_classifier, path)
     rewrite_entries(path, **changes)
     with pytest.raises(ConfigError, match=message) as caught:
         load_classifier(path)
@@ -71,17 +71,17 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
         load_classifier(tmp_path / "none.npz")
 
 
-def test_pickled_entry_is_not_opened(small, tmp_path: Path) -> None:
+def test_pickled_entry_is_not_opened(small_classifier, tmp_path: Path) -> None:
     path = tmp_path / "colours.npz"
-    save_classifier(small, path)
+    save_classifier(small_classifier, path)
     rewrite_entries(path, cyan=np.array([{"a": 1}], dtype=object))
     with pytest.raises(ConfigError, match="pickle"):
         load_classifier(path)
 
 
-def test_truncated_file_is_named(small, tmp_path: Path) -> None:
+def test_truncated_file_is_named(small_classifier, tmp_path: Path) -> None:
     path = tmp_path / "colours.npz"
-    save_classifier(small, path)
+    save_classifier(small_classifier, path)
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(ConfigError, match="readable"):
         load_classifier(path)

@@ -11,14 +11,14 @@ from typing import Any
 
 from mpmath import atan2, hypot, mpf, pi
 
-from stability.references.ranging import range_sigma, theta_sigma
+from stability.references.ranging import range_sigma, incidence_angle_sigma
 from stability.references.writing import case, float64_case, refusal, write
 
 
 def has_range(range_: Any, drop: Any) -> Any:
     """Return 1 if a lower band at this range, this far below the viewpoint, gives a range."""
     sigma_px, radius = mpf(0.2), mpf(0.05)
-    clear = atan2(abs(drop), range_) > 3 * theta_sigma(range_, drop, sigma_px)
+    clear = atan2(abs(drop), range_) > 3 * incidence_angle_sigma(range_, drop, sigma_px)
     along = hypot(range_sigma(range_, drop, sigma_px), radius / 10)
     return mpf(clear and along <= (range_ + radius * pi / 4) / 5)
 

@@ -23,7 +23,7 @@ def half_angle(range_: Any, drop: Any) -> Any:
     return range_ / (sqrt(range_**2 + drop**2) + drop)
 
 
-def theta_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
+def incidence_angle_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
     """Return sigma of theta: the image radius is h 2 kappa s t / (1 - kappa^2 t^2)."""
     k, t = mpf(K), half_angle(range_, drop)
     s = sqrt(k * (k - 2))
@@ -34,7 +34,7 @@ def theta_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
 
 def range_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
     """Return (drop^2 + r^2) / |drop| sigma of theta."""
-    return (drop**2 + range_**2) / abs(drop) * theta_sigma(range_, drop, sigma)
+    return (drop**2 + range_**2) / abs(drop) * incidence_angle_sigma(range_, drop, sigma)
 
 
 def azimuth_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
@@ -112,7 +112,7 @@ def main() -> None:
 
 def _write_sigmas(near: dict[str, Any]) -> None:
     sigmas = {
-        "theta_sigma": theta_sigma,
+        "incidence_angle_sigma": incidence_angle_sigma,
         "range_sigma": range_sigma,
         "azimuth_sigma": azimuth_sigma,
     }
