@@ -4,7 +4,7 @@ Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/raster_faces.py
 
 Prints the median and the minimum milliseconds of the faces of a 640 x 640 px image in two scenes.
 Decisions: RGBA16F in render/raster/passes.py, 96 triangles in scene/triangle_clusters.py, the wait
-after each stage in render/stage_clock.py, and the plain clear in render/raster/faces.py.
+after each stage in render/stage_clock.py, and the plain clear in render/raster/face_pass.py.
 """
 
 from __future__ import annotations
