@@ -1,5 +1,5 @@
-"""The camera law: float64, pure functions, frozen parameters, value and validity.
+"""Camera models: pure float64 functions on frozen parameters, with a mask beside each value.
 
-Frames are SAE (x forward, y right, z down); the mirror frame has its origin in the effective
-viewpoint and +z towards the pinhole, straight down on an upright robot. See `frames`.
+Frames are SAE (x forward, y right, z down). The mirror frame has its origin in the effective
+viewpoint and +z towards the pinhole, straight down on an upright robot. See `transforms`.
 """

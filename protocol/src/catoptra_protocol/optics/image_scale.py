@@ -1,8 +1,8 @@
-"""How many pixels a radian takes in the image, and which part of the mirror the image shows.
+"""Image scale of a mirror camera, in pixels per radian, and the radii that the image shows.
 
-The law of a central mirror scales a small angle by dr/dtheta along the image radius and by r /
-sin(theta) across it. Both grow from the middle to the rim, nearly alike: the law is nearly
-conformal.
+A central mirror maps a small angle by dr/dtheta along the image radius and by r / sin(theta) across
+the radius. Both grow from the centre to the rim and stay close to each other: the projection is
+nearly conformal.
 """
 
 from __future__ import annotations
@@ -21,58 +21,60 @@ _NUM_RINGS = 129
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageScale:
-    """Scales on rings of the visible mirror; (n,) arrays.
-
-    t: tan(theta / 2) of the rings. along, across: px a radian along the radius and across it.
-    weight: the part of the image that each ring stands for; sums to 1.
-    """
+    """Scales on rings of the visible mirror, from the innermost to the outermost; (n,) arrays."""
 
     t: Floats
+    """tan(theta / 2) of each ring."""
     radial: Floats
+    """Pixels per radian along the image radius."""
     tangential: Floats
+    """Pixels per radian across the image radius."""
     area_weight: Floats
+    """Fraction of the image area around each ring; sums to 1."""
 
     @property
     def max_px_per_rad(self) -> float:
-        """Return the largest scale, in any direction."""
+        """Largest scale, in any direction."""
         return float(np.maximum(self.radial, self.tangential).max())
 
     @property
     def rms_px_per_rad(self) -> float:
-        """Return the rms over the image and all directions."""
+        """Root mean square of the scale over the image and all directions."""
         mean = 0.5 * (np.square(self.radial) + np.square(self.tangential))
         return math.sqrt(float(mean @ self.area_weight))
 
 
 def compute_image_scale(camera: OmniCamera) -> ImageScale:
-    """Return the scales of the rings that the image shows, from the innermost to the outermost."""
-    nearest, farthest = visible_radii_px(camera)
-    radius_px = np.linspace(nearest, farthest, _NUM_RINGS)
+    """Scales on the rings that the image of a camera shows."""
+    min_radius_px, max_radius_px = visible_radii_px(camera)
+    radius_px = np.linspace(min_radius_px, max_radius_px, _NUM_RINGS)
     horizon_px = camera.horizon_radius_px
-    if nearest < horizon_px < farthest:
-        # The side faces' middles are there: their texels are the largest.
+    if min_radius_px < horizon_px < max_radius_px:
+        # The side faces' centres lie on the horizon: there the texels of the cube are largest.
         radius_px = np.sort(np.append(radius_px, horizon_px))
     t = camera.mirror.t_from_radius_ratio(radius_px / horizon_px)
-    along = horizon_px * camera.mirror.radius_ratio_slope(t)
-    on_axis = t < 1e-9  # both scales are equal there, and r / sin(theta) has no value
+    radial = horizon_px * camera.mirror.radius_ratio_slope(t)
+    on_axis = t < 1e-9  # r / sin(theta) is 0 / 0 there; both scales are equal
     sine = np.where(on_axis, 1.0, 2.0 * t / (1.0 + np.square(t)))
-    across = np.where(on_axis, along, radius_px / sine)
+    tangential = np.where(on_axis, radial, radius_px / sine)
+    # Area of a ring is proportional to d(r^2); differences of r^2 need no ring boundaries.
     area = np.gradient(np.square(radius_px))
-    return ImageScale(t, along, across, area / area.sum())
+    return ImageScale(t, radial, tangential, area / area.sum())
 
 
 def visible_radii_px(camera: OmniCamera) -> tuple[float, float]:
-    """Return the smallest and the largest image radius of the mirror within the image."""
+    """Smallest and largest image radius of the mirror within the image borders."""
     size = (camera.width_px, camera.height_px)
     sides = tuple(zip(camera.centre_px, size, strict=True))
-    nearest = math.hypot(*(max(-place, 0.0, place - length) for place, length in sides))
-    farthest = math.hypot(*(max(abs(place), abs(length - place)) for place, length in sides))
-    return min(nearest, camera.rim_radius_px), min(farthest, camera.rim_radius_px)
+    # Distance from the optical axis to the image rectangle: 0 inside, else to the nearest border.
+    min_px = math.hypot(*(max(-centre, 0.0, centre - length) for centre, length in sides))
+    max_px = math.hypot(*(max(abs(centre), abs(length - centre)) for centre, length in sides))
+    return min(min_px, camera.rim_radius_px), min(max_px, camera.rim_radius_px)
 
 
 def shows_whole_rim(camera: OmniCamera) -> bool:
-    """Return whether no part of the mirror lies beyond the image's borders."""
-    # A part in 1e9 for rim circles that touch the borders up to their own rounding.
+    """Whether the rim circle lies within the image borders on all sides."""
+    # Inscribed rims touch the borders up to rounding, which a slack of 1e-9 absorbs.
     radius = camera.rim_radius_px * (1.0 - 1e-9)
     (u, v), width, height = camera.centre_px, camera.width_px, camera.height_px
     return min(u, v, width - u, height - v) >= radius

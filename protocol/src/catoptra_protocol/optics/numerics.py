@@ -1,4 +1,4 @@
-"""Angles and the few series that the rest of the law leans on. Everything broadcasts."""
+"""Array types and angle arithmetic of the camera models and the filter."""
 
 from __future__ import annotations
 
@@ -16,30 +16,37 @@ TWO_PI = 2.0 * math.pi
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Return the angle wrapped to (-pi, pi].
+    """Angle wrapped to (-pi, pi].
 
-    The IEEE remainder is exact, so a wrap adds no error but that of 2 pi as a float: 4e-17 of the
-    angle. It rounds half turns to even and so returns -pi for some of them; those are moved to +pi,
-    the end of the interval that belongs to it. Raises DomainError for an angle that is not finite.
+    The IEEE remainder is exact, so the only error is that of 2 pi as a float: 4e-17 of the angle.
+
+    Raises:
+        DomainError: the angle is not finite.
     """
     if not math.isfinite(angle_rad):
         raise DomainError(f"an angle must be finite to be wrapped: {angle_rad!r}")
+    # The remainder rounds half turns to even and so returns -pi for some of them; the interval is
+    # open there and contains +pi instead.
     wrapped = math.remainder(angle_rad, TWO_PI)
     return math.pi if wrapped <= -math.pi else wrapped
 
 
 def angle_difference(angle_rad: float, from_rad: float) -> float:
-    """Return the turn in (-pi, pi] from one angle to another, the shorter way round.
+    """Turn in (-pi, pi] from one angle to another, by the shorter direction.
 
-    Both are wrapped first, so that turns of either do not round the difference away. Raises
-    DomainError for angles that are not finite.
+    Raises:
+        DomainError: an angle is not finite.
     """
+    # Wrapped before the subtraction: whole turns in an angle would round the difference away.
     return wrap_angle(wrap_angle(angle_rad) - wrap_angle(from_rad))
 
 
 def interpolate_angle(from_rad: float, to_rad: float, *, fraction: float) -> float:
-    """Return the wrapped angle at a share of the shorter way: the mean of two angles at one half.
+    """Wrapped angle at a fraction of the shorter turn; the mean of two angles at one half.
 
-    Of opposite angles the way is to the right. Raises DomainError for angles that are not finite.
+    Between opposite angles the turn is to the right.
+
+    Raises:
+        DomainError: an angle is not finite.
     """
     return wrap_angle(wrap_angle(from_rad) + fraction * angle_difference(to_rad, from_rad))

@@ -1,9 +1,8 @@
-"""The omnidirectional camera: from a direction at the effective viewpoint to a pixel, and back.
+"""Omnidirectional camera: from a direction at the effective viewpoint to a pixel, and back.
 
-What it describes is the picture that a real capture camera delivers: it looks up into the mirror,
-so the image is mirrored (a landmark on the robot's left appears on the right when forward is up).
-Domain: incidence angles up to the rim, pixels on the mirror's disc. Both functions return a mask
-beside their value.
+The image is that of a real capture camera, which looks up into the mirror, and therefore mirrored:
+with forward up, a landmark on the robot's left appears on the right. Domain: incidence angles up to
+the rim, pixels on the mirror's disc; each function returns a mask beside its value.
 """
 
 from __future__ import annotations
@@ -23,21 +22,22 @@ _MIN_NORMAL = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, slots=True)
 class OmniCamera:
-    """A central mirror, the image it fills, and where its axis and its 90-degree circle lie there.
-
-    centre_px: (u, v) of the optical axis; pixel centres are at +0.5.
-    horizon_radius_px: h of Eq. 2, the radius of the 90-degree circle.
-    rim_rad: incidence angle at the mirror's rim; pixels beyond it see no mirror.
-    up_azimuth_rad: azimuth in the mirror frame (x towards y) that points up in the image.
-    """
+    """Central mirror, and the position of the mirror's axis and 90-degree circle in the image."""
 
     mirror: CentralMirror
+    """Projection of the mirror."""
     width_px: int
+    """Number of columns."""
     height_px: int
+    """Number of rows."""
     centre_px: tuple[float, float]
+    """Pixel (u, v) of the optical axis; pixel centres are at +0.5."""
     horizon_radius_px: float
+    """Radius of the 90-degree circle: h of Eq. 2."""
     rim_rad: float
+    """Incidence angle at the rim of the mirror; pixels beyond the rim are invalid."""
     image_up_azimuth_rad: float = 0.0
+    """Azimuth in the mirror frame (x towards y) that points up in the image."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -54,18 +54,18 @@ class OmniCamera:
         if not 0.0 < self.rim_rad < math.pi or self.rim_t >= self.mirror.t_limit:
             limit = math.degrees(2.0 * math.atan(self.mirror.t_limit))
             raise DomainError(
-                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond what this mirror can "
-                f"reflect: it must be above 0 and below {limit:.3f} deg"
+                f"a rim at {math.degrees(self.rim_rad):g} deg lies beyond the reach of this "
+                f"mirror: it must be above 0 and below {limit:.3f} deg"
             )
 
     @property
     def rim_t(self) -> float:
-        """Return tan(rim / 2)."""
+        """Half-angle tangent of the rim, tan(rim / 2)."""
         return math.tan(0.5 * self.rim_rad)
 
     @property
     def rim_radius_px(self) -> float:
-        """Return the image radius of the rim."""
+        """Image radius of the rim."""
         return self.horizon_radius_px * float(self.mirror.radius_ratio_from_t(np.array(self.rim_t)))
 
 
@@ -77,9 +77,9 @@ def camera_with_inscribed_rim(
     rim_rad: float,
     image_up_azimuth_rad: float = 0.0,
 ) -> OmniCamera:
-    """Return the camera whose rim circle touches the nearer image borders."""
+    """Camera with a centred rim circle that touches the nearer pair of image borders."""
     t = math.tan(0.5 * rim_rad)
-    # Of a rim that cannot be, the camera itself says so.
+    # An impossible rim gets ratio 1 here and is rejected by OmniCamera, with the limit in degrees.
     rim_ratio = float(mirror.radius_ratio_from_t(np.array(t))) if 0.0 < t < mirror.t_limit else 1.0
     return OmniCamera(
         mirror=mirror,
@@ -92,30 +92,32 @@ def camera_with_inscribed_rim(
     )
 
 
-@np.errstate(under="ignore")  # what vanishes beside the largest component may
+@np.errstate(under="ignore")  # terms far below the largest component may vanish
 def half_angle_tangent(direction: Floats) -> tuple[Floats, Bools]:
-    """Return t = tan(theta / 2) of (..., 3) directions, and where it is finite.
+    """t = tan(theta / 2) of (..., 3) directions in the mirror frame, and where t is finite.
 
-    Two forms, one for each hemisphere, so that neither cancels. Invalid, with 0 for a value: a zero
-    vector, the antipode, what is not finite, and what is nearer to the antipode than 1e-308 rad.
+    Invalid, with the value 0: the zero vector, the antipode, directions that are not finite, and
+    directions nearer to the antipode than 1e-308 rad.
     """
     x, y, z = _scale_components(direction)
     return _half_angle_tangent_from_rho_z(np.hypot(x, y), z)
 
 
 def _half_angle_tangent_from_rho_z(rho: Floats, z: Floats) -> tuple[Floats, Bools]:
-    """Return t of directions at a distance rho from the axis and a height z, and validity."""
+    """t of directions at distance rho from the axis and height z, and a validity mask."""
     norm = np.hypot(rho, z)
+    # tan(theta / 2) = rho / (norm + z) = (norm - z) / rho: one form for each hemisphere, chosen so
+    # that the sum or difference adds terms of one sign.
     lower = z >= 0.0
     numerator = np.where(lower, rho, norm - z)
     denominator = np.where(lower, norm + z, rho)
-    # At most 2 over the smallest normal number: finite.
+    # The numerator is at most 2: over a normal number the quotient is finite.
     valid = denominator >= _MIN_NORMAL
     return np.where(valid, numerator, 0.0) / np.where(valid, denominator, 1.0), valid
 
 
 def _scale_components(direction: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return x, y, z of (..., 3) directions over the largest of them: no square can overflow.
+    """x, y, z of (..., 3) directions, divided by the largest component so that squares stay finite.
 
     Zero where a direction is not finite.
     """
@@ -129,10 +131,17 @@ def _scale_components(direction: Floats) -> tuple[Floats, Floats, Floats]:
 
 @np.errstate(under="ignore")
 def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats, Bools]:
-    """Return (..., 2) pixels of (..., 3) directions in the mirror frame, and which the mirror sees.
+    """Pixel of a direction in the mirror frame, and whether the mirror reflects the direction.
 
-    Directions need not be unit. On the axis the pixel is the centre exactly. Where invalid the
-    pixel is the image centre, never a NaN.
+    Source: Schmits & Visser 2009, Eq. 2, with the exact image radius of the mirror.
+
+    Args:
+        camera: the camera model.
+        direction: (..., 3) in the mirror frame, of any length.
+
+    Returns:
+        (..., 2) pixels and a (...) mask. A direction on the axis has exactly the image centre;
+            invalid pixels are the image centre as well, never NaN.
     """
     x, y, z = _scale_components(direction)
     rho = np.hypot(x, y)
@@ -141,11 +150,13 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
     radius_px = camera.horizon_radius_px * camera.mirror.radius_ratio_from_t(
         np.where(valid, t, 0.0)
     )
-    # A quotient of at most 1: the radius over a rho next to nothing might overflow.
+    # x / rho first, at most 1: radius_px / rho overflows for directions close to the axis.
     rho = np.where(rho > 0.0, rho, 1.0)
     x = radius_px * (x / rho)
     y = radius_px * (y / rho)
     ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
+    # Both terms of v are negative: the rotation by the up azimuth includes the reflection that
+    # makes the image mirrored.
     u = camera.centre_px[0] + sa * x - ca * y
     v = camera.centre_px[1] - ca * x - sa * y
     return np.stack((u, v), axis=-1), valid
@@ -153,12 +164,17 @@ def pixel_from_direction(camera: OmniCamera, direction: Floats) -> tuple[Floats,
 
 @np.errstate(under="ignore")
 def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Bools]:
-    """Return unit (..., 3) directions in the mirror frame of (..., 2) pixels, and which see it.
+    """Unit direction in the mirror frame of a pixel, and whether the pixel lies on the mirror.
 
-    Where invalid the direction is +z, never a NaN.
+    Args:
+        camera: the camera model.
+        pixel: (..., 2), u right and v down.
+
+    Returns:
+        (..., 3) directions and a (...) mask; invalid pixels have the direction +z, never NaN.
     """
     pixel = np.asarray(pixel, dtype=np.float64)
-    # Far beside the rim nothing is seen, and a square may overflow; a comparison with NaN is false.
+    # Pixels far outside are masked first, because hypot may overflow there; NaN compares false.
     near = _is_near_rim(camera, pixel)
     pixel = np.where(near[..., None], pixel, camera.centre_px)
     du = (pixel[..., 0] - camera.centre_px[0]) / camera.horizon_radius_px
@@ -168,8 +184,7 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
     valid = near & (t <= camera.rim_t)
     t = np.where(valid, t, 0.0)
     one_plus = 1.0 + np.square(t)
-    # sin(theta) / ratio tends to a finite limit on the axis, where du = dv = 0 makes any value
-    # right.
+    # On the axis du = dv = 0, so any finite divisor gives the direction +z.
     ratio = np.where(ratio > 0.0, ratio, 1.0)
     sine = 2.0 * t / one_plus
     ca, sa = math.cos(camera.image_up_azimuth_rad), math.sin(camera.image_up_azimuth_rad)
@@ -180,27 +195,27 @@ def direction_from_pixel(camera: OmniCamera, pixel: Floats) -> tuple[Floats, Boo
 
 
 def _is_near_rim(camera: OmniCamera, pixel: Floats) -> Bools:
-    """Return which (..., 2) pixels lie in the square of twice the rim's size around the centre."""
-    # Halves, because a difference may overflow.
+    """Mask of (..., 2) pixels in the square of twice the rim's size around the centre."""
+    # Halved operands: the difference of two large floats overflows, that of their halves does not.
     half_u = np.abs(0.5 * pixel[..., 0] - 0.5 * camera.centre_px[0])
     half_v = np.abs(0.5 * pixel[..., 1] - 0.5 * camera.centre_px[1])
     return np.asarray(np.maximum(half_u, half_v) <= camera.rim_radius_px)
 
 
 class ImageSize(Protocol):
-    """Any camera's picture, as far as its size."""
+    """Any camera model with an image size."""
 
     @property
     def width_px(self) -> int:
-        """Return the number of columns."""
+        """Number of columns."""
 
     @property
     def height_px(self) -> int:
-        """Return the number of rows."""
+        """Number of rows."""
 
 
 def pixel_sample_positions(camera: ImageSize, samples_per_side: int = 1) -> Floats:
-    """Return (height, width, samples^2, 2) positions of a regular sample grid in each pixel."""
+    """Positions (height, width, samples^2, 2) of a regular sample grid in each pixel."""
     offsets = (np.arange(samples_per_side) + 0.5) / samples_per_side
     u = np.arange(camera.width_px)[:, None] + offsets
     v = np.arange(camera.height_px)[:, None] + offsets
@@ -210,5 +225,5 @@ def pixel_sample_positions(camera: ImageSize, samples_per_side: int = 1) -> Floa
 
 
 def opencv_from_pixel(pixel: Floats) -> Floats:
-    """Return pixels in OpenCV's convention, whose pixel centres are integers."""
+    """Pixels in OpenCV's convention, in which pixel centres are integers."""
     return pixel - 0.5

@@ -1,4 +1,4 @@
-"""Frames and the rotations between them.
+"""Coordinate frames, and the rotations and poses between frames.
 
 | frame    | origin              | axes                                            |
 |----------|---------------------|-------------------------------------------------|
@@ -22,7 +22,7 @@ from catoptra_protocol.optics.numerics import Floats
 
 
 def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Floats:
-    """Return the (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll): parent from child."""
+    """Rotation (3, 3) parent_from_child: Rz(yaw) Ry(pitch) Rx(roll)."""
     (cr, cp, cy) = np.cos((roll_rad, pitch_rad, yaw_rad))
     (sr, sp, sy) = np.sin((roll_rad, pitch_rad, yaw_rad))
     return np.array(
@@ -35,14 +35,15 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Floa
 
 
 def rpy_from_rotation(rotation: Floats) -> tuple[float, float, float]:
-    """Return (roll, pitch, yaw) in radians of a (3, 3) rotation.
+    """Roll, pitch and yaw, in radians, of a (3, 3) rotation.
 
-    atan2 of the cosine of pitch keeps full precision near +-90 degrees. Exactly there roll and yaw
-    turn about the same axis; roll is then 0 and yaw carries both.
+    At a pitch of exactly +-90 degrees roll and yaw turn about the same axis; roll is then 0 and yaw
+    carries both.
     """
+    # atan2 keeps full precision near +-90 degrees, where asin loses half of the digits.
     cos_pitch = float(np.hypot(rotation[0, 0], rotation[1, 0]))
     pitch = float(np.arctan2(-rotation[2, 0], cos_pitch))
-    # 8 eps: below it the two entries are rounding residue of a pitch of exactly 90 degrees.
+    # Below 8 eps the two entries are rounding residue of a pitch of exactly 90 degrees.
     if cos_pitch < 8 * np.finfo(np.float64).eps:
         return 0.0, pitch, float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
     roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
@@ -52,21 +53,23 @@ def rpy_from_rotation(rotation: Floats) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """A rigid transform parent_from_child: `rotation` (3, 3) and `translation` (3,) in metres."""
+    """Rigid transform parent_from_child."""
 
     rotation: Floats
+    """Rotation (3, 3)."""
     translation: Floats
+    """Translation (3,), in metres."""
 
     @classmethod
     def from_rpy(cls, position_m: npt.ArrayLike, rpy_rad: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
-        """Return the pose at a position (3,) with roll, pitch, yaw (3,)."""
+        """Pose at a (3,) position with (3,) roll, pitch, yaw."""
         roll, pitch, yaw = np.asarray(rpy_rad, dtype=np.float64)
         rotation = rotation_from_rpy(float(roll), float(pitch), float(yaw))
         return cls(rotation, np.array(position_m, dtype=np.float64))
 
     @classmethod
     def identity(cls) -> Pose:
-        """Return the pose that changes nothing."""
+        """Pose without rotation or translation."""
         return cls(np.eye(3), np.zeros(3))
 
     def __post_init__(self) -> None:
@@ -74,22 +77,22 @@ class Pose:
         self.translation.setflags(write=False)
 
     def __matmul__(self, child_from_grandchild: Pose) -> Pose:
-        """Return parent_from_grandchild."""
+        """Compose: parent_from_child @ child_from_grandchild = parent_from_grandchild."""
         rotation = self.rotation @ child_from_grandchild.rotation
         return Pose(rotation, self.transform_points(child_from_grandchild.translation))
 
     def inverse(self) -> Pose:
-        """Return child_from_parent."""
+        """Inverse transform, child_from_parent."""
         return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
     def transform_points(self, points_in_child: Floats) -> Floats:
-        """Return (..., 3) points in the parent's frame."""
+        """Points (..., 3) in the parent frame."""
         return points_in_child @ self.rotation.T + self.translation
 
     def rotate_directions(self, directions_in_child: Floats) -> Floats:
-        """Return (..., 3) directions in the parent's frame."""
+        """Directions (..., 3) in the parent frame; the translation does not apply."""
         return directions_in_child @ self.rotation.T
 
     def to_rpy(self) -> tuple[float, float, float]:
-        """Return (roll, pitch, yaw) in radians."""
+        """Roll, pitch and yaw in radians."""
         return rpy_from_rotation(self.rotation)

@@ -1,4 +1,4 @@
-"""Unreal's units and ours. The only place, beside config and wire, that knows of UU and degrees.
+"""Conversion of Unreal units (UU) to metres and radians, for `config` and `usarsim`.
 
 Source: UnitsConverter.uc of USARSim: 250 UU per metre, 65536 UU per turn.
 """
@@ -14,17 +14,17 @@ UU_PER_RADIAN = 65536.0 / (2.0 * math.pi)
 
 
 def metres_from_uu(length_uu: float) -> float:
-    """Return a length in metres from Unreal units."""
+    """Length in metres of a length in Unreal units."""
     return _require_finite(length_uu) / UU_PER_METRE
 
 
 def radians_from_uu(angle_uu: float) -> float:
-    """Return an angle in radians from Unreal rotation units."""
+    """Angle in radians of an angle in Unreal rotation units."""
     return _require_finite(angle_uu) / UU_PER_RADIAN
 
 
 def _require_finite(value_uu: float) -> float:
-    """Return the value; DomainError if it is no number."""
+    """Pass a finite value through; DomainError for NaN and infinity."""
     if not math.isfinite(value_uu):
         raise DomainError(f"{value_uu!r} Unreal units are no length and no angle")
     return value_uu

@@ -39,7 +39,7 @@ class CommandResult:
 
     @classmethod
     def from_message(cls, message: Message) -> CommandResult:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             type=strict_fields.read_text(message, "Type"),
@@ -80,7 +80,7 @@ class CameraResult:
 
     @classmethod
     def from_message(cls, message: Message) -> CameraResult:
-        """Parse a line."""
+        """Parse the message of a line."""
         cameras = (_parse_camera_fov(group) for group in split_groups(message, "Name"))
         return cls(strict_fields.read_number(message, "Time"), tuple(cameras))
 

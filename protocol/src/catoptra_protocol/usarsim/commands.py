@@ -51,7 +51,7 @@ class Init:
 
     @classmethod
     def from_message(cls, message: Message) -> Init:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             # An INIT without a class goes on to the simulation, which logs the reason of each
             # rejection.
@@ -63,7 +63,7 @@ class Init:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(
             ("ClassName", self.class_name),
             ("Name", self.name),
@@ -85,14 +85,14 @@ class GetConf:
 
     @classmethod
     def from_message(cls, message: Message) -> GetConf:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             lenient_fields.read_name(message, "Type") or "",
             lenient_fields.read_name(message, "Name"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
@@ -107,14 +107,14 @@ class GetGeo:
 
     @classmethod
     def from_message(cls, message: Message) -> GetGeo:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             lenient_fields.read_name(message, "Type") or "",
             lenient_fields.read_name(message, "Name"),
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(("Type", self.type), ("Name", self.name))
 
 
@@ -149,7 +149,7 @@ class Step:
         return cls(lenient_fields.read_number(message, "Time") or 0.0)
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return (("Time", format_exact(self.time_s)),)
 
 

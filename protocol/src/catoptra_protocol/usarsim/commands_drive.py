@@ -41,7 +41,7 @@ class Drive:
 
     @classmethod
     def from_message(cls, message: Message) -> Drive:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             left=lenient_fields.read_number(message, "Left"),
             right=lenient_fields.read_number(message, "Right"),
@@ -51,7 +51,7 @@ class Drive:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(
             ("Left", self.left),
             ("Right", self.right),
@@ -90,7 +90,7 @@ class DriveJoints:
         return cls(tuple(map(_read_joint, runs)))
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return tuple(pair for joint in self.joints for pair in _joint_pairs(joint))
 
 
@@ -111,7 +111,7 @@ class MultiDrive:
         return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in joints))
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return tuple((name, format_exact(value)) for name, value in self.joints)
 
 
@@ -152,7 +152,7 @@ class MisPkg:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         links = (pair for link in self.links for pair in _link_pairs(link))
         head = lenient_fields.format_pairs(("Name", self.name))
         return (

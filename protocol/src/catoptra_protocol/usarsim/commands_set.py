@@ -30,7 +30,7 @@ class Set:
 
     @classmethod
     def from_message(cls, message: Message) -> Set:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             type=lenient_fields.read_name(message, "Type") or "",
             name=lenient_fields.read_name(message, "Name"),
@@ -40,7 +40,7 @@ class Set:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(
             ("Type", self.type),
             ("Name", self.name),
@@ -76,7 +76,7 @@ class SetViewports:
 
     @classmethod
     def from_message(cls, message: Message) -> SetViewports:
-        """Parse a line."""
+        """Parse the message of a line."""
         # Viewports count from 1 on the wire.
         cameras = (
             lenient_fields.read_name(message, f"Viewport{i + 1}") for i in range(_NUM_VIEWPORTS)
@@ -84,7 +84,7 @@ class SetViewports:
         return cls(lenient_fields.read_name(message, "Config"), tuple(cameras))
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         viewports = ((f"Viewport{i + 1}", camera) for i, camera in enumerate(self.cameras))
         return lenient_fields.format_pairs(
             ("Type", "Viewports"), ("Config", self.config), *viewports
@@ -105,7 +105,7 @@ class Trace:
 
     @classmethod
     def from_message(cls, message: Message) -> Trace:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             enabled=lenient_fields.read_boolean(message, "On") or False,
             interval_s=lenient_fields.read_number(message, "Interval"),
@@ -113,7 +113,7 @@ class Trace:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks to send."""
+        """Name and value of each block of the line."""
         return lenient_fields.format_pairs(
             ("On", self.enabled), ("Interval", self.interval_s), ("Color", self.colour)
         )

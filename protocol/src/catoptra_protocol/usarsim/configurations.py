@@ -36,13 +36,13 @@ class Configuration:
 
     @classmethod
     def from_message(cls, message: Message) -> Configuration:
-        """Parse a line."""
+        """Parse the message of a line."""
         # The Type may be anywhere: UDK writes the robot's Name first.
         others = tuple(pair for pair in message.pairs if pair[0].lower() != "type")
         return cls(strict_fields.read_text(message, "Type"), others)
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line; none in UDK if empty."""
+        """Line of the report; none in UDK if empty."""
         says_something = any(name.lower() != "name" for name, _ in self.pairs)
         # UDK has no empty replies (SPEC.md 8).
         if dialect is Dialect.UDK and not says_something:
@@ -74,7 +74,7 @@ class VehicleConfiguration:
     vehicle_type: str = "GroundVehicle"
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         type_, name = ("Type", self.vehicle_type), ("Name", self.name)
         is_udk = dialect is Dialect.UDK
         decimals = 0 if is_udk else 4
@@ -108,7 +108,7 @@ class RangeScannerConfiguration:
     """Whether the beam turns in pitch."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         is_udk = dialect is Dialect.UDK
         resolution_rad, fov_rad = self.resolution_rad, self.fov_rad
         # Whole Unreal units: captures of UDK show 3.1414 for a configured 3.14159.
@@ -146,7 +146,7 @@ class SonarConfiguration:
     num_cones: int = 10
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         ranges = (
             ("MaxRange", format_fixed_point(self.max_range_m)),
             ("MinRange", format_fixed_point(self.min_range_m)),
@@ -179,7 +179,7 @@ class EncoderConfiguration:
     """Angle of a tick."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         return _conf_messages(
             "Encoder", self.name, ("Resolution", format_fixed_point(self.resolution_rad))
         )
@@ -197,7 +197,7 @@ class OdometryConfiguration:
     """Angle of a tick of the encoders behind it."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         interval = ("ScanInterval", format_fixed_point(self.scan_interval_s))
         resolution = ("EncoderResolution", format_fixed_point(self.encoder_resolution_rad))
         return _conf_messages("Odometry", self.name, interval, resolution)
@@ -214,7 +214,7 @@ class ScanIntervalConfiguration:
     scan_interval_s: float
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         # Two decimals, though an odometry sensor has four (vector configuration_sensors).
         return _conf_messages(
             self.type, self.name, ("ScanInterval", format_fixed_point(self.scan_interval_s, 2))
@@ -231,7 +231,7 @@ class TouchConfiguration:
     diameter_m: float
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         return _conf_messages("Touch", self.name, ("Diameter", format_fixed_point(self.diameter_m)))
 
 
@@ -262,7 +262,7 @@ class CameraConfiguration:
     """Further pairs: our camera model."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         # UT2004 has no block for a tile; its clients find the number of the tile in View of STA.
         is_tiled = dialect is Dialect.UDK and self.texture_region is not None
         tile = (

@@ -94,7 +94,7 @@ class VehicleGeometry:
 
     @classmethod
     def from_message(cls, message: Message) -> VehicleGeometry:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             name=strict_fields.read_text(message, "Name"),
             dimensions_m=strict_fields.read_vector(message, "Dimensions"),
@@ -106,7 +106,7 @@ class VehicleGeometry:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         # No capture of UDK has this line; the common order follows GroundVehicle.uc
         # (SPEC-NOTES.md).
         pairs = (

@@ -27,7 +27,7 @@ class Greeting:
 
     @classmethod
     def from_message(cls, message: Message) -> Greeting:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             game_type=strict_fields.read_text(message, "Gametype"),
             level=strict_fields.read_text(message, "Level"),
@@ -35,7 +35,7 @@ class Greeting:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         limit = str(self.time_limit)
         pairs = (("Gametype", self.game_type), ("Level", self.level), ("TimeLimit", limit))
         return (Message(self.WORD, pairs),)

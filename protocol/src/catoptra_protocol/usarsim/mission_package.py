@@ -51,7 +51,7 @@ class MissionPackageStatus:
 
     @classmethod
     def from_message(cls, message: Message) -> MissionPackageStatus:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),
@@ -59,7 +59,7 @@ class MissionPackageStatus:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         is_udk = dialect is Dialect.UDK
         head = (("Time", format_fixed_point(self.time_s, 4 if is_udk else 2)), ("Name", self.name))
         # The torque is the last of the three pairs, so UDK's form is their beginning.
@@ -79,7 +79,7 @@ class LinkConfiguration:
     joint_type: str = "Revolute"
 
     def to_pairs(self) -> Pairs:
-        """Blocks."""
+        """Name and value of each block."""
         # KRobot.uc treats a minimum above the maximum as no limit, and the capture prints 1 and 0.
         minimum, maximum = (
             ("1", "0") if self.limits is None else (format_fixed_point(x, 2) for x in self.limits)
@@ -104,7 +104,7 @@ class MissionPackageConfiguration:
     links: tuple[LinkConfiguration, ...]
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         links = (pair for link in self.links for pair in link.to_pairs())
         return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 
@@ -131,7 +131,7 @@ class LinkGeometry:
         )
 
     def to_pairs(self) -> Pairs:
-        """Blocks."""
+        """Name and value of each block."""
         return (
             ("Link", str(self.link)),
             ("ParentLink", str(self.parent_link)),
@@ -151,12 +151,12 @@ class MissionPackageGeometry:
 
     @classmethod
     def from_message(cls, message: Message) -> MissionPackageGeometry:
-        """Parse a line."""
+        """Parse the message of a line."""
         links = map(LinkGeometry.from_message, split_groups(message, "Link"))
         return cls(strict_fields.read_text(message, "Name"), tuple(links))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         links = (pair for link in self.links for pair in link.to_pairs())
         return (Message(self.WORD, (("Type", _TYPE_NAME), ("Name", self.name), *links)),)
 

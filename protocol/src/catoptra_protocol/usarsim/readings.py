@@ -49,7 +49,7 @@ class OdometryReading:
 
     @classmethod
     def from_message(cls, message: Message) -> OdometryReading:
-        """Parse a line."""
+        """Parse the message of a line."""
         name, pose = (
             strict_fields.read_text(message, "Name"),
             strict_fields.read_vector(message, "Pose"),
@@ -57,7 +57,7 @@ class OdometryReading:
         return cls(name, *pose, time_s=strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         pose = format_vector((self.x_m, self.y_m, self.yaw_rad))
         own: Pairs = (("Type", "Odometry"), ("Name", self.name), ("Pose", pose))
         return (Message(self.WORD, (*udk_time_pairs(self.time_s, dialect), *own)),)
@@ -78,7 +78,7 @@ class InsReading:
 
     @classmethod
     def from_message(cls, message: Message) -> InsReading:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             name=strict_fields.read_text(message, "Name"),
             location_m=strict_fields.read_vector(message, "Location"),
@@ -130,7 +130,7 @@ class GroundTruthReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         # More than 3 only by configuration: experiments need millimetres and less.
         decimals = max(self.decimals, 3) if dialect is Dialect.UDK else self.decimals
         pairs = (

@@ -39,7 +39,7 @@ class EncoderReadings:
         return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """One line; in UDK one line each."""
+        """One line for all items; in UDK one line each."""
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Encoder"))
         items = ((("Name", name), ("Tick", str(tick))) for name, tick in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
@@ -68,7 +68,7 @@ class TachometerReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         pairs = (
             ("Time", format_fixed_point(self.time_s)),
             ("Type", "Tachometer"),
@@ -102,7 +102,7 @@ class TouchReadings:
         return cls(tuple(readings), strict_fields.read_optional_number(message, "Time"))
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """One line; in UDK one line each."""
+        """One line for all items; in UDK one line each."""
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "Touch"))
         items = ((("Name", name), ("Touch", format_boolean(is_on))) for name, is_on in self.items)
         return messages_from_items(self.WORD, head, items, dialect)
@@ -121,7 +121,7 @@ class RfidReading:
 
     @classmethod
     def from_message(cls, message: Message) -> RfidReading:
-        """Parse a line."""
+        """Parse the message of a line."""
         ids = (value for name, value in message.pairs if name.lower() == "id")
         # Each ID as a message of its own, so that an error names the field.
         return cls(
@@ -133,7 +133,7 @@ class RfidReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         ids = (("ID", str(number)) for number in self.ids)
         head = (("Time", format_fixed_point(self.time_s)), ("Type", "RFID"), ("Name", self.name))
         return (Message(self.WORD, (*head, *ids)),)
@@ -172,7 +172,7 @@ class VictimReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects."""
+        """Line of the report, the same in both dialects."""
         # No capture has victims; comments in three clients agree on this form (SPEC-NOTES.md, 5).
         time = () if self.time_s is None else (("Time", format_fixed_point(self.time_s)),)
         head = (*time, ("Type", "VictSensor"), ("Name", self.name))

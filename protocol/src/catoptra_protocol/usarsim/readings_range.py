@@ -33,7 +33,7 @@ class RangeScanReading:
 
     @classmethod
     def from_message(cls, message: Message) -> RangeScanReading:
-        """Parse a line."""
+        """Parse the message of a line."""
         return cls(
             time_s=strict_fields.read_number(message, "Time"),
             name=strict_fields.read_text(message, "Name"),

@@ -46,7 +46,7 @@ class VehicleStatus:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line."""
+        """Line of the report in a dialect."""
         pairs = self._udk_pairs() if dialect is Dialect.UDK else self._ut2004_pairs()
         return (Message(self.WORD, pairs),)
 

@@ -1,8 +1,8 @@
-"""All lenses that Catoptra knows, in one visible table.
+"""Lens models by name, as robot files name them.
 
-To add one: write `<name>.py` beside the others (frozen parameters, `pixel_from_direction` and its
-inverse with validity, domain, source), then add its line here; what raster needs beside the law is
-said in `catoptra_server.render.projection.lens_projection`.
+To add a lens: write `<name>.py` beside the others (frozen parameters, `pixel_from_direction` and
+`direction_from_pixel` with masks, domain, source) and add its line to `LENSES`. The raster renderer
+needs a projection as well: see `catoptra_server.render.projection.lens_projection`.
 """
 
 from catoptra_protocol.optics.lenses.lens import Lens

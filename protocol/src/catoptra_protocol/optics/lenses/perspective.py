@@ -1,6 +1,6 @@
-"""The ordinary camera of USARSim: a pinhole, square pixels, the axis in the middle of the picture.
+"""Perspective camera of USARSim: a pinhole with square pixels and a central optical axis.
 
-Source: the camera of UDK's and UT2004's engine, whose FOV is horizontal; no distortion.
+Source: the cameras of the UDK and UT2004 engines, whose field of view is horizontal; no distortion.
 """
 
 from __future__ import annotations
@@ -13,65 +13,80 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
 
-# A nanometre seen from a kilometre. Much narrower the focal length grows beyond all numbers.
+# A nanometre at a distance of a kilometre. Much narrower fields have no finite focal length.
 _MIN_FOV_RAD = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveCamera:
-    """A picture of `width_px` x `height_px` whose left and right borders are `fov_rad` apart."""
+    """Pinhole camera, described by image size and horizontal field of view."""
 
     width_px: int
+    """Number of columns."""
     height_px: int
+    """Number of rows."""
     horizontal_fov_rad: float
+    """Angle between the left and the right border of the image; in (0, pi)."""
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
             raise DomainError(f"an image of {self.width_px} x {self.height_px} px has no pixel")
         if not _MIN_FOV_RAD <= self.horizontal_fov_rad < math.pi:
             raise DomainError(
-                f"a flat picture cannot show {math.degrees(self.horizontal_fov_rad):g} deg: its field of view "
+                f"a flat image cannot show {math.degrees(self.horizontal_fov_rad):g} deg: "
+                f"its field of view "
                 f"must be above 0 ({_MIN_FOV_RAD:g} rad) and below 180 deg"
             )
 
     @property
     def focal_length_px(self) -> float:
-        """Return the distance from the pinhole to the picture, in pixels."""
+        """Distance from the pinhole to the image plane, in pixels."""
         return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
 
-    @np.errstate(under="ignore")  # what vanishes beside the largest component may
+    @np.errstate(under="ignore")  # terms far below the largest component may vanish
     def pixel_from_direction(self, direction: Floats) -> tuple[Floats, Bools]:
-        """Return (..., 2) pixels of (..., 3) directions in the camera frame, and which it sees.
+        """Pixel of a direction, and whether the image contains the pixel.
 
-        Directions need not be unit. Seen is what lies ahead and within the picture, its borders
-        included. Where invalid the pixel is the middle of the picture, never a NaN.
+        Args:
+            direction: (..., 3) in the camera frame, of any length.
+
+        Returns:
+            (..., 2) pixels and a (...) mask. Valid directions lie ahead and within the image,
+                borders included. Invalid pixels are the image centre, never NaN.
         """
         direction = np.asarray(direction, dtype=np.float64)
         finite = np.isfinite(direction).all(axis=-1, keepdims=True)
         direction = np.where(finite, direction, 0.0)
-        # The largest component becomes 1: no product below overflows or vanishes.
+        # Divided by the largest component, no product below can overflow or vanish.
         largest = np.abs(direction).max(axis=-1, keepdims=True)
         x, y, z = np.moveaxis(direction / np.where(largest > 0.0, largest, 1.0), -1, 0)
-        # Not y / x: inside the picture a quotient is bounded, beside it x may be next to nothing.
-        inside = np.maximum(
+        # Compare products instead of y / x: outside the image x may be arbitrarily small.
+        extent = np.maximum(
             np.abs(y) * (2.0 * self.focal_length_px / self.width_px),
             np.abs(z) * (2.0 * self.focal_length_px / self.height_px),
         )
-        valid = (x > 0.0) & (inside <= x)
-        per_ahead = self.focal_length_px / np.where(valid, x, 1.0)
-        u = np.where(valid, y, 0.0) * per_ahead + 0.5 * self.width_px
-        v = np.where(valid, z, 0.0) * per_ahead + 0.5 * self.height_px
+        valid = (x > 0.0) & (extent <= x)
+        # Masked before the division, so that invalid directions raise no warning.
+        px_per_unit = self.focal_length_px / np.where(valid, x, 1.0)
+        u = np.where(valid, y, 0.0) * px_per_unit + 0.5 * self.width_px
+        v = np.where(valid, z, 0.0) * px_per_unit + 0.5 * self.height_px
         return np.stack((u, v), axis=-1), valid
 
     @np.errstate(under="ignore")
     def direction_from_pixel(self, pixel: Floats) -> tuple[Floats, Bools]:
-        """Return unit (..., 3) directions in the camera frame of (..., 2) pixels, and which see.
+        """Unit direction of a pixel, and whether the pixel lies in the image.
 
-        Valid are the places of the picture, its borders included; elsewhere the direction is +x.
+        Args:
+            pixel: (..., 2), u right and v down.
+
+        Returns:
+            (..., 3) directions in the camera frame and a (...) mask. Valid pixels lie in the image,
+                borders included; invalid ones have the direction +x.
         """
         pixel = np.asarray(pixel, dtype=np.float64)
         u, v = pixel[..., 0], pixel[..., 1]
-        # A comparison with NaN is false. Axis by axis: a zoom computes every sample of a picture.
+        # NaN compares false, hence invalid. Axis by axis, without a stacked mask: a zoom evaluates
+        # every sample of an image.
         valid = (u >= 0.0) & (u <= self.width_px) & (v >= 0.0) & (v <= self.height_px)
         y = np.where(valid, u - 0.5 * self.width_px, 0.0) / self.focal_length_px
         z = np.where(valid, v - 0.5 * self.height_px, 0.0) / self.focal_length_px

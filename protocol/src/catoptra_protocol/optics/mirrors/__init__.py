@@ -1,7 +1,7 @@
-"""All mirrors that Catoptra knows, in one visible table.
+"""Mirror models by name, as robot files name them.
 
-To add one: write `<name>.py` beside the others (frozen parameters, image radius and its inverse in
-the half-angle tangent, surface, domain, source), then add its line here.
+To add a mirror: write `<name>.py` beside the others (frozen parameters, image radius and its
+inverse in the half-angle tangent, slope, surface, domain, source) and add its line to `MIRRORS`.
 """
 
 from catoptra_protocol.optics.mirrors.central_mirror import CentralMirror
