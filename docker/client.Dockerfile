@@ -1,4 +1,4 @@
-# What a robot's author installs, and the experiment: no OpenGL, no server, nothing of either.
+# The client library and the studies that need no server here: no OpenGL, nothing of the server.
 # The context is the repository: docker build -f docker/client.Dockerfile .
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
@@ -12,10 +12,12 @@ RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
 COPY configs configs
 COPY protocol protocol
 COPY client client
+COPY studies studies
+# Without the extra [server]: the paper's experiment reaches its servers by address.
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
-      ./protocol './client[experiment]' \
+      ./protocol ./client ./studies \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# What nobody loads here: the tests of libraries, and what matplotlib cuts fonts for PDF with.
+# Never loaded here: the tests of libraries, and matplotlib's subsetting of fonts for PDF.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find pygments -type d -name __pycache__ -exec rm -r {} + \
@@ -24,7 +26,7 @@ RUN cd /opt/catoptra/lib/python3*/site-packages \
  && /opt/catoptra/bin/python -c 'import matplotlib.pyplot'
 
 FROM debian:bookworm-slim AS system
-# A base may bring more than is needed here: what nothing below depends on goes.
+# A base may bring more than is needed here: packages on which nothing below depends are removed.
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 \
  && apt-mark auto $(apt-mark showmanual) > /dev/null && apt-mark manual python3 > /dev/null \
@@ -40,9 +42,9 @@ FROM scratch
 COPY --from=system / /
 ENV PATH=/opt/catoptra/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 \
     MPLCONFIGDIR=/tmp/matplotlib OPENBLAS_NUM_THREADS=1
-# The proof: everything of the client is loaded, and there was no OpenGL that it could have used.
+# The proof: client and experiment load, and there is no OpenGL and no server for them to load.
 RUN ! /sbin/ldconfig -p | grep -E 'lib(GL|EGL|OSMesa)' \
- && python3 -c "import catoptra_client.__main__, catoptra_studies.experiment.__main__" \
+ && python3 -c "import catoptra_client.__main__, catoptra_studies.experiment.demo_command" \
  && python3 -c "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, \
       ['catoptra_server', 'moderngl', 'glcontext', 'OpenGL', 'embreex'])))"
 USER catoptra

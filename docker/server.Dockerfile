@@ -14,8 +14,11 @@ RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
 COPY configs configs
 COPY protocol protocol
 COPY server server
+# For `catoptra-studies figures`, which renders with the server's own code.
+COPY client client
+COPY studies studies
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
-      ./protocol './server[figures]' \
+      ./protocol ./server ./client './studies[server]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
 # What nobody loads here: the tests of libraries, and what matplotlib cuts fonts for PDF with.
 RUN cd /opt/catoptra/lib/python3*/site-packages \

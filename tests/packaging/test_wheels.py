@@ -1,4 +1,4 @@
-"""The wheels in environments of their own, outside the repository: everything they need is in them.
+"""The wheels in virtual environments outside the repository: complete, and without extras.
 
 Needs the package index and a minute or two: `make wheels` builds the wheels and runs this.
 """
@@ -45,22 +45,22 @@ class VirtualEnvironment:
         )
 
     def program_path(self, program: str, *words: str) -> list[str]:
-        """Return the command line of a program of the environment."""
+        """Command line of a program of the environment."""
         return [str(self.folder / "bin" / program), *words]
 
     def list_packages(self) -> set[str]:
-        """Return the names of what is installed."""
+        """Names of the installed distributions."""
         listed = self.run("python", "-m", "pip", "list", "--format=freeze").stdout
         return {line.partition("==")[0].lower() for line in listed.splitlines()}
 
 
 def clean_environment() -> dict[str, str]:
-    """Return an environment that knows nothing of the repository."""
+    """Environment variables without any path into the repository."""
     return {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
 
 
 def create_environment(folder: Path, wheels: Sequence[str]) -> VirtualEnvironment:
-    """Make an environment that holds some of the wheels and what they require."""
+    """Create an environment with some of the wheels and their requirements."""
     venv.create(folder / "environment", with_pip=True)
     (folder / "work").mkdir()
     environment = VirtualEnvironment(folder / "environment", folder / "work")
@@ -87,8 +87,13 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> VirtualEnvironment:
     return create_environment(tmp_path_factory.mktemp("client"), ["catoptra-client"])
 
 
+@pytest.fixture(scope="module")
+def studies(tmp_path_factory: pytest.TempPathFactory) -> VirtualEnvironment:
+    return create_environment(tmp_path_factory.mktemp("studies"), ["catoptra-studies"])
+
+
 def list_wheel_files(distribution: str) -> set[str]:
-    """Return the files in a wheel."""
+    """Paths of the files in a wheel."""
     (wheel,) = Path(find_wheels()).glob(f"{distribution}-*.whl")
     return set(zipfile.ZipFile(wheel).namelist())
 
@@ -111,22 +116,45 @@ def test_wheel_when_built_holds_every_file_of_a_folder(
     assert expected <= list_wheel_files(distribution)
 
 
-def test_client_when_installed_brings_no_opengl_and_no_server(client: VirtualEnvironment) -> None:
+OF_THE_SERVER = {"moderngl", "glcontext", "embreex", "catoptra-server", "trimesh"}
+OF_THE_STUDIES = {"matplotlib", "rich", "catoptra-studies"}
+
+
+def test_client_when_installed_brings_no_server_and_no_plots(client: VirtualEnvironment) -> None:
     packages = client.list_packages()
     assert "catoptra-client" in packages
-    assert packages & {"moderngl", "glcontext", "embreex", "catoptra-server", "trimesh"} == set()
+    assert packages & (OF_THE_SERVER | OF_THE_STUDIES) == set()
 
 
-def test_doctor_when_installed_finds_all_configurations_well(server: VirtualEnvironment) -> None:
+def test_server_when_installed_brings_no_plots(server: VirtualEnvironment) -> None:
+    packages = server.list_packages()
+    assert packages >= OF_THE_SERVER
+    assert packages & OF_THE_STUDIES == set()
+
+
+def test_studies_when_installed_without_server_run_the_demo_alone(
+    studies: VirtualEnvironment,
+) -> None:
+    packages = studies.list_packages()
+    assert packages >= OF_THE_STUDIES
+    assert packages & OF_THE_SERVER == set()
+    helped = studies.run("catoptra-studies", "demo", "--help")
+    assert helped.returncode == 0, helped.stderr
+    figures = studies.run("catoptra-studies", "figures")
+    assert figures.returncode == 2
+    assert "pip install 'catoptra-studies[server]'" in figures.stderr
+
+
+def test_doctor_when_installed_finds_all_configurations_valid(server: VirtualEnvironment) -> None:
     ports = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
-    examined = server.run("catoptra-server", "doctor", *ports)
-    assert examined.returncode in (0, 1), examined.stdout + examined.stderr  # 1: no OpenGL here
-    assert "ok       robot p2at_omni: USARBot.OmniP2AT" in examined.stdout
-    assert "ok       world rescue" in examined.stdout
-    assert str(REPOSITORY) not in examined.stdout
+    report = server.run("catoptra-server", "doctor", *ports)
+    assert report.returncode in (0, 1), report.stdout + report.stderr  # 1: no OpenGL here
+    assert "ok       robot p2at_omni: USARBot.OmniP2AT" in report.stdout
+    assert "ok       world rescue" in report.stdout
+    assert str(REPOSITORY) not in report.stdout
 
 
-def test_client_when_installed_sees_what_the_server_serves(
+def test_client_when_installed_detects_landmarks_in_frames_of_the_server(
     server: VirtualEnvironment, client: VirtualEnvironment
 ) -> None:
     serve = server.program_path(
@@ -138,14 +166,14 @@ def test_client_when_installed_sees_what_the_server_serves(
     ) as process:
         try:
             assert process.stdout is not None, "stdout is a pipe"
-            found = LISTENING_PATTERN.fullmatch(process.stdout.readline())
-            assert found
-            there = ("--control-port", found[1], "--image-port", found[2])
-            trained = client.run("catoptra-client", "train", "--frames", "10", *there)
+            match = LISTENING_PATTERN.fullmatch(process.stdout.readline())
+            assert match
+            address = ("--control-port", match[1], "--image-port", match[2])
+            trained = client.run("catoptra-client", "train", "--frames", "10", *address)
             assert trained.returncode == 0, trained.stderr
-            watched = client.run("catoptra-client", "bearings", "--frames", "2", *there)
-            assert watched.returncode == 0, watched.stderr
-            assert "over" in watched.stdout
+            printed = client.run("catoptra-client", "bearings", "--frames", "2", *address)
+            assert printed.returncode == 0, printed.stderr
+            assert "over" in printed.stdout
         finally:
             process.terminate()
             process.wait(DEADLINE_S)
@@ -153,10 +181,10 @@ def test_client_when_installed_sees_what_the_server_serves(
 
 def test_raster_when_installed_finds_its_shaders(server: VirtualEnvironment) -> None:
     code = (
-        "from catoptra_server.render.raster import programs\n"
+        "from catoptra_server.render.raster import shader_programs\n"
         "import importlib.resources as r\n"
         "assert r.files('catoptra_server').joinpath('glsl/face.frag').is_file()\n"
-        "assert 'site-packages' in programs.__file__"
+        "assert 'site-packages' in shader_programs.__file__"
     )
-    looked = server.run("python", "-c", code)
-    assert looked.returncode == 0, looked.stderr
+    imported = server.run("python", "-c", code)
+    assert imported.returncode == 0, imported.stderr
