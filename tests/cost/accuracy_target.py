@@ -1,14 +1,14 @@
-"""Does the dial keep its word on this machine?
+"""Check of accuracy targets: whether plans meet tolerances and budgets on this machine.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/cost/accuracy_target.py [--frames N]
 
-For both worlds at 640 x 640 px, and each tolerance and each budget: the plan that is chosen, how
-far off its outlines may be, what a frame was predicted to take and what the median of 100 frames
-from places along a way takes, with what the next steps would cost. A row keeps its word when the
-error is within the tolerance, and the time within a fifth of the budget; where no plan can, the
-planner has to say so itself. Ends with 1 if a word was broken.
+For both worlds at 640 x 640 px, and each tolerance and each budget: the chosen plan, its outline
+error, its predicted time, and the median time of 100 frames along a path, with the costs of the
+neighbouring plans. A row is met if the error is within the tolerance and the time within a fifth
+above the budget; where no plan can meet a target, the planner has to report so. The exit status is
+1 if a row is missed without a report.
 
-Costs are measured anew, in seconds that the first line of a world tells; the cache is left alone.
+Costs are measured again, in the seconds of the first line of each world; the cache is not used.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent / "questions"))
+sys.path.append(str(Path(__file__).parents[1] / "measurements"))
 
-from scenes import CORRIDOR, FIELD, camera
+from scenes import CORRIDOR, FIELD, make_camera
 
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.bounds.scene_summarizer import SceneSummarizer
@@ -34,7 +34,7 @@ from catoptra_server.frames.frame_request import ViewRequest
 from catoptra_server.frames.view_cache import ViewCache
 from catoptra_server.planning.budget_monitor import OVERRUN_FACTOR
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.planning.planner import PlanChoice
+from catoptra_server.planning.plan_choice import PlanChoice
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.robot.render_settings import AccuracyTarget, RenderSettings
@@ -46,13 +46,13 @@ TARGETS = (
     *(AccuracyTarget(budget_ms=ms) for ms in (5.0, 10.0, 20.0, 50.0)),
 )
 VIEWPOINT_M = 0.6
-# Frames before the watched ones: a plan that breaks its budget is chosen again among them.
+# Frames before the measured ones: a plan that exceeds its budget is replaced during them.
 WARM_UP_FRAMES = 70
 
 
 @dataclass(frozen=True, slots=True)
 class TargetRow:
-    """What was asked, what was chosen, and what frames really take."""
+    """A target, the chosen plan, and the measured time."""
 
     target: AccuracyTarget
     choice: PlanChoice
@@ -60,52 +60,52 @@ class TargetRow:
 
     @property
     def error_px(self) -> float:
-        """Return how far off outlines may be."""
+        """Largest displacement of an outline by the plan's bound."""
         assert self.choice.bound is not None
         return self.choice.bound.outline_error_px
 
     @property
     def outcome(self) -> str:
-        """Return `kept`, `said so` where the planner itself says that it cannot, or `BROKEN`."""
+        """`met`, `reported` if the planner reports that no plan meets the target, or `MISSED`."""
         within = not self.target.max_error_px or self.error_px <= self.target.max_error_px
         budget_ms = self.target.budget_ms
         in_time = not budget_ms or self.median_ms <= OVERRUN_FACTOR * budget_ms
         if within and in_time:
-            return "kept"
-        return "BROKEN" if self.choice.target_met else "said so"
+            return "met"
+        return "MISSED" if self.choice.target_met else "reported"
 
 
 def circle_path(frames: int) -> Iterator[CameraState]:
-    """Yield what is seen along a circle with a radius of half a metre, turning twice."""
+    """Yield camera states along a circle with a radius of half a metre, with two turns."""
     for index in range(frames):
         turn = 2.0 * math.pi * index / frames
-        place = (0.5 * math.cos(turn), 0.5 * math.sin(turn), -VIEWPOINT_M)
-        yield CameraState(Pose.from_rpy(place, (0.0, 0.0, 2.0 * turn)))
+        location_m = (0.5 * math.cos(turn), 0.5 * math.sin(turn), -VIEWPOINT_M)
+        yield CameraState(Pose.from_rpy(location_m, (0.0, 0.0, 2.0 * turn)))
 
 
 def measure(views: ViewCache, target: AccuracyTarget, frames: int) -> TargetRow:
-    eye = OmniCameraSpec(camera(), RenderSettings(accuracy_target=target))
-    slow = (views.view_state(eye).choice.predicted_ms or 0.0) > 100.0
-    for exposure in circle_path(3 if slow else WARM_UP_FRAMES):
-        views.render(ViewRequest(eye, exposure))
+    spec = OmniCameraSpec(make_camera(), RenderSettings(accuracy_target=target))
+    slow = (views.view_state(spec).choice.predicted_ms or 0.0) > 100.0
+    for camera_state in circle_path(3 if slow else WARM_UP_FRAMES):
+        views.render(ViewRequest(spec, camera_state))
     times = []
-    for exposure in circle_path(frames):
+    for camera_state in circle_path(frames):
         begin = time.perf_counter()
-        views.render(ViewRequest(eye, exposure))
+        views.render(ViewRequest(spec, camera_state))
         times.append(1e3 * (time.perf_counter() - begin))
-    return TargetRow(target, views.view_state(eye).choice, statistics.median(times))
+    return TargetRow(target, views.view_state(spec).choice, statistics.median(times))
 
 
 def format_row(row: TargetRow) -> str:
-    dial, choice = row.target, row.choice
-    asked = f"{dial.max_error_px:g} px" if dial.max_error_px else f"{dial.budget_ms:g} ms"
+    target, choice = row.target, row.choice
+    limit = f"{target.max_error_px:g} px" if target.max_error_px else f"{target.budget_ms:g} ms"
     numbers = f"{row.error_px:7.3f}{choice.predicted_ms or 0.0:9.1f}{row.median_ms:9.1f}"
     steps = [
         f"{name} {step}"
         for name, step in (("+", choice.more_accurate), ("-", choice.faster))
         if step
     ]
-    return f"  {asked:<8}{numbers}  {row.outcome:<8} {choice.plan}\n" + "".join(
+    return f"  {limit:<8}{numbers}  {row.outcome:<8} {choice.plan}\n" + "".join(
         f"{'':44}{step}\n" for step in steps
     )
 
@@ -114,29 +114,29 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=100)
     options = parser.parse_args()
-    broken = 0
+    missed = 0
     for title, path in WORLDS.items():
         world = read_world(path)[0]
         scene = build_scene(world)
         choice = choose_renderer("auto", scene, world)
-        places = tuple(circle_path(4))
+        states = tuple(circle_path(4))
         views = ViewCache(
             RenderPlanner(choice),
             SceneSummarizer(scene, world),
-            calibration_states=places,
+            calibration_states=states,
             max_views=1,
         )
         begin = time.perf_counter()
-        views.view_state(OmniCameraSpec(camera(), RenderSettings(accuracy_target=TARGETS[0])))
+        views.view_state(OmniCameraSpec(make_camera(), RenderSettings(accuracy_target=TARGETS[0])))
         print(f"{title}, {len(scene)} triangles, {choice.reason}")
         print(f"  costs measured in {time.perf_counter() - begin:.1f} s")
-        print(f"  {'asked':<8}{'px':>7}{'foretold':>9}{'ms':>9}")
-        for dial in TARGETS:
-            row = measure(views, dial, options.frames)
-            broken += row.outcome == "BROKEN"
+        print(f"  {'target':<8}{'px':>7}{'predicted':>9}{'ms':>9}")
+        for target in TARGETS:
+            row = measure(views, target, options.frames)
+            missed += row.outcome == "MISSED"
             print(format_row(row), end="", flush=True)
         views.close()
-    return 1 if broken else 0
+    return 1 if missed else 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""How many frames a second, rendered and delivered over TCP, in both worlds and by both renderers?
+"""Frames per second, rendered and delivered over TCP, in both worlds and by both renderers.
 
-Run: make bench. Prints medians and writes out/bench/bench.json. Every row draws while the robot
-moves, so that no frame is drawn twice. Machines are noisy: compare rows of one run.
+Run: make bench. Prints medians and writes out/bench/bench.json. The robot moves in every row, so
+that no frame is rendered twice. Machines are noisy: compare rows of one run.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ROBOT = ROOT / "configs/robots/p2at_omni.ini"
 WORLDS = {"field": "four_legged_2006.ini", "corridor": "corridor.ini"}
 SIZES = (360, 640)
 SAMPLES = (1, 2)
-WARM_UP_S = 0.8  # software OpenGL is not steady before
+WARM_UP_S = 0.8  # software OpenGL has no steady frame time before
 MEASURED_S = 3.0
 
 
@@ -57,12 +57,12 @@ class FrameRateRow:
 
     @property
     def delivered_fraction(self) -> float:
-        """Return delivered over rendered frames."""
+        """Delivered over rendered frames."""
         return self.fps_delivered / self.fps_rendered if self.fps_rendered else 0.0
 
 
 def main() -> int:
-    """Measure every combination that this machine can draw."""
+    """Measure every combination that this machine can render."""
     console = Console()
     rows = []
     for world, file in WORLDS.items():
@@ -83,7 +83,7 @@ def main() -> int:
 
 
 def _measure(world: str, path: Path, size: int, samples: int, renderer: str) -> FrameRateRow | None:
-    """Return a row, or None where the renderer cannot run."""
+    """A row of the table; None where the renderer cannot run."""
     with _write_robot_file(size, samples) as robot:
         setup = read_startup_config([robot], path)
         try:
@@ -100,7 +100,7 @@ def _measure(world: str, path: Path, size: int, samples: int, renderer: str) -> 
 
 @contextmanager
 def _write_robot_file(size: int, samples: int) -> Iterator[Path]:
-    """Yield a robot file like the shipped one, with another picture size."""
+    """The bundled robot's file with another resolution."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.ini"
         path.write_text(
@@ -111,11 +111,11 @@ def _write_robot_file(size: int, samples: int) -> Iterator[Path]:
 
 
 def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
-    """Return frames per second of the median frame time."""
+    """Frames per second of the median frame time."""
     omni = setup.robots[0].omni_camera
     assert omni is not None, "the bench's robot has a camera"
-    wish: RenderSettings = replace(omni.render_settings)
-    plan = plan_from_settings(wish, omni.camera, kind=choice.kind, reason="bench")
+    settings: RenderSettings = replace(omni.render_settings)
+    plan = plan_from_settings(settings, omni.camera, kind=choice.kind, reason="bench")
     view = choice.renderer.prepare(omni.camera, plan)
     times: list[float] = []
     begin = time.perf_counter()
@@ -128,12 +128,12 @@ def _measure_fps_alone(setup: StartupConfig, choice: RendererChoice) -> float:
 
 
 def _pose(t: float) -> Pose:
-    """Return a viewpoint that wanders about the middle of a world, 0.6 m above the floor."""
+    """Viewpoint on a path around the centre of a world, 0.6 m above the floor."""
     return Pose.from_rpy((0.5 * math.sin(t), 0.3 * math.cos(t), -0.6), (0.0, 0.0, 0.5 * t))
 
 
 def _measure_fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[float, float]:
-    """Return rendered and delivered frames per second of a server process with one RAW viewer."""
+    """Rendered and delivered frames per second of a server process with one RAW viewer."""
     command = [
         sys.executable,
         "-m",
@@ -153,14 +153,14 @@ def _measure_fps_over_tcp(robot: Path, world: Path, renderer: str) -> tuple[floa
         delivered, elapsed_s = _measure_delivery(int(ports[0]), int(ports[1]))
         process.terminate()
         _, log = process.communicate()
-    drawn = re.search(r"(\d+) frames captured in", log)
-    assert drawn is not None, log
-    # All frames since the start count on both sides, the warm-up too.
-    return int(drawn[1]) / elapsed_s, delivered / elapsed_s
+    rendered = re.search(r"(\d+) frames captured in", log)
+    assert rendered is not None, log
+    # Both counts include the warm-up.
+    return int(rendered[1]) / elapsed_s, delivered / elapsed_s
 
 
 def _measure_delivery(control_port: int, image_port: int) -> tuple[int, float]:
-    """Return how many frames came, and in how many seconds, while the robot turns."""
+    """Number of received frames, and the seconds, while the robot turns."""
     with (
         RobotClient.connect(port=control_port) as robot,
         ImageClient.connect(port=image_port) as images,
@@ -177,7 +177,7 @@ def _measure_delivery(control_port: int, image_port: int) -> tuple[int, float]:
 
 
 def _print_detection_time(console: Console) -> None:
-    """Print what a frame costs at the client."""
+    """Print the time of a frame at the client."""
     script = ROOT / "tests/measurements/detection_time.py"
     found = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, check=True

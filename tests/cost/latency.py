@@ -1,10 +1,10 @@
-"""How old is a frame when a client has it, and what do eight watchers of one camera cost?
+"""Age of a frame at the client, and the cost of eight viewers of one camera.
 
 Run: .venv/bin/python tests/cost/latency.py. Prints two tables. Each row has a server process of its
-own, which writes the moment of exposure (the machine's monotonic clock) into the top of the picture
-as black and white squares, so that both transports are measured by the same ruler, JPEG too. Frame
-time: mean interval of the frames that arrive. Cost: processor time of the server a drawn frame;
-clients run in another process. Machines are noisy: compare rows of one run.
+own, which writes the moment of exposure (the machine's monotonic clock) into the top of the image
+as black and white squares, so that both transports are measured alike, JPEG too. Frame
+time: mean interval of the frames that arrive. Cost: processor time of the server per rendered
+frame; clients run in another process. Machines are noisy: compare rows of one run.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ ARGUMENTS = (
     *("--control-port", "0", "--image-port", "0", "--renderer", "trace", "--threads", "1"),
 )
 LISTENING = re.compile(r"listening control=\S+:(\d+) image=\S+:(\d+) stream=\S+:(\d+)")
-SQUARE_PX = 8  # a block of JPEG: one square does not spill into the next
+SQUARE_PX = 8  # a block of JPEG: squares do not affect each other
 SQUARES_PER_ROW = 32
 BITS = 64
 WARM_UP_FRAMES = 10
 MEASURED_S = 5.0
 CLIENT_COUNTS = (1, 8)
 MAX_AGE_FRAMES = 1.5  # frame times
-MAX_COST_RATIO = 1.3  # times one watcher's
+MAX_COST_RATIO = 1.3  # times the cost of one viewer
 
 
 @dataclass(frozen=True, slots=True)
 class ClientRecord:
-    """What one watcher saw: ages in seconds, and when frames came."""
+    """Observations of one viewer: ages and arrival times of frames, seconds."""
 
     ages_s: list[float]
     arrival_times_s: list[float]
@@ -70,12 +70,12 @@ class LatencyRow:
 
     @property
     def age_in_frames(self) -> float:
-        """Return the median age in frame times."""
+        """Median age in frame times."""
         return self.age_ms / self.frame_ms
 
 
 def main() -> int:
-    """Measure both transports with one and eight watchers; return 1 beyond the bounds."""
+    """Measure both transports with one and eight viewers; exit status 1 beyond the limits."""
     rows = [_measure(name, count) for name in ("tcp", "zmq") for count in CLIENT_COUNTS]
     Console().print(_make_table(rows))
     cost = {row.transport: row.cpu_ms_per_frame for row in rows if row.clients == 1}
@@ -99,20 +99,20 @@ def _measure(transport: str, clients: int) -> LatencyRow:
     frame_s = (first.arrival_times_s[-1] - first.arrival_times_s[0]) / (
         len(first.arrival_times_s) - 1
     )
-    drawn = max(len(watched.arrival_times_s) for watched in seen)
-    ages = [age for watched in seen for age in watched.ages_s]
+    drawn = max(len(observed.arrival_times_s) for observed in seen)
+    ages = [age for observed in seen for age in observed.ages_s]
     return LatencyRow(
         *(transport, clients, 1e3 * frame_s, 1e3 * statistics.median(ages), 1e3 * cpu_s / drawn)
     )
 
 
 def _run_clients(pid: int, sources: list[FrameSource]) -> tuple[float, list[ClientRecord]]:
-    """Return the server's processor seconds while all watch, and what they saw."""
+    """Processor seconds of the server while all viewers receive frames, and their observations."""
     ready, begin = threading.Barrier(len(sources) + 1), threading.Event()
     seen = [ClientRecord([], []) for _ in sources]
     threads = [
-        threading.Thread(target=_run_client, args=(source, watched, ready, begin))
-        for source, watched in zip(sources, seen, strict=True)
+        threading.Thread(target=_run_client, args=(source, observed, ready, begin))
+        for source, observed in zip(sources, seen, strict=True)
     ]
     for thread in threads:
         thread.start()
@@ -142,7 +142,7 @@ def _run_client(
 
 
 def _read_cpu_s(pid: int) -> float:
-    """Return the processor time of a process, its threads together."""
+    """Processor time of a process, all threads together, seconds."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -163,7 +163,7 @@ def _start_server() -> Iterator[tuple[subprocess.Popen[str], tuple[int, ...]]]:
 
 
 def _serve_with_stamps(arguments: list[str]) -> int:
-    """Run the server; every frame shows when it was exposed."""
+    """Run the server; every frame shows its time of exposure."""
     from catoptra_server.__main__ import main as serve
 
     put = Mailboxes.put
@@ -173,7 +173,7 @@ def _serve_with_stamps(arguments: list[str]) -> int:
         _write_stamp(rgb, frame.finished_at_s - frame.render_duration_s)
         put(mailboxes, dataclasses.replace(frame, rgb=rgb))
 
-    Mailboxes.put = put_with_stamp  # type: ignore[method-assign] # the one place that every frame passes
+    Mailboxes.put = put_with_stamp  # type: ignore[method-assign] # every frame passes here
     return serve(arguments)
 
 
@@ -190,10 +190,10 @@ def _read_stamp(rgb: Pixels) -> float:
 
 
 def _make_table(rows: list[LatencyRow]) -> Table:
-    table = Table(title="Age of a frame at the client, and what watchers cost")
+    table = Table(title="Age of a frame at the client, and what viewers cost")
     for name in (
         "transport",
-        "watchers",
+        "viewers",
         "frame ms",
         "age ms",
         "age, frames",

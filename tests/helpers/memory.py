@@ -1,4 +1,4 @@
-"""What a process takes of the machine's memory."""
+"""Memory of a process."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 def resident_mb(pid: int) -> float:
-    """Return the resident size of a living process, in MB; Linux tells it."""
+    """Resident size of a running process in MB, from /proc."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    assert found is not None, "Linux tells the resident size of a living process"
+    assert found is not None, "/proc has no resident size of this process"
     return int(found[1]) / 1024.0

@@ -1,4 +1,4 @@
-"""What a long run requires, what it measured, and whether that holds: as a table."""
+"""Requirements of a long run with the measured values, as a table."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from rich.table import Table
 
 @dataclass(frozen=True, slots=True)
 class RequirementResult:
-    """One requirement, what was measured, and whether it holds."""
+    """A requirement, and the measurement that decides whether it is met."""
 
     requirement: str
+    """The requirement as a sentence."""
     measurement: str
+    """Measured values, for the table."""
     is_met: bool
+    """Whether the requirement holds."""
 
 
 def print_requirements(results: Sequence[RequirementResult], console: Console | None = None) -> int:
-    """Print a table; return the exit status, 0 if every requirement holds."""
+    """Print the table; exit status 0 if every requirement holds."""
     table = Table("requirement", "measured", "holds")
-    for verdict in results:
-        table.add_row(verdict.requirement, verdict.measurement, "yes" if verdict.is_met else "NO")
+    for result in results:
+        table.add_row(result.requirement, result.measurement, "yes" if result.is_met else "NO")
     (console or Console()).print(table)
-    return 0 if all(verdict.is_met for verdict in results) else 1
+    return 0 if all(result.is_met for result in results) else 1

@@ -1,8 +1,9 @@
-"""Sixty-four robots, thirty-six viewers and five rude clients on one server, for ten minutes.
+"""Load test: 64 robots, 36 viewers and five adversarial clients on one server, for ten minutes.
 
 Run: make soak, or .venv/bin/python tests/load/run.py --minutes 1. Writes out/soak/soak.json and
-out/soak/report.md; ends with 0 only if every requirement holds: the others keep their 0.2 s period
-within 20 %, frames are whole and in order, and the server's memory is flat.
+out/soak/report.md. The exit status is 0 only if every requirement holds: the regular clients keep
+their period of 0.2 s within 20 %, frames are complete and in order, and the server's memory is
+flat.
 """
 
 from __future__ import annotations
@@ -26,73 +27,85 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from helpers.memory import resident_mb  # after the path above
 from helpers.requirement_results import RequirementResult, print_requirements
-from load import load
+from helpers.server_process import CHILD_SERVER
+from load import load_clients
 
 ROOT = Path(__file__).parents[2]
 CONTROLLERS = 64
-VIEWERS = 30  # of the image port, and two rude ones
+VIEWERS = 30  # of the image port; two adversarial ones besides
 STREAM_VIEWERS = 4
 PERIOD_S = 0.2
 TOLERANCE = 0.2
 SAMPLE_INTERVAL_S = 5.0
-# The first minute fills caches and pools; from then on memory may grow by this share.
+# The first tenth fills caches and pools; from then on memory may grow by this fraction.
 WARM_UP_FRACTION = 0.1
 MAX_MEMORY_GROWTH = 0.03
 
 
 def main() -> int:
-    """Soak a server and judge it."""
+    """Run the load test, and print whether each requirement holds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--output", type=Path, default=ROOT / "out/soak")
     parsed = parser.parse_args()
     console = Console()
-    memory_mb, tally = asyncio.run(_run_soak(60.0 * parsed.minutes, console))
-    verdicts = _evaluate(tally, memory_mb)
-    _write_report(parsed.output, verdicts, memory_mb, tally)
-    return print_requirements(verdicts, console)
+    memory_mb, record = asyncio.run(_run_soak(60.0 * parsed.minutes, console))
+    results = _evaluate(record, memory_mb)
+    _write_report(parsed.output, results, memory_mb, record)
+    return print_requirements(results, console)
 
 
-async def _run_soak(duration_s: float, console: Console) -> tuple[list[float], load.LoadRecord]:
-    """Run server and crowd; return the server's memory over time and what the crowd saw."""
-    command = [sys.executable, "-m", "catoptra_server", "--control-port", "0", "--image-port", "0"]
+async def _run_soak(
+    duration_s: float, console: Console
+) -> tuple[list[float], load_clients.LoadRecord]:
+    """Run the server with its clients; return its memory over time and their observations."""
+    command = [sys.executable, "-P", str(CHILD_SERVER), "--control-port", "0", "--image-port", "0"]
     command += ["--stream-port", "0"]
     command += ["--robot", str(ROOT / "configs/robots/p2at_omni.ini")]
     command += ["--world", str(ROOT / "configs/worlds/four_legged_2006.ini")]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     ) as server:
         assert server.stdout is not None
         ports = [int(port) for port in re.findall(r":(\d+)", server.stdout.readline())]
-        address = load.ServerEndpoints("127.0.0.1", *ports)
-        tally = load.LoadRecord()
-        tasks = [asyncio.create_task(client) for client in _start_clients(address, tally)]
+        address = load_clients.ServerEndpoints("127.0.0.1", *ports)
+        record = load_clients.LoadRecord()
+        tasks = [asyncio.create_task(client) for client in _start_clients(address, record)]
         memory_mb = await _sample_memory(server.pid, duration_s, console)
-        faults = list(tally.faults)
+        faults = list(record.faults)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        tally.faults = faults
+        # Those of the cancellation are no faults of the server.
+        record.faults = faults
         server.terminate()
-    return memory_mb, tally
+    return memory_mb, record
 
 
-def _start_clients(address: load.ServerEndpoints, record: load.LoadRecord) -> list[object]:
+def _start_clients(
+    address: load_clients.ServerEndpoints, record: load_clients.LoadRecord
+) -> list[object]:
     return [
-        *(load.run_controller(address, number, record) for number in range(CONTROLLERS)),
+        *(load_clients.run_controller(address, number, record) for number in range(CONTROLLERS)),
         *(
-            load.run_viewer(address, number, record, pause_s=0.05 * (number % 8))
+            load_clients.run_viewer(address, number, record, pause_s=0.05 * (number % 8))
             for number in range(VIEWERS)
         ),
         *(
-            load.run_stream_viewer(address, number, record, robot=f"Soak{number}" if number else "")
+            load_clients.run_stream_viewer(
+                address, number, record, robot=f"Soak{number}" if number else ""
+            )
             for number in range(STREAM_VIEWERS)
         ),
-        load.run_unread_viewer(address),
-        load.run_resetting_viewer(address),
-        load.run_unterminated_controller(address),
-        load.run_unread_controller(address),
-        load.run_unterminated_stream_client(address),
+        load_clients.run_unread_viewer(address),
+        load_clients.run_resetting_viewer(address),
+        load_clients.run_unterminated_controller(address),
+        load_clients.run_unread_controller(address),
+        load_clients.run_unterminated_stream_client(address),
     ]
 
 
@@ -100,7 +113,7 @@ async def _sample_memory(pid: int, duration_s: float, console: Console) -> list[
     memory_mb: list[float] = []
     begin = time.monotonic()
     with Progress(console=console) as progress:
-        task = progress.add_task("soaking", total=duration_s)
+        task = progress.add_task("load", total=duration_s)
         while (elapsed_s := time.monotonic() - begin) < duration_s:
             await asyncio.sleep(min(SAMPLE_INTERVAL_S, duration_s - elapsed_s))
             memory_mb.append(resident_mb(pid))
@@ -108,7 +121,7 @@ async def _sample_memory(pid: int, duration_s: float, console: Console) -> list[
     return memory_mb
 
 
-def _evaluate(record: load.LoadRecord, memory_mb: list[float]) -> list[RequirementResult]:
+def _evaluate(record: load_clients.LoadRecord, memory_mb: list[float]) -> list[RequirementResult]:
     means, late = _status_periods(record)
     slowest = max(means)
     low, high = (1.0 - TOLERANCE) * PERIOD_S, (1.0 + TOLERANCE) * PERIOD_S
@@ -127,7 +140,7 @@ def _evaluate(record: load.LoadRecord, memory_mb: list[float]) -> list[Requireme
             late <= 0.05,
         ),
         RequirementResult(
-            f"{VIEWERS} viewers and {STREAM_VIEWERS} of the stream get whole frames, in order",
+            f"{VIEWERS} viewers and {STREAM_VIEWERS} of the stream receive whole frames in order",
             f"{frames[0]} to {frames[-1]} frames, {len(record.faults)} faults {record.faults[:2]}",
             frames[0] > 0 and not record.faults,
         ),
@@ -139,8 +152,8 @@ def _evaluate(record: load.LoadRecord, memory_mb: list[float]) -> list[Requireme
     ]
 
 
-def _status_periods(record: load.LoadRecord) -> tuple[list[float], float]:
-    """Return the mean period of each controller, and the share of periods that are too long."""
+def _status_periods(record: load_clients.LoadRecord) -> tuple[list[float], float]:
+    """Mean period of each controller, and the fraction of periods that are too long."""
     means, periods = [], []
     for arrivals in record.status_times_s.values():
         own = [later - earlier for earlier, later in pairwise(arrivals)]
@@ -152,20 +165,23 @@ def _status_periods(record: load.LoadRecord) -> tuple[list[float], float]:
 
 
 def _write_report(
-    folder: Path, verdicts: list[RequirementResult], memory_mb: list[float], record: load.LoadRecord
+    folder: Path,
+    results: list[RequirementResult],
+    memory_mb: list[float],
+    record: load_clients.LoadRecord,
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     document = {
-        "verdicts": [asdict(verdict) for verdict in verdicts],
+        "results": [asdict(result) for result in results],
         "memory_mb": memory_mb,
         "frames": record.frames,
         "faults": record.faults,
     }
     (folder / "soak.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     rows = [
-        f"| {v.requirement} | {v.measurement} | {'yes' if v.is_met else 'no'} |" for v in verdicts
+        f"| {v.requirement} | {v.measurement} | {'yes' if v.is_met else 'no'} |" for v in results
     ]
-    lines = ["# Soak", "", "| requirement | measured | holds |", "|---|---|---|", *rows, ""]
+    lines = ["# Load test", "", "| requirement | measured | holds |", "|---|---|---|", *rows, ""]
     (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
 
 

@@ -1,11 +1,11 @@
-"""What does a frame cost at the client, from pixels to a corrected belief?
+"""Time of a frame at the client, from pixels to an updated belief.
 
 Run: .venv/bin/python tests/measurements/detection_time.py
 
 Prints the median and the 95th percentile of each stage in milliseconds, for a 360 x 360 frame on
-one thread. Decided by it: the fixed-point map in `unwarp` (0.5 ms; float maps 0.8), a plain look-up
-in `label_image` (0.7 ms; planes split by OpenCV and a 16-bit index 0.55), the algorithm in `blobs`
-(0.7 ms; OpenCV's default 2.1), and 720 x 180 for the cylinder.
+one thread. Decisions: the fixed-point map in `unwarp` (0.5 ms; float maps 0.8), a plain table
+lookup in `label_image` (0.7 ms; planes split by OpenCV and a 16-bit index 0.55), the algorithm in
+`blobs` (0.7 ms; OpenCV's default 2.1), and 720 x 180 for the cylinder.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-TESTS = Path(__file__).parents[2]
+TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 
 from catoptra_client.landmarks import (  # noqa: E402
@@ -45,7 +45,7 @@ from catoptra_client.localization import (  # noqa: E402
     update,
 )
 from catoptra_client.unwarp import unwarp  # noqa: E402
-from client.landmarks import synthetic_frames
+from client.landmarks import synthetic_frames  # noqa: E402
 
 REPEATS = 200
 TRAINING_POSES = [(-2.0, -1.2, 0.3), (1.9, 1.1, 2.6), (0.4, -1.3, -1.2), (-0.5, 1.2, -2.7)]
@@ -53,7 +53,7 @@ POSE = (0.3, 0.5, 0.4)
 
 
 def train_detector() -> Detector:
-    """Return a detector for the field, trained on a few synthetic frames."""
+    """Detector for the field, trained on a few synthetic frames."""
     camera, field = synthetic_frames.make_camera(), synthetic_frames.FIELD_LANDMARKS
     frames = [
         (
@@ -80,7 +80,7 @@ def print_time(name: str, stage: Callable[[], object]) -> None:
 
 
 def main() -> None:
-    """Measure every stage on the same frame."""
+    """Measure every stage on the same frame, and print the times."""
     cv2.setNumThreads(1)
     detector, frame = (
         train_detector(),

@@ -1,14 +1,14 @@
-"""What do effects cost: none that is named, all where none is needed, and all that are called for?
+"""Cost of effects: without any, with all considered and none enabled, and as the scene enables.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/effect_costs.py
 
-Prints, for frames of 640 x 640 px of the field, drawn in turns through `ViewCache` as the server draws
-them, standing and driving, the median milliseconds on the wall and of all processors, and the ratio
-of the latter to the view that knows of no effects. `none needed` names all kinds that there are, on
-auto, with numbers of a good camera; what the criterion calls for all the same is named by the
-second line, and left out by `never`. Decided by it: effects that are not called for leave the usual
-view in place (frames/view_cache.py) instead of a chain without links; each effect is a pass of its own,
-whose time is known, instead of one fused program.
+Prints, for frames of 640 x 640 px of the field, rendered in turns through `ViewCache` as in the
+server, at rest and in motion, the median milliseconds of wall time and of all processors, and the
+ratio of the latter to a view without effects. `none enabled` has all kinds in mode auto, with
+parameters of a good camera; the second line names the effects that the field enables in any case,
+which are in mode never. Decisions: without an enabled effect a view is the plain one
+(frames/view_cache.py), not an empty chain of passes; each effect is a pass of its own with a time
+of its own, not a part of one fused program.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from catoptra_server.scene.scene_mesh import build_scene
 
 ROUNDS = 60
 FEW_ROUNDS = 5
-# Numbers with which no effect is needed in the field, by kind; those of every other field are the
-# defaults, and `*` stands for all kinds. They are small, not nothing: bounds have to be found.
+# Parameters with which no effect is enabled in the field, by kind; all others have their defaults,
+# and `*` stands for all kinds. They are small, not zero, so that bounds have to be computed.
 NEGLIGIBLE_PARAMETERS = {
     "*": {"full_well_e": 1e12, "read_noise_e": 1.0},
     "RollingShutter": {"readout_s": 1e-4},
@@ -58,7 +58,7 @@ NEGLIGIBLE_PARAMETERS = {
 
 
 def default_settings(mode: EffectMode) -> EffectSettings:
-    """Return all effects with their defaults."""
+    """All effects with default parameters."""
     effects = (
         kind.factory(**{p.field: p.default for p in kind.parameters}) for kind in EFFECT_TYPES
     )
@@ -66,15 +66,15 @@ def default_settings(mode: EffectMode) -> EffectSettings:
 
 
 def negligible_setting(kind: EffectType, mode: EffectMode) -> EffectSetting:
-    """Return an effect with the numbers of a good camera."""
-    numbers = NEGLIGIBLE_PARAMETERS["*"] | NEGLIGIBLE_PARAMETERS.get(kind.name, {})
+    """An effect with the parameters of a good camera."""
+    parameters = NEGLIGIBLE_PARAMETERS["*"] | NEGLIGIBLE_PARAMETERS.get(kind.name, {})
     return EffectSetting(
-        kind.factory(**{p.field: numbers.get(p.field, p.default) for p in kind.parameters}), mode
+        kind.factory(**{p.field: parameters.get(p.field, p.default) for p in kind.parameters}), mode
     )
 
 
 def negligible_settings(required: frozenset[str]) -> EffectSettings:
-    """Return all effects on auto, but for those that are called for whatever their numbers."""
+    """All effects in mode auto, without those that are enabled whatever their parameters."""
     modes = ((k, EffectMode.NEVER if k.name in required else EffectMode.AUTO) for k in EFFECT_TYPES)
     return EffectSettings(tuple(negligible_setting(kind, mode) for kind, mode in modes))
 
@@ -82,53 +82,56 @@ def negligible_settings(required: frozenset[str]) -> EffectSettings:
 def make_renderer(
     renderer: str, samples: int, effects: EffectSettings, camera_states: Iterator[CameraState]
 ) -> Callable[[], object]:
-    """Return what draws frames through views of their own."""
+    """A function that renders the next frame through a view cache of its own."""
     world = make_worlds()["field"]
     scene = build_scene(world)
     choice = choose_renderer(renderer, scene, world, samples=samples)
     views = ViewCache(RenderPlanner(choice), SceneSummarizer(scene, world))
-    eye = OmniCameraSpec(make_camera(), RenderSettings(samples=samples), effects)
-    return lambda: views.render(ViewRequest(eye, next(camera_states)))
+    spec = OmniCameraSpec(make_camera(), RenderSettings(samples=samples), effects)
+    return lambda: views.render(ViewRequest(spec, next(camera_states)))
 
 
 def find_required_effects() -> frozenset[str]:
-    """Return what the field calls for, whatever the numbers."""
+    """Effects that the field enables whatever their parameters."""
     frames = make_renderer(
         "trace", 1, negligible_settings(frozenset()), iter(drive_path("field", 40))
     )
-    decisions = (one for _ in range(40) for one in frames().effects)  # type: ignore[attr-defined]
-    return frozenset(one.effect for one in decisions if one.enabled)
+    decisions = (d for _ in range(40) for d in frames().effect_decisions)  # type: ignore[attr-defined]
+    return frozenset(decision.effect for decision in decisions if decision.enabled)
 
 
 def main() -> None:
     on = find_required_effects()
-    print(f"called for whatever the numbers, left out by `never`: {', '.join(sorted(on))}")
-    ways = {"standing": (CAMERA_STATE,), "driving": drive_path("field", 400)}
+    print(f"enabled whatever the parameters, in mode never: {', '.join(sorted(on))}")
+    motions = {"at rest": (CAMERA_STATE,), "driving": drive_path("field", 400)}
     for renderer, samples in (("trace", 1), ("trace", 2), ("raster", 1), ("raster", 2)):
-        for way, exposures in ways.items():
-            named = {
-                "none named": NO_EFFECT_SETTINGS,
-                "none named, again": NO_EFFECT_SETTINGS,
-                "none needed": negligible_settings(on),
+        for motion, camera_states in motions.items():
+            settings = {
+                "none": NO_EFFECT_SETTINGS,
+                "none, again": NO_EFFECT_SETTINGS,
+                "none enabled": negligible_settings(on),
             }
             draws = {
-                k: make_renderer(renderer, samples, w, cycle(exposures)) for k, w in named.items()
+                k: make_renderer(renderer, samples, w, cycle(camera_states))
+                for k, w in settings.items()
             }
-            print_times(f"{renderer} {samples}x{samples} {way:<9}", median_ms(draws, rounds=ROUNDS))
+            print_times(
+                f"{renderer} {samples}x{samples} {motion:<9}", median_ms(draws, rounds=ROUNDS)
+            )
         all_run = {
             name: make_renderer(renderer, samples, named, cycle((CAMERA_STATE,)))
             for name, named in {
-                "none named": NO_EFFECT_SETTINGS,
-                "all run": default_settings(EffectMode.ALWAYS),
+                "none": NO_EFFECT_SETTINGS,
+                "all enabled": default_settings(EffectMode.ALWAYS),
             }.items()
         }
         print_times(
-            f"{renderer} {samples}x{samples} standing ", median_ms(all_run, rounds=FEW_ROUNDS)
+            f"{renderer} {samples}x{samples} at rest  ", median_ms(all_run, rounds=FEW_ROUNDS)
         )
 
 
 def print_times(label: str, times: dict[str, tuple[float, float]]) -> None:
-    """Print a row each, with the ratio to the first."""
+    """Print a row for each time, with the ratio to the first."""
     first = next(iter(times.values()))[1]
     for name, (wall, processors) in times.items():
         row = f"{name:<18}{wall:8.2f}{processors:8.2f}{processors / first:8.3f}"

@@ -1,13 +1,13 @@
-"""What does it cost to decide which effects a frame needs, and is anything built in vain?
+"""Cost of the decision which effects a frame needs.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/effect_decisions.py
 
-Prints, for the field, the corridor, 60 000 and a million triangles, the processor's microseconds a
-frame of the summary and of the decision of all kinds of effects, at their defaults: standing, and
-the mean and the most of a drive of 400 ticks at 0.5 m/s; then how many summaries that drive had.
-Decided by it: the fan of the tree and how many of its boxes are opened at once
-(bounds/ring_distance_bvh.py), the sides of cells (bounds/distance_bound_cache.py), and that bounds are kept by what
-they asked for.
+Prints, for the field, the corridor, 60 000 and a million triangles, the processor microseconds per
+frame of the scene summary and of the decision on all kinds of effects with default parameters: at
+rest, and mean and maximum of a drive of 400 ticks at 0.5 m/s; then the number of distinct summaries
+of the drive. Decisions: the branching of the tree and the number of boxes that are opened at once
+(bounds/ring_distance_bvh.py), the size of cells (bounds/distance_bound_cache.py), and bounds that
+are cached by the fields that a criterion reads (effects/bound_cache.py).
 """
 
 from __future__ import annotations
@@ -36,30 +36,32 @@ TICKS = 400
 def measure_us(
     summaries: SceneSummarizer, camera_states: Sequence[CameraState]
 ) -> tuple[list[float], list[float], set[SceneSummary]]:
-    """Return the times of summaries and of decisions, frame by frame, and what they were of."""
-    of_summary, of_decision, known = [], [], set()
-    for exposure in camera_states:
+    """Times of summaries and of decisions by frame, microseconds, and the distinct summaries."""
+    summary_us, decision_us, distinct = [], [], set()
+    for camera_state in camera_states:
         begin = time.process_time()
-        summary = summaries.summarize(exposure, CAMERA)
+        summary = summaries.summarize(camera_state, CAMERA)
         between = time.process_time()
         plan_effects(ALL, summary, CAMERA)
-        of_summary.append(1e6 * (between - begin))
-        of_decision.append(1e6 * (time.process_time() - between))
-        known.add(summary)
-    return of_summary, of_decision, known
+        summary_us.append(1e6 * (between - begin))
+        decision_us.append(1e6 * (time.process_time() - between))
+        distinct.add(summary)
+    return summary_us, decision_us, distinct
 
 
 def main() -> None:
     names = {**make_worlds_with_million_triangles(), "corridor": read_world(CORRIDOR)[0]}
-    print("            standing: summary, decision; driving: mean and most of each; summaries")
+    print("            at rest: summary, decision; in motion: mean and maximum of each; summaries")
     for name, world in names.items():
         summaries = SceneSummarizer(build_scene(world), world)
-        way = drive_path(name, TICKS)
-        measure_us(summaries, way[:1])  # what is found once for all
-        still = [statistics.median(times) for times in measure_us(summaries, way[:1] * 100)[:2]]
-        *moving, known = measure_us(summaries, way)
-        told = "".join(f"{statistics.mean(times):9.0f}{max(times):9.0f}" for times in moving)
-        print(f"  {name:<9}{still[0]:9.0f}{still[1]:9.0f}{told}{len(known):6d}", flush=True)
+        path = drive_path(name, TICKS)
+        measure_us(summaries, path[:1])  # fills caches that hold for all frames
+        at_rest = [statistics.median(times) for times in measure_us(summaries, path[:1] * 100)[:2]]
+        *moving, distinct = measure_us(summaries, path)
+        columns = "".join(f"{statistics.mean(times):9.0f}{max(times):9.0f}" for times in moving)
+        print(
+            f"  {name:<9}{at_rest[0]:9.0f}{at_rest[1]:9.0f}{columns}{len(distinct):6d}", flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Times of several things, done in turns: what disturbs one then disturbs all alike."""
+"""Times of several functions, called in turns, so that a disturbance affects all of them alike."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ WARM_UP = 3
 def median_ms(
     draws: Mapping[str, Callable[[], object]], *, rounds: int
 ) -> dict[str, tuple[float, float]]:
-    """Return the median milliseconds of each: on the wall, and of all this process's threads.
+    """Median milliseconds of each function: wall time, and processor time of all threads.
 
-    Where others use the machine too, the second is what can be compared.
+    On a machine with other load only the processor times are comparable.
     """
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in draws}
     for _ in range(WARM_UP + rounds):

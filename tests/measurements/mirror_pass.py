@@ -1,11 +1,11 @@
-"""What does the mirror's pass cost: its law in the shader, or looked up; which encoding to sRGB?
+"""Cost of the mirror pass: camera model in the shader or looked up, and two encodings to sRGB.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/mirror_pass.py
 
-Prints, for the mirror's pass of a 640 x 640 px picture, the median milliseconds on the wall and of
-all processors, drawn in turns, and the ratio of the latter to the law in the shader with the power
-of sRGB's definition. Decided by it:
-render/projection/lookup_map.py, and the square roots in glsl/include/colour.glsl.
+Prints, for the mirror pass of a 640 x 640 px image, the median milliseconds of wall time and of all
+processors, rendered in turns, and the ratio of the latter to the camera model in the shader with
+the power function of sRGB's definition. Decisions: render/projection/lookup_map.py, and the square
+roots in glsl/include/colour.glsl.
 """
 
 from __future__ import annotations
@@ -18,23 +18,20 @@ from interleaved import median_ms
 from scenes import CAMERA_STATE, make_camera, make_worlds
 
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
+from catoptra_server.planning.explicit_plan import plan_from_settings
 from catoptra_server.render.projection.atlas import pack_atlas
 from catoptra_server.render.projection.lookup_map import compute_lookup_map
 from catoptra_server.render.raster import RasterRenderer, open_device
 from catoptra_server.render.raster.atlas_lookup import set_atlas_uniforms
 from catoptra_server.render.raster.mirror_pass import rim_polygon
 from catoptra_server.render.raster.shader_programs import GLSL_VERSION, load_source, set_uniform
-from catoptra_server.render.render_plan import (
-    PerPixel,
-    RendererKind,
-    RenderSettings,
-    plan_from_settings,
-)
+from catoptra_server.render.renderer_kind import RendererKind
+from catoptra_server.robot.render_settings import PerPixel, RenderSettings
 from catoptra_server.scene.scene_mesh import build_scene
 
 ROUNDS = 40
 
-# The law in t = tan(theta / 2) as optics/mirrors/hyperbolic.py has it, then the face and the place.
+# The camera model in t = tan(theta / 2), as in optics/mirrors/hyperbolic.py, then face and texel.
 CAMERA_MODEL = """
 uniform sampler2D atlas;
 uniform vec2 centre_px;
@@ -46,16 +43,16 @@ vec3 light(ivec2 sample_at)
     float gain = 1.0 / (kappa_s * (1.0 + sqrt(1.0 + squared * inverse_s2)));
     float t = gain * sqrt(squared);
     vec3 direction = vec3(-2.0 * gain * ratio.yx, (1.0 - t) * (1.0 + t));
-    vec3 seen = textureLod(atlas, atlas_coordinates(direction), 0.0).rgb;
-    return t <= rim_t ? seen : vec3(0.0);
+    vec3 radiance = textureLod(atlas, atlas_coordinates(direction), 0.0).rgb;
+    return t <= rim_t ? radiance : vec3(0.0);
 }
 """
 LOOKUP_MAP = """
-uniform sampler2D atlas, places;
+uniform sampler2D atlas, lookup_map;
 vec3 light(ivec2 sample_at)
 {
-    vec2 place = texelFetch(places, sample_at, 0).xy;
-    return place.x >= 0.0 ? textureLod(atlas, place, 0.0).rgb : vec3(0.0);
+    vec2 coordinates = texelFetch(lookup_map, sample_at, 0).xy;
+    return coordinates.x >= 0.0 ? textureLod(atlas, coordinates, 0.0).rgb : vec3(0.0);
 }
 """
 POWER = """
@@ -80,25 +77,25 @@ void main()
 
 
 def fragment(samples: int, light: str, encoded: str) -> str:
-    head = f"{GLSL_VERSION}\n#define SAMPLES {samples}\n#define FACES 5\n"
+    head = f"{GLSL_VERSION}\n#define SAMPLES {samples}\n#define NUM_FACES 5\n"
     includes = ["include/colour.glsl", *(["include/atlas.glsl"] if light is CAMERA_MODEL else [])]
     texts = [load_source(path).removeprefix(GLSL_VERSION) for path in includes]
     return "\n".join((head, *texts, light, encoded, MAIN))
 
 
 def set_camera_model(program: moderngl.Program) -> None:
-    shown = make_camera()
-    mirror = shown.mirror
+    camera = make_camera()
+    mirror = camera.mirror
     assert isinstance(mirror, HyperbolicMirror)
-    set_uniform(program, "centre_px", shown.centre_px)
-    set_uniform(program, "inverse_h", 1.0 / shown.horizon_radius_px)
+    set_uniform(program, "centre_px", camera.centre_px)
+    set_uniform(program, "inverse_h", 1.0 / camera.horizon_radius_px)
     set_uniform(program, "kappa_s", mirror.kappa * mirror.s)
     set_uniform(program, "inverse_s2", 1.0 / mirror.s**2)
-    set_uniform(program, "rim_t", shown.rim_t)
+    set_uniform(program, "rim_t", camera.rim_t)
 
 
 def make_renderer(samples: int, light: str, encoded: str) -> Callable[[], object]:
-    """Return what draws the pass from faces of the field, in a device of its own."""
+    """A function that renders the pass from faces of the field, on a device of its own."""
     world = make_worlds()["field"]
     device = open_device()
     renderer = RasterRenderer(build_scene(world), world, device=device)
@@ -127,15 +124,15 @@ def make_renderer(samples: int, light: str, encoded: str) -> Callable[[], object
         else:
             size = (640 * samples, 640 * samples)
             table = compute_lookup_map(make_camera(), atlas, samples)
-            places = context.texture(size, 2, table, dtype="f4")
-            places.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            program["places"] = 1
+            lookup_texture = context.texture(size, 2, table, dtype="f4")
+            lookup_texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            program["lookup_map"] = 1
 
     def draw() -> None:
         with context:
             faces.use(0)
             if light is not CAMERA_MODEL:
-                places.use(1)
+                lookup_texture.use(1)
             context.enable_only(moderngl.NOTHING)
             target.use()
             target.clear()
@@ -148,8 +145,8 @@ def make_renderer(samples: int, light: str, encoded: str) -> Callable[[], object
 def main() -> None:
     for samples in (1, 2, 3):
         draws = {
-            "law in the shader, power": make_renderer(samples, CAMERA_MODEL, POWER),
-            "law in the shader, roots": make_renderer(samples, CAMERA_MODEL, ROOTS),
+            "model in the shader, power": make_renderer(samples, CAMERA_MODEL, POWER),
+            "model in the shader, roots": make_renderer(samples, CAMERA_MODEL, ROOTS),
             "looked up, power": make_renderer(samples, LOOKUP_MAP, POWER),
             "looked up, roots": make_renderer(samples, LOOKUP_MAP, ROOTS),
         }

@@ -1,4 +1,4 @@
-"""The scenes that questions about rendering are asked on: the field, and many small triangles."""
+"""Scenes of the measurements: the field, and others with many small triangles."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from catoptra_server.scene.world_description import (
     World,
 )
 
-FIELD = Path(__file__).parents[3] / "configs/worlds/four_legged_2006.ini"
+FIELD = Path(__file__).parents[2] / "configs/worlds/four_legged_2006.ini"
 CORRIDOR = FIELD.parent / "corridor.ini"
 CAMERA_STATE = CameraState(Pose.from_rpy((0.5, 0.3, -0.6), (0.0, 0.0, 0.3)))
 
@@ -33,25 +33,25 @@ def make_worlds() -> dict[str, World]:
 
 
 def make_worlds_with_million_triangles() -> dict[str, World]:
-    """Return the same worlds, and 500 balls on a floor."""
+    """The worlds of `make_worlds`, and 500 balls on a floor."""
     return {**make_worlds(), "million": make_balls(500)}
 
 
 def make_balls(count: int = 30, *, sectors: int = 50, rings: int = 20) -> World:
-    """Return balls on a floor, as they come 60 000 triangles, most of them a few pixels large."""
+    """Balls on a floor: 60 000 triangles by default, most of them a few pixels large."""
     rng = np.random.default_rng(1)
     items = [Item("floor", Rectangle((20, 20)), Pose.identity(), Material((0.02, 0.25, 0.05)))]
     for index in range(count):
-        place = Pose.from_rpy((*rng.uniform(-6.0, 6.0, 2), -rng.uniform(0.0, 1.0)))
+        pose = Pose.from_rpy((*rng.uniform(-6.0, 6.0, 2), -rng.uniform(0.0, 1.0)))
         red, green, blue = rng.uniform(0.0, 1.0, 3)
         shape = SphereBand(0.15, 0.0, math.radians(179.0), sectors, rings)
-        items.append(Item(f"ball {index}", shape, place, Material((red, green, blue))))
+        items.append(Item(f"ball {index}", shape, pose, Material((red, green, blue))))
     light = HemisphereLight((0.7, 0.7, 0.7), (0.3, 0.3, 0.3))
     return World("balls", tuple(items), lights=(light,), background=(0.3, 0.3, 0.35))
 
 
 def make_thin_objects_world() -> World:
-    """Return what is hard to find between sparse rays: bars of 5 mm, wires of 1 mm, confetti."""
+    """Objects that sparse rays may miss: bars of 5 mm, wires of 1 mm, confetti."""
     rng = np.random.default_rng(2)
     white, red = Material((0.9, 0.9, 0.9), unlit=True), Material((0.9, 0.1, 0.1), unlit=True)
     items = [Item("floor", Rectangle((20, 20)), Pose.identity(), Material((0.02, 0.25, 0.05)))]
@@ -59,18 +59,18 @@ def make_thin_objects_world() -> World:
         angle = 2.0 * math.pi * index / 100
         for radius, width, shift in ((2.0, 0.005, 0.0), (3.0, 0.001, 0.5)):
             turned = angle + shift * 2.0 * math.pi / 100
-            place = (radius * math.cos(turned), radius * math.sin(turned), -0.5)
-            pose = Pose.from_rpy(place, (0.0, 0.0, turned))
+            location_m = (radius * math.cos(turned), radius * math.sin(turned), -0.5)
+            pose = Pose.from_rpy(location_m, (0.0, 0.0, turned))
             items.append(Item(f"bar {radius} {index}", Box((width, width, 1.0)), pose, white))
     for index in range(300):
-        place = (*rng.uniform(-3.0, 3.0, 2), -rng.uniform(0.0, 1.2))
-        pose = Pose.from_rpy(place, tuple(rng.uniform(-3.0, 3.0, 3)))
+        location_m = (*rng.uniform(-3.0, 3.0, 2), -rng.uniform(0.0, 1.2))
+        pose = Pose.from_rpy(location_m, tuple(rng.uniform(-3.0, 3.0, 3)))
         items.append(Item(f"confetto {index}", Rectangle((0.006, 0.006)), pose, red))
     return World("fence", tuple(items), background=(0.3, 0.3, 0.35))
 
 
 def make_camera(width_px: int = 640) -> OmniCamera:
-    """Return the paper's camera."""
+    """The paper's camera."""
     return camera_with_inscribed_rim(
         PAPER_MIRROR,
         width_px=width_px,

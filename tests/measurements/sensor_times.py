@@ -1,10 +1,10 @@
-"""What does a cycle of range sensors cost: 181 beams and 16 sonars, alone and among other robots?
+"""Time of a cycle of range sensors: 181 beams and 16 sonars, alone and among other robots.
 
 Run: .venv/bin/python tests/measurements/sensor_times.py
 
-Prints the median and the 95th percentile in milliseconds of each sensor of the shipped P2AT, of its
-sonars with UDK's cones of 10 rings of 16 rays, and of a whole cycle; in two worlds, with no other
-robot and with seven. Decided by it: cones of 3 rings of 8 rays (0.1 ms).
+Prints the median and the 95th percentile in milliseconds of each sensor of the bundled P2AT, of its
+sonars with UDK's cones of 10 rings of 16 rays, and of a whole cycle; in two worlds, without other
+robots and with seven. Decision: cones of 3 rings of 8 rays (0.1 ms).
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
-from catoptra_server.robot.robot_description import RobotDescription, SonarDescription
+from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SensorContext, build_sensors
 from catoptra_server.sensors.sensor_environment import SensorEnvironment
+from catoptra_server.sensors.sonar import SonarDescription
 
-REPOSITORY = Path(__file__).parents[3]
+REPOSITORY = Path(__file__).parents[2]
 _ROUNDS = 300
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all sensors, and print the times."""
     robot, _ = read_robot(REPOSITORY / "configs/robots/p2at.ini")
     ring = [
         OrientedBox(_make_pose(3.0, a), robot.drive.collision_size_m)

@@ -73,7 +73,7 @@ def print_errors(world: World, samples: int, frames: int) -> None:
         views[stride] = trace.prepare(make_camera(), plan)
     for view in views.values():
         for pose in make_poses(WARM_UP_FRAMES):
-            view.draw(CameraState(pose))
+            view.render(CameraState(pose))
     times: dict[int, list[float]] = {stride: [] for stride in STRIDES}
     different, largest = dict.fromkeys(STRIDES, 0), dict.fromkeys(STRIDES, 0)
     for pose in make_poses(frames):

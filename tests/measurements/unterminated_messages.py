@@ -1,13 +1,14 @@
-"""Who stops a ZeroMQ message that never ends: a watch on byte counters, or a turnstile?
+"""Defence against a ZeroMQ message that never ends: a monitor of byte counters, or the guard.
 
 Run: .venv/bin/python tests/measurements/unterminated_messages.py. Linux only, for TCP_INFO.
 
-Three servers answer with raw frames of 640 x 640: a bare ROUTER; one with a watch, which every 20
-or 50 ms shuts whoever sent 1 MiB (a best case: it need not subtract what was delivered); and the
-server's own RouterSocket. Prints what a frame costs, interleaved and in medians; then how far the
-memory grows under four attackers at full speed who come again when cut off (the bare ROUTER is
-attacked for half a second only), and what a client at 40 frames/s still gets.
-Decided by it: the turnstile.
+Three servers reply with raw frames of 640 x 640: a bare ROUTER; one with a monitor that every 20 or
+50 ms closes the connections that sent more than 1 MiB (a best case: delivered bytes are not
+subtracted); and the server's own RouterSocket behind its connection guard. Prints the cost of a
+frame, in turns and as medians; then the growth of memory under four attackers at full speed that
+reconnect when disconnected (the bare ROUTER is attacked for half a second only), and the frames
+that a client at 40 frames/s still receives. Decision: the connection guard
+(transports/stream/connection_guard.py).
 """
 
 from __future__ import annotations
@@ -27,9 +28,8 @@ from pathlib import Path
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from catoptra_server.transports.stream import router_socket
 from catoptra_server.transports.stream.router_socket import RouterSocket
 from helpers.zmtp import LONG, MORE, connect_with_handshake, zmtp_frame
 
@@ -41,46 +41,46 @@ BLOCKS = {
     "8 KiB": zmtp_frame(bytes(8192), LONG | MORE) * 32,
 }
 ATTACKERS = 4
-ATTACK_S = {"bare": 0.5, "watch 20": 5.0, "watch 50": 5.0, "turnstile": 5.0}
+ATTACK_S = {"bare": 0.5, "monitor 20": 5.0, "monitor 50": 5.0, "guard": 5.0}
 MAX_OUTSTANDING_BYTES = 2**20
 BYTES_RECEIVED_OFFSET = 128  # tcpi_bytes_received in linux/tcp.h
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure the cost of a frame and the growth under attack, and print both."""
     print("cost of a frame: round trip, processor time of the server at 40/s")
     for _ in range(3):
-        for kind in ("bare", "turnstile"):
+        for kind in ("bare", "guard"):
             with run_server(kind) as (server, port), connect_client(port) as peer:
                 trip_ms = 1e3 * statistics.median(measure_round_trips_s(peer, 300, 0.0))
                 before_s = read_cpu_s(server)
                 measure_round_trips_s(peer, 120, FRAME_PERIOD_S)
                 cpu_ms = 1e3 * (read_cpu_s(server) - before_s) / 120
                 print(f"  {kind:10s} {trip_ms:5.2f} ms   {cpu_ms:5.2f} ms")
-    print(f"growth under {ATTACKERS} attackers; frames that a client got, worst round trip")
+    print(f"growth under {ATTACKERS} attackers; frames received by a client, longest round trip")
     for block in BLOCKS:
         for kind in ATTACK_S:
             attack(kind, block)
 
 
 def attack(kind: str, block: str) -> None:
-    """Attack a server; print what it took."""
+    """Attack a server; print the growth of memory and the frames of a client."""
     with run_server(kind) as (server, port), connect_client(port) as peer:
         measure_round_trips_s(peer, 40, FRAME_PERIOD_S)
         before_mb = read_memory_mb(server)
-        wanted = round(ATTACK_S[kind] / FRAME_PERIOD_S)
+        expected = round(ATTACK_S[kind] / FRAME_PERIOD_S)
         arguments = ["attack", str(port), block, str(ATTACK_S[kind])]
         attackers = [subprocess.Popen([sys.executable, __file__, *arguments])
                      for _ in range(ATTACKERS)]  # fmt: skip
-        got_s, peak_mb, end_s = [], 0.0, time.monotonic() + ATTACK_S[kind]
+        trips_s, peak_mb, end_s = [], 0.0, time.monotonic() + ATTACK_S[kind]
         while time.monotonic() < end_s:
-            got_s += measure_round_trips_s(peer, 1, FRAME_PERIOD_S)
+            trips_s += measure_round_trips_s(peer, 1, FRAME_PERIOD_S)
             peak_mb = max(peak_mb, read_memory_mb(server) - before_mb)
         for attacker in attackers:
             attacker.kill()
             attacker.wait()
-        print(f"  {kind:10s} {block:6s} {peak_mb:6.0f} MB   {len(got_s):3d} of {wanted:3d}, "
-              f"{1e3 * max(got_s):4.0f} ms")  # fmt: skip
+        print(f"  {kind:10s} {block:6s} {peak_mb:6.0f} MB   {len(trips_s):3d} of {expected:3d}, "
+              f"{1e3 * max(trips_s):4.0f} ms")  # fmt: skip
 
 
 @contextmanager
@@ -95,7 +95,7 @@ def run_server(kind: str) -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def connect_client(port: int) -> Iterator[zmq.Socket[bytes]]:
-    """Connect as any program would."""
+    """Connect a DEALER socket."""
     with zmq.Context() as context, context.socket(zmq.DEALER) as peer:
         peer.set(zmq.LINGER, 0)
         peer.connect(f"tcp://{HOST}:{port}")
@@ -103,31 +103,31 @@ def connect_client(port: int) -> Iterator[zmq.Socket[bytes]]:
 
 
 def measure_round_trips_s(peer: zmq.Socket[bytes], count: int, period_s: float) -> list[float]:
-    """Ask for frames, one a period; return how long each took."""
-    took = []
+    """Round-trip times of a number of requests, one per period."""
+    trips_s = []
     for _ in range(count):
         begin = time.perf_counter()
-        peer.send(b"ask")
+        peer.send(b"request")
         peer.recv_multipart()
-        took.append(time.perf_counter() - begin)
-        time.sleep(max(0.0, period_s - took[-1]))
-    return took
+        trips_s.append(time.perf_counter() - begin)
+        time.sleep(max(0.0, period_s - trips_s[-1]))
+    return trips_s
 
 
 def read_cpu_s(process: int) -> float:
-    """Return the processor time that a process has used."""
+    """Processor time of a process."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def read_memory_mb(process: int) -> float:
-    """Return the resident memory of a process."""
+    """Resident memory of a process."""
     pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def send_unterminated_message(port: int, block: bytes, end_s: float) -> None:
-    """Never end a message; come again when cut off."""
+    """Send parts of a message without end; reconnect when disconnected."""
     while time.monotonic() < end_s:
         with suppress(OSError, AssertionError), connect_with_handshake(port) as peer:
             peer.settimeout(1.0)
@@ -136,51 +136,52 @@ def send_unterminated_message(port: int, block: bytes, end_s: float) -> None:
 
 
 async def serve_behind_guard() -> None:
-    """Answer everything with a frame, for ever; print the port."""
-    router = RouterSocket(HOST, 0, lambda who, _: router.send(who, FRAME))
+    """Reply to every request with a frame, through the guard; print the port."""
+    router = RouterSocket(HOST, 0, lambda peer_id, _: router.send(peer_id, FRAME))
     print(router.port, flush=True)
     await asyncio.Event().wait()
 
 
 def serve_bare(monitor_interval_s: float) -> None:
-    """The same without a turnstile; 0: without a watch."""
-    bare = router_socket._bind_router(zmq.Context(), f"tcp://{HOST}:*")
+    """The same without a guard, with a monitor at an interval; 0 = without a monitor."""
+    bare = zmq.Context().socket(zmq.ROUTER)
+    bare.bind(f"tcp://{HOST}:*")
     events = bare.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
     print(bare.get_string(zmq.LAST_ENDPOINT).rpartition(":")[2], flush=True)
-    watched: dict[int, socket.socket] = {}
-    look_s = time.monotonic()
+    connections: dict[int, socket.socket] = {}
+    next_check_s = time.monotonic()
     while True:
         bare.poll(1000 * (monitor_interval_s or 1.0))
         answer_requests(bare)
-        if monitor_interval_s and time.monotonic() >= look_s:
-            track_connections(events, watched)
-            disconnect_senders(watched)
-            look_s = time.monotonic() + monitor_interval_s
+        if monitor_interval_s and time.monotonic() >= next_check_s:
+            track_connections(events, connections)
+            disconnect_senders(connections)
+            next_check_s = time.monotonic() + monitor_interval_s
 
 
 def answer_requests(bare: zmq.Socket[bytes]) -> None:
-    """Answer whoever asked."""
+    """Reply to all requests that have arrived."""
     with suppress(zmq.Again):
         while True:
-            who, *_ = bare.recv_multipart(zmq.NOBLOCK)
-            bare.send_multipart([who, *FRAME], zmq.NOBLOCK)
+            peer_id, *_ = bare.recv_multipart(zmq.NOBLOCK)
+            bare.send_multipart([peer_id, *FRAME], zmq.NOBLOCK)
 
 
 def track_connections(events: zmq.Socket[bytes], connections: dict[int, socket.socket]) -> None:
-    """Keep a second descriptor of every connection."""
+    """Keep a second descriptor of every accepted connection."""
     with suppress(zmq.Again):
         while True:
             event = parse_monitor_message(events.recv_multipart(zmq.NOBLOCK))
-            gone = connections.pop(event["value"], None)
-            if gone is not None:
-                gone.close()
-            with suppress(OSError):  # it is gone already
+            closed = connections.pop(event["value"], None)
+            if closed is not None:
+                closed.close()
+            with suppress(OSError):  # already closed by the peer
                 if event["event"] == zmq.EVENT_ACCEPTED:
                     connections[event["value"]] = socket.socket(fileno=os.dup(event["value"]))
 
 
 def disconnect_senders(connections: dict[int, socket.socket]) -> None:
-    """Shut whoever sent too much."""
+    """Close the connections that sent more than the limit."""
     for number, end in list(connections.items()):
         with suppress(OSError):
             info = end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
@@ -192,7 +193,7 @@ def disconnect_senders(connections: dict[int, socket.socket]) -> None:
 
 if __name__ == "__main__":
     match sys.argv[1:]:
-        case ["serve", "turnstile"]:
+        case ["serve", "guard"]:
             asyncio.run(serve_behind_guard())
         case ["serve", kind]:
             serve_bare(int(kind.partition(" ")[2] or 0) / 1e3)

@@ -1,4 +1,4 @@
-"""The clients of the soak test: many that behave, and some that do not. All on one asyncio loop."""
+"""Clients of the load test, on one asyncio loop: many regular ones, and some adversarial ones."""
 
 from __future__ import annotations
 
@@ -26,16 +26,19 @@ from helpers import zmtp
 
 @dataclass
 class LoadRecord:
-    """What the crowd saw: arrival times of STA by client, frames by viewer, what went wrong."""
+    """Observations of the regular clients."""
 
     status_times_s: dict[int, list[float]] = field(default_factory=dict)
+    """Arrival times of STA by number of the controller."""
     frames: dict[str, int] = field(default_factory=dict)
+    """Number of frames by viewer."""
     faults: list[str] = field(default_factory=list)
+    """Errors, disconnections and frames out of order."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServerEndpoints:
-    """Where the server listens."""
+    """Address and ports of the server."""
 
     host: str
     control_port: int
@@ -44,12 +47,12 @@ class ServerEndpoints:
 
 
 async def run_controller(address: ServerEndpoints, number: int, record: LoadRecord) -> None:
-    """Spawn a robot, drive every second one in circles, note when its status comes."""
+    """Spawn a robot, drive every second one in circles, and record the arrival of its status."""
     reader, writer = await asyncio.open_connection(address.host, address.control_port)
     protocol = ControlClient()
     row, column = divmod(number, 9)
-    place = (1.1 * (column - 4), 0.95 * (row - 3.5), 0.0)  # a grid over the laboratory
-    writer.write(protocol.send(Init("USARBot.OmniP2AT", f"Soak{number}", place)))
+    location_m = (1.1 * (column - 4), 0.95 * (row - 3.5), 0.0)  # a grid over the laboratory
+    writer.write(protocol.send(Init("USARBot.OmniP2AT", f"Soak{number}", location_m)))
     if number % 2:
         writer.write(protocol.send(Drive(1.0, 0.4)))
     arrivals = record.status_times_s.setdefault(number, [])
@@ -58,7 +61,7 @@ async def run_controller(address: ServerEndpoints, number: int, record: LoadReco
             now = time.monotonic()
             reports = protocol.receive(data)
             arrivals.extend(now for report in reports if isinstance(report, VehicleStatus))
-        record.faults.append(f"controller {number} was cut off")
+        record.faults.append(f"controller {number} was disconnected")
     except (ConnectionError, RemoteProtocolError) as error:
         record.faults.append(f"controller {number}: {error}")
     finally:
@@ -68,7 +71,7 @@ async def run_controller(address: ServerEndpoints, number: int, record: LoadReco
 async def run_viewer(
     address: ServerEndpoints, number: int, record: LoadRecord, *, pause_s: float
 ) -> None:
-    """Ask for frame after frame, with a pause between; each must be whole."""
+    """Request frame after frame, with a pause between; each must be complete."""
     reader, writer = await asyncio.open_connection(address.host, address.image_port)
     frames = ImageFrameReader()
     name = f"viewer {number}"
@@ -82,7 +85,7 @@ async def run_viewer(
                     record.faults.append(f"{name}: a frame that is no JPEG")
                 await asyncio.sleep(pause_s)
                 writer.write(encode_full_frame_request())
-        record.faults.append(f"{name} was cut off")
+        record.faults.append(f"{name} was disconnected")
     except (ConnectionError, RemoteProtocolError) as error:
         record.faults.append(f"{name}: {error}")
     finally:
@@ -92,7 +95,7 @@ async def run_viewer(
 async def run_stream_viewer(
     address: ServerEndpoints, number: int, record: LoadRecord, *, robot: str
 ) -> None:
-    """Ask the stream for frame after frame of one robot, or of the screen; each must be newer."""
+    """Request frames of one robot, or of the default camera, on the stream; each must be newer."""
     context = zmq.asyncio.Context()
     name = f"stream viewer {number}"
     record.frames[name] = 0
@@ -101,10 +104,10 @@ async def run_stream_viewer(
         with context.socket(zmq.DEALER) as peer:
             peer.connect(f"tcp://{address.host}:{address.stream_port}")
             for id_ in count(1):
-                ask = bytes_from_message(GetFrameRequest(id_, robot, "", ImageEncoding.JPEG))
-                await peer.send(ask)
+                request = bytes_from_message(GetFrameRequest(id_, robot, "", ImageEncoding.JPEG))
+                await peer.send(request)
                 header = await _receive_stream_frame(peer)
-                if not isinstance(header, FrameHeader):  # the robot is not there yet
+                if not isinstance(header, FrameHeader):  # the robot is not spawned yet
                     await asyncio.sleep(0.1)
                     continue
                 record.frames[name] += 1
@@ -118,16 +121,16 @@ async def run_stream_viewer(
 
 
 async def _receive_stream_frame(peer: zmq.asyncio.Socket) -> FrameHeader | Error:
-    """Return what answers the request for a frame; pulses come between."""
+    """Reply to the request of a frame; heartbeats in between are skipped."""
     while True:
         parts = await peer.recv_multipart()
-        answer = reply_from_bytes(parts[0])
-        if isinstance(answer, FrameHeader | Error):
-            return answer
+        reply = reply_from_bytes(parts[0])
+        if isinstance(reply, FrameHeader | Error):
+            return reply
 
 
 async def run_unterminated_stream_client(address: ServerEndpoints) -> None:
-    """Send the parts of a message that never ends, until it is cut off; then come again."""
+    """Send the parts of an unterminated message until disconnected, and reconnect."""
     loop = asyncio.get_running_loop()
     while True:
         connection = await _connect(address.host, address.stream_port)
@@ -141,7 +144,7 @@ async def run_unterminated_stream_client(address: ServerEndpoints) -> None:
 
 
 async def run_unread_viewer(address: ServerEndpoints) -> None:
-    """Ask for frames for ever and read none."""
+    """Request frames without end, and read none."""
     connection = await _connect(address.host, address.image_port)
     with contextlib.closing(connection), contextlib.suppress(ConnectionError):
         loop = asyncio.get_running_loop()
@@ -151,7 +154,7 @@ async def run_unread_viewer(address: ServerEndpoints) -> None:
 
 
 async def run_resetting_viewer(address: ServerEndpoints) -> None:
-    """Reset the connection in the middle of a frame, again and again."""
+    """Reset the connection within a frame, again and again."""
     loop = asyncio.get_running_loop()
     while True:
         connection = await _connect(address.host, address.image_port)
@@ -175,13 +178,13 @@ async def run_unterminated_controller(address: ServerEndpoints) -> None:
 
 
 async def run_unread_controller(address: ServerEndpoints) -> None:
-    """Ask for configurations without reading an answer, until it is cut off; then come again."""
+    """Query configurations without reading replies until disconnected, and reconnect."""
     loop = asyncio.get_running_loop()
     protocol = ControlClient()
     while True:
         connection = await _connect(address.host, address.control_port)
         with contextlib.closing(connection), contextlib.suppress(ConnectionError):
-            init = protocol.send(Init("USARBot.OmniP2AT", "Deaf", (0.0, 0.0, 0.0)))
+            init = protocol.send(Init("USARBot.OmniP2AT", "Unread", (0.0, 0.0, 0.0)))
             await loop.sock_sendall(connection, init)
             while True:
                 await loop.sock_sendall(connection, protocol.send(GetConf("Camera")) * 20)
