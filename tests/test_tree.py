@@ -1,6 +1,7 @@
-"""The tree keeps its rules: a test for every module, a door for every library, no private paths.
+"""Rules of the tree that import-linter (`make lint`) cannot check.
 
-Directions of imports are import-linter's (`make lint`); what is here is what it cannot say.
+A test file for every module with behaviour, sockets in few modules, no clocks in the protocol, no
+sleeps in tests, no paths of one machine.
 """
 
 from __future__ import annotations
@@ -16,86 +17,61 @@ import pytest
 
 from helpers.configs import REPOSITORY
 
-PACKAGES = ("protocol", "server", "client")
+PACKAGES = ("protocol", "server", "client", "studies")
 
-_DRAWN = "a picture: tests/studies/camera_figures/test_main.py draws it whole"
-_COST = "the study: tests/studies/accuracy_cost/test_command.py runs it whole, small"
-_DEGRADED = "the study: tests/end_to_end/test_degraded.py runs it whole, small"
-_RUN = "the experiment: tests/end_to_end/test_experiment.py runs it whole"
+_FIGURE = "a figure: tests/studies/camera_figures/test_figures_command.py draws all of them"
+_COST = "the study: tests/studies/accuracy_cost/test_cost_command.py runs it whole, small"
+_DEGRADATION = "the study: tests/studies/degradation/test_degradation_study.py runs it whole, small"
+_DEMO = "the experiment: tests/studies/experiment/test_experiment_runner.py runs it whole, small"
 
 # Modules without a test file of their own, and why.
 WITHOUT_TEST = {
-    "protocol/errors.py": "the tree of errors: what they say is tested where they are raised",
-    "server/robot/description.py": "frozen data; tests/server/config/test_robot_file.py reads it",
-    "server/figures/catalogue.py": _DRAWN,
-    "server/figures/cube.py": _DRAWN,
-    "server/figures/faces.py": _DRAWN,
-    "server/figures/meshes.py": _DRAWN,
-    "server/figures/omni_frame.py": _DRAWN,
-    "server/figures/polygon_error.py": _DRAWN,
-    "server/figures/polygons.py": _DRAWN,
-    "server/figures/rings.py": _DRAWN,
-    "server/cost/pictures/detail.py": _COST,
-    "server/cost/pictures/frame_rates.py": _COST,
-    "server/cost/pictures/landmarks.py": _COST,
-    "server/cost/pictures/legend.py": _COST,
-    "server/cost/pictures/pareto.py": _COST,
-    "server/cost/pictures/polygons.py": _COST,
-    "server/cost/study.py": _COST,
-    "server/cost/telling.py": _COST,
-    "client/experiment/cost/__main__.py": "a command line: tests/end_to_end/test_cost.py runs it",
-    "client/experiment/degraded/__main__.py": _DEGRADED,
-    "client/experiment/degraded/study.py": _DEGRADED,
-    "client/experiment/pictures/degraded.py": _DEGRADED,
-    "client/__main__.py": "a command line: tests/client/landmarks/test_training.py does the work",
-    "client/experiment/__main__.py": _RUN,
-    "client/experiment/results.py": _RUN,
-    "client/experiment/server_process.py": _RUN,
-    "client/experiment/session.py": _RUN,
-    "client/experiment/training_frames.py": _RUN,
-    "client/experiment/pictures/classifier_view.py": _RUN,
-    "client/experiment/pictures/errors.py": _RUN,
-    "client/experiment/pictures/overview.py": _RUN,
-    "client/experiment/pictures/style.py": _RUN,
-    "client/experiment/pictures/trajectories.py": _RUN,
+    "protocol/errors.py": "the tree of errors: each is tested where the code raises it",
+    "server/robot/robot_description.py": "data; tests/server/config/test_robot_file.py reads all",
+    "client/__main__.py": "a command line: tests/client/landmarks/test_training.py tests its work",
+    "client/training_frames.py": "drives a robot: tests/client/landmarks/test_training.py",
+    "studies/accuracy_cost/cost_plots.py": _COST,
+    "studies/accuracy_cost/cost_study.py": _COST,
+    "studies/accuracy_cost/plots/detail_plot.py": _COST,
+    "studies/accuracy_cost/plots/frame_rate_plot.py": _COST,
+    "studies/accuracy_cost/plots/localization_plot.py": _COST,
+    "studies/accuracy_cost/plots/pareto_plot.py": _COST,
+    "studies/accuracy_cost/plots/plot_legend.py": _COST,
+    "studies/accuracy_cost/plots/polygon_plot.py": _COST,
+    "studies/camera_figures/cube_figure.py": _FIGURE,
+    "studies/camera_figures/face_figure.py": _FIGURE,
+    "studies/camera_figures/mesh_figure.py": _FIGURE,
+    "studies/camera_figures/omni_frame_figure.py": _FIGURE,
+    "studies/camera_figures/polygon_error_figure.py": _FIGURE,
+    "studies/camera_figures/polygon_frames_figure.py": _FIGURE,
+    "studies/camera_figures/ring_figure.py": _FIGURE,
+    "studies/degradation/degradation_plot.py": _DEGRADATION,
+    "studies/effects/effects_command.py": "the command: tests/studies/effects/test_effect_pages.py",
+    "studies/experiment/demo_command.py": _DEMO,
+    "studies/experiment/experiment_results.py": _DEMO,
+    "studies/experiment/plots/classifier_plot.py": _DEMO,
+    "studies/experiment/plots/error_plot.py": _DEMO,
+    "studies/experiment/plots/overview_plot.py": _DEMO,
+    "studies/experiment/plots/trajectory_plot.py": _DEMO,
+    "studies/experiment/server_process.py": _DEMO,
 }
 
-# Design, section 2: one door each. A folder stands for all modules in it.
-DOORS = {
-    "moderngl": ("server/render/raster",),
-    "embreex": ("server/render/trace",),
-    "trimesh": ("server/scene/mesh_files.py",),
-    "PIL": ("server/scene/meshes.py", "server/figures"),
-    "cv2": (
-        *(
-            "server/cost/image_error.py",
-            "server/imaging/encode.py",
-            "client/unwarp.py",
-            "client/landmarks",
-            "client/images.py",
-        ),
-        "client/frame.py",
-    ),
-    "zmq": ("server/transports/zmq_stream_socket.py", "client/stream_socket.py"),
-    "msgpack": ("protocol/wire/envelope.py",),
-    "matplotlib": ("server/figures/style.py", "client/experiment/pictures/style.py"),
-    "rich": ("server/cost", "server/figures", "client/__main__.py", "client/experiment"),
-    "socket": (
-        "client/tcp.py",
-        "client/control_connection.py",
-        "client/robot.py",
-        "client/images.py",
-        "client/stream.py",
-        "server/transports",
-        "server/doctor/ports.py",
-    ),
-}
-# The wire is sans-I/O: bytes and text alone.
-NOT_FOR_THE_WIRE = {"socket", "asyncio", "time", "select", "selectors", "threading", "random"}
+# Modules that open sockets; a folder stands for all modules in it. Third-party packages have
+# contracts in pyproject.toml.
+SOCKET_MODULES = (
+    "client/tcp.py",
+    "client/control_connection.py",
+    "client/robot_client.py",
+    "client/frame_sources",
+    "server/transports",
+    "server/doctor/ports.py",
+)
+# The protocol is sans-I/O: bytes in, events out.
+NOT_IN_THE_PROTOCOL = {"socket", "asyncio", "time", "select", "selectors", "threading", "random"}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:
-    """Yield each module of a package: `server/scene/colour.py`, and where it is."""
+    """Yield the name of each module of a package, `server/app.py`, and its path."""
     root = REPOSITORY / package / "src" / f"catoptra_{package}"
     for path in sorted(root.rglob("*.py")):
         yield f"{package}/{path.relative_to(root).as_posix()}", path
@@ -106,15 +82,15 @@ MODULES = [name for name, _ in ALL_SOURCES if not name.endswith("/__init__.py")]
 
 
 def mirror_of(module: str) -> Path:
-    """Return where the test file of a module belongs."""
-    place = PurePosixPath(module)
-    stem = "main" if place.stem == "__main__" else place.stem
-    return REPOSITORY / "tests" / place.parent / f"test_{stem}.py"
+    """Path of the test file of a module."""
+    path = PurePosixPath(module)
+    stem = "main" if path.stem == "__main__" else path.stem
+    return REPOSITORY / "tests" / path.parent / f"test_{stem}.py"
 
 
 @cache
-def imported(path: Path) -> frozenset[str]:
-    """Return the top-level names of what a module imports, wherever in it."""
+def imported_packages(path: Path) -> frozenset[str]:
+    """Top-level names of all imports of a module, those inside functions too."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -125,7 +101,7 @@ def imported(path: Path) -> frozenset[str]:
 
 
 def has_behaviour(path: Path) -> bool:
-    """Return whether a module does anything: data and Protocols have no function with a body."""
+    """Whether a module computes anything: data and Protocols have no function with a body."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     functions = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
     return any(not _is_text(statement) for function in functions for statement in function.body)
@@ -146,25 +122,30 @@ def test_module_when_it_has_behaviour_has_a_test_file(module: str) -> None:
     )
 
 
-def test_modules_without_a_test_are_all_there() -> None:
+def test_modules_without_a_test_all_exist() -> None:
     assert set(WITHOUT_TEST) <= set(BEHAVING)
 
 
-@pytest.mark.parametrize("library", DOORS)
-def test_library_when_imported_comes_in_by_its_door(library: str) -> None:
+def test_sockets_are_opened_in_few_modules() -> None:
     elsewhere = [
         name
         for name, path in ALL_SOURCES
-        if library in imported(path)
-        and not any(name == door or name.startswith(f"{door}/") for door in DOORS[library])
+        if "socket" in imported_packages(path)
+        and not any(name == known or name.startswith(f"{known}/") for known in SOCKET_MODULES)
     ]
     assert elsewhere == []
 
 
-def test_wire_when_imported_brings_neither_sockets_nor_clocks() -> None:
-    wire = {name: path for name, path in ALL_SOURCES if name.startswith("protocol/wire/")}
-    assert wire
-    assert [name for name, path in wire.items() if imported(path) & NOT_FOR_THE_WIRE] == []
+def test_protocol_imports_neither_sockets_nor_clocks() -> None:
+    protocol = {
+        name: path
+        for name, path in ALL_SOURCES
+        if name.startswith(("protocol/usarsim/", "protocol/stream/"))
+    }
+    assert protocol
+    assert [
+        name for name, path in protocol.items() if imported_packages(path) & NOT_IN_THE_PROTOCOL
+    ] == []
 
 
 def test_tests_when_they_wait_do_not_sleep() -> None:
@@ -174,7 +155,7 @@ def test_tests_when_they_wait_do_not_sleep() -> None:
     assert [path.name for path in files if asleep.search(path.read_text(encoding="utf-8"))] == []
 
 
-def test_files_when_committed_name_no_place_of_one_machine() -> None:
+def test_files_when_committed_name_no_path_of_one_machine() -> None:
     private = re.compile(r"/(?:work|home|root|Users)/[A-Za-z0-9_.]")
     listed = subprocess.run(
         ["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, text=True, check=False
@@ -186,7 +167,7 @@ def test_files_when_committed_name_no_place_of_one_machine() -> None:
 
 
 def _text(name: str) -> str:
-    """Return the text of a tracked file; nothing if it is gone, or this one."""
+    """Text of a tracked file; empty for a deleted one and for this one."""
     path = REPOSITORY / name
     if not path.is_file() or path == Path(__file__):
         return ""
