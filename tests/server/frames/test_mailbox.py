@@ -1,10 +1,11 @@
-"""The slot between drawing and sending: the newest frame wins, and who asks when."""
+"""The slot between render thread and event loop: the newest frame, fresh or requested."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,19 +15,20 @@ from catoptra_server.frames.frame_events import FrameRendered, FrameRequested
 from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
 from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.simulation import SimulationEvent
+from helpers.loopback import run_scenario
 
 NOW_S = 1000.0
 
 
 def frame(sequence: int, *, age_s: float = 0.0, drawn_s: float = 0.0) -> Frame:
-    """Return a frame that was finished some time ago."""
+    """Frame that was finished some time ago."""
     rgb = np.zeros((1, 1, 3), dtype=np.uint8)
     finished_s = NOW_S - age_s
     return Frame(sequence, 0.0, rgb, finished_s, finished_s, render_duration_s=drawn_s)
 
 
-class Asked:
-    """Counts how often a frame was asked for."""
+class RequestCounter:
+    """Counts requests for a frame."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -36,42 +38,47 @@ class Asked:
         self.newer_than = newer_than
 
 
-def run(scene: Callable[[Mailbox, Asked], Awaitable[None]], *, ahead: bool = True) -> None:
-    async def main() -> None:
-        asked = Asked()
-        await asyncio.wait_for(
-            scene(Mailbox(asked, prefetch=ahead, monotonic=lambda: NOW_S), asked), 5.0
-        )
+def run(
+    scenario: Callable[[Mailbox, RequestCounter], Coroutine[Any, Any, None]],
+    *,
+    prefetch: bool = True,
+) -> None:
+    """Run a scenario with a mailbox and the counter of its requests."""
 
-    asyncio.run(main())
+    # A mailbox belongs to the running loop: it is created on the loop.
+    async def with_mailbox() -> None:
+        requests = RequestCounter()
+        await scenario(Mailbox(requests, prefetch=prefetch, monotonic=lambda: NOW_S), requests)
+
+    run_scenario(with_mailbox())
 
 
 async def let_it_wait(task: asyncio.Task[Frame]) -> None:
-    """Let a task run up to where it waits."""
+    """Run a task up to its first wait."""
     await asyncio.sleep(0)
     assert not task.done()
 
 
-def test_frame_when_none_is_there_is_asked_for_and_waited_for() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+def test_frame_when_missing_is_requested_and_waited_for() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         task = asyncio.create_task(mailbox.wait_for_newer(0))
         await let_it_wait(task)
-        assert asked.count == 1
+        assert requests.count == 1
         mailbox.put(frame(1))
         assert (await task).sequence == 1
-        assert asked.count == 2  # the next one, ahead
+        assert requests.count == 2  # the next one, ahead
 
-    run(scene)
+    run(scenario)
 
 
-def test_frame_when_many_wait_comes_to_all() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+def test_frame_when_several_wait_reaches_all() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         tasks = [asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(5)]
         await let_it_wait(tasks[-1])
         mailbox.put(frame(1))
         assert {(await task).sequence for task in tasks} == {1}
 
-    run(scene)
+    run(scenario)
 
 
 @pytest.mark.parametrize(
@@ -84,10 +91,10 @@ def test_frame_when_many_wait_comes_to_all() -> None:
     ],
     ids=["young and new", "known already", "older than drawing takes", "younger than a tick"],
 )
-def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
+def test_stored_frame_when_prefetching_is_served_if_fresh_and_new(
     waiting: Frame, last: int, taken: bool
 ) -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         mailbox.put(waiting)
         await asyncio.sleep(0)
         task = asyncio.create_task(mailbox.wait_for_newer(last))
@@ -96,34 +103,34 @@ def test_waiting_frame_when_drawing_ahead_is_taken_if_young_and_new(
         mailbox.put(frame(6))
         assert (await task).sequence == (5 if taken else 6)
 
-    run(scene)
+    run(scenario)
 
 
-def test_waiting_frame_when_in_lockstep_is_never_taken() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+def test_stored_frame_under_lockstep_is_never_served() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         mailbox.put(frame(5, drawn_s=1e9))
         await asyncio.sleep(0)
         task = asyncio.create_task(mailbox.wait_for_newer(0))
         await let_it_wait(task)
         mailbox.put(frame(6))
         assert (await task).sequence == 6
-        assert asked.count == 1  # nothing ahead: time stands still
+        assert requests.count == 1  # nothing ahead: time stands still
 
-    run(scene, ahead=False)
+    run(scenario, prefetch=False)
 
 
 def test_frames_when_several_arrive_leave_the_newest() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         for sequence in (1, 2, 3):
             mailbox.put(frame(sequence, drawn_s=1e9))
         await asyncio.sleep(0)
         assert (await mailbox.wait_for_newer(0)).sequence == 3
 
-    run(scene)
+    run(scenario)
 
 
-def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+def test_waiting_task_when_cancelled_leaves_the_others_waiting() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         gone, stays = (asyncio.create_task(mailbox.wait_for_newer(0)) for _ in range(2))
         await let_it_wait(stays)
         gone.cancel()
@@ -132,25 +139,25 @@ def test_one_who_waits_when_cancelled_leaves_the_others_waiting() -> None:
         assert (await stays).sequence == 1
         assert gone.cancelled()
 
-    run(scene)
+    run(scenario)
 
 
-def test_frame_when_waited_for_is_asked_for_once_however_many_come() -> None:
-    async def scene(mailbox: Mailbox, asked: Asked) -> None:
+def test_frame_when_several_wait_is_requested_once() -> None:
+    async def scenario(mailbox: Mailbox, requests: RequestCounter) -> None:
         mailbox.put(frame(7, drawn_s=1e9))
         assert (await mailbox.wait_for_newer(6)).sequence == 7
-        assert asked.newer_than == 7  # the next one, ahead
+        assert requests.newer_than == 7  # the next one, ahead
         task = asyncio.create_task(mailbox.wait_for_newer(7))
         await let_it_wait(task)
-        assert asked.newer_than == 7  # the same one again: it is drawn only once
+        assert requests.newer_than == 7  # the same one again: it is drawn only once
         mailbox.put(frame(8))
         assert (await task).sequence == 8
 
-    run(scene)
+    run(scenario)
 
 
-def test_mailboxes_when_a_channel_was_watched_before_ask_for_any_frame() -> None:
-    async def main() -> None:
+def test_mailboxes_when_a_channel_existed_before_request_any_frame() -> None:
+    async def scenario() -> None:
         posted: list[SimulationEvent] = []
         boxes = Mailboxes(posted.append, prefetch=False)
         waiting = asyncio.create_task(boxes.get(IMAGE_PORT).wait_for_newer(0))
@@ -161,11 +168,11 @@ def test_mailboxes_when_a_channel_was_watched_before_ask_for_any_frame() -> None
         assert (await waiting).sequence == (await other).sequence == 38
         assert posted[1:] == [FrameRendered(IMAGE_PORT)]
 
-    asyncio.run(asyncio.wait_for(main(), 5.0))
+    run_scenario(scenario())
 
 
-def test_mailboxes_when_a_channel_shows_nothing_disappoint_who_waits_for_it_alone() -> None:
-    async def main() -> None:
+def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
+    async def scenario() -> None:
         boxes = Mailboxes(lambda request: None, prefetch=False)
         lost, kept = CameraChannel("Gone", ""), IMAGE_PORT
         waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
@@ -177,15 +184,15 @@ def test_mailboxes_when_a_channel_shows_nothing_disappoint_who_waits_for_it_alon
         boxes.put(frame(1))
         assert (await other).sequence == 1
 
-    asyncio.run(asyncio.wait_for(main(), 5.0))
+    run_scenario(scenario())
 
 
-def test_mailbox_when_nobody_holds_it_is_gone() -> None:
-    async def main() -> None:
+def test_mailbox_without_a_reference_is_freed() -> None:
+    async def scenario() -> None:
         boxes = Mailboxes(lambda request: None, prefetch=False)
         held = boxes.get(IMAGE_PORT)
         assert boxes.get(IMAGE_PORT) is held
         boxes.get(CameraChannel("R", ""))
         assert len(boxes) == 1
 
-    asyncio.run(main())
+    run_scenario(scenario())
