@@ -29,7 +29,7 @@ demo: $(READY) ## Run the paper's experiment, server and client as two processes
 test: $(READY) ## Run all tests
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile tests
 
-stability: $(READY) ## Hold every formula against 50 digits at its hard places; writes out/stability/report.html
+stability: $(READY) ## Compare every formula with 50-digit references at its hard cases; writes out/stability/report.html
 	$(BIN)/python -m pytest tests/stability tests/twins tests/server/render/test_robustness.py \
 	  tests/end_to_end/test_determinism.py -q
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
@@ -62,11 +62,11 @@ conformance: $(READY) ## Play conversations to a live server: ADDRESS=host:port 
 	PYTHONPATH=tests $(BIN)/python -m conformance.play $(ADDRESS) $(if $(IMAGE),--image $(IMAGE)) \
 	  $(if $(STREAM),--stream $(STREAM)) $(if $(DIALECT),--dialect $(DIALECT)) $(if $(LEGACY),--legacy-images)
 
-fuzz: $(READY) ## Feed the parsers a million broken inputs, then let strangers loose on a live server
+fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage to a live server
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
 
-soak: $(READY) ## Sixty-four robots and thirty-two viewers on one server for ten minutes; writes out/soak/report.md
+soak: $(READY) ## Load test: 64 robots and 36 viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/load/run.py
 
 wheels: $(READY) ## Build the four distributions into out/wheels, and try them in environments of their own
