@@ -29,7 +29,7 @@ WITHOUT_TEST = {
     "protocol/errors.py": "the tree of errors: each is tested where the code raises it",
     "server/robot/robot_description.py": "data; tests/server/config/test_robot_file.py reads all",
     "client/__main__.py": "a command line: tests/client/landmarks/test_training.py tests its work",
-    "client/training_frames.py": "drives a robot: tests/client/landmarks/test_training.py",
+    "client/training_frames.py": "the training drive: " + _DEMO,
     "studies/accuracy_cost/cost_plots.py": _COST,
     "studies/accuracy_cost/cost_study.py": _COST,
     "studies/accuracy_cost/plots/detail_plot.py": _COST,
