@@ -1,4 +1,4 @@
-"""What is wanted of each channel: one shot under way, intervals kept, channels apart."""
+"""Capture times: one frame in rendering a channel, intervals, channels apart."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def start_due_frames(
     ]
 
 
-def test_channel_when_nobody_asked_is_not_due() -> None:
+def test_channel_without_a_request_is_not_due() -> None:
     assert due_channels(CaptureScheduler(), 0.0) == []
 
 
-def test_channel_when_wanted_by_many_is_exposed_once() -> None:
+def test_channel_when_requested_several_times_is_captured_once() -> None:
     reels = CaptureScheduler()
     for _ in range(3):
         reels.request_frame(IMAGE_PORT, 0)
@@ -32,7 +32,7 @@ def test_channel_when_wanted_by_many_is_exposed_once() -> None:
     assert due_channels(reels, 1.0) == []
 
 
-def test_channel_when_wanted_while_it_is_drawn_waits_for_that() -> None:
+def test_channel_when_requested_during_rendering_waits_for_the_frame() -> None:
     reels = CaptureScheduler()
     reels.request_frame(IMAGE_PORT, 0)
     start_due_frames(reels, 0.0)
@@ -42,7 +42,7 @@ def test_channel_when_wanted_while_it_is_drawn_waits_for_that() -> None:
     assert due_channels(reels, 1.0) == [IMAGE_PORT]
 
 
-def test_channel_when_a_newer_shot_is_under_way_wants_no_other() -> None:
+def test_channel_when_a_newer_frame_is_rendering_captures_no_other() -> None:
     reels = CaptureScheduler()
     reels.request_frame(IMAGE_PORT, 0)
     start_due_frames(reels, 0.0)
@@ -51,7 +51,7 @@ def test_channel_when_a_newer_shot_is_under_way_wants_no_other() -> None:
     assert due_channels(reels, 1.0) == []
 
 
-def test_channel_when_it_has_an_interval_is_due_after_it() -> None:
+def test_channel_when_limited_is_due_after_the_interval() -> None:
     reels = CaptureScheduler()
     reels.request_frame(IMAGE_PORT, 0)
     start_due_frames(reels, 1.0, interval_s=0.1)
@@ -73,7 +73,7 @@ def test_channels_when_there_are_two_count_apart() -> None:
     assert reels.count_frames() == 3
 
 
-def test_channel_when_forgotten_counts_anew_and_late_drawings_do_no_harm() -> None:
+def test_channel_when_removed_restarts_the_count_and_ignores_late_frames() -> None:
     reels = CaptureScheduler()
     reels.request_frame(OTHER, 0)
     start_due_frames(reels, 0.0)
@@ -83,7 +83,7 @@ def test_channel_when_forgotten_counts_anew_and_late_drawings_do_no_harm() -> No
     assert start_due_frames(reels, 0.0) == [1]
 
 
-def test_cameras_when_their_robot_left_are_forgotten_but_for_those_waited_for() -> None:
+def test_cameras_when_the_robot_is_removed_stay_only_while_requested() -> None:
     reels, front = CaptureScheduler(), CameraChannel("R", "Front")
     for channel in (OTHER, front, CameraChannel("S", "Rear"), IMAGE_PORT):
         reels.request_frame(channel, 0)

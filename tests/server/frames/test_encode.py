@@ -1,4 +1,4 @@
-"""Pictures as payloads: RAW byte by byte, JPEG by its quality, rectangles."""
+"""Payloads of images: RAW byte by byte, JPEG by its quality, rectangles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ JPEGS = [t for t in ImageType if t is not ImageType.RAW]
 
 
 def make_image(width: int, height: int) -> npt.NDArray[np.uint8]:
-    """Return a picture whose channels rise along u, v and both."""
+    """Image whose channels rise along u, v and both."""
     v, u = np.mgrid[:height, :width]
     rgb = np.stack((u * 255 // max(width - 1, 1), v * 255 // max(height - 1, 1), (u + v) % 256), -1)
     return rgb.astype(np.uint8)
@@ -29,7 +29,7 @@ def test_raw_when_encoded_is_b_g_r_from_the_top_row_with_padding() -> None:
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 360, 361])
-def test_raw_when_read_by_the_client_is_the_picture(width: int) -> None:
+def test_raw_when_decoded_by_the_client_is_the_image(width: int) -> None:
     rgb = make_image(width, 7)
     payload = encode_payload(rgb, ImageType.RAW)
     assert len(payload) == 4 + 7 * ((3 * width + 3) // 4 * 4)
@@ -37,7 +37,7 @@ def test_raw_when_read_by_the_client_is_the_picture(width: int) -> None:
 
 
 @pytest.mark.parametrize("image_type", JPEGS, ids=lambda t: t.name)
-def test_jpeg_when_read_by_the_client_is_near_the_picture(image_type: ImageType) -> None:
+def test_jpeg_when_decoded_by_the_client_is_near_the_image(image_type: ImageType) -> None:
     rgb = make_image(64, 48)
     payload = encode_payload(rgb, image_type)
     assert payload[:2] == b"\xff\xd8"
@@ -64,7 +64,7 @@ def test_jpeg_when_of_better_quality_is_larger() -> None:
         ((2**32 - 1, 0, 2**32 - 1, 2**32 - 1), (7, 8), (0, 6)),
     ],
 )
-def test_rectangle_when_cut_is_clamped_to_the_picture(
+def test_rectangle_when_cropped_is_clamped_to_the_image(
     rectangle: tuple[int, int, int, int], columns: tuple[int, int], rows: tuple[int, int]
 ) -> None:
     rgb = make_image(8, 6)

@@ -1,4 +1,4 @@
-"""What the screen shows: viewports of one robot, or a tile for each camera of all robots."""
+"""The image port: viewports of one robot, or a tile for each camera of all robots."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def pushed_configurations(client: FakeClient) -> list[Report]:
     return [report for report in client.reports if isinstance(report, CameraConfiguration)]
 
 
-def test_screen_when_nothing_was_set_shows_the_omnidirectional_camera() -> None:
+def test_image_port_by_default_shows_the_omnidirectional_camera() -> None:
     fleet, views = make_fleet(), FakeViewProvider()
     spawn(fleet)
     frame = render_channel(fleet, views)
@@ -75,7 +75,7 @@ def test_screen_when_nothing_was_set_shows_the_omnidirectional_camera() -> None:
     assert isinstance(views.view_requests[0].camera, OmniCameraSpec)
 
 
-def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
+def test_view_when_requested_has_the_noise_seed_of_its_camera() -> None:
     fleet, views = make_fleet(), FakeViewProvider()
     client = spawn(fleet)
     render_channel(fleet, views)
@@ -84,7 +84,7 @@ def test_take_when_exposed_has_the_noise_key_of_its_robots_camera() -> None:
     assert views.view_requests[0].camera_state.noise_seed == robot.noise_seed_for("OmniCam")
 
 
-def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> None:
+def test_view_when_requested_has_the_ego_body_that_moves_with_the_mirror() -> None:
     wishes = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
     plain = make_p2at(perspective_cameras=(AHEAD,))
     assert plain.omni_camera is not None
@@ -114,14 +114,14 @@ def test_take_when_exposed_has_the_own_body_that_moves_as_the_mirror_does() -> N
     assert relative_twist(mirror, mirror.ego_body) == AT_REST
 
 
-def test_take_when_no_effect_asks_for_it_has_no_own_body() -> None:
+def test_view_without_the_effect_has_no_ego_body() -> None:
     fleet, views = make_fleet(), FakeViewProvider()
     spawn(fleet)
     render_channel(fleet, views)
     assert views.view_requests[0].camera_state.ego_body is None
 
 
-def test_screen_when_the_robot_has_ordinary_cameras_alone_shows_the_first_at_its_size() -> None:
+def test_image_port_without_an_omni_camera_shows_the_first_camera_at_its_size() -> None:
     fleet, views = make_fleet(omni=False), FakeViewProvider()
     spawn(fleet)
     frame = render_channel(fleet, views)
@@ -130,7 +130,7 @@ def test_screen_when_the_robot_has_ordinary_cameras_alone_shows_the_first_at_its
     assert dict(frame.metadata.camera_model or ())["Projection"] == "perspective"
 
 
-def test_screen_when_another_camera_is_set_shows_that_from_where_it_looks() -> None:
+def test_image_port_when_another_camera_is_set_shows_that_camera_s_view() -> None:
     fleet, views = make_fleet(), FakeViewProvider()
     client = spawn(fleet)
     fleet.execute(client, viewports("SingleView", "rear"), 0.0)
@@ -140,7 +140,7 @@ def test_screen_when_another_camera_is_set_shows_that_from_where_it_looks() -> N
     assert pose.translation[0] == pytest.approx(-0.1)
 
 
-def test_screen_when_divided_shows_quarters_and_black_where_one_is_disabled() -> None:
+def test_image_port_when_divided_shows_quarters_and_black_for_a_disabled_one() -> None:
     fleet, views = make_fleet(), FakeViewProvider()
     client = spawn(fleet)
     fleet.execute(client, viewports("QuadView", "OmniCam", "Ahead", "Disable", "Rear"), 0.0)
@@ -150,7 +150,7 @@ def test_screen_when_divided_shows_quarters_and_black_where_one_is_disabled() ->
     assert (frame.metadata.robot, frame.metadata.camera) == ("R", "")
 
 
-def test_screen_when_a_camera_zooms_shows_its_new_field_of_view() -> None:
+def test_image_port_when_a_camera_zooms_shows_the_new_field_of_view() -> None:
     fleet, views = make_fleet(omni=False), FakeViewProvider()
     client = spawn(fleet)
     fleet.execute(client, Set("Camera", "Ahead", "FOV", "0.5"), 0.0)
@@ -158,7 +158,7 @@ def test_screen_when_a_camera_zooms_shows_its_new_field_of_view() -> None:
     assert views.view_requests[0].camera == PerspectiveCamera(12, 10, 0.5)
 
 
-def test_tiles_when_robots_come_are_given_in_order_and_told() -> None:
+def test_tiles_when_robots_spawn_are_assigned_in_order_and_reported() -> None:
     fleet, views = make_fleet(TILES), FakeViewProvider()
     client = spawn(fleet)
     frame = render_channel(fleet, views)
@@ -194,7 +194,7 @@ def test_tiles_when_a_robot_leaves_are_free_again() -> None:
     assert last_status(spawn(fleet, "S")).view == 0
 
 
-def test_tile_when_asked_for_alone_is_drawn_alone() -> None:
+def test_tile_when_requested_alone_is_rendered_alone() -> None:
     fleet, views = make_fleet(TILES), FakeViewProvider()
     spawn(fleet)
     frame = render_channel(fleet, views, ImagePortChannel(1))
@@ -202,11 +202,11 @@ def test_tile_when_asked_for_alone_is_drawn_alone() -> None:
     assert len(views.view_requests) == 1
 
 
-def test_tile_when_nobody_s_is_black() -> None:
+def test_tile_without_a_camera_is_black() -> None:
     assert not render_channel(make_fleet(TILES), channel=ImagePortChannel(3)).rgb.any()
 
 
-def test_screen_when_several_robots_are_on_it_is_nobody_s_in_particular() -> None:
+def test_frame_of_several_robots_has_empty_metadata() -> None:
     fleet = make_fleet(TILES)
     spawn(fleet)
     spawn(fleet, "S", 5.0)

@@ -28,7 +28,7 @@ def grey_image(width: int, height: int, level: int) -> Image:
 @pytest.mark.parametrize(
     ("index", "corner"), [(0, (0, 0)), (1, (320, 0)), (2, (0, 240)), (3, (320, 240))]
 )
-def test_udk_s_own_layout_places_cameras_as_it_does(index: int, corner: tuple[int, int]) -> None:
+def test_udk_s_own_layout_when_square_has_udk_s_tiles(index: int, corner: tuple[int, int]) -> None:
     assert UDK_LAYOUT.tile_at(index) == Tile(*corner, 320, 240)
 
 
@@ -55,7 +55,7 @@ def test_qt_client_with_four_tiles_a_row_finds_each_camera() -> None:
         assert (tile.x_px, tile.y_px) == ((n * 320) % 1280, (n // 4) * 240)
 
 
-def test_single_view_is_the_whole_picture() -> None:
+def test_single_view_is_the_whole_image() -> None:
     layout = viewport_layout(ViewportConfig("SingleView"), width_px=640, height_px=480)
     assert len(layout) == 1
     assert layout.tile_at(0) == Tile(0, 0, 640, 480)
@@ -68,7 +68,7 @@ def test_disabled_viewports_are_black() -> None:
     assert whole.sum() == 3 * 9 * 32 * 24
 
 
-def test_odd_picture_keeps_its_size_and_a_black_border() -> None:
+def test_odd_image_keeps_its_size_and_a_black_border() -> None:
     layout = viewport_layout(ViewportConfig.QUAD_VIEW, width_px=5, height_px=3)
     whole = compose_tiles(layout, [grey_image(2, 1, 7)] * 4)
     assert whole.shape == (3, 5, 3)
@@ -76,25 +76,25 @@ def test_odd_picture_keeps_its_size_and_a_black_border() -> None:
     assert whole[2:].max() == whole[:, 4:].max() == 0
 
 
-def test_smaller_picture_lies_in_the_corner_and_is_not_resized() -> None:
+def test_smaller_image_lies_in_the_corner_at_its_own_size() -> None:
     whole = compose_tiles(UDK_LAYOUT, [None, grey_image(100, 50, 200)])
     assert (whole[:50, 320:420] == 200).all()
     assert whole.sum() == 3 * 200 * 100 * 50
 
 
-def test_larger_picture_and_one_too_many_are_refused() -> None:
+def test_larger_image_and_one_too_many_raise() -> None:
     with pytest.raises(DomainError, match="321 x 10 px exceeds its tile"):
         compose_tiles(UDK_LAYOUT, [grey_image(321, 10, 1)])
     with pytest.raises(DomainError, match="image 4 has no tile"):
         compose_tiles(UDK_LAYOUT, [None] * 4 + [grey_image(10, 10, 1)])
 
 
-def test_picture_cannot_be_written_to() -> None:
+def test_composed_image_is_read_only() -> None:
     assert not compose_tiles(UDK_LAYOUT, []).flags.writeable
 
 
 @pytest.mark.parametrize("layout", [(0, 1, 1, 1), (1, 0, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0)])
-def test_layout_without_pixels_is_refused(layout: tuple[int, int, int, int]) -> None:
+def test_layout_without_pixels_raises(layout: tuple[int, int, int, int]) -> None:
     with pytest.raises(DomainError, match="has no pixel"):
         TileLayout(*layout, 1, 1)
 
@@ -110,7 +110,7 @@ def test_layout_without_pixels_is_refused(layout: tuple[int, int, int, int]) -> 
         ((10_000, 10_000, 5, 5), (3,)),
     ],
 )
-def test_request_needs_only_the_tiles_that_it_shows(
+def test_rectangle_overlaps_only_the_tiles_in_view(
     rectangle: tuple[int, int, int, int], tiles: tuple[int, ...]
 ) -> None:
     assert UDK_LAYOUT.tiles_overlapping(*rectangle) == tiles
@@ -119,11 +119,11 @@ def test_request_needs_only_the_tiles_that_it_shows(
     assert tuple(shown - 50) == tiles
 
 
-def test_omni_camera_in_a_tile_is_scaled_and_in_its_middle() -> None:
+def test_omni_camera_in_a_tile_is_scaled_and_centred() -> None:
     camera = OmniCamera(PAPER_MIRROR, 640, 480, (330.0, 235.0), 118.8, 2.0)
     small = fit_omni_camera(Tile(320, 0, 200, 240), camera)
     assert (small.width_px, small.height_px) == (200, 240)
-    # 200 / 640 of the size; the height that is left over is shared by top and bottom.
+    # 200 / 640 of the size; the remaining height is divided between top and bottom.
     places = np.array([[330.0, 235.0], [200.0, 100.0], [400.0, 300.0]])
     there = (places - (320.0, 240.0)) * 0.3125 + (100.0, 120.0)
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Shots become frames in another thread: in order, composed, and nobody waits for what failed."""
+"""Requests become frames in another thread: in order, composed, cancelled after a failure."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def start_render_thread(render_thread: RenderThread, views: FakeViewProvider) ->
     return thread
 
 
-def test_frame_when_of_one_tile_is_the_picture_itself() -> None:
+def test_frame_of_one_tile_is_the_view_s_image() -> None:
     frame = render_frame(make_request(VIEW), FakeViewProvider(), monotonic=lambda: 3.0)
     assert frame.rgb.shape == (3, 4, 3)
     assert (frame.time_s, frame.exposed_at_s, frame.finished_at_s) == (0.5, 2.0, 3.0)
@@ -67,7 +67,7 @@ class _DecidingViews(FakeViewProvider):
         return dataclasses.replace(super().render(request), effect_decisions=(BLOOMING,))
 
 
-def test_frame_when_of_one_camera_tells_its_effects_and_of_several_none() -> None:
+def test_frame_of_one_camera_has_its_decisions_and_of_several_none() -> None:
     alone = render_frame(make_request(VIEW), _DecidingViews(), monotonic=lambda: 0.0)
     layout = multi_view_layout(2, 1, width_px=4, height_px=3)
     both = render_frame(
@@ -76,7 +76,7 @@ def test_frame_when_of_one_camera_tells_its_effects_and_of_several_none() -> Non
     assert (alone.effect_decisions, both.effect_decisions) == ((BLOOMING,), ())
 
 
-def test_frame_when_of_several_tiles_is_composed_and_its_times_are_sums() -> None:
+def test_frame_of_several_tiles_is_composed_and_its_times_are_sums() -> None:
     layout = multi_view_layout(2, 1, width_px=4, height_px=3)
     frame = render_frame(
         make_request(VIEW, VIEW, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
@@ -85,63 +85,63 @@ def test_frame_when_of_several_tiles_is_composed_and_its_times_are_sums() -> Non
     assert frame.stage_ms == {"fake": 2.0}
 
 
-def test_frame_when_a_tile_is_nobody_s_is_black_there_and_draws_nothing() -> None:
+def test_frame_with_an_unused_tile_is_black_there_and_renders_nothing() -> None:
     views, layout = FakeViewProvider(), multi_view_layout(2, 1, width_px=4, height_px=3)
     frame = render_frame(make_request(None, VIEW, layout=layout), views, monotonic=lambda: 0.0)
     assert frame.rgb[0, :, 0].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert len(views.view_requests) == 1
 
 
-def test_frame_when_there_are_no_views_is_black() -> None:
+def test_frame_without_views_is_black() -> None:
     frame = render_frame(make_request(VIEW), None, monotonic=lambda: 0.0)
     assert (frame.rgb.shape, frame.rgb.any(), frame.plan) == ((3, 4, 3), False, None)
 
 
-def test_drawing_when_told_to_stop_first_draws_what_was_handed_over() -> None:
+def test_render_thread_when_stopped_first_renders_the_queued_requests() -> None:
     frames = list[Frame]()
-    drawing, views = RenderThread(frames.append), FakeViewProvider()
+    render_thread, views = RenderThread(frames.append), FakeViewProvider()
     for sequence in (1, 2, 3):
-        drawing.submit(make_request(VIEW, sequence=sequence))
-    drawing.stop()
-    start_render_thread(drawing, views).join()
+        render_thread.submit(make_request(VIEW, sequence=sequence))
+    render_thread.stop()
+    start_render_thread(render_thread, views).join()
     assert [frame.sequence for frame in frames] == [1, 2, 3]
     assert views.view.is_closed
 
 
-def test_shot_when_waited_for_is_put_before_the_wait_ends() -> None:
+def test_request_when_waited_for_puts_the_frame_before_the_wait_ends() -> None:
     frames = list[Frame]()
-    drawing = RenderThread(frames.append)
-    thread = start_render_thread(drawing, FakeViewProvider())
-    drawing.submit_and_wait(make_request(VIEW))
+    render_thread = RenderThread(frames.append)
+    thread = start_render_thread(render_thread, FakeViewProvider())
+    render_thread.submit_and_wait(make_request(VIEW))
     assert len(frames) == 1
-    drawing.stop()
+    render_thread.stop()
     thread.join()
 
 
-def test_shot_when_drawing_fails_raises_that_and_later_ones_are_cancelled() -> None:
-    drawing, views = RenderThread(lambda frame: None), FakeViewProvider(_BrokenView())
-    thread = start_render_thread(drawing, views)
+def test_request_when_rendering_fails_raises_and_later_ones_are_cancelled() -> None:
+    render_thread, views = RenderThread(lambda frame: None), FakeViewProvider(_BrokenView())
+    thread = start_render_thread(render_thread, views)
     with pytest.raises(ValueError, match="the lamp is broken"):
-        drawing.submit_and_wait(make_request(VIEW))
+        render_thread.submit_and_wait(make_request(VIEW))
     thread.join()
     with pytest.raises(CancelledError):
-        drawing.submit_and_wait(make_request(VIEW))
+        render_thread.submit_and_wait(make_request(VIEW))
     assert views.view.is_closed
 
 
-def test_shots_when_drawing_never_began_are_cancelled() -> None:
-    drawing = RenderThread(lambda frame: None)
-    waiting = drawing.submit(make_request(VIEW))
+def test_requests_when_the_renderer_cannot_start_are_cancelled() -> None:
+    render_thread = RenderThread(lambda frame: None)
+    waiting = render_thread.submit(make_request(VIEW))
 
     def refuse() -> FakeViewProvider:
         raise ValueError("no renderer today")
 
     with pytest.raises(ValueError, match="no renderer"):
-        drawing.run(refuse, lambda: None)
+        render_thread.run(refuse, lambda: None)
     assert waiting.cancelled()
 
 
-def test_frame_when_no_view_is_prepared_yet_is_drawn_all_the_same() -> None:
+def test_frame_when_the_view_provider_is_empty_is_rendered() -> None:
     class Unprepared(FakeViewProvider):
         def __len__(self) -> int:
             return 0
@@ -149,51 +149,51 @@ def test_frame_when_no_view_is_prepared_yet_is_drawn_all_the_same() -> None:
     assert render_frame(make_request(VIEW), Unprepared(), monotonic=lambda: 0.0).rgb.any()
 
 
-def test_frame_when_of_an_omnidirectional_camera_carries_the_bound_of_its_plan() -> None:
-    take = ViewRequest(
+def test_frame_of_an_omni_camera_carries_the_bound_of_its_plan() -> None:
+    view = ViewRequest(
         OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity())
     )
     layout = TileLayout(1, 1, 8, 6, 8, 6)
     frame = render_frame(
-        make_request(take, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
+        make_request(view, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
     )
     assert frame.error_bounds is not None
     assert frame.error_bound_px == frame.error_bounds["outline_px"] > 0.0
     assert "rounding_px" in frame.error_bounds
 
 
-def test_frame_when_one_of_its_pictures_has_no_bound_has_none() -> None:
+def test_frame_when_one_view_has_no_bound_has_none() -> None:
     layout = multi_view_layout(2, 1, width_px=8, height_px=6)
     omni = ViewRequest(
         OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), CameraState(Pose.identity())
     )
-    flat = ViewRequest(PerspectiveCamera(8, 6, 1.0), CameraState(Pose.identity()))
+    perspective = ViewRequest(PerspectiveCamera(8, 6, 1.0), CameraState(Pose.identity()))
     frame = render_frame(
-        make_request(omni, flat, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
+        make_request(omni, perspective, layout=layout), FakeViewProvider(), monotonic=lambda: 0.0
     )
     assert (frame.error_bounds, frame.error_bound_px) == (None, None)
 
 
-def test_bound_of_several_pictures_is_the_worst_of_each() -> None:
+def test_bounds_of_several_views_are_the_largest_of_each() -> None:
     plans = (RenderSettings(samples=1), RenderSettings(samples=4))
     views = FakeViewProvider()
-    one, four = (views.error_bound(OmniCameraSpec(CAMERA.camera, wish)) for wish in plans)
+    one, four = (views.error_bound(OmniCameraSpec(CAMERA.camera, settings)) for settings in plans)
     assert one is not None
     assert four is not None
     assert max_bounds([four.as_dict(), one.as_dict()]) == one.as_dict()
 
 
-def test_question_when_asked_is_answered_by_the_drawing_thread() -> None:
-    drawing, told = RenderThread(lambda frame: None), list[ViewState | None]()
-    drawing.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), told.append)
-    drawing.stop()
-    start_render_thread(drawing, FakeViewProvider()).join()
-    assert [state and state.median_ms for state in told] == [12.5]
+def test_plan_query_is_answered_by_the_render_thread() -> None:
+    render_thread, replies = RenderThread(lambda frame: None), list[ViewState | None]()
+    render_thread.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), replies.append)
+    render_thread.stop()
+    start_render_thread(render_thread, FakeViewProvider()).join()
+    assert [state and state.median_ms for state in replies] == [12.5]
 
 
-def test_question_when_nothing_is_drawn_here_is_answered_by_nothing() -> None:
-    drawing, told = RenderThread(lambda frame: None), list[ViewState | None]()
-    drawing.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), told.append)
-    drawing.stop()
-    drawing.run(lambda: None, lambda: None)
-    assert told == [None]
+def test_plan_query_without_a_renderer_is_answered_by_none() -> None:
+    render_thread, replies = RenderThread(lambda frame: None), list[ViewState | None]()
+    render_thread.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), replies.append)
+    render_thread.stop()
+    render_thread.run(lambda: None, lambda: None)
+    assert replies == [None]

@@ -1,4 +1,4 @@
-"""What nobody watches is not prepared, what is watched again is not prepared again."""
+"""Views are prepared on first use, once, and replaced when plans change."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CAMERA_STATE = CameraState(Pose.identity())
 
 
 class CountingRenderer:
-    """Prepares views that draw black and write down what happens."""
+    """Prepares views that render black, and logs all calls."""
 
     def __init__(self) -> None:
         self.log: list[str] = []
@@ -79,7 +79,7 @@ def render(views: ViewCache, *widths: int) -> None:
         views.render(ViewRequest(PerspectiveCamera(width, 10, 1.0), CAMERA_STATE))
 
 
-def test_nothing_is_prepared_before_it_is_drawn() -> None:
+def test_no_view_is_prepared_before_the_first_frame() -> None:
     renderer = CountingRenderer()
     assert len(make_cache(renderer)) == 0
     assert renderer.log == []
@@ -91,7 +91,7 @@ def test_equal_cameras_share_a_view() -> None:
     assert renderer.log == ["prepare 20", "prepare 30"]
 
 
-def test_view_drawn_longest_ago_makes_room() -> None:
+def test_view_rendered_longest_ago_is_closed_first() -> None:
     renderer = CountingRenderer()
     views = make_cache(renderer, capacity=2)
     render(views, 20, 30, 20, 40)
@@ -108,16 +108,16 @@ def test_close_frees_all() -> None:
     assert len(views) == 0
 
 
-def test_omnidirectional_eye_is_drawn_by_the_plan_that_is_told() -> None:
+def test_omni_camera_is_rendered_by_the_reported_plan() -> None:
     renderer = CountingRenderer()
-    views, eye = make_cache(renderer), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
-    assert "test" in views.prepare(eye)
-    views.render(ViewRequest(eye, CAMERA_STATE))
+    views, spec = make_cache(renderer), OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+    assert "test" in views.prepare(spec)
+    views.render(ViewRequest(spec, CAMERA_STATE))
     assert renderer.log == ["prepare omni 8"]
 
 
 class EffectRenderer(CountingRenderer):
-    """Logs the effects of its frames and the summaries of its scene, whose light a test sets."""
+    """Logs the effects of frames and the summaries of a scene with a given radiance."""
 
     max_radiance = 0.1
 
@@ -143,44 +143,42 @@ class EffectView(CountingView):
 
 
 def camera_spec_with(*effects: ImageEffect) -> OmniCameraSpec:
-    wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
-    return OmniCameraSpec(CAMERA.camera, CAMERA.render_settings, wishes)
+    settings = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
+    return OmniCameraSpec(CAMERA.camera, CAMERA.render_settings, settings)
 
 
-def test_eye_when_no_effect_is_named_asks_for_nothing_new() -> None:
+def test_camera_without_effects_summarizes_no_scene() -> None:
     renderer = EffectRenderer()
-    picture = make_cache(renderer).render(ViewRequest(camera_spec_with(), CAMERA_STATE))
-    assert (renderer.log, picture.effect_decisions) == (["prepare omni 8", "draw"], ())
+    view = make_cache(renderer).render(ViewRequest(camera_spec_with(), CAMERA_STATE))
+    assert (renderer.log, view.effect_decisions) == (["prepare omni 8", "draw"], ())
 
 
-def test_eye_when_its_effects_are_needless_is_drawn_without_and_says_why() -> None:
+def test_camera_when_its_effects_are_negligible_is_rendered_without_and_reports_why() -> None:
     renderer = EffectRenderer()
-    picture = make_cache(renderer).render(
+    view = make_cache(renderer).render(
         ViewRequest(camera_spec_with(Quantisation(12)), CAMERA_STATE)
     )
     assert renderer.log == ["prepare omni 8", "radiance", "draw"]
-    assert [(one.effect, one.enabled) for one in picture.effect_decisions] == [
-        ("Quantisation", False)
-    ]
+    assert [(one.effect, one.enabled) for one in view.effect_decisions] == [("Quantisation", False)]
 
 
-def test_eye_when_an_exposure_calls_for_an_effect_is_drawn_with_it_and_not_prepared_anew() -> None:
+def test_camera_when_a_state_calls_for_an_effect_keeps_its_view() -> None:
     renderer = EffectRenderer()
-    views, eye = make_cache(renderer), camera_spec_with(Blooming(0.1, 8.0), Quantisation(8))
-    pictures = []
+    views, spec = make_cache(renderer), camera_spec_with(Blooming(0.1, 8.0), Quantisation(8))
+    rendered = []
     for renderer.max_radiance in (0.1, 3.0, 0.1):
-        pictures.append(views.render(ViewRequest(eye, CAMERA_STATE)))
-    rendered = [entry for entry in renderer.log if entry != "radiance"]
+        rendered.append(views.render(ViewRequest(spec, CAMERA_STATE)))
+    log = [entry for entry in renderer.log if entry != "radiance"]
     expected = ["draw Quantisation", "draw Blooming Quantisation", "draw Quantisation"]
-    assert rendered == ["prepare omni 8", *expected]
-    assert [[one.enabled for one in picture.effect_decisions] for picture in pictures] == [
+    assert log == ["prepare omni 8", *expected]
+    assert [[one.enabled for one in view.effect_decisions] for view in rendered] == [
         [False, True],
         [True, True],
         [False, True],
     ]
 
 
-def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
+def test_camera_when_its_effects_read_geometry_summarizes_the_whole_scene() -> None:
     renderer = EffectRenderer()
     make_cache(renderer).render(
         ViewRequest(camera_spec_with(Fog(1e-6, 0.5, 0.5, 0.5)), CAMERA_STATE)
@@ -188,23 +186,23 @@ def test_eye_whose_effects_look_at_the_scene_has_it_summed_up_whole() -> None:
     assert renderer.log[:2] == ["prepare omni 8", "summary"]
 
 
-def test_decisions_when_only_a_bound_moves_are_told_but_not_logged_again(
+def test_decisions_when_only_a_bound_moves_are_reported_but_not_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    renderer, eye = EffectRenderer(), camera_spec_with(Vignetting(), Quantisation(8))
-    views, pictures = make_cache(renderer), []
+    renderer, spec = EffectRenderer(), camera_spec_with(Vignetting(), Quantisation(8))
+    views, rendered = make_cache(renderer), []
     with caplog.at_level(logging.INFO):
         for renderer.max_radiance in (0.4, 0.6, 0.8):
-            pictures.append(views.render(ViewRequest(eye, CAMERA_STATE)))
-    assert len({picture.effect_decisions for picture in pictures}) == 3
+            rendered.append(views.render(ViewRequest(spec, CAMERA_STATE)))
+    assert len({view.effect_decisions for view in rendered}) == 3
     assert sum("effects:" in record.message for record in caplog.records) == 1
 
 
 class SlowRenderer:
-    """Views take `ms_a_sample` by a clock of their own, for each sample of a pixel."""
+    """Views take `ms_per_sample` on a fake clock for each sample of a pixel."""
 
     def __init__(self, ms_per_sample: float) -> None:
-        self.ms_a_sample = ms_per_sample
+        self.ms_per_sample = ms_per_sample
         self.now_s = 0.0
         self.plans: list[RenderPlan] = []
 
@@ -224,7 +222,7 @@ class SlowView:
         self._renderer, self._plan = renderer, plan
 
     def render(self, camera_state: CameraState) -> RenderedImage:
-        ms = self._renderer.ms_a_sample * self._plan.samples**2
+        ms = self._renderer.ms_per_sample * self._plan.samples**2
         self._renderer.now_s += 1e-3 * ms
         return RenderedImage(np.zeros((6, 8, 3), dtype=np.uint8), {"trace": ms})
 
@@ -235,7 +233,7 @@ class SlowView:
 def make_budgeted_cache(
     renderer: SlowRenderer, budget_ms: float, published: ErrorBoundTable | None = None
 ) -> tuple[ViewCache, ViewRequest]:
-    """Return views of a renderer that was measured at 1 ms a sample, and what to draw."""
+    """Views of a renderer that was measured at 1 ms a sample, and a request for one."""
     wish = replace(CAMERA.render_settings, accuracy_target=AccuracyTarget(budget_ms=budget_ms))
 
     def measure(
@@ -255,13 +253,13 @@ def render_repeatedly(views: ViewCache, request: ViewRequest, frames: int) -> No
         views.render(request)
 
 
-def test_budget_when_kept_leaves_the_plan_alone() -> None:
+def test_budget_when_met_leaves_the_plan_alone() -> None:
     renderer = SlowRenderer(1.0)
     render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
     assert [plan.samples for plan in renderer.plans] == [3]
 
 
-def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
+def test_budget_when_exceeded_replans_and_logs_why(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     renderer = SlowRenderer(2.0)
@@ -271,7 +269,7 @@ def test_budget_when_broken_has_the_plan_chosen_again_and_says_why(
     assert "18.0 ms a frame (median), budget 10 ms: too slow" in caplog.text
 
 
-def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_budget_when_unreachable_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     renderer = SlowRenderer(50.0)
     with caplog.at_level("INFO"):
         render_repeatedly(*make_budgeted_cache(renderer, 10.0), 1000)
@@ -279,44 +277,44 @@ def test_budget_when_nothing_keeps_it_is_given_up_once(caplog: pytest.LogCapture
     assert caplog.text.count("no better plan") == 1
 
 
-def test_budget_when_frames_become_fast_again_is_used_again() -> None:
+def test_budget_when_frames_become_fast_again_is_used_fully() -> None:
     renderer = SlowRenderer(2.0)
-    views, take = make_budgeted_cache(renderer, 10.0)
-    render_repeatedly(views, take, 100)
-    renderer.ms_a_sample = 0.9
-    render_repeatedly(views, take, 1000)
+    views, request = make_budgeted_cache(renderer, 10.0)
+    render_repeatedly(views, request, 100)
+    renderer.ms_per_sample = 0.9
+    render_repeatedly(views, request, 1000)
     assert [plan.samples for plan in renderer.plans] == [3, 2, 3]
 
 
-def test_frame_s_plan_when_it_is_chosen_again_is_the_one_that_drew_it() -> None:
+def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() -> None:
     renderer = SlowRenderer(2.0)
-    views, take = make_budgeted_cache(renderer, 10.0)
+    views, request = make_budgeted_cache(renderer, 10.0)
     for _ in range(100):
-        rendered = views.render(take)
+        rendered = views.render(request)
         samples = math.sqrt(rendered.image.stage_ms["trace"] / 2.0)
         assert f" {samples:.0f}^2 samples" in rendered.plan
 
 
-def test_eye_when_asked_for_is_answered_without_being_prepared() -> None:
+def test_view_state_when_requested_prepares_no_view() -> None:
     renderer = SlowRenderer(1.0)
-    views, take = make_budgeted_cache(renderer, 10.0)
-    assert isinstance(take.camera, OmniCameraSpec)
-    asked = views.view_state(take.camera)
+    views, request = make_budgeted_cache(renderer, 10.0)
+    assert isinstance(request.camera, OmniCameraSpec)
+    asked = views.view_state(request.camera)
     assert (asked.choice.plan.samples, asked.median_ms, renderer.plans) == (3, None, [])
-    render_repeatedly(views, take, 30)
-    assert views.view_state(take.camera).median_ms == pytest.approx(9.0)
+    render_repeatedly(views, request, 30)
+    assert views.view_state(request.camera).median_ms == pytest.approx(9.0)
 
 
-def test_bound_when_a_view_is_prepared_is_published_until_it_makes_room() -> None:
+def test_bound_of_a_prepared_view_is_published() -> None:
     published = ErrorBoundTable()
-    views, take = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)
-    assert published.get(take.camera) is None
-    rendered = views.render(take)
-    bound = published.get(take.camera)
+    views, request = make_budgeted_cache(SlowRenderer(1.0), 10.0, published)
+    assert published.get(request.camera) is None
+    rendered = views.render(request)
+    bound = published.get(request.camera)
     assert bound is not None
     assert rendered.error_bounds == bound.as_dict()
 
 
-def test_ordinary_camera_has_no_bound() -> None:
+def test_perspective_camera_has_no_bound() -> None:
     request = ViewRequest(PerspectiveCamera(20, 10, 1.0), CAMERA_STATE)
     assert make_cache(CountingRenderer()).render(request).error_bounds is None

@@ -1,4 +1,4 @@
-"""SET Viewports."""
+"""SET Viewports: cameras by viewport, missing cameras, unknown divisions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_viewports_when_set_are_confirmed_in_the_captured_form() -> None:
     )
 
 
-def test_viewports_when_something_is_not_there_say_failed_and_keep_the_rest() -> None:
+def test_viewports_when_a_camera_is_missing_fail_and_keep_the_rest() -> None:
     viewports = Viewports(["Camera", "Camera2"])
     viewports.execute(SetViewports("QuadView", (None, "Camera2", None, None)), 1.0)
     result = viewports.execute(SetViewports("Circle", (None, None, "Camera9", None)), 2.0)

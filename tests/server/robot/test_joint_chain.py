@@ -51,6 +51,6 @@ def test_joint_when_commanded_is_there_after_a_second_each(
     assert run_commands(link, 1.0, *commands).angle_rad == pytest.approx(angle)
 
 
-def test_torque_when_moving_is_all_it_has() -> None:
+def test_torque_of_a_moving_joint_is_the_maximum() -> None:
     assert Joint(LINK).apply_command(-1.0, ANGLE).torque == -20.0
     assert Joint(LINK).torque == 0.0

@@ -1,4 +1,4 @@
-"""A place on the floor as a pose in space."""
+"""A pose on the floor as a pose in space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def test_pose_when_at_a_height_is_above_the_floor_and_turned() -> None:
     assert pose.to_rpy() == pytest.approx((0.0, 0.0, 0.5))
 
 
-def test_pose_when_turned_clockwise_looks_to_the_right() -> None:
+def test_pose_turned_clockwise_faces_right() -> None:
     ahead = (
         PlanarPose(0.0, 0.0, 0.5 * np.pi)
         .at_height(0.0)

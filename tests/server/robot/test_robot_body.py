@@ -1,4 +1,4 @@
-"""A robot's body against walls."""
+"""A robot's base at walls."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def make_body(
 
 
 @pytest.mark.parametrize("spin", [0.1, 1.0, 5.385])
-def test_base_when_it_meets_a_wall_stops_within_a_millimetre(spin: float) -> None:
+def test_base_at_a_wall_stops_within_a_millimetre(spin: float) -> None:
     body = drive_for(make_body(0.7, left=spin, right=spin), 200, make_walls(1.0))
     nose = body.pose.x_m + HALF_LENGTH_M
     assert 1.0 - 1e-3 < nose <= 1.0
 
 
-def test_base_when_it_meets_a_wall_at_an_angle_stops_with_its_corner() -> None:
+def test_base_at_an_oblique_wall_stops_with_its_corner() -> None:
     body = drive_for(make_body(0.0, 0.4), 400, make_walls(1.0))
     corner = HALF_LENGTH_M * math.cos(0.4) + 0.5 * BASE.dimensions_m[1] * math.sin(0.4)
     assert 1.0 - 1e-3 < body.pose.x_m + corner <= 1.0
@@ -92,7 +92,7 @@ def test_base_when_much_faster_than_itself_long_does_not_jump_over_a_wall() -> N
     assert drive_for(body, 3, make_walls(1.0)).pose.x_m + HALF_LENGTH_M <= 1.0
 
 
-def test_base_when_standing_draws_no_random_numbers() -> None:
+def test_base_at_rest_uses_no_random_numbers() -> None:
     base = dataclasses.replace(BASE, slip_noise=0.1)
     body = drive_for(RobotBody(base, PlanarPose(0.0, 0.0, 0.0), WheelSpin()), 10, make_walls(9.0))
     assert body.pose == PlanarPose(0.0, 0.0, 0.0)

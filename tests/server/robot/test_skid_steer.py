@@ -1,4 +1,4 @@
-"""Wheel spin to way to place: directions, limits, slip, and the arc at its hard places."""
+"""Wheel spin to travel to pose: directions, limits, slip, and the hard cases of the arc."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_spin_when_limited_saturates_each_side(
     assert WheelSpin(left, right).clamp(5.0) == WheelSpin(*expected)
 
 
-def test_way_when_both_sides_spin_alike_is_straight() -> None:
+def test_travel_with_equal_spins_is_straight() -> None:
     way = wheel_travel(BASE, WheelSpin(2.0, 2.0), 2.0)
     assert way.distance_m == pytest.approx(0.52, abs=1e-15)
     assert way.turn_rad(BASE) == 0.0
@@ -48,18 +48,18 @@ def test_turn_when_left_is_faster_is_clockwise() -> None:
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1e-300, 1e-12, 1e-8, 1e-3, 1.0, math.pi, 6.0, -2.0])
-def test_arc_when_of_any_turn_ends_where_50_digits_say(turn_rad: float) -> None:
+def test_arc_of_any_turn_ends_at_the_50_digit_reference(turn_rad: float) -> None:
     with mpmath.workdps(50):
         turn = mpmath.mpf(turn_rad)
         x = mpmath.sin(turn) / turn if turn_rad else mpmath.mpf(1)
         y = (1 - mpmath.cos(turn)) / turn if turn_rad else mpmath.mpf(0)
         expected = (float(2 * x), float(2 * y))
     end = integrate_arc(ORIGIN, 2.0, turn_rad)
-    # Both forms are of a few float64 roundings of a 2 m way.
+    # Both forms have a few float64 roundings of 2 m.
     assert (end.x_m, end.y_m) == pytest.approx(expected, abs=2e-15)
 
 
-def test_arc_when_cut_into_ticks_ends_at_the_same_place() -> None:
+def test_arc_cut_into_ticks_ends_at_the_same_pose() -> None:
     pose = ORIGIN
     for _ in range(1000):
         pose = integrate_arc(pose, 0.002, 0.003)
@@ -87,7 +87,7 @@ def test_slip_when_there_is_none_changes_nothing() -> None:
     assert apply_slip(BASE, way, np.random.default_rng(1)) == way
 
 
-def test_slip_when_turning_loses_its_part_and_no_distance() -> None:
+def test_slip_when_turning_loses_its_fraction_and_no_distance() -> None:
     base = dataclasses.replace(BASE, turn_slip=0.1)
     way = WheelTravel(0.3, -0.1)
     real = apply_slip(base, way, np.random.default_rng(1))

@@ -56,7 +56,7 @@ def test_reset_when_sent_counts_from_here(name: str | None, left: int, right: in
     assert [ticks for _, ticks in encoders.read(NOW).items] == [left, right]
 
 
-def test_reset_when_there_is_no_such_encoder_says_so() -> None:
+def test_reset_without_such_an_encoder_fails() -> None:
     assert not make_bank().reset("Other", NOW)
 
 

@@ -59,7 +59,7 @@ def test_degrees_when_far_are_as_long_as_on_the_ellipsoid(
     assert 1000.0 / east == pytest.approx(east_metres_a_degree, abs=1.0)
 
 
-def test_noise_when_configured_moves_the_place_by_its_spread() -> None:
+def test_noise_when_configured_moves_the_position_by_its_spread() -> None:
     noisy = dataclasses.replace(AT_CHASSIS_ORIGIN, noise_m=2.0)
     north = [read(EmptyScene(), description=noisy, tick=t).latitude_deg for t in range(300)]
     assert np.std(north) * 111_016 == pytest.approx(2.0, rel=0.15)

@@ -1,4 +1,4 @@
-"""Ground truth: the pose as it is."""
+"""Ground truth: the true pose of robot or sensor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def make_sensor(decimals: int = 2) -> GroundTruthSensor:
     return GroundTruthSensor(description, BASE, RandomSource.from_names(1, "GroundTruth"))
 
 
-def test_reading_when_taken_is_the_pose_whatever_the_wheels_did() -> None:
+def test_reading_is_the_true_pose_for_any_wheel_travel() -> None:
     sensor = make_sensor()
     sensor.update(MotionStep(WheelTravel(5.0, -5.0), 0, 0.02, PlanarPose(0.0, 0.0, 0.0)))
     reading = sensor.read(SensorContext(1.5, 0, Pose.from_rpy((1.0, 2.0, -0.3), (0.1, 0.2, -0.5))))
@@ -44,7 +44,7 @@ def test_reading_when_more_decimals_are_configured_shows_them() -> None:
     assert b"{Location 0.333333,0.000000,0.000000}" in line_from_report(reading)
 
 
-def test_configuration_when_asked_has_its_period_as_captured() -> None:
+def test_configuration_has_its_period_as_captured() -> None:
     (part,) = make_sensor().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type GroundTruth} {Name GroundTruth} {ScanInterval 0.20}\r\n"

@@ -39,9 +39,7 @@ def test_reading_when_without_noise_is_where_the_sensor_is() -> None:
 
 
 @pytest.mark.parametrize(("ticks", "tick_s"), [(50, 0.02), (10, 0.1)])
-def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
-    ticks: int, tick_s: float
-) -> None:
+def test_drift_after_a_second_has_its_spread_for_any_ticks(ticks: int, tick_s: float) -> None:
     ends = [
         error_after_standing(make_sensor(seed, noise=0.01), ticks=ticks, tick_s=tick_s)
         for seed in range(300)
@@ -51,7 +49,7 @@ def test_drift_when_after_a_second_has_its_spread_however_time_is_cut(
     assert np.mean(ends, axis=0) == pytest.approx((0.1, 0.0, 0.0), abs=0.002)
 
 
-def test_drift_when_time_goes_on_grows_with_its_root() -> None:
+def test_drift_grows_with_the_root_of_time() -> None:
     spreads = [
         np.std(
             [
@@ -71,7 +69,7 @@ def test_noise_when_not_drifting_is_of_each_reading_alone() -> None:
     assert np.std(readings) == pytest.approx(0.01, rel=0.1)
 
 
-def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
+def test_pose_when_set_is_reported_from_then_on() -> None:
     sensor = make_sensor()
     sensor.set_pose((5.0, 6.0, 0.0), (0.0, 0.0, 3.0), POSE)
     reading = sensor.read(SensorContext(0.0, 0, POSE))
@@ -82,7 +80,7 @@ def test_pose_when_set_is_what_it_reads_from_then_on() -> None:
 def error_after_driving(
     sensor: InsSensor, distance_m: float, turn_rad: float, *, ticks: int
 ) -> tuple[float, ...]:
-    """Return the errors of x, y and yaw after a way that goes out and a turn, in so many ticks."""
+    """Errors of x, y and yaw after a drive out and a turn, in a number of ticks."""
     for tick in range(ticks + 1):
         done = tick / ticks
         pose = PlanarPose(done * distance_m, 0.0, done * turn_rad)
@@ -107,7 +105,7 @@ def test_bias_when_precise_to_a_thousand_is_up_to_half_a_millimetre_a_metre() ->
     assert np.mean(errors, axis=0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
 
-def test_bias_when_the_way_is_cut_finer_is_the_same() -> None:
+def test_bias_does_not_depend_on_the_ticks() -> None:
     coarse, fine = (
         error_after_driving(make_sensor(precision=10.0), 2.0, 0.5, ticks=n) for n in (4, 64)
     )
@@ -116,12 +114,12 @@ def test_bias_when_the_way_is_cut_finer_is_the_same() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"precision": 0.0}, {"precision": 9.0, "is_drifting": False}])
-def test_bias_when_not_asked_for_is_none(changes: dict[str, object]) -> None:
+def test_bias_without_precision_is_zero(changes: dict[str, object]) -> None:
     assert error_after_driving(make_sensor(**changes), 2.0, 0.5, ticks=4) == pytest.approx(
         (0.0, 0.0, 0.0)
     )
 
 
 @pytest.mark.parametrize(("is_timed", "time_s"), [(True, 1.5), (False, None)])
-def test_time_when_asked_for_is_told(is_timed: bool, time_s: float | None) -> None:
+def test_time_when_configured_is_reported(is_timed: bool, time_s: float | None) -> None:
     assert make_sensor(has_timestamp=is_timed).read(SensorContext(1.5, 0, POSE)).time_s == time_s

@@ -23,7 +23,7 @@ def test_joint_when_commanded_moves_at_its_speed_and_arrives() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 3, -1])
-def test_link_when_it_is_not_there_is_refused(number: int) -> None:
+def test_link_when_missing_is_not_commanded(number: int) -> None:
     assert not make_package().command_joint(number, 1.0, ANGLE)
 
 

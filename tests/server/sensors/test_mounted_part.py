@@ -1,4 +1,4 @@
-"""A part's answers."""
+"""Replies of a mounted part."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from catoptra_server.robot.mount import Mount
 from catoptra_server.sensors.mounted_part import MountedPart
 
 
-def test_part_when_asked_tells_what_it_was_given() -> None:
+def test_part_replies_with_its_configuration_and_mount() -> None:
     told = Configuration("RFID", (("Name", "R"),))
     part = MountedPart("RFID", "R", Mount((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt"), told)
     assert part.configuration() is told

@@ -1,4 +1,4 @@
-"""Odometry: what the wheels tell, and each deviation by itself."""
+"""Odometry: wheel travel, and each error by itself."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def integrate(sensor: OdometrySensor, *ways: WheelTravel) -> tuple[float, float,
     return reading.x_m, reading.y_m, reading.yaw_rad
 
 
-def test_pose_when_nothing_rolled_is_zero_wherever_the_robot_is() -> None:
+def test_pose_at_rest_is_zero_at_any_robot_pose() -> None:
     sensor = make_sensor()
     sensor.update(MotionStep(WheelTravel(0.0, 0.0), 0, 0.02, ORIGIN))
     reading = sensor.read(SensorContext(0.0, 0, Pose.from_rpy((5, 6, 7))))
@@ -52,7 +52,7 @@ def test_pose_when_scales_are_off_is_scaled() -> None:
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: float) -> None:
+def test_pose_when_drifting_turns_clockwise_in_both_directions(direction: float) -> None:
     *_, yaw = integrate(
         make_sensor(drift_rad_per_m=0.05), *(100 * [WheelTravel(direction, direction)])
     )
@@ -68,7 +68,7 @@ def test_pose_when_drifting_turns_clockwise_whatever_the_direction(direction: fl
         ("heading_noise_rad", 2, 1.0, 1.0),
     ],
 )
-def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
+def test_noise_after_one_unit_has_its_spread_for_any_ticks(
     deviation: str, axis: int, left_m: float, right_m: float, ticks: int
 ) -> None:
     way = WheelTravel(left_m / ticks, right_m / ticks)
@@ -80,14 +80,14 @@ def test_noise_when_after_one_unit_has_its_spread_however_the_way_is_cut(
     assert np.std(ends) == pytest.approx(0.01, rel=0.15)
 
 
-def test_configuration_when_asked_has_its_period() -> None:
+def test_configuration_has_its_period() -> None:
     (part,) = make_sensor().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Odometry} {Name Odometry} {ScanInterval 0.2000} {EncoderResolution 0.0000}\r\n"
     )
 
 
-def test_reset_when_sent_starts_again_from_zero() -> None:
+def test_reset_restarts_from_zero() -> None:
     sensor = make_sensor()
     integrate(sensor, WheelTravel(1.0, 0.9))
     sensor.reset()

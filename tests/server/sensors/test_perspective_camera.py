@@ -1,4 +1,4 @@
-"""Ordinary cameras: zoom, answers, and where a pan-tilt head carries them."""
+"""Perspective cameras: zoom, replies, and the pose on a pan-tilt head."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def make_camera() -> PerspectiveCameraSensor:
 @pytest.mark.parametrize(
     ("wished", "taken"), [(0.7853, 0.7853), (0.0, 1.3963), (9.0, 2.0944), (0.01, 0.3491)]
 )
-def test_zoom_when_wished_stays_within_the_limits(wished: float, taken: float) -> None:
+def test_zoom_when_requested_stays_within_the_limits(wished: float, taken: float) -> None:
     sensor = make_camera()
     assert sensor.zoom(wished) == taken == sensor.fov_rad
 
 
-def test_answers_when_asked_are_in_degrees_and_of_the_mount() -> None:
+def test_replies_are_in_degrees_and_of_the_mount() -> None:
     conf = line_from_report(make_camera().configuration()).decode()
     assert conf.startswith("CONF {Type Camera} {Name Camera} {CameraDefFov 80.00")
     assert make_camera().geometry().mount == "CameraTilt"
 
 
-def test_place_when_at_rest_is_upright_above_the_head() -> None:
+def test_pose_at_rest_is_upright_above_the_head() -> None:
     pose = make_camera().robot_from_camera({})
     np.testing.assert_allclose(pose.rotation, np.eye(3), atol=1e-12)
     expected = (0.1239 + 0.082, 0.0002, -0.2036 - 0.0599 + 0.0613)

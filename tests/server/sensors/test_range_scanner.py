@@ -37,7 +37,7 @@ def scan(moment: SensorContext, sensor: RangeScannerSensor | None = None) -> Flo
 
 
 def exact_ranges(pose: Pose) -> Floats:
-    """Return the ranges in the room by trigonometry of its four walls."""
+    """Ranges in the room by trigonometry of its four walls."""
     origin = pose.transform_points(np.array(SCANNER.mount.position_m))
     yaw = pose.to_rpy()[2] + math.pi / 2 - np.radians(np.arange(181))
     x = (np.copysign(4.0, np.cos(yaw)) - origin[0]) / np.cos(yaw)
@@ -61,7 +61,7 @@ def test_scan_when_a_box_is_on_the_right_is_shorter_in_its_low_half() -> None:
     assert (boxed[:90] < free[:90]).sum() == (boxed < free).sum() > 5
 
 
-def test_scan_when_nothing_is_met_reads_the_maximum() -> None:
+def test_scan_without_a_surface_reads_the_maximum() -> None:
     assert set(scan(SensorContext(0.0, 0, POSE, EMPTY_ENVIRONMENT))) == {20.0}
 
 
@@ -91,7 +91,7 @@ def test_line_when_sent_has_the_form_of_the_capture() -> None:
     assert line.count(",") == 180
 
 
-def test_configuration_when_asked_spells_paning_as_ut2004() -> None:
+def test_configuration_spells_paning_as_ut2004() -> None:
     (part,) = make_scanner().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type RangeScanner} {Name Scanner1} {MaxRange 20.0000} {MinRange 0.1000} "
@@ -99,7 +99,7 @@ def test_configuration_when_asked_spells_paning_as_ut2004() -> None:
     )
 
 
-def test_room_when_seen_from_its_middle_is_as_wide_as_it_is() -> None:
+def test_scan_from_the_centre_of_a_room_has_its_width() -> None:
     assert RoomRayCaster().distances(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))[0] == 4.0
 
 
@@ -108,18 +108,18 @@ TILTING = dataclasses.replace(
 )
 
 
-def test_scan_when_turned_in_pitch_goes_from_the_ceiling_to_the_floor() -> None:
-    # 1 m above the middle of a room of 4 m in height and 8 m in length; z is down.
+def test_tilting_scan_goes_from_the_ceiling_to_the_floor() -> None:
+    # 1 m above the centre of a room of 4 m in height and 8 m in length; z is down.
     told = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), make_scanner(TILTING))
     expected = [1.0, math.sqrt(2.0), 4.0, 3.0 * math.sqrt(2.0), 3.0]
     np.testing.assert_allclose(told, expected, atol=1e-9)
 
 
-def test_scan_when_turned_in_nothing_looks_ahead_only() -> None:
+def test_scan_without_panning_and_tilting_is_forward_only() -> None:
     still = dataclasses.replace(TILTING, is_tilting=False)
     assert set(scan(context_in_room(), make_scanner(still))) == {4.0}
 
 
-def test_configuration_when_turned_in_pitch_tells_so() -> None:
+def test_configuration_of_a_tilting_scanner_reports_it() -> None:
     (part,) = make_scanner(TILTING).parts
     assert b"{Paning False} {Tilting True}" in line_from_report(part.configuration())

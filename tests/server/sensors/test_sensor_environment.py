@@ -1,4 +1,4 @@
-"""What is around a robot: the nearer of scene and bodies."""
+"""Environment of a robot: the nearer of scene and boxes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_distances_when_there_is_nothing_are_infinite() -> None:
     assert np.isinf(EMPTY_ENVIRONMENT.distances(np.zeros(3), RAYS)).all()
 
 
-def test_hits_when_a_body_is_nearer_have_its_normal() -> None:
+def test_hits_of_a_nearer_box_have_its_normal() -> None:
     around = SensorEnvironment(RoomRayCaster(), [oriented_box_at(2.0, 0.0)])
     distances, normals = around.closest_hits(np.zeros(3), RAYS)
     assert distances.tolist() == [1.8, 3.0]

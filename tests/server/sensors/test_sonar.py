@@ -1,4 +1,4 @@
-"""Sonars: what is in the cone and what is not; all in one line."""
+"""Sonars: surfaces inside and outside the cone; all in one line."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def test_range_when_facing_a_wall_is_to_the_wall() -> None:
     ("angle", "is_seen"), [(HALF_ANGLE - 0.02, True), (HALF_ANGLE + 0.12, False)]
 )
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_box_when_off_axis_is_seen_within_half_the_beam_only(
+def test_box_off_axis_is_measured_within_half_the_beam_only(
     angle: float, is_seen: bool, side: float
 ) -> None:
-    # 0.2 m wide at 2 m: it covers 0.05 rad to each side.
+    # 0.2 m wide at 2 m: 0.05 rad to each side.
     box = oriented_box_at(
         2.0 * math.cos(angle), side * 2.0 * math.sin(angle), size_m=(0.2, 0.2, 1.0)
     )
@@ -54,7 +54,7 @@ def test_range_when_too_far_reads_the_maximum() -> None:
     assert make_ring(short).read(context_in_room()).items == (("F1", 2.0),)
 
 
-def test_ring_when_of_two_reads_each_with_its_own_limits_in_one_line() -> None:
+def test_ring_of_two_reads_each_with_its_own_limits_in_one_line() -> None:
     behind = dataclasses.replace(
         AT_CHASSIS_ORIGIN, name="R1", mount=Mount((-1.0, 0.0, 0.0), (0.0, 0.0, math.pi))
     )
@@ -70,14 +70,14 @@ def test_noise_when_configured_follows_the_tick_alone() -> None:
     assert one == noisy.read(context_in_room(tick=1)) != other
 
 
-def test_parts_when_asked_are_the_sonars() -> None:
+def test_parts_are_the_sonars() -> None:
     (part,) = make_ring().parts
     assert line_from_report(part.configuration()) == (
         b"CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}\r\n"
     )
 
 
-# A wall 4 m ahead that is met at the angle by which the sonar is turned.
+# A wall 4 m ahead; the angle of incidence is the angle by which the sonar is turned.
 @pytest.mark.parametrize(
     ("turn_rad", "limit_rad", "range_m"),
     [
@@ -103,7 +103,7 @@ def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
     assert told_m == pytest.approx(range_m, abs=2e-3)
 
 
-def test_echo_when_a_box_is_met_obliquely_is_lost() -> None:
+def test_echo_of_an_oblique_box_is_lost() -> None:
     turned = OrientedBox(Pose.from_rpy((2.0, 0.3, 0.0), (0.0, 0.0, 0.8)), (0.4, 0.4, 0.4))
     wide = dataclasses.replace(AT_CHASSIS_ORIGIN, beam_rad=0.6)
     strict = dataclasses.replace(wide, max_incidence_rad=0.2)
@@ -113,7 +113,7 @@ def test_echo_when_a_box_is_met_obliquely_is_lost() -> None:
     assert all_m < 2.0 < 3.9 < facing_m
 
 
-def test_configuration_when_of_udk_tells_the_limit() -> None:
+def test_configuration_of_udk_reports_the_limit() -> None:
     (part,) = make_ring(
         dataclasses.replace(AT_CHASSIS_ORIGIN, max_incidence_rad=0.1745329252)
     ).parts
@@ -121,7 +121,7 @@ def test_configuration_when_of_udk_tells_the_limit() -> None:
     assert b"{maxAngleOfIncidence 0.1745} {tracesPerCone 8} {numberOfCones 3}" in line
 
 
-def test_range_when_level_over_a_floor_is_to_what_stands_beyond() -> None:
+def test_range_over_a_floor_is_to_the_wall_beyond() -> None:
     # The lowest rays of the cone meet the floor at 0.84 m, 80 degrees from its normal.
     moment = dataclasses.replace(
         context_in_room(), environment=SensorEnvironment(RoomRayCaster((4.0, 3.0, 0.1457)))

@@ -1,4 +1,4 @@
-"""The tachometer: spin and turned angle of each wheel."""
+"""The tachometer: spin and angle of each wheel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def roll(sensor: TachometerSensor, left_m: float, right_m: float) -> None:
     sensor.update(MotionStep(WheelTravel(left_m, right_m), 1, 0.02, PlanarPose(0.0, 0.0, 0.0)))
 
 
-def test_wheels_when_rolling_are_told_right_and_left_in_turn() -> None:
+def test_wheels_when_rolling_are_reported_right_and_left_alternating() -> None:
     sensor = make_tachometer()
     roll(sensor, 0.13 * 0.04, -0.13 * 0.01)
     reading = sensor.read(context_in_room())

@@ -1,4 +1,4 @@
-"""Victims: in sight, hidden, aside, too far."""
+"""Victims: in view, occluded, beside the field of view, out of range."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def report_line(place: tuple[float, float, float], *boxes: OrientedBox) -> bytes
     return line_from_report(sensor.read(SensorContext(395.9927, 0, Pose.identity(), around)))
 
 
-def test_victim_when_in_sight_is_told_with_its_place() -> None:
+def test_victim_in_view_is_reported_with_its_position() -> None:
     assert report_line((2.1, 0.5, -0.05)) == (
         b"SEN {Time 395.9927} {Type VictSensor} {Name VictSensor} {PartName Head} "
         b"{Location 2.00,0.50,0.00}\r\n"
@@ -38,5 +38,5 @@ def test_victim_when_too_far_or_aside_is_none(place: tuple[float, float, float])
     )
 
 
-def test_victim_when_behind_something_is_hidden() -> None:
+def test_victim_behind_a_surface_is_occluded() -> None:
     assert b"NoVictims" in report_line((3.0, 0.0, 0.0), oriented_box_at(1.5, 0.0))

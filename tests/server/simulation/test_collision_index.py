@@ -1,4 +1,4 @@
-"""Robots among each other: they stop at each other, and see each other in their scans."""
+"""Several robots: each stops at the others, and measures the others in scans."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def true_x_m(client: FakeClient) -> float:
 
 
 def drive_bundled_p2at(seed: int = 1) -> tuple[Fleet, FakeClient]:
-    """Return a fleet of the shipped P2AT, noise and all, in walls that Embree measures."""
+    """Fleet of the bundled P2AT, with noise, between walls that Embree measures."""
     world = make_walled_world(3.0)
     scene, robots = build_scene(world), read_robots(ROBOTS / "p2at.ini")[0]
     fleet = Fleet(robots, world, scene, seed=seed, ray_caster=EmbreeRayCaster(scene))
@@ -73,7 +73,7 @@ def drive_bundled_p2at(seed: int = 1) -> tuple[Fleet, FakeClient]:
     return fleet, client
 
 
-def test_shipped_p2at_when_driven_for_2_s_goes_0_52_m_by_truth_and_odometry() -> None:
+def test_bundled_p2at_driven_for_2_s_moves_0_52_m_by_truth_and_odometry() -> None:
     _, client = drive_bundled_p2at()
     odometry = last_report(client, OdometryReading)
     assert isinstance(odometry, OdometryReading)
@@ -82,7 +82,7 @@ def test_shipped_p2at_when_driven_for_2_s_goes_0_52_m_by_truth_and_odometry() ->
     assert odometry.x_m == pytest.approx(0.52, abs=5 * 0.005 * 0.52**0.5)
 
 
-def test_shipped_p2at_when_run_again_says_the_same_bytes() -> None:
+def test_bundled_p2at_when_run_again_reports_the_same_bytes() -> None:
     one, again, other = (
         b"".join(line_from_report(report) for report in drive_bundled_p2at(seed)[1].reports)
         for seed in (1, 1, 2)
@@ -100,7 +100,7 @@ def test_shipped_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
     assert isinstance(client.batches[0][-1], VehicleStatus)
 
 
-def test_robot_when_another_stands_in_its_way_stops_at_it() -> None:
+def test_robot_when_another_blocks_the_way_stops_in_contact() -> None:
     fleet = make_fleet()
     one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
     fleet.execute(one, Drive(5.0, 5.0), 0.0)
@@ -110,7 +110,7 @@ def test_robot_when_another_stands_in_its_way_stops_at_it() -> None:
     assert true_x_m(other) == 2.0
 
 
-def test_robot_when_the_other_leaves_goes_on() -> None:
+def test_robot_when_the_other_is_removed_continues() -> None:
     fleet = make_fleet()
     one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 0.5)
     fleet.execute(one, Drive(5.0, 5.0), 0.0)
@@ -130,14 +130,14 @@ def test_scan_when_another_robot_is_on_the_right_is_shorter_in_its_low_half() ->
     assert set(scan.ranges_m[90:]) == {20.0}
 
 
-def test_scan_when_the_other_moved_sees_it_where_it_is() -> None:
+def test_scan_when_the_other_moved_has_its_new_position() -> None:
     fleet = make_fleet()
     one, other = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
     fleet.execute(other, Drive(5.0, 5.0), 0.0)
     run(fleet, 2.0)
     scan = last_report(one, RangeScanReading)
     assert isinstance(scan, RangeScanReading)
-    # The scanner sits 0.1 m ahead; the other's rear is 0.15 m behind its middle.
+    # The scanner is 0.1 m ahead of the centre; the other's rear is 0.15 m behind its own.
     assert scan.ranges_m[90] == pytest.approx(true_x_m(other) - 0.15 - 0.1)
 
 
@@ -152,7 +152,7 @@ def test_joints_when_driven_in_one_line_all_move() -> None:
     assert [link.value for link in status.links] == pytest.approx([0.1, -0.1])
 
 
-def test_bodies_when_asked_for_leave_one_robot_out() -> None:
+def test_environment_of_a_robot_has_the_other_robots_alone() -> None:
     fleet = make_fleet()
     one, _ = spawn(fleet, "P2AT", 0.0), spawn(fleet, "Small", 2.0)
     robot = fleet.find_robot(one)
@@ -162,7 +162,7 @@ def test_bodies_when_asked_for_leave_one_robot_out() -> None:
     assert tuple(pose.translation) == (2.0, 0.0, -0.15)
 
 
-def test_package_when_commanded_in_either_way_moves() -> None:
+def test_package_when_commanded_by_either_command_moves() -> None:
     fleet = make_fleet()
     client = spawn(fleet, "P2AT", 0.0)
     fleet.execute(client, MisPkg("camerapantilt", (LinkCommand(1, 0.1), LinkCommand(9, 1.0))), 0.0)

@@ -1,4 +1,4 @@
-"""All robots of a world: spawning, refusing, commands, pictures."""
+"""All robots of a world: spawning, rejection, commands, frames."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def execute(fleet: Fleet, client: FakeClient, command: Command) -> list[object]:
     return list(client.reports[before:])
 
 
-def test_init_when_accepted_is_answered_by_a_whole_cycle_at_once() -> None:
+def test_init_when_accepted_has_a_whole_cycle_as_reply() -> None:
     client = spawn(make_fleet())
     assert [type(r) for r in client.batches[0]] == [
         OdometryReading,
@@ -93,39 +93,39 @@ def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
         Init("OmniP2AT", start="Nowhere"),
     ],
 )
-def test_init_when_class_or_place_is_unknown_is_refused_in_silence(init: Init) -> None:
+def test_init_when_class_or_start_is_unknown_is_rejected_without_a_reply(init: Init) -> None:
     fleet = make_fleet()
     client = spawn(fleet, init)
     assert (client.num_rejections, client.reports) == (1, [])
     assert fleet.find_robot(client) is None
 
 
-def test_init_when_refused_may_be_tried_again() -> None:
+def test_init_when_rejected_may_be_repeated() -> None:
     fleet = make_fleet()
     client = spawn(fleet, Init("Wrong"))
     fleet.execute(client, INIT, 0.0)
     assert fleet.find_robot(client) is not None
 
 
-def test_init_when_at_a_location_takes_height_and_tilt_as_a_hint() -> None:
+def test_init_at_a_location_ignores_height_and_tilt() -> None:
     init = dataclasses.replace(INIT, location_m=(1.0, 2.0, -9.0), rotation_rad=(0.3, 0.2, 7.0))
     truth = read_ground_truth(spawn(make_fleet(), init))
     assert truth.location_m == pytest.approx((1.0, 2.0, -0.1457))
     assert truth.rotation_rad == pytest.approx((0.0, 0.0, 7.0 - 2.0 * np.pi))
 
 
-def test_init_when_at_a_start_in_any_case_is_put_there() -> None:
+def test_init_at_a_start_in_any_case_has_the_start_pose() -> None:
     truth = read_ground_truth(spawn(make_fleet(), Init("OmniP2AT", start="ASIDE")))
     assert truth.location_m == pytest.approx((1.0, -2.0, -0.1457))
     assert truth.rotation_rad == pytest.approx((0.0, 0.0, 1.5))
 
 
-def test_init_when_both_are_given_takes_the_location() -> None:
+def test_init_with_location_and_start_uses_the_location() -> None:
     truth = read_ground_truth(spawn(make_fleet(), dataclasses.replace(INIT, start="Aside")))
     assert truth.location_m[:2] == (0.0, 0.0)
 
 
-def test_names_when_taken_get_a_number_and_are_free_after_leaving() -> None:
+def test_names_in_use_get_a_number_and_are_free_after_removal() -> None:
     fleet = make_fleet()
     clients = [spawn(fleet) for _ in range(3)]
     assert [fleet.find_robot(c).name for c in clients] == ["R", "R2", "R3"]  # type: ignore[union-attr] # each has one
@@ -142,7 +142,7 @@ def test_command_when_there_is_no_robot_is_ignored(command: Command) -> None:
     assert execute(make_fleet(), FakeClient(), command) == []
 
 
-def test_start_poses_when_there_is_no_robot_are_told() -> None:
+def test_start_poses_without_a_robot_are_reported() -> None:
     (poses,) = execute(make_fleet(), FakeClient(), GetStartPoses())
     assert isinstance(poses, StartPoses)
     assert [pose.name for pose in poses.poses] == ["Centre", "Aside"]
@@ -176,7 +176,7 @@ def test_question_when_nothing_matches_has_the_empty_form(
     assert line_from_report(expected).endswith(b"}\r\n")
 
 
-def test_getconf_when_of_the_camera_gives_its_law_back() -> None:
+def test_getconf_of_the_camera_has_its_camera_model() -> None:
     fleet = make_fleet()
     (configuration,) = execute(fleet, spawn(fleet), GetConf("camera", "OMNICAM"))
     assert isinstance(configuration, CameraConfiguration)
@@ -185,7 +185,7 @@ def test_getconf_when_of_the_camera_gives_its_law_back() -> None:
     assert height_m == pytest.approx(0.6, abs=1e-12)
 
 
-def test_getgeo_when_of_the_robot_is_its_own() -> None:
+def test_getgeo_of_the_robot_is_the_vehicle_s() -> None:
     fleet = make_fleet()
     (geometry,) = execute(fleet, spawn(fleet), GetGeo("Robot"))
     assert isinstance(geometry, VehicleGeometry)
@@ -217,7 +217,7 @@ def test_report_due_when_nothing_is_due_delivers_nothing() -> None:
 
 
 class CountingRayCaster:
-    """A scene without anything in it that counts how often it is asked."""
+    """An empty scene that counts queries."""
 
     def __init__(self) -> None:
         self.num_queries = 0
@@ -231,7 +231,7 @@ class CountingRayCaster:
         return EmptyScene().closest_hits(origins, directions)
 
 
-def test_sensors_when_nobody_asked_or_none_is_due_send_no_rays() -> None:
+def test_sensors_when_none_is_due_cast_no_rays() -> None:
     world, rays = make_walled_world(), CountingRayCaster()
     slow = dataclasses.replace(SCANNER, interval_s=0.4)
     described = make_p2at(sensors=(slow, dataclasses.replace(SONAR, interval_s=0.2)))
@@ -247,11 +247,11 @@ def test_sensors_when_nobody_asked_or_none_is_due_send_no_rays() -> None:
         fleet.deliver_due_reports(tick * 0.02)
         if tick % 10 == 5:
             asked.append(rays.num_queries)
-    # No robot: none. All at once when it comes; then the sonar each 10 ticks, the scanner each 20.
+    # No robot: none. All at the spawn; then the sonar every 10 ticks, the scanner every 20.
     assert asked == [0, 2, 3, 5, 6]
 
 
-def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
+def test_robot_when_driving_at_a_wall_stops_at_the_surface() -> None:
     fleet = make_fleet(wall_m=1.0)
     client = spawn(fleet)
     fleet.execute(client, Drive(5.0, 5.0), 0.0)
@@ -262,12 +262,12 @@ def test_wall_when_in_the_way_stops_the_robot_at_its_surface() -> None:
     assert 1.0 - 1e-3 < nose <= 1.0
 
 
-def test_picture_when_there_is_no_robot_is_black_and_of_the_camera_s_size() -> None:
+def test_frame_without_a_robot_is_black_and_of_the_camera_s_size() -> None:
     frame = render_channel(make_fleet())
     assert (frame.rgb.shape, frame.metadata.camera, frame.rgb.any()) == ((6, 8, 3), "", False)
 
 
-def test_picture_when_there_are_robots_is_of_the_one_here_longest() -> None:
+def test_frame_of_the_image_port_is_of_the_first_robot() -> None:
     views, fleet = FakeViewProvider(), make_fleet()
     spawn(fleet, dataclasses.replace(INIT, location_m=(1.0, 2.0, 0.0)))
     spawn(fleet)
@@ -278,7 +278,7 @@ def test_picture_when_there_are_robots_is_of_the_one_here_longest() -> None:
     assert viewpoint == pytest.approx((1.0, 2.0, -0.6))
 
 
-def test_picture_when_a_robot_is_named_is_that_one_s() -> None:
+def test_frame_of_a_named_robot_is_of_that_robot() -> None:
     fleet = make_fleet()
     spawn(fleet)
     spawn(fleet, dataclasses.replace(INIT, name="Other", location_m=(3.0, 2.0, 0.0)))
@@ -292,13 +292,13 @@ def test_picture_when_a_robot_is_named_is_that_one_s() -> None:
 
 
 @pytest.mark.parametrize("channel", [CameraChannel("Nobody", ""), CameraChannel("R", "Periscope")])
-def test_picture_when_there_is_no_such_robot_or_camera_is_none(channel: CameraChannel) -> None:
+def test_frame_without_such_a_robot_or_camera_is_none(channel: CameraChannel) -> None:
     fleet = make_fleet()
     spawn(fleet)
     assert fleet.compose_frame(channel) is None
 
 
-def test_picture_when_the_robot_has_no_camera_is_black() -> None:
+def test_frame_of_a_robot_without_a_camera_is_black() -> None:
     fleet = make_fleet(make_p2at(omni_camera=None))
     client = spawn(fleet)
     frame = render_channel(fleet)

@@ -1,4 +1,4 @@
-"""GETCONF and GETGEO of every shipped robot: silence or an empty reply stalls real clients."""
+"""GETCONF and GETGEO of every bundled robot: no or an empty reply stalls real clients."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PARTS = [
 
 
 @pytest.mark.parametrize(("description", "type_", "name"), PARTS)
-def test_sensor_of_a_shipped_robot_when_asked_answers_with_its_name(
+def test_sensor_of_a_bundled_robot_replies_with_its_name(
     description: RobotDescription, type_: str, name: str
 ) -> None:
     robot = spawn(description)
@@ -56,7 +56,7 @@ def test_sensor_of_a_shipped_robot_when_asked_answers_with_its_name(
     [robot for _, robot in bundled_robots()],
     ids=[name for name, _ in bundled_robots()],
 )
-def test_line_of_a_shipped_robot_when_sent_names_parts_that_answer(
+def test_line_of_a_bundled_robot_names_parts_that_reply(
     description: RobotDescription,
 ) -> None:
     robot = spawn(description)
@@ -65,7 +65,7 @@ def test_line_of_a_shipped_robot_when_sent_names_parts_that_answer(
         assert all(f"{{Name {part.name}" in line for part in sensor.parts)
 
 
-def test_sonars_when_asked_together_are_in_one_geo_and_a_conf_each() -> None:
+def test_sonars_when_requested_together_have_one_geo_and_a_conf_each() -> None:
     robot = spawn(next(robot for file, robot in bundled_robots() if file == "p2at.ini"))
     assert len(execute_get_conf(robot, GetConf("Sonar"))) == 16
     (geo,) = execute_get_geo(robot, GetGeo("Sonar"))
@@ -75,7 +75,7 @@ def test_sonars_when_asked_together_are_in_one_geo_and_a_conf_each() -> None:
     ) in line_from_report(geo)
 
 
-def test_package_and_camera_when_asked_answer() -> None:
+def test_package_and_camera_when_requested_reply() -> None:
     robot = spawn(next(robot for file, robot in bundled_robots() if file == "p2at.ini"))
     (geo,) = execute_get_geo(robot, GetGeo("MisPkg"))
     assert line_from_report(geo).startswith(b"GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} ")
@@ -94,7 +94,7 @@ def test_question_when_nothing_matches_has_the_empty_form() -> None:
     assert line_from_report(geo) == b"GEO {Type RFID} {Name X}\r\n"
 
 
-def test_omni_camera_when_its_bound_is_known_tells_it_behind_its_law() -> None:
+def test_omni_camera_when_its_bound_is_known_reports_it_after_the_camera_model() -> None:
     robot = spawn(make_p2at())
     (law,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"))
     (whole,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"), FakeViewProvider().error_bound)

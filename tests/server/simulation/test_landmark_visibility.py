@@ -1,4 +1,4 @@
-"""Which landmarks are seen, in rooms and behind boxes of exact geometry."""
+"""Landmarks in view, in rooms and behind boxes of exact geometry."""
 
 from __future__ import annotations
 
@@ -51,26 +51,26 @@ def compute_visibility(
     x_m: float = 0.0,
     yaw_rad: float = 0.0,
 ) -> LandmarkVisibility:
-    """Return what an eye 0.5 m over the floor sees of one landmark."""
+    """Visibility of one landmark from a camera 0.5 m above the floor."""
     pose = Pose.from_rpy((x_m, 0.0, -HEIGHT_M), (0.0, 0.0, yaw_rad))
     (found,) = compute_landmark_visibility(camera_spec, pose, [landmark], environment)
     return found
 
 
 def environment_of_landmark(landmark: Landmark) -> SensorEnvironment:
-    """Return a scene of nothing but the landmark itself, as it is drawn."""
+    """Scene of the landmark alone, as rendered."""
     world = World("field", items_from_landmark(landmark, GREY))
     return SensorEnvironment(EmbreeRayCaster(build_scene(world)))
 
 
-def test_pixel_when_of_a_flat_camera_is_where_its_law_puts_the_band() -> None:
+def test_pixel_in_a_perspective_camera_is_the_projection_of_the_band() -> None:
     found = compute_visibility(PERSPECTIVE, BEACON)
     focal_px = 160.0 / math.tan(0.6)
     assert found.pixel == pytest.approx((160.0, 120.0 + focal_px * 0.2 / 2.0))
     assert found.is_visible
 
 
-def test_pixel_when_of_an_omnidirectional_camera_looks_back_at_the_band() -> None:
+def test_pixel_in_an_omni_camera_has_the_direction_of_the_band() -> None:
     found = compute_visibility(OMNI, BEACON, yaw_rad=2.0)
     assert found.pixel is not None
     ray, valid = direction_from_pixel(OMNI.camera, np.array(found.pixel))
@@ -80,14 +80,14 @@ def test_pixel_when_of_an_omnidirectional_camera_looks_back_at_the_band() -> Non
 
 
 @pytest.mark.parametrize("yaw_rad", [math.pi, 0.7, -0.7])
-def test_landmark_when_beside_a_flat_picture_has_no_pixel(yaw_rad: float) -> None:
+def test_landmark_outside_a_perspective_image_has_no_pixel(yaw_rad: float) -> None:
     assert compute_visibility(PERSPECTIVE, BEACON, yaw_rad=yaw_rad) == LandmarkVisibility(
         BEACON, None, False
     )
 
 
 @pytest.mark.parametrize(("box_x_m", "visible"), [(1.0, False), (1.5, False), (3.0, True)])
-def test_landmark_when_a_robot_stands_before_it_is_hidden(box_x_m: float, visible: bool) -> None:
+def test_landmark_behind_a_robot_is_occluded(box_x_m: float, visible: bool) -> None:
     box = OrientedBox(Pose.from_rpy((box_x_m, 0.0, -0.4)), (0.3, 0.3, 0.8))
     found = compute_visibility(
         PERSPECTIVE, BEACON, environment=SensorEnvironment(EmptyScene(), (box,))
@@ -99,9 +99,7 @@ def test_landmark_when_a_robot_stands_before_it_is_hidden(box_x_m: float, visibl
 @pytest.mark.parametrize(
     ("x_m", "width_m"), [(0.0, 0.1), (1.5, 0.1), (1.949, 0.1), (0.0, 0.5), (1.749, 0.5)]
 )
-def test_beacon_when_only_its_own_surface_is_before_its_middle_is_seen(
-    x_m: float, width_m: float
-) -> None:
+def test_beacon_behind_its_own_surface_only_is_visible(x_m: float, width_m: float) -> None:
     beacon = dataclasses.replace(BEACON, width_m=width_m)
     assert compute_visibility(
         OMNI, beacon, environment=environment_of_landmark(beacon), x_m=x_m
@@ -109,9 +107,7 @@ def test_beacon_when_only_its_own_surface_is_before_its_middle_is_seen(
 
 
 @pytest.mark.parametrize(("x_m", "visible"), [(0.0, True), (3.5, False)])
-def test_goal_when_looked_at_from_behind_is_hidden_by_its_own_back(
-    x_m: float, visible: bool
-) -> None:
+def test_goal_from_behind_is_occluded_by_its_own_back(x_m: float, visible: bool) -> None:
     low = dataclasses.replace(GOAL, band_top_m=0.6)
     assert (
         compute_visibility(OMNI, low, environment=environment_of_landmark(low), x_m=x_m).is_visible

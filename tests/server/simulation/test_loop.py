@@ -1,6 +1,6 @@
 """The simulation's loop with a fake client, a fake view and a fake clock: no thread, no waiting.
 
-Everything is posted beforehand; what the loop calls posts the Stop.
+All events are posted beforehand; a callback of the loop posts StopRequested.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def make_simulation(
 def run_commands(
     *commands: Command, seed: int = 1, description: RobotDescription | None = None
 ) -> FakeClient:
-    """Return a client that has sent these commands to a lockstep simulation."""
+    """Client that has sent these commands to a lockstep simulation."""
     simulation, client = make_simulation(description, seed=seed), FakeClient()
     for command in commands:
         simulation.post(CommandReceived(client, command))
@@ -147,7 +147,7 @@ def test_command_when_of_the_protocol_is_handled(command: Command, is_spawned: b
 
 @dataclasses.dataclass(frozen=True)
 class _DummyEvent:
-    """A command or an event that no dispatch has a case for."""
+    """A command or an event without a case in any dispatch."""
 
 
 def test_command_when_unknown_to_the_dispatch_raises() -> None:
@@ -194,7 +194,7 @@ def test_step_when_done_ends_with_a_whole_cycle_and_its_result() -> None:
     assert truth.time_s == 0.1
 
 
-def test_step_when_reports_fall_due_on_the_way_delivers_them_in_order() -> None:
+def test_step_when_reports_become_due_delivers_them_in_order() -> None:
     client = run_commands(INIT, Step(0.5))
     times = [r.time_s for r in client.reports if isinstance(r, GroundTruthReading)]
     assert times == [0.0, 0.2, 0.4, 0.5]
@@ -217,18 +217,18 @@ def test_step_when_of_a_minute_is_the_longest() -> None:
     assert results(run_commands(Step(60.0))) == [CommandResult(60.0, "Step", "Clock", "OK")]
 
 
-def test_step_when_there_is_no_robot_is_answered_by_its_result_alone() -> None:
+def test_step_without_a_robot_has_only_a_result() -> None:
     client = run_commands(Drive(1.0, 1.0), GetConf("Robot"), Step(0.2))
     assert client.reports == [CommandResult(0.2, "Step", "Clock", "OK")]
 
 
-def test_time_when_nobody_steps_stands_still() -> None:
+def test_time_without_steps_stands_still() -> None:
     client = run_commands(INIT, Drive(2.0, 2.0), Step(0.0))
     truth = [r for r in client.reports if isinstance(r, GroundTruthReading)][-1]
     assert (truth.time_s, truth.location_m[0]) == (0.0, 0.0)
 
 
-def test_drive_when_for_2_s_at_2_rad_s_goes_0_52_m_by_the_robot_s_own_account() -> None:
+def test_drive_for_2_s_at_2_rad_s_is_0_52_m_by_odometry() -> None:
     client = run_commands(INIT, Drive(2.0, 2.0), Step(2.0))
     truth = [r for r in client.reports if isinstance(r, GroundTruthReading)][-1]
     assert truth.location_m[0] == pytest.approx(0.52, abs=1e-9)
@@ -267,7 +267,7 @@ def test_run_when_another_robot_is_there_gives_the_same_bytes() -> None:
     assert report_bytes(client) == report_bytes(alone)
 
 
-def test_run_when_pictures_are_drawn_meanwhile_gives_the_same_bytes() -> None:
+def test_run_with_frames_gives_the_same_bytes() -> None:
     alone = run_commands(*DRIVE_COMMANDS, description=make_noisy_p2at())
     simulation, client = make_simulation(make_noisy_p2at()), FakeClient()
     for command in DRIVE_COMMANDS:
@@ -278,7 +278,7 @@ def test_run_when_pictures_are_drawn_meanwhile_gives_the_same_bytes() -> None:
     assert report_bytes(client) == report_bytes(alone)
 
 
-def test_robot_when_its_client_left_is_gone() -> None:
+def test_robot_when_its_client_disconnects_is_removed() -> None:
     simulation, one, other = make_simulation(), FakeClient(), FakeClient()
     for request in (
         CommandReceived(one, INIT),
@@ -304,7 +304,7 @@ _BLOCKS = st.lists(
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(sorted(COMMAND_PARSERS)), _BLOCKS), max_size=5))
-def test_commands_when_arbitrary_have_only_answers_that_can_be_sent(
+def test_arbitrary_commands_have_replies_that_can_be_sent(
     said: list[tuple[str, list[tuple[str, str]]]],
 ) -> None:
     server, client = ControlServer(), FakeClient()
@@ -323,7 +323,7 @@ def test_commands_when_arbitrary_have_only_answers_that_can_be_sent(
 
 
 class FrameCollector:
-    """Keeps frames; stops the simulation after some."""
+    """Stores frames; stops the simulation after some."""
 
     def __init__(self, count: int) -> None:
         self.simulation: Simulation | None = None
@@ -338,7 +338,7 @@ class FrameCollector:
 
 
 def collect_frames(count: int, *requests: object, view: FakeView) -> list[Frame]:
-    """Return the first frames of a lockstep simulation that was asked things first."""
+    """First frames of a lockstep simulation after some events."""
     keeper = FrameCollector(count)
     keeper.simulation = make_simulation(put_frame=keeper.put, view=view)
     for request in requests:
@@ -347,7 +347,7 @@ def collect_frames(count: int, *requests: object, view: FakeView) -> list[Frame]
     return keeper.frames
 
 
-def test_frame_when_wanted_by_many_is_drawn_once() -> None:
+def test_frame_when_requested_several_times_is_rendered_once() -> None:
     view, client = FakeView(), FakeClient()
     (frame,) = collect_frames(
         1, CommandReceived(client, INIT), *(5 * [FrameRequested()]), view=view
@@ -357,7 +357,7 @@ def test_frame_when_wanted_by_many_is_drawn_once() -> None:
     np.testing.assert_array_equal(frame.rgb, 1)
 
 
-def test_frame_when_asked_for_after_a_step_shows_the_new_place() -> None:
+def test_frame_after_a_step_shows_the_new_pose() -> None:
     view, client = FakeView(), FakeClient()
     asked = [CommandReceived(client, c) for c in (INIT, Drive(2.0, 2.0), Step(1.0))]
     (frame,) = collect_frames(1, *asked, FrameRequested(), view=view)
@@ -365,7 +365,7 @@ def test_frame_when_asked_for_after_a_step_shows_the_new_place() -> None:
     assert frame.metadata.world_from_robot.translation[0] == pytest.approx(0.26)
 
 
-def test_frame_when_wanted_while_it_is_drawn_is_not_drawn_twice() -> None:
+def test_frame_when_requested_during_rendering_is_rendered_once() -> None:
     view, drawn = FakeView(), []
 
     def wanted_meanwhile(frame: Frame) -> None:
@@ -381,12 +381,12 @@ def test_frame_when_wanted_while_it_is_drawn_is_not_drawn_twice() -> None:
     assert [frame.sequence for frame in drawn] == [1]
 
 
-def test_frames_when_wanted_again_are_numbered() -> None:
+def test_frames_when_requested_again_have_increasing_numbers() -> None:
     frames = collect_frames(3, FrameRequested(), view=FakeView())
     assert [frame.sequence for frame in frames] == [1, 2, 3]
 
 
-def test_camera_when_nobody_watches_is_not_drawn() -> None:
+def test_camera_without_requests_is_not_rendered() -> None:
     view = FakeView()
     simulation, client = make_simulation(view=view), FakeClient()
     for command in (INIT, Step(5.0)):
@@ -397,7 +397,7 @@ def test_camera_when_nobody_watches_is_not_drawn() -> None:
 
 
 class TickingClock:
-    """A clock that goes on by a fixed step with every look at it, after some jumps."""
+    """A clock that advances by a fixed step with every reading, after some jumps."""
 
     def __init__(self, step_s: float, *jumps_s: float) -> None:
         self._now_s = 100.0
@@ -435,20 +435,22 @@ def run_realtime(
     return client
 
 
-def test_realtime_when_the_clock_goes_on_runs_in_ticks() -> None:
-    # 30 ms a look, so that no wait is needed: the loop never sees a tick that is not over.
+def test_realtime_runs_in_ticks_of_the_clock() -> None:
+    # 30 ms a reading, so that no wait is needed: every tick has passed when the loop reads.
     client = run_realtime(1.0, TickingClock(0.03), Drive(2.0, 2.0))
     truths = [r for r in client.reports if isinstance(r, GroundTruthReading)]
     assert [t.time_s for t in truths] == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
     assert truths[-1].location_m[0] == pytest.approx(0.26, abs=1e-9)
 
 
-def test_realtime_when_asked_to_step_fails() -> None:
+def test_realtime_when_stepped_fails() -> None:
     client = run_realtime(0.2, TickingClock(0.03), Step(0.1))
     assert [result.status for result in results(client)] == ["Failed"]
 
 
-def test_realtime_when_far_behind_goes_on_from_now(caplog: pytest.LogCaptureFixture) -> None:
+def test_realtime_far_behind_continues_from_the_present(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     with caplog.at_level(logging.WARNING):
         client = run_realtime(0.2, TickingClock(0.03, 0.0, 0.0, 7.0))
     assert "lags by 7.0 s" in caplog.text
@@ -468,7 +470,7 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
     keeper.simulation.post(FrameRequested())
     keeper.simulation.run()
     times = np.array([frame.time_s for frame in keeper.frames])
-    # A tick is what the interval can be missed by.
+    # The interval can be missed by one tick.
     assert (np.diff(times) >= 0.1 - 1e-9).all()
     assert (np.diff(times) < 0.2).all()
 
@@ -477,7 +479,7 @@ def test_realtime_when_frames_have_an_interval_keeps_it() -> None:
     ("channel", "least_s"),
     [(IMAGE_PORT, 0.2), (ImagePortChannel(1), 0.2), (CameraChannel("R", ""), 0.0)],
 )
-def test_realtime_when_frames_are_skipped_exposes_the_screen_rarely_and_no_other_camera(
+def test_realtime_with_frame_skip_limits_the_image_port_alone(
     channel: Channel, least_s: float
 ) -> None:
     keeper = FrameCollector(4)
@@ -492,7 +494,7 @@ def test_realtime_when_frames_are_skipped_exposes_the_screen_rarely_and_no_other
     assert (gaps < least_s + 0.15).all()
 
 
-def test_landmarks_when_sought_are_answered_with_the_time_and_none_without_such_a_camera() -> None:
+def test_landmarks_when_requested_have_the_time_and_none_without_the_camera() -> None:
     simulation, told = make_simulation(), list[object]()
     client = FakeClient()
     simulation.post(CommandReceived(client, INIT))
@@ -505,7 +507,7 @@ def test_landmarks_when_sought_are_answered_with_the_time_and_none_without_such_
     assert told == [(0.5, ()), (0.5, None)]
 
 
-def test_camera_of_the_screen_s_robot_when_a_mere_viewer_leaves_goes_on_counting() -> None:
+def test_camera_when_another_client_disconnects_keeps_its_count() -> None:
     frames, drawn = list[Frame](), CameraChannel("", "")
 
     def put(frame: Frame) -> None:

@@ -1,4 +1,4 @@
-"""Due times."""
+"""Due times of reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One robot: what it obeys, when it reports, what it answers."""
+"""One robot: commands, reports and replies."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def position(robot: Robot) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def test_drive_when_2_rad_s_for_2_s_goes_0_52_m() -> None:
+def test_drive_at_2_rad_s_for_2_s_moves_0_52_m() -> None:
     robot = spawn()
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     step(robot, 100)
@@ -114,7 +114,7 @@ def status(robot: Robot, time_s: float) -> list[VehicleStatus]:
     return [report for report in reports if isinstance(report, VehicleStatus)]
 
 
-def test_robot_when_its_battery_is_empty_stops_and_obeys_no_more() -> None:
+def test_robot_with_an_empty_battery_stops_and_ignores_commands() -> None:
     robot = spawn(make_p2at(battery_s=1.0))
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
     step(robot, 100)
@@ -134,7 +134,7 @@ def test_light_when_switched_is_in_the_status_until_switched_again() -> None:
     assert not status(robot, 0.0)[0].light
 
 
-def test_readings_when_all_are_wanted_end_with_the_status() -> None:
+def test_readings_of_a_whole_cycle_end_with_the_status() -> None:
     kinds = [type(report) for report in spawn().read_all(1.5)]
     assert kinds == [OdometryReading, GroundTruthReading, VehicleStatus]
 
@@ -151,7 +151,7 @@ def test_due_times_when_no_multiple_of_a_tick_keep_their_mean(interval_s: float)
     robot = spawn(make_p2at(sensors=(odometry,), status_interval_s=60.0))
     ticks = 5000
     reports = sum(len(robot.read_due(tick * TICK_S)) for tick in range(ticks))
-    # One more at time 0, and the status twice in 100 s; a tick is the shortest period there is.
+    # One more at time 0, and the status twice in 100 s; a tick is the shortest period.
     expected = ticks * TICK_S / max(interval_s, TICK_S)
     assert reports - 2 == pytest.approx(expected, abs=1.5)
 
@@ -161,7 +161,7 @@ def test_sensor_when_named_like_the_status_word_reports_beside_it() -> None:
     assert [len(robot.read_due(t)) for t in (0.0, 0.1, 0.2)] == [2, 1, 2]
 
 
-def test_odometry_when_blocked_by_a_wall_goes_on() -> None:
+def test_odometry_when_blocked_by_a_wall_continues() -> None:
     robot = spawn()
     wall = build_obstacle_grid(build_scene(make_walled_world(0.5)), low_m=0.03, high_m=1.0)
     robot.drive_wheels(Drive(2.0, 2.0), 0.0)
@@ -182,7 +182,7 @@ def test_odometry_when_driving_a_circle_closes_it() -> None:
     step(robot, ticks)
     reading = robot.read_all(ticks * TICK_S)[0]
     assert isinstance(reading, OdometryReading)
-    # Without noise it is the way itself; the last tick is at most half a tick's way short.
+    # Without noise odometry is exact; the last tick ends at most half a tick's travel short.
     assert (reading.x_m, reading.y_m) == pytest.approx(position(robot), abs=1e-9)
     assert math.hypot(reading.x_m, reading.y_m) < 0.5 * 1.5 * 0.13 * TICK_S + 1e-9
 
@@ -218,7 +218,7 @@ FLIPPERS = MissionPackageDescription(
 )
 
 
-def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
+def test_flippers_when_driven_are_reported_by_status_and_encoders() -> None:
     encoder = dataclasses.replace(ENCODER, name="ECFlipper", shaft="frflipper")
     robot = spawn(make_p2at(chassis_joints=FLIPPERS, sensors=(encoder,)))
     robot.drive_joint("frflipper", 0.5, 0)
@@ -230,14 +230,12 @@ def test_flippers_when_driven_are_told_by_the_status_and_by_encoders() -> None:
     assert counted.items == (("ECFlipper", 28),)
 
 
-def test_flippers_when_asked_for_are_no_package() -> None:
+def test_flippers_are_no_mission_package() -> None:
     assert spawn(make_p2at(chassis_joints=FLIPPERS)).find_parts("MisPkg") == []
 
 
 @pytest.mark.parametrize(("name", "is_named_alike"), [("Slip", True), ("slip", False)])
-def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
-    name: str, is_named_alike: bool
-) -> None:
+def test_odometry_named_slip_has_random_numbers_of_its_own(name: str, is_named_alike: bool) -> None:
     odometry = dataclasses.replace(ODOMETRY, name=name, distance_noise_m=0.01)
     robot = spawn(make_p2at(sensors=(odometry,)))
     robot.drive_wheels(Drive(5.0, 5.0), 0.0)
@@ -250,7 +248,7 @@ def test_odometry_when_called_like_the_floor_s_slip_does_not_draw_its_numbers(
     assert (reading.x_m == pytest.approx(told_m)) is is_named_alike
 
 
-def test_package_when_told_of_gripper_and_sequence_moves_its_links_alone() -> None:
+def test_package_when_commanded_with_gripper_and_sequence_moves_links_only() -> None:
     robot = spawn(make_p2at(mission_packages=(STANDARD_PACKAGES["camerapantilt"],), sensors=()))
     links = (LinkCommand(2, 0.05),)
     robot.drive_mission_package(MisPkg("CameraPanTilt", links, gripper=1.0, sequence=3.0))
@@ -274,7 +272,7 @@ def test_noise_when_time_passes_has_another_seed_and_when_requested_again_the_sa
     assert robot.noise_seed_for("Ahead").camera_key != first.camera_key
 
 
-def test_twist_when_a_robot_drives_is_its_real_motion_and_none_when_it_stands() -> None:
+def test_twist_of_a_robot_is_its_true_motion() -> None:
     robot = spawn()
     robot.step(0.02, 0.02, NO_OBSTACLES)
     assert robot.twist == AT_REST

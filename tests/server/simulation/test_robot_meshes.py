@@ -1,4 +1,4 @@
-"""What robots look like: one mesh a class, at the pose of each robot."""
+"""Meshes of robots: one a class, at the pose of each robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def robot(x_m: float) -> Robot:
     return Robot(make_p2at(), place, name=f"R{x_m}", seed=0, time_s=0.0)
 
 
-def test_bodies_stand_where_their_robots_do():
+def test_dynamic_objects_have_the_poses_of_the_robots():
     robots = [robot(0.0), robot(2.0)]
     bodies = RobotMeshes([make_p2at()]).dynamic_objects(robots)
     for body, standing in zip(bodies, robots, strict=True):
@@ -38,7 +38,7 @@ def test_robots_of_a_class_share_one_mesh_for_ever():
 
 
 @pytest.mark.parametrize("mode", list(EffectMode))
-def test_own_body_when_the_camera_names_it_is_made_once_a_class(mode: EffectMode) -> None:
+def test_ego_body_when_configured_has_one_mesh_a_class(mode: EffectMode) -> None:
     omni = make_p2at().omni_camera
     assert omni is not None
     wishes = EffectSettings((EffectSetting(SelfView(), mode),))
@@ -52,7 +52,7 @@ def test_own_body_when_the_camera_names_it_is_made_once_a_class(mode: EffectMode
     assert len(first.mesh) < len(appearance.dynamic_objects([carrier])[0].mesh)
 
 
-def test_own_body_when_nobody_names_it_is_not_made() -> None:
+def test_ego_body_when_not_configured_is_not_built() -> None:
     omni = make_p2at().omni_camera
     assert omni is not None
     other = replace(omni, effects=EffectSettings((EffectSetting(Vignetting(), EffectMode.AUTO),)))

@@ -1,4 +1,4 @@
-"""SET: what is carried out and confirmed, and what is Failed."""
+"""SET: results OK and Failed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CAMERA = PerspectiveCameraDescription("Camera", Mount(), 320, 240, 1.3963, 0.349
 
 
 def drive_robot() -> Robot:
-    """Return a robot that has gone 0.26 m."""
+    """Robot that has moved 0.26 m."""
     description = make_p2at(
         sensors=(SCANNER, INS, ODOMETRY, ENCODER), perspective_cameras=(CAMERA,)
     )
@@ -62,7 +62,7 @@ def test_encoder_when_reset_is_zero() -> None:
     assert read(robot, EncoderReadings) == EncoderReadings((("ECLeft", 0),), 1.0)
 
 
-def test_ins_when_given_a_pose_reads_it() -> None:
+def test_ins_when_set_to_a_pose_reports_the_pose() -> None:
     robot = drive_robot()
     assert "{Status OK}" in execute(robot, Set("INS", "INS", "POSE", "1,2,0,0,0,0.5"))
     ins = read(robot, InsReading)
@@ -70,14 +70,14 @@ def test_ins_when_given_a_pose_reads_it() -> None:
     assert ins.location_m[:2] == pytest.approx((1.0, 2.0))
 
 
-def test_camera_when_given_a_fov_confirms_what_it_took() -> None:
+def test_camera_when_zoomed_confirms_the_field_of_view() -> None:
     robot = drive_robot()
     answer = execute(robot, Set("Camera", "Camera", fov_rad=0.7853))
     assert answer == ("RES {Time 1.00} {Type Camera} {Name Camera} {FOV 0.7853} {Status OK}\r\n")
     assert "{FOV 1.3963}" in execute(robot, Set("camera", None, "ZOOM", "0"))
 
 
-def test_scan_when_asked_for_comes_before_its_result() -> None:
+def test_scan_when_requested_precedes_its_result() -> None:
     answer = execute(drive_robot(), Set("RangeScanner", "Scanner1", "SCAN"))
     assert [line.split()[0] for line in answer.splitlines()] == ["SEN", "RES"]
 
@@ -96,7 +96,7 @@ def test_scan_when_asked_for_comes_before_its_result() -> None:
         Set(""),
     ],
 )
-def test_command_when_it_cannot_be_done_is_failed(command: Set) -> None:
+def test_command_when_impossible_has_the_result_failed(command: Set) -> None:
     answer = execute(drive_robot(), command)
     assert answer.startswith("RES {Time 1.00}")
     assert answer.endswith("{Status Failed}\r\n")
@@ -107,7 +107,7 @@ def accuracy_target(robot: Robot) -> AccuracyTarget:
     return robot.omni_camera.camera_spec().render_settings.accuracy_target
 
 
-def test_omni_camera_when_told_what_error_or_time_matters_is_drawn_by_that() -> None:
+def test_omni_camera_when_set_to_a_target_is_rendered_by_the_target() -> None:
     robot = drive_robot()
     answer = execute(robot, Set("Camera", "OmniCam", "MaxError", "0.5"))
     assert answer == "RES {Time 1.00} {Type Camera} {Name OmniCam} {Status OK}\r\n"
@@ -121,7 +121,7 @@ def test_omni_camera_when_told_what_error_or_time_matters_is_drawn_by_that() -> 
     ("name", "params"),
     [("OmniCam", "-1"), ("OmniCam", "1,2"), ("OmniCam", None), ("Camera", "1")],
 )
-def test_dial_when_turned_to_what_cannot_be_is_failed_and_stays(
+def test_accuracy_target_when_invalid_has_the_result_failed_and_stays(
     name: str, params: str | None
 ) -> None:
     robot = drive_robot()

@@ -1,4 +1,4 @@
-"""What INIT asks for."""
+"""Class, pose and name of INIT."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def test_class_when_named_is_found_in_any_case(name: str, index: int | None) -> 
     assert find_class(CLASSES, name) is (None if index is None else CLASSES[index])
 
 
-def test_place_when_a_start_is_named_is_there() -> None:
+def test_pose_at_a_named_start_is_the_start_s() -> None:
     pose = spawn_pose(Init("X", start="aside"), make_walled_world().starts)
     assert pose == PlanarPose(1.0, -2.0, 1.5)
     assert spawn_pose(Init("X", start="nowhere"), make_walled_world().starts) is None
 
 
-def test_name_when_taken_gets_the_first_free_number() -> None:
+def test_name_in_use_gets_the_first_free_number() -> None:
     assert unique_name("R", {"R", "R2", "R4"}) == "R3"
     assert unique_name("R", set()) == "R"
