@@ -95,10 +95,10 @@ class Renderer(Protocol):
         """Prepare a view of an omnidirectional camera."""
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> View:
-        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
+        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> View:
-        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
+        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
 
     def close(self) -> None:
         """Free the device."""

@@ -117,11 +117,11 @@ class RasterRenderer:
         return faces
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> RasterView:
-        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
+        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
         return self._make_lens_view(camera, samples)
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> RasterView:
-        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
+        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_lens_view(camera.perspective_camera, samples, camera.mirror_from_camera)
 
     def _make_lens_view(

@@ -149,11 +149,11 @@ class TraceRenderer:
         return grid, ProjectionTable.from_camera(camera) if len(grid.pixels) else None
 
     def prepare_perspective(self, camera: PerspectiveCamera, samples: int) -> TraceLensView:
-        """Prepare a view of a perspective camera with samples x samples rays a pixel."""
+        """Prepare a view of a perspective camera; samples: along a side of each pixel."""
         return self._make_lens_view(lens_rays(camera, samples))
 
     def prepare_face(self, camera: FaceCamera, samples: int) -> TraceLensView:
-        """Prepare a view of one virtual camera of the cube with samples x samples rays a pixel."""
+        """Prepare a view of one virtual camera of the cube; samples: along a side of each pixel."""
         return self._make_lens_view(face_rays(camera, samples))
 
     def _make_lens_view(self, samples: RaySamples) -> TraceLensView:
