@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.robot.mount import Vector3
+from catoptra_protocol.vectors import Vector3
 
 # Orders of a joint command on the wire; the two relative ones add to the present value.
 ANGLE, SPEED, BRAKE, RELATIVE_ANGLE, RELATIVE_SPEED = 0, 1, 3, 10, 11

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.transforms import Pose
-
-Vector3 = tuple[float, float, float]
+from catoptra_protocol.vectors import Vector3
 
 # Parent that GEO names for items on the chassis itself.
 CHASSIS = "HARD"

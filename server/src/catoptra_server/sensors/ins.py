@@ -16,8 +16,9 @@ from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.readings import InsReading
 from catoptra_protocol.usarsim.reports import ScanIntervalConfiguration
+from catoptra_protocol.vectors import Vector3
 from catoptra_server.random_sources import RandomSource
-from catoptra_server.robot.mount import Mount, Vector3
+from catoptra_server.robot.mount import Mount
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import DriveBase
 from catoptra_server.sensors.mounted_part import MountedPart
