@@ -1,4 +1,4 @@
-# The simulated robot and its eye, with software OpenGL: raster draws without a graphics processor.
+# The server with software OpenGL: raster renders without a GPU.
 # The context is the repository: docker build -f docker/server.Dockerfile .
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
@@ -53,5 +53,5 @@ STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=5s --timeout=3s --start-period=10s --retries=3 \
   CMD ["catoptra-server", "doctor", "--probe", "127.0.0.1"]
 ENTRYPOINT ["catoptra-server"]
-# Inside the container every address is its own; who may connect is said where ports are published.
+# All addresses of the container; the published ports decide which clients can connect.
 CMD ["--robot", "p2at_omni", "--world", "four_legged_2006", "--host", "0.0.0.0"]

@@ -1,4 +1,4 @@
-"""The repository's own configuration files, and copies of them with one thing changed."""
+"""Configuration files of the repository, and edited copies of them."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ FIELD = WORLDS / "four_legged_2006.ini"
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A part of a file that occurs once, and what stands in its place."""
+    """Replacement of a text that occurs once in a file."""
 
     old: str
     new: str
 
     def apply(self, text: str) -> str:
-        """Return the text with the part replaced."""
+        """A text with the replacement made."""
         assert text.count(self.old) == 1, f"{self.old!r} occurs {text.count(self.old)} times"
         return text.replace(self.old, self.new)
 
 
 def write_edited_copy(original: Path, folder: Path, *edits: Edit) -> Path:
-    """Write a copy of a file with edits into a folder; return its path."""
+    """Write a copy of a file with edits into a folder, and return the path of the copy."""
     text = original.read_text(encoding="utf-8")
     for edit in edits:
         text = edit.apply(text)
@@ -36,13 +36,13 @@ def write_edited_copy(original: Path, folder: Path, *edits: Edit) -> Path:
 
 
 def find_line_number(path: Path, part: str) -> int:
-    """Return the number of the first line that holds a part."""
+    """Number of the first line that contains a text."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return next(number for number, line in enumerate(lines, 1) if part in line)
 
 
 def write_small_world(folder: Path, *lines: str) -> Path:
-    """Write a world of one box and further lines; return its path."""
+    """Write a world of one box and further lines, and return the path of the file."""
     path = folder / "world.ini"
     box = "Boxes=(Size=(X=1,Y=1,Z=1),Position=(X=3,Y=0,Z=-0.5))"
     path.write_text("\n".join(("[Catoptra.World]", box, *lines)) + "\n", encoding="utf-8")

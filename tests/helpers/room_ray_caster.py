@@ -1,4 +1,4 @@
-"""Scenes with exact geometry for range sensors: a room of six walls, and places in it."""
+"""Scenes with exact geometry for range sensors: a room of six walls, and sensor contexts in it."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from catoptra_server.sensors.sensor_environment import SensorEnvironment
 
 
 class RoomRayCaster:
-    """A room around the origin, of half its edges, seen from inside: analytic, float64."""
+    """Rays in a room around the origin with these half edges, computed analytically in float64."""
 
     def __init__(self, half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> None:
         self._half = np.array(half_m)
 
     def distances(self, origins: Floats, directions: Floats) -> Floats:
-        """Return the way to the wall that each ray leaves by."""
-        level = np.abs(directions) < 1e-12
-        along = np.where(level, 1.0, directions)
-        ways = (np.copysign(self._half, along) - origins) / along
-        return np.where(level, np.inf, ways).min(axis=-1)
+        """Distances (n,) to the walls, metres."""
+        parallel = np.abs(directions) < 1e-12
+        along = np.where(parallel, 1.0, directions)
+        wall_distances = (np.copysign(self._half, along) - origins) / along
+        return np.where(parallel, np.inf, wall_distances).min(axis=-1)
 
     def closest_hits(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the distances, and the inward normals of the walls."""
+        """Distances (n,), and inward normals (n, 3) of the walls."""
         distances = self.distances(origins, directions)
-        places = (origins + distances[:, None] * directions) / self._half
-        wall = np.abs(places).argmax(axis=1)
-        normals = -np.sign(np.take_along_axis(places, wall[:, None], axis=1)) * np.eye(3)[wall]
+        points = (origins + distances[:, None] * directions) / self._half
+        wall = np.abs(points).argmax(axis=1)
+        normals = -np.sign(np.take_along_axis(points, wall[:, None], axis=1)) * np.eye(3)[wall]
         return distances, normals
 
 
 def make_room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> World:
-    """Return the same room as a world, its walls 0.1 m thick."""
+    """The same room as a world, with walls 0.1 m thick."""
     items = []
     for axis in range(3):
         for side in (-1.0, 1.0):
@@ -53,12 +53,12 @@ def make_room_world(half_m: tuple[float, float, float] = (4.0, 3.0, 2.0)) -> Wor
 def oriented_box_at(
     x_m: float, y_m: float, *, size_m: tuple[float, float, float] = (0.4, 0.4, 0.4)
 ) -> OrientedBox:
-    """Return an upright box whose middle is at the height of the world's origin."""
+    """An upright box with its centre at height 0."""
     return OrientedBox(Pose.from_rpy((x_m, y_m, 0.0)), size_m)
 
 
 def context_in_room(*boxes: OrientedBox, pose: Pose | None = None, tick: int = 0) -> SensorContext:
-    """Return a moment of a robot in the room, with other robots."""
+    """Sensor context of a robot in the room, with other robots as boxes."""
     return SensorContext(
         1.0, tick, pose or Pose.identity(), SensorEnvironment(RoomRayCaster(), boxes)
     )

@@ -1,4 +1,4 @@
-"""What a DEALER writes to its connection, byte by byte: for peers that ZeroMQ would not be."""
+"""ZMTP 3 as the bytes of a DEALER, for peers that violate the protocol as ZeroMQ never does."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + byt
 
 
 def zmtp_frame(body: bytes, flags: int = 0) -> bytes:
-    """Return a frame with a length of one byte, or of eight where flags say so."""
+    """A ZMTP frame, with a length field of eight bytes if flags has LONG, else of one byte."""
     return bytes([flags]) + len(body).to_bytes(8 if flags & LONG else 1, "big") + body
 
 
@@ -19,19 +19,19 @@ READY = zmtp_frame(b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER", COMMAND)
 
 
 def connect_with_handshake(port: int) -> socket.socket:
-    """Return a blocking connection on which both sides have said READY."""
+    """Connect a blocking socket, and complete the handshake."""
     peer = socket.create_connection((HOST, port), DEADLINE_S)
     peer.sendall(GREETING + READY)
-    heard = b""
-    while b"ROUTER" not in heard:
+    received = b""
+    while b"ROUTER" not in received:
         data = peer.recv(1024)
         assert data, "the ROUTER ended the handshake"
-        heard += data
+        received += data
     return peer
 
 
 def send_until_disconnect(port: int, block: bytes, *, max_bytes: int) -> int:
-    """Send a block again and again; return how many bytes went until the connection was ended."""
+    """Send a block repeatedly; number of bytes sent before the connection was closed."""
     sent = 0
     with connect_with_handshake(port) as peer:
         try:

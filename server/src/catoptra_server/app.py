@@ -22,6 +22,7 @@ from catoptra_server.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.capture.camera_state import CameraState
 from catoptra_server.config.server_file import ServerOptions, ServerSettings, resolve_settings
 from catoptra_server.frames.mailbox import Mailboxes
+from catoptra_server.frames.mounted_camera import mounted_camera_state
 from catoptra_server.frames.render_thread import RenderThread
 from catoptra_server.frames.view_cache import ErrorBoundTable, ViewCache
 from catoptra_server.planning.camera_spec import OmniCameraSpec
@@ -29,6 +30,7 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
 from catoptra_server.transports.stream.server_info import build_server_info
@@ -262,9 +264,8 @@ class _ServerProcess:
         )
         # Prepared at start: calibration takes seconds, in which the first viewer would wait.
         for name, omni in omnis.items():
-            self.plans[name] = str(
-                views.plan(OmniCameraSpec(omni.camera, omni.render_settings, omni.effects))
-            )
+            spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+            self.plans[name] = views.prepare(spec)
         return views
 
     def _create_fleet(self) -> Fleet:
@@ -310,6 +311,6 @@ def _make_calibration_states(startup: StartupConfig) -> tuple[CameraState, ...]:
         (s.location_m, s.rotation_rad) for s in startup.world.starts[:_MAX_CALIBRATION_STATES]
     ]
     return tuple(
-        CameraState(Pose.from_rpy((x, y, -height_m), (0.0, 0.0, yaw)))
+        mounted_camera_state(PlanarPose(x, y, yaw).at_height(height_m), Pose.identity())
         for (x, y, _), (_, _, yaw) in starts or [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
     )

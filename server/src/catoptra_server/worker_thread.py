@@ -57,7 +57,7 @@ class WorkerThread:
     def _main(self) -> None:
         try:
             self._run(self._signal_ready)
-        # The top of a thread, where any error has to reach the loop: it would be printed and lost.
+        # The top of a thread, where Python would print any error and go on without the thread.
         except Exception as error:
             self._loop.call_soon_threadsafe(self._handle_failure, error)
 

@@ -36,7 +36,7 @@ class IniFile:
                 self._sections[key] = settings
 
     def get_section(self, name: str) -> SectionReader:
-        """Section by name; an absent one is empty, and its error messages still name the file."""
+        """Section by name; for an absent one an empty reader whose errors name the file."""
         return self._sections.get(name.lower()) or SectionReader(
             name, SourceLocation(str(self.path)), ()
         )
@@ -52,7 +52,7 @@ class IniFile:
     def unknown_entries(self) -> list[Entry]:
         """Entries with unknown keys, in sections that were read."""
         # A section that no reader opened belongs to a class without meaning here, such as another
-        # robot's sensors in a real USARBot.ini: its keys would drown the one spelling error.
+        # robot's sensors in a real USARBot.ini: warnings for all keys would hide the spelling error.
         return [
             entry
             for settings in self._sections.values()

@@ -84,7 +84,7 @@ def _read_link(
     numbers = [n for n, one in enumerate(previous) if one.get_str("PartName").lower() == name]
     joint = Pose.from_rpy(_read_position(robot, part), _rpy_from_axis(part))
     # The file states positions and axes as if all parts were aligned with the chassis; a link is
-    # relative to its parent's joint frame, which is turned so that z is the parent's axis.
+    # relative to the joint frame of the parent, whose z is the parent's axis.
     if numbers:
         carrier = Pose.from_rpy((0.0, 0.0, 0.0), _rpy_from_axis(previous[numbers[0]]))
         joint = carrier.inverse() @ joint

@@ -52,8 +52,8 @@ def read_omni_camera(file: IniFile, section: SectionReader) -> OmniCameraDescrip
     if not clients[0].get_str("ItemName"):  # as in USARSim: no name, no camera
         clients[0].ignore_all()
         return None
-    # USARSim spawns one viewpoint. Class and Parent are read only to count as known: they name an
-    # emitter and a pillar, which have no shape here.
+    # USARSim spawns one viewpoint. Class and Parent name an emitter and a pillar, without a shape
+    # here; both are read only to count as known.
     viewpoint = clients[0]
     viewpoint.get_str("ItemClass", "")
     viewpoint.get_str("Parent", "")
@@ -139,7 +139,7 @@ def _read_camera_model(
 
 
 def _require_at_pinhole(mirror: CentralMirror, item: SectionReader) -> None:
-    """Raise ConfigError for a capture camera off the pinhole or the axis: it is not central."""
+    """Raise ConfigError for a capture camera off the pinhole or the axis, which is not central."""
     position = np.asarray(item.get_vector("Position"))
     # A parabolic mirror's pinhole is at infinity: an orthographic camera anywhere on the axis.
     if math.isinf(mirror.pinhole_distance_m):
@@ -162,7 +162,7 @@ def _image_up_azimuth(item: SectionReader) -> float:
     rotation = Pose.from_rpy((0, 0, 0), item.get_vector("Direction")).rotation
     up = -rotation[:, 2]
     azimuth = math.atan2(float(up[1]), float(up[0]))
-    # 1.5708 in a file means a quarter turn exactly: its residual of 4e-6 rad would rotate the image
+    # 1.5708 in a file means a quarter turn exactly: the residual of 4e-6 rad would rotate the image
     # and break the symmetry of the faces.
     quarters = azimuth / (0.5 * math.pi)
     nearest = round(quarters)

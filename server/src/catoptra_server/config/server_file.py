@@ -90,6 +90,7 @@ def read_server_options(file: IniFile) -> ServerOptions:
 
 
 def _read_bot_server(section: SectionReader, options: ServerOptions) -> None:
+    # An absent key stays absent: a default here would override the value of another source.
     if _has_key(section, "ListenPort"):
         options["control_port"] = section.get_int("ListenPort", max_value=_MAX_PORT)
     if _has_key(section, "MaxConnections"):

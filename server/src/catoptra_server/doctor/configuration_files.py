@@ -14,7 +14,7 @@ from catoptra_server.scene.scene_mesh import build_scene
 
 
 def check_configurations(robots: Iterable[Path], worlds: Iterable[Path]) -> Iterator[Finding]:
-    """Yield the findings of each file: its error, or its content and its unknown keys."""
+    """Yield the findings of each file: an error, or the content and the unknown keys."""
     for path in robots:
         yield from _check_file("robot", path, _read_robot_names)
     for path in worlds:

@@ -78,7 +78,7 @@ def _check_opengl(run_check: RunCheck, make_finding: MakeFinding) -> Iterator[Fi
 
 
 def _describe_drivers() -> str:
-    """Drivers that libEGL finds: those of an environment variable, or of the vendor folders."""
+    """Drivers that libEGL finds, by an environment variable or in the vendor folders."""
     for variable in _VENDOR_VARIABLES:
         # A variable set for another program is a frequent cause of `no device`.
         if variable in os.environ:
