@@ -295,6 +295,13 @@ def test_plan_of_a_frame_when_replanning_is_the_one_that_rendered_the_frame() ->
         assert f" {samples:.0f}^2 samples" in rendered.plan
 
 
+def test_plan_and_bounds_are_formatted_once_a_plan() -> None:
+    views, request = make_budgeted_cache(SlowRenderer(1.0), 10.0)
+    first, second = views.render(request), views.render(request)
+    assert first.plan is second.plan
+    assert first.error_bounds is second.error_bounds is not None
+
+
 def test_view_state_when_requested_prepares_no_view() -> None:
     renderer = SlowRenderer(1.0)
     views, request = make_budgeted_cache(renderer, 10.0)

@@ -84,7 +84,10 @@ class _CachedView:
     bounds: dict[str, float] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        # Formatted once a plan: every frame of the view carries the same text and numbers.
+        self._format()
+
+    def _format(self) -> None:
+        # Once a plan: every frame of the view carries the same text and numbers.
         self.plan_text = str(self.plan)
         if self.choice is not None and self.choice.bound is not None:
             self.bounds = self.choice.bound.as_dict()
@@ -92,7 +95,7 @@ class _CachedView:
     def set_choice(self, choice: PlanChoice) -> None:
         """Replace the plan by a new choice."""
         self.plan, self.choice = choice.plan, choice
-        self.__post_init__()
+        self._format()
 
 
 @dataclass(slots=True)
