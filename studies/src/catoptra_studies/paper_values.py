@@ -5,18 +5,17 @@ Source: Schmits & Visser 2009, An Omnidirectional Camera Simulation for the USAR
 
 from __future__ import annotations
 
+# Width and height of the paper's images; every displacement in pixels refers to this size.
 PAPER_SIZE_PX = 360
-"""Width and height of the paper's images; every displacement in pixels refers to this size."""
 
+# Polygons of the mirror meshes in the paper's Figures 3 and 8.
 PAPER_POLYGON_COUNTS = (16, 64, 256, 1024)
-"""Polygons of the mirror meshes in the paper's Figures 3 and 8."""
 
 # The paper stops at 1024. One mesh more shows that the error goes on falling as 1/N.
 POLYGON_COUNTS = (*PAPER_POLYGON_COUNTS, 4096)
-"""The paper's meshes and the next finer one."""
 
+# Bound of the filter's position error in both drives of Figure 13.
 PAPER_EKF_ERROR_M = 0.6
-"""Bound of the filter's position error in both drives of Figure 13."""
 
+# Position error that odometry alone exceeds at several steps of Figure 13.
 PAPER_ODOMETRY_ERROR_M = 1.0
-"""Position error that odometry alone exceeds at several steps of Figure 13."""

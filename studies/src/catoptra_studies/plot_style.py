@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 
+# (h, w, 3) RGB image.
 Image = npt.NDArray[np.uint8]
-"""(h, w, 3) RGB image."""
 
 # Matplotlib publishes no types.
 Page = Any

@@ -31,6 +31,7 @@ class ProgressDisplay:
 def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
     """Show bars on stderr until the block ends."""
     columns = (
+        # As wide as the longest title, so that bars do not jump when a task is added.
         TextColumn("{task.description:<34}"),
         BarColumn(),
         MofNCompleteColumn(),

@@ -211,6 +211,7 @@ def _open_renderers(
 ) -> dict[RendererKind, Renderer]:
     """Start the renderers that run here; the stack closes them."""
     renderers = {}
+    # Software OpenGL counts, too: the study compares renderers as they run on this machine.
     for kind in kinds:
         try:
             renderers[kind] = choose_renderer(kind.value, scene, world).renderer

@@ -16,10 +16,10 @@ from catoptra_server.scene.mirror_mesh import Interpolation, Tessellation
 # (sectors, rings); the products of the square ones are POLYGON_COUNTS of paper_values.
 SQUARE_TESSELLATIONS = ((4, 4), (8, 8), (16, 16), (32, 32), (64, 64))
 WIDE_TESSELLATIONS = ((8, 2), (16, 4), (32, 8), (64, 16), (128, 32))
+# Factors on the plan's own face size, which has one texel a pixel.
 FACE_SCALES = (0.5, 1.0, 2.0)
-"""Factors on the plan's own face size, which has one texel a pixel."""
+# Samples along a pixel's side.
 SAMPLES = (1, 2, 3, 4)
-"""Samples along a pixel's side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,7 @@ def quick_accuracy_sweep(face_size_px: int) -> tuple[AccuracyLevel, ...]:
     return (
         *_trace_levels((1, 2, 4)),
         *_per_pixel_levels(face_size_px, (1.0,), (1, 2)),
+        # The paper's own meshes, which are all key levels.
         *_polygon_levels(SQUARE_TESSELLATIONS, (Interpolation.UV,), (2,)),
     )
 
@@ -82,6 +83,7 @@ def _per_pixel_levels(
 def _supersampled_faces_level() -> AccuracyLevel:
     """The level whose faces have four samples a texel of their own."""
     settings = RenderSettings(PerPixel(), 2, face_samples=4)
+    # Whether samples are better spent on faces or on pixels.
     return AccuracyLevel("raster per pixel, 2x2, faces of 4 samples", RendererKind.RASTER, settings)
 
 

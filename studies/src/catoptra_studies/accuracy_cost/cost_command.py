@@ -67,6 +67,7 @@ def _write_report(parsed: argparse.Namespace) -> None:
 
 
 def _report_path(parsed: argparse.Namespace) -> Path:
+    # Not the repository's COST.md by default: only make cost overwrites it.
     path: Path = parsed.report or parsed.output / "COST.md"
     return path
 

@@ -35,6 +35,7 @@ name the quantity interpolated over a polygon. The lines of a robot file that se
 
 def format_cost_report(results: CostResults) -> str:
     """The whole report as Markdown."""
+    # The front first: it answers which level to choose, all later sections explain why.
     parts = [
         _format_header(results.conditions),
         _format_pareto_front(results),
@@ -67,6 +68,7 @@ def format_summary_table(results: CostResults) -> str:
                 f"{localized.bearing_rms_deg:.2g}°",
                 f"{localized.consistent_ekf_mean_m:.3f} m",
             ]
+        # A key level without drives, as after a run that was interrupted.
         elif rows_by_level:
             row += ["-", "-", "-"]
         rows.append(row)
@@ -104,6 +106,7 @@ def _format_pareto_front(results: CostResults) -> str:
             f"{level.ssim:.4f}",
             _compare_levels(before, level),
         ]
+        # Each level beside the next faster one of the front; the first has none.
         for before, level in zip([None, *front[:-1]], front, strict=True)
     ]
     header = ("level", "ms", "bound px", "RMSE", "PSNR dB", "SSIM", "against the row above")
@@ -155,6 +158,7 @@ def _format_levels(results: CostResults) -> str:
 
 
 def _sort_by_error(levels: Iterable[LevelCost]) -> list[LevelCost]:
+    # Not by time, which changes from run to run: a stable order keeps two reports comparable.
     return sorted(levels, key=lambda level: level.rmse)
 
 
@@ -203,6 +207,7 @@ def _displacement_cells(row: PolygonRow) -> list[str]:
 
 def _describe_agreement(rows: Sequence[PolygonRow]) -> str:
     """Sentences about the rows that agree with the table, and the reason why others may not."""
+    # All that disagree are named, so that a new disagreement shows in the diff of the report.
     others = [
         f"{row.sectors} x {row.rings} {row.interpolation}"
         for row in rows

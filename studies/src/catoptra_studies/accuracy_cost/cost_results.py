@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from catoptra_protocol.errors import CatoptraError
 
+# 2: all fields renamed. An older file is rejected, not translated: `make cost` writes a new one.
 FORMAT_VERSION = 2
 RowT = TypeVar("RowT")
 
@@ -248,6 +249,7 @@ def _parse_row(row_class: type[RowT], entry: Any) -> RowT:
     if not isinstance(entry, dict):
         raise TypeError(f"{row_class.__name__} is {entry!r}")
     names = {field.name for field in fields(row_class)}  # type: ignore[arg-type] # all dataclasses
+    # A newer writer may add fields, but must not remove any.
     values = {key: value for key, value in entry.items() if key in names}
     for key in (key for key, value in values.items() if value is None):
         # The PSNR of equal images is the only number that can be infinite.

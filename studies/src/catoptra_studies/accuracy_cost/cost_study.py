@@ -100,6 +100,7 @@ def measure_rendering(config: CostStudyConfig, progress: ProgressDisplay) -> Cos
 
 def _available_levels(subject: StudySubject, config: CostStudyConfig) -> list[AccuracyLevel]:
     """Levels of the renderers that run here: only those of trace without OpenGL."""
+    # A plan is arithmetic and needs no renderer, so raster's exists without OpenGL, too.
     face_size_px = subject.plan(RendererKind.RASTER, RenderSettings()).face_size_px
     sweep = quick_accuracy_sweep if config.is_quick else accuracy_sweep
     return [level for level in sweep(face_size_px) if level.renderer_kind in subject.renderers]
@@ -109,6 +110,8 @@ def _measure_world_frame_rates(
     config: CostStudyConfig, world_file: Path, progress: ProgressDisplay
 ) -> list[FrameRate]:
     """Measure the frame rates in one world with each renderer."""
+    # The first world is opened again: the views of its levels are closed, and only those of the
+    # payloads are in memory.
     description, _ = read_robot(config.robot_file)
     rows: list[FrameRate] = []
     with open_study_subject(

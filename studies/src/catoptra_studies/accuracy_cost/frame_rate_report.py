@@ -18,6 +18,7 @@ def format_frame_rates(results: CostResults) -> str:
     if not results.frame_rates:
         return ""
     columns = _columns(results)
+    # dict.fromkeys keeps the order of measuring, from no camera to the scanner.
     payloads = list(dict.fromkeys(row.payload for row in results.frame_rates))
     by_cell = {(row.world, row.renderer, row.payload): row for row in results.frame_rates}
     rows = [
@@ -82,6 +83,7 @@ def _conclusion(spread_all: float, spread_covered: float) -> str:
 def _explanations(results: CostResults) -> Iterator[str]:
     """Yield the share of each stage, from the sweep's own meshes."""
     meshes = [level for level in results.levels if level.num_polygons and level.is_key]
+    # Without OpenGL there are no stages of raster to explain.
     if meshes:
         yield _explain_faces(meshes)
         yield _explain_mirror(meshes)

@@ -108,6 +108,7 @@ def _surfaces() -> dict[str, MirrorSurface]:
 
 
 def _camera_payloads(cameras: dict[str, View]) -> Iterator[_Payload]:
+    # The perspective view alone, to be subtracted from all other payloads.
     yield _Payload(NO_CAMERA, 0, "camera", lambda state: None)
     for name, view in cameras.items():
         yield _Payload(name, int(name) if name.isdigit() else 0, "camera", view.render)

@@ -63,6 +63,7 @@ def signed_difference(image: Image, reference: Image) -> Floats:
 
 def ssim_map(image: Image, reference: Image) -> Floats:
     """(h, w) structural similarity around each pixel."""
+    # SSIM is defined for one channel.
     x, y = image @ _LUMA, reference @ _LUMA
     mean_x, mean_y = _blur(x), _blur(y)
     variance_x = _blur(x * x) - mean_x**2

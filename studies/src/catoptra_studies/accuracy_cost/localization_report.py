@@ -11,6 +11,7 @@ def format_localization(results: CostResults) -> str:
     localization = results.localization
     if localization is None:
         return ""
+    # Times come from the levels: the drives run in real processes and measure none of their own.
     times_ms = {level.name: level.wall_ms for level in results.levels}
     rows = [
         [

@@ -78,5 +78,6 @@ def _level_config(config: CostStudyConfig, level: LevelCost) -> ExperimentConfig
 
 def write_robot_file(level: LevelCost, base_robot: Path, path: Path) -> None:
     """Write a robot file that is another one, rendered at a level."""
+    # Only the camera's sections differ: drive, sensors and noise stay those of the simulated robot.
     based_on = f"[Configuration]\nBasedOn={base_robot.resolve()}\n"
     path.write_text(based_on + level.robot_ini, encoding="utf-8")

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 # The first frames fill caches, raise the processor's clock and start software OpenGL's threads.
 NUM_WARM_UP_ROUNDS = 3
 
+# Render one frame of the given round and return the milliseconds of its stages.
 DrawFunction = Callable[[int], Mapping[str, float]]
-"""Render one frame of the given round and return the milliseconds of its stages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,7 @@ def time_round_robin(
 
 
 def _time_once(draw: DrawFunction, round_number: int) -> RenderTiming:
+    # process_time counts all threads, those of Embree and llvmpipe included.
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     stage_ms = dict(draw(round_number))
     return RenderTiming(

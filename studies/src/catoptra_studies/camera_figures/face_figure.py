@@ -37,6 +37,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     for face in FACES:
         image = subject.render_face(face, _FACE_SIZE_PX, samples=3)
         mask = _visible_mask(face, image.shape[0], subject.camera.rim_rad)
+        # The view down hangs under the forward one, in column 1.
         column = 1 if face == Face.C else FACES.index(face)
         left = _LEFT_PX + column * _FACE_SIZE_PX
         top = _TOP_PX + (_FACE_SIZE_PX if face == Face.C else 0)

@@ -69,6 +69,7 @@ def _label_robot_sides(page: plot_style.Page) -> None:
     bold = {"fontsize": 10.5, "fontweight": "bold"}
     plot_style.add_text(page, centre, 36, "▲  forward", color=plot_style.RED, **centred, **bold)
     plot_style.add_text(page, centre, _SIZE_PX + 106, "behind", color=plot_style.MUTED, **centred)
+    # Exchanged: a mirror reverses the image, and the labels are the robot's own sides.
     for x, text, rotation in ((50, "robot's right", 90), (_SIZE_PX + 150, "robot's left", -90)):
         plot_style.add_text(
             page, x, height, text, color=plot_style.FOREGROUND, rotation=rotation, **centred, **bold

@@ -23,6 +23,7 @@ _COARSE, _FINE = 256, 1024
 def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the location in the frame, and the detail through two meshes and the exact mirror."""
     subject = inputs.subject
+    # 3 x 3 samples: fewer would alias, and their jaggings be mistaken for those of facets.
     exact = subject.render_frame(PAPER_SIZE_PX, samples=3)
     meshes = [
         subject.render_frame(

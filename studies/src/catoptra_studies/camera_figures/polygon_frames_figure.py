@@ -17,6 +17,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     """Draw the four frames, each under its measured displacement."""
     subject = inputs.subject
     camera = subject.resize_camera(PAPER_SIZE_PX)
+    # UV coordinates, the default of a tessellation, as in the paper.
     errors = [
         measure_polygon_error(camera, tessellation_from_polygon_count(count))
         for count in PAPER_POLYGON_COUNTS

@@ -107,6 +107,7 @@ def mirror_points(camera: OmniCamera, directions: Floats) -> Floats:
         directions: (..., 3) directions within the rim, in the mirror frame.
     """
     t, _ = half_angle_tangent(directions)
+    # The profile is rotationally symmetric, so azimuth passes through unchanged.
     r, z = camera.mirror.surface_point(t)
     azimuth = np.arctan2(directions[..., 1], directions[..., 0])
     return np.stack((r * np.cos(azimuth), r * np.sin(azimuth), z), axis=-1)

@@ -25,8 +25,8 @@ from catoptra_studies.experiment.measurement_metrics import (
 # object.
 MATCH_TOLERANCE_RAD = math.radians(5.0)
 
+# Detections in each frame of a drive.
 DriveDetections = Sequence[Sequence[Detection]]
-"""Detections in each frame of a drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +135,7 @@ def evaluate_frame(
         beacons: Names of those that are beacons.
         detections: Detections in the frame.
     """
+    # Beacons alone: the visible part of a goal has another centre than the goal.
     visible = frozenset(name for name in beacons if range_bearing[name][0] <= MAX_RANGE_M)
     errors, false_detections = {}, []
     for detection in detections:

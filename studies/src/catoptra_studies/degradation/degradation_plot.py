@@ -63,6 +63,7 @@ def draw_detection_rates(axes: plot_style.Axes, result: SweepResult) -> None:
     for training, colour, line, label in _TRAINING_STYLES:
         rates = [100.0 * _metrics(level, training).detection_rate for level in _all_levels(result)]
         axes.plot(_level_labels(result), rates, line, color=colour, label=label)
+    # Markers at 0 and 100 % would be cut in half.
     axes.set_ylim(-4, 104)
     axes.set_ylabel("beacons found, %")
 

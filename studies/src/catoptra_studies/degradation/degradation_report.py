@@ -47,6 +47,7 @@ def write_degradation_results(
 ) -> None:
     """Write degradation.json, DEGRADATION.md, degradation.png and a plot for each sweep."""
     summary = summarize_degradation(results, num_runs=config.num_runs, seed=config.seed)
+    # A metric without values is None, so a nan here is a bug and has to raise.
     text = json.dumps(summary, indent=2, allow_nan=False)
     (output_folder / "degradation.json").write_text(text + "\n", encoding="utf-8")
     report = format_degradation_report(results, num_runs=config.num_runs)
@@ -90,6 +91,7 @@ def _summarize_sweep(result: SweepResult) -> dict[str, Any]:
         "clean": _summarize_level(result.clean, result),
         "levels": [
             {**_summarize_level(measured, result), "ini_keys": level.ini_keys.split("|")}
+            # Results beside the table: a result has the label of its level, not its keys.
             for measured, level in zip(result.levels, sweep.levels, strict=True)
         ],
         "failure_levels": {

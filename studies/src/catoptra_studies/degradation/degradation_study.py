@@ -153,6 +153,7 @@ def _record_drives(
             seed=config.seed + 1,
             on_frame=lambda: None,
         )
+        # On the same server, hence on images degraded in the same way as those of the drives.
         classifier = train(frames)
         drives = []
         for run in range(config.num_runs):

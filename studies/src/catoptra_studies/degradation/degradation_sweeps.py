@@ -91,6 +91,8 @@ def _robot_ini(base_robot: Path, ini_keys: str) -> str:
 # A 1/3" sensor of 480 rows with its height divided into 360, the rows of the study's images.
 _PIXEL_PITCH = "PixelPitch=9.87e-6"
 
+# Each first level is hardly visible and each last one hopeless, so that the failing level lies
+# between. Labels are text: some sweeps have no numbers.
 SWEEPS: tuple[DegradationSweep, ...] = (
     DegradationSweep(
         "Too dark",
@@ -105,6 +107,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # With blooming, since a real sensor that clips also spills.
         "Too bright",
         "an exposure longer than white needs; full wells spill into their columns",
         "exposure, fraction of white's",
@@ -129,6 +132,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # The well sets the shot noise: fewer electrons for the same white.
         "Noise",
         "few electrons a pixel: shot noise, and 13 electrons of read noise",
         "electrons of white",
@@ -225,6 +229,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # Nothing to vary: each level is another effect that every real camera has.
         "Always present",
         "one effect each: robot in the mirror, shadows, cos^4 of a lens, mirrors, colour mosaic",
         "effect",
@@ -242,6 +247,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # WhiteExposureTime is the exposure that white needs: longer means less light.
         "The real camera",
         "p2at_omni_real.ini at 360 px with all its effects; less and less light, the same exposure",
         "light, fraction of white's",

@@ -15,8 +15,8 @@ from catoptra_studies.degradation.degradation_metrics import (
 )
 from catoptra_studies.degradation.recorded_drive import RecordedDrive
 
+# Position (u, v) in the image.
 Pixel = tuple[float, float]
-"""Position (u, v) in the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +47,7 @@ def select_example(drive: RecordedDrive, detections: DriveDetections) -> Example
     frame, evaluation = drive.frames[index], evaluations[index]
     pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
     missed = evaluation.visible_beacons - set(evaluation.detection_errors)
+    # Sorted by name: sets have no order, and the plots of two equal runs must be equal.
     return ExampleFrame(
         rgb=frame.rgb,
         detected_px=tuple(pixels[name] for name in sorted(evaluation.detection_errors)),

@@ -130,6 +130,8 @@ def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Dete
 def add_measurements(drive: RecordedDrive, detections: Sequence[Sequence[Detection]]) -> DriveLog:
     """The drive's log as a filter receives it, with detections within the range in use."""
     start, *rest = drive.log.steps
+    # One entry a frame, empty where nothing was detected: a missing one would shift all later ones
+    # to wrong steps, so lengths are compared.
     steps = (
         replace(step, measurements=_measurements_in_range(found))
         for step, found in zip(rest, detections, strict=True)

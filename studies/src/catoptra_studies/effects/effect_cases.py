@@ -96,6 +96,7 @@ EFFECT_CASES = (
         upstream_effects=(SelfView(),),
     ),
     EffectCase(
+        # The same motion for shutter and blur: the pages can be compared.
         RollingShutter(1.0 / 30.0),
         NegligibleCase("a robot that stands", RollingShutter(1.0 / 30.0)),
         "0.5 m/s and 120 degrees/s, rows read in 33 ms",
@@ -113,6 +114,7 @@ EFFECT_CASES = (
         "fog with a visibility of 9 m",
     ),
     EffectCase(
+        # Nearer than half a metre, where one disc for each image radius is no longer exact.
         DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0)),
         NegligibleCase("nothing near", DefocusByDepth(Aperture(1.4, 7.4e-6, 0.0))),
         "a board 12 cm ahead",
@@ -149,6 +151,8 @@ EFFECT_CASES = (
         "1 % dust of 0.4 mm, 20 scratches, at F/4",
     ),
     EffectCase(
+        # Near the axis the reflectance of steel hardly varies; the paper's rim at 120 degrees makes
+        # the difference.
         MirrorReflectance(2.8, 3.4),
         NegligibleCase(
             "the same steel with its rim at 40 degrees", MirrorReflectance(2.8, 3.4), rim_deg=40.0
@@ -156,6 +160,7 @@ EFFECT_CASES = (
         "a mirror of steel, n = 2.8, k = 3.4",
     ),
     EffectCase(
+        # cos^4 of the field angle: the narrower the mirror's image, the nearer to one.
         Vignetting(),
         NegligibleCase("a mirror with its rim at 25 degrees", Vignetting(), rim_deg=25.0),
         "the paper's mirror by day",
@@ -166,12 +171,14 @@ EFFECT_CASES = (
         "60 ms where white needs 20 ms",
     ),
     EffectCase(
+        # Behind a short exposure, which the gain then has to make up for.
         AutoExposure(0.18, 0.1, 10.0),
         NegligibleCase("a camera with fixed gain", AutoExposure(0.18, 1.0, 1.0)),
         "an image exposed for 4 ms instead of 20",
         upstream_effects=(_SHORT_EXPOSURE,),
     ),
     EffectCase(
+        # Full wells alone spill, so the exposure decides and the parameters stay.
         Blooming(0.3, 40.0),
         NegligibleCase("the same at the exposure that white needs", Blooming(0.3, 40.0)),
         "60 ms where white needs 20 ms: full wells spill",
@@ -201,6 +208,7 @@ EFFECT_CASES = (
         "a converter of 5 bits",
     ),
     EffectCase(
+        # At night the mosaic's error is far below half a grey level.
         Bayer(),
         NegligibleCase("a night, a ten-thousandth of white", Bayer(), max_radiance=1e-4),
         "the field by day, 10 times enlarged",

@@ -159,6 +159,7 @@ def _decide_both(case: EffectCase, scene: EffectScene) -> tuple[EffectDecision, 
     effects = (*case.upstream_effects, case.effect)
     settings = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
     required = plan_effects(settings, scene.summarize(case), _paper_camera(120.0))
+    # No scene is built for it: a summary with bounds of an empty, still scene is enough.
     negligible_case = case.negligible_case
     negligible = plan_effects(
         EffectSettings((EffectSetting(negligible_case.effect, EffectMode.AUTO),)),

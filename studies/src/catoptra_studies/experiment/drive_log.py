@@ -74,8 +74,8 @@ class DriveLog:
     """Steps of the route; the first is the start, without measurements."""
 
 
+# Measure landmarks after a step, from the true pose.
 MeasurementFunction = Callable[[Waypoint], tuple[LandmarkMeasurement, ...]]
-"""Measure landmarks after a step, from the true pose."""
 
 
 def log_drive(
@@ -201,6 +201,7 @@ def _measure_manually(
     """
     # Drawn for every landmark, in range or not, so that one does not shift the noise of others.
     radial, angular = generator.standard_normal(2)
+    # The foot on the floor: its distance follows from the image radius alone.
     dx, dy = landmark.x_m - truth.x_m, landmark.y_m - truth.y_m
     range_m = math.hypot(dx, dy)
     if range_m > MAX_RANGE_M:
@@ -209,6 +210,7 @@ def _measure_manually(
     ratio += float(radial) * setup.manual_sigma_px / camera.horizon_radius_px
     bearing_rad = wrap_angle(math.atan2(dy, dx) - truth.yaw_rad)
     bearing_rad = wrap_angle(bearing_rad + float(angular) * setup.manual_sigma_rad)
+    # Noise may push a near foot across the image's centre, where no radius is.
     if ratio < 0.0:
         return None
     t = float(camera.mirror.t_from_radius_ratio(np.array(ratio)))

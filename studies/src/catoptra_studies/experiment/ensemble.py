@@ -123,6 +123,7 @@ def error_quantiles(
     errors_m = [
         run.odometry_error_m if of_odometry else run.estimate_error_m for run in filter_runs
     ]
+    # Quantiles, since locked-out runs lie far from the others and would dominate a deviation.
     quantiles: np.ndarray[tuple[int, int]] = np.quantile(
         np.array(errors_m), [0.05, 0.5, 0.95], axis=0
     )

@@ -63,6 +63,7 @@ def write_html_report(
         Path of the report.
     """
     template = resources.files("catoptra_studies.experiment").joinpath("report.html")
+    # substitute and not safe_substitute: a mark of the template that stays empty has to fail.
     text = Template(template.read_text(encoding="utf-8")).substitute(
         subtitle=html.escape(subtitle),
         num_runs=num_runs,
@@ -92,6 +93,7 @@ def _filter_tables(setups: Mapping[str, Any]) -> str:
 
 
 def _filter_table(setup: Mapping[str, Any]) -> str:
+    # Filters are the columns, so that a metric can be read across all of them.
     filters = setup["filters"].values()
     header = [Cell(""), *(Cell(settings["title"], "n") for settings in filters)]
     rows = [

@@ -76,6 +76,7 @@ def summarize_experiment(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> dict[str, Any]:
     """Everything that summary.json has about the drives."""
+    # Numbers, strings and lists alone: this dictionary is the JSON file.
     setups = {
         result.setup.name: {
             "title": result.setup.title,
@@ -99,6 +100,8 @@ def draw_drive_figures(
     config: ExperimentConfig, results: Sequence[SetupResult]
 ) -> list[ReportFigure]:
     """Draw trajectories and errors of the median run of each set-up, and the ensembles."""
+    # The same run in both figures, so that a bend of the path can be found in the errors. The
+    # paper's filter, since its Figures 12 and 13 show no other.
     chosen = []
     for result in results:
         filter_runs = result.filter_runs[PAPER_FILTER.name]
@@ -156,6 +159,7 @@ def _draw_overview(
     config: ExperimentConfig, results: Sequence[SetupResult], snapshot: DetectorSnapshot
 ) -> None:
     """Draw frame, bearings and path in one figure, for the README."""
+    # The simulated set-up where both were driven: its landmarks come from frames like this one.
     result = results[0]
     filter_runs = result.filter_runs[PAPER_FILTER.name]
     index = median_run_index(filter_runs)

@@ -35,8 +35,8 @@ from catoptra_studies.experiment.filter_replay import FilterRun, replay_filter
 from catoptra_studies.experiment.remote_server import wait_for_server
 from catoptra_studies.experiment.server_process import run_server
 
+# Receives the name of the task that has advanced by one.
 ProgressCallback = Callable[[str], None]
-"""Receives the name of the task that has advanced by one."""
 
 _FIELD = "four_legged_2006"
 # Metres and radians: from here two beacons and a goal are within 2.5 m.
@@ -145,6 +145,7 @@ def train_classifier(
             on_frame=lambda: on_progress("train"),
         )
         classifier = train(frames)
+        # For the user, too: catoptra-client bearings --classifier shows its detections live.
         save_classifier(classifier, config.output_folder / "classifier.npz")
         return classifier, _take_snapshot(config, address, classifier)
 
@@ -182,6 +183,7 @@ def run_setup(
     """
     landmarks = config.landmarks
     with open_server(config, setup) as address:
+        # One server for all seeds: noise follows the robot's name, not the order of connections.
         drive_logs = tuple(
             log_drive(
                 setup,
@@ -207,6 +209,7 @@ def open_server(
     config: ExperimentConfig, setup: ExperimentSetup
 ) -> AbstractContextManager[ServerAddress]:
     """Server of a set-up: the remote one, otherwise a process that ends with the block."""
+    # A server loads one robot file, and a set-up is a robot file: so each has its own server.
     if setup.name in config.remote_servers:
         address = config.remote_servers[setup.name]
         return nullcontext(wait_for_server(address, timeout_s=config.timeout_s))

@@ -17,11 +17,11 @@ from typing import Any
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.experiment.experiment_runner import ExperimentConfig
-from catoptra_studies.experiment.server_process import is_server_installed
+from catoptra_studies.experiment.server_process import can_start_server
 from catoptra_studies.reports.html_page import ReportFigure
 
+# Figures for the report, and their metrics by file name without suffix.
 CameraFigures = tuple[list[ReportFigure], dict[str, Any]]
-"""Figures for the report, and their metrics by file name without suffix."""
 
 _POLL_INTERVAL_S = 0.2
 
@@ -36,7 +36,8 @@ class FigureSource(Enum):
 
 def default_figure_source() -> FigureSource:
     """LOCAL where a server is installed, otherwise NONE."""
-    return FigureSource.LOCAL if is_server_installed() else FigureSource.NONE
+    # With remote servers only, the report lacks the section on the camera and nothing else.
+    return FigureSource.LOCAL if can_start_server() else FigureSource.NONE
 
 
 def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> CameraFigures:
@@ -68,6 +69,7 @@ def _report_figure(entry: dict[str, str]) -> ReportFigure:
 
 def _draw_figures(config: ExperimentConfig) -> None:
     """Run `catoptra-studies figures` as a process, which may import the server."""
+    # A process and no import: this package has to load where no server is installed.
     command = [
         *(sys.executable, "-m", "catoptra_studies", "figures"),
         *("--output", str(config.output_folder)),

@@ -80,6 +80,7 @@ def replay_filter(
     state = _FilterState(_initial_belief(drive_log, setup, settings), FilterHealth())
     odometry = [state.belief.mean]
     estimates, counts, health = [state.belief.mean], [(0, 0)], [state.health]
+    # Pairs of neighbours: the second sequence is one shorter.
     for previous, step in zip(drive_log.steps, drive_log.steps[1:], strict=False):
         control = control_from_odometry(previous.odometry, step.odometry)
         # Odometry alone is the filter's own motion model without updates.
@@ -115,6 +116,7 @@ def _initial_belief(
 ) -> Belief:
     """The true start with the set-up's heading error, and P0 of the filter."""
     truth = drive_log.steps[0].truth
+    # The heading error goes into the mean and never into P0: a filter that starts too certain.
     mean = np.array([truth.x_m, truth.y_m, truth.yaw_rad + setup.initial_heading_error_rad])
     position, heading = settings.initial_sigma_m**2, settings.initial_sigma_rad**2
     return Belief(mean, np.diag([position, position, heading]))
@@ -165,6 +167,7 @@ def find_relock_step(filter_run: FilterRun, *, min_rejecting_steps: int = 5) -> 
     ):
         if num_accepted and streak >= min_rejecting_steps:
             return step
+        # Steps without measurements neither lengthen nor end a streak: the gate decided nothing.
         if num_measured:
             streak = 0 if num_accepted else streak + 1
     return None

@@ -12,8 +12,8 @@ from catoptra_protocol.optics.numerics import wrap_angle
 from catoptra_studies.experiment.drive_log import DriveLog, DriveStep
 from catoptra_studies.experiment.experiment_setups import MAX_RANGE_M
 
+# Range in metres and bearing in radians, or the errors of both.
 RangeBearingPair = tuple[float, float]
-"""Range in metres and bearing in radians, or the errors of both."""
 
 # Within half a metre the number of pixels across a beacon changes by less than two.
 _DISTANCE_BIN_M = 0.5
@@ -24,6 +24,7 @@ def compute_measurement_metrics(
 ) -> dict[str, object]:
     """Quantiles of range and bearing errors, and detection rates by distance, as for JSON."""
     errors = _all_errors(drive_logs, landmarks)
+    # reshape keeps two columns even where no landmark was measured.
     range_errors_m, bearing_errors_rad = np.array(errors).reshape(-1, 2).T
     return {
         "measurements": len(errors),
@@ -117,6 +118,7 @@ def _all_errors(
 
 def _quantiles(values: np.ndarray[tuple[int]]) -> dict[str, float]:
     if not len(values):
+        # An empty object for none: quantiles of null would need a test each in every reader.
         return {}
     p05, median, p95 = np.quantile(values, [0.05, 0.5, 0.95])
     rms = float(np.sqrt(np.mean(np.square(values))))

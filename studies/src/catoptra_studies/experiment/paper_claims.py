@@ -72,6 +72,7 @@ def _lock_out_claims(statistics: Mapping[str, Any], num_runs: int) -> list[Claim
         Claim(
             "real: with P0 = 0 the gate rejects most landmarks before the first corner",
             f"{before:.0%} accepted in steps 9 to 22, {after:.0%} in 23 to 40 (median run)",
+            # Most: the acceptance rate crosses one half at the corner.
             before < 0.5 < after,
         ),
         _relock_claim(statistics["relock_step"], num_runs),

@@ -17,7 +17,7 @@ _LISTENING_PATTERN = re.compile(r"listening control=(\S+):(\d+) image=(\S+):(\d+
 _TERMINATE_TIMEOUT_S = 10.0
 
 
-def is_server_installed() -> bool:
+def can_start_server() -> bool:
     """Whether a server can be started with this interpreter."""
     # Found, not imported: the experiment never loads the server's code.
     return importlib.util.find_spec("catoptra_server") is not None
@@ -47,11 +47,13 @@ def run_server(
     Raises:
         CatoptraError: No server is installed, or it ended before it listened.
     """
-    if not is_server_installed():
+    if not can_start_server():
         raise CatoptraError(
             "no server is installed here: pip install 'catoptra-studies[server]', or use running "
             "ones by --server"
         )
+    # Lockstep, so that the same commands give the same bytes on a slow machine; free ports, so that
+    # set-ups and tests can run side by side; raw images, so that no coder adds noise.
     command = [
         *(sys.executable, "-m", "catoptra_server"),
         *("--robot", str(robot_file), "--world", str(world_file), "--clock", "lockstep"),

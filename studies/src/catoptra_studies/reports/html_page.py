@@ -33,6 +33,7 @@ class Cell:
 
 def figure_element(folder: Path, figure: ReportFigure) -> str:
     """Figure with its image inside, so that the report remains one file."""
+    # A third larger than the file, but a report of one file can be mailed and archived.
     data = base64.b64encode((folder / figure.file).read_bytes()).decode()
     return (
         f'<figure><img alt="{html.escape(figure.alt)}" src="data:image/png;base64,{data}">'

@@ -61,6 +61,7 @@ def select_front_levels(levels: Sequence[MeasuredLevel]) -> list[MeasuredLevel]:
         (level for level in levels if level.cost.is_on_pareto_front),
         key=lambda level: level.cost.wall_ms,
     )
+    # Rounded positions keep both ends and never repeat a level.
     chosen = np.linspace(0, len(front) - 1, min(len(front), MAX_COLUMNS)).round().astype(int)
     return [front[index] for index in chosen]
 

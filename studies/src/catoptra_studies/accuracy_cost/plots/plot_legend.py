@@ -36,6 +36,7 @@ def series_style(level: LevelCost) -> SeriesStyle:
         return TRACE_STYLE
     if not level.num_polygons:
         return PER_PIXEL_STYLE
+    # By the name: cost.json can be plotted without the server's types.
     return UV_STYLE if "(uv)" in level.name else POSITION_STYLE
 
 

@@ -59,6 +59,7 @@ def draw_bearings(
 
 def _label_image(stages: DetectionStages) -> UInt8Array:
     """(h, w, 3) image of the labels: landmark colours on a faint cylinder."""
+    # A quarter of the contrast keeps the surroundings recognizable behind the labels.
     faint = (255 - (255 - stages.cylinder.mean(axis=-1, keepdims=True)) * 0.25).astype(np.uint8)
     image = np.repeat(faint, 3, axis=-1)
     for colour, code in COLOUR_CODES.items():

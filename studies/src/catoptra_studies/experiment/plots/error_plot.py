@@ -16,6 +16,7 @@ from catoptra_studies.paper_values import PAPER_EKF_ERROR_M, PAPER_ODOMETRY_ERRO
 def draw_position_errors(path: Path, panels: Sequence[tuple[str, FilterRun]]) -> None:
     """Write the errors of one run for each (title, run), above the decisions of the gate."""
     with plot_style.open_chart(path, figsize=(5.6 * len(panels), 5.0)) as figure:
+        # One scale for both set-ups, else the real odometry would look no worse than the simulated.
         grid = figure.subplots(
             2,
             len(panels),
@@ -79,6 +80,7 @@ def _draw_paper_limits(axes: plot_style.Axes, title: str) -> None:
         axes.axhline(error_m, color=plot_style.MUTED, lw=1, ls=line)
         axes.text(1, error_m + 0.02, text, color=plot_style.MUTED, fontsize=8)
     axes.set_title(title)
+    # Half a step beyond the last, so that the bar of step 100 is drawn whole.
     axes.set_xlim(0, 100.5)
 
 

@@ -38,6 +38,7 @@ def draw_overview(
         draw_field(right, detector.landmarks)
         draw_paths(right, drive_log, filter_run)
         right.set_title("localized by them on a drive of 100 steps")
+        # The figure is shown small; the axes in metres are those of trajectories.png.
         right.set_xticks([])
         right.set_yticks([])
         right.spines[:].set_visible(False)

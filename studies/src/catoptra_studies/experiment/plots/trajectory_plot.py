@@ -10,8 +10,8 @@ from catoptra_studies import plot_style
 from catoptra_studies.experiment.drive_log import DriveLog, true_positions
 from catoptra_studies.experiment.filter_replay import FilterRun
 
+# Title, drive and a filter's results over the drive.
 TrajectoryPanel = tuple[str, DriveLog, FilterRun]
-"""Title, drive and a filter's results over the drive."""
 
 _LINE_COLOUR = "#c4c9d0"
 
@@ -56,6 +56,7 @@ def draw_field(axes: plot_style.Axes, landmarks: Sequence[Landmark]) -> None:
     for landmark in landmarks:
         lower = plot_style.LANDMARK_COLOURS[landmark.lower_colour]
         upper = plot_style.LANDMARK_COLOURS[landmark.upper_colour]
+        # Goals are drawn with their true width, beacons as rings around their lower colour.
         if landmark.kind == "goal":
             half_m = 0.5 * landmark.width_m
             ends = [landmark.y_m - half_m, landmark.y_m + half_m]
