@@ -20,7 +20,7 @@ COPY studies studies
 RUN /opt/catoptra/bin/pip install --no-cache-dir --constraint constraints.txt \
       ./protocol ./server ./client './studies[server]' \
  && /opt/catoptra/bin/pip uninstall --yes --quiet pip setuptools
-# What nobody loads here: the tests of libraries, and what matplotlib cuts fonts for PDF with.
+# Files that are never loaded here: tests of libraries, and the font subsetting of PDF output.
 RUN cd /opt/catoptra/lib/python3*/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find pygments -type d -name __pycache__ -exec rm -r {} + \
@@ -29,7 +29,7 @@ RUN cd /opt/catoptra/lib/python3*/site-packages \
  && /opt/catoptra/bin/python -c 'import matplotlib.pyplot'
 
 FROM debian:bookworm-slim AS system
-# A base may bring more than is needed here: what nothing below depends on goes.
+# A base image may contain further packages: those without a dependant below are removed.
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends python3 libegl1 libgl1 libgl1-mesa-dri \
  && apt-mark auto $(apt-mark showmanual) > /dev/null && apt-mark manual python3 libegl1 libgl1 libgl1-mesa-dri > /dev/null \

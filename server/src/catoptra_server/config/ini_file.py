@@ -15,20 +15,20 @@ class IniFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._sections: dict[str, SectionReader] = {}
-        self._load(path, seen=())
+        self._load(path, ancestors=())
 
-    def _load(self, path: Path, seen: tuple[Path, ...]) -> None:
+    def _load(self, path: Path, ancestors: tuple[Path, ...]) -> None:
         """Load the base file ([Configuration] BasedOn=, as in UDK), then apply this file to it."""
         sections = _merge_sections(read_sections(path))
         configuration = sections.get("configuration")
         if configuration is not None and configuration.has_key("BasedOn"):
             base = configuration.get_path("BasedOn", path.parent)
             # Resolved, since a link or a relative path would hide a cycle.
-            if base.resolve() in seen or base.resolve() == path.resolve():
+            if base.resolve() in ancestors or base.resolve() == path.resolve():
                 raise configuration.make_error(
                     "BasedOn", expected="a file that is not based on this"
                 )
-            self._load(base, (*seen, path.resolve()))
+            self._load(base, (*ancestors, path.resolve()))
         for key, settings in sections.items():
             if key in self._sections:
                 self._sections[key].apply_overrides(settings)
@@ -52,7 +52,7 @@ class IniFile:
     def unknown_entries(self) -> list[Entry]:
         """Entries with unknown keys, in sections that were read."""
         # A section that no reader opened belongs to a class without meaning here, such as another
-        # robot's sensors in a real USARBot.ini: warnings for all keys would hide the spelling error.
+        # robot's sensors in a real USARBot.ini: warnings for all keys would hide a misspelt one.
         return [
             entry
             for settings in self._sections.values()

@@ -62,12 +62,12 @@ def _is_hinge(part: SectionReader) -> bool:
 
 
 def _require_unique_names(parts: Sequence[SectionReader]) -> None:
-    taken: set[str] = set()
+    names: set[str] = set()
     for part in parts:
         name = part.get_wire_name("PartName").lower()
-        if name in taken:
+        if name in names:
             raise part.make_error("PartName", expected="a name that no other joint has")
-        taken.add(name)
+        names.add(name)
 
 
 def _read_link(

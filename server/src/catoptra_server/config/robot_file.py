@@ -112,13 +112,13 @@ def _item_name(struct: SectionReader) -> str:
 
 def _require_unique_names(section: SectionReader) -> None:
     # Clients address sensors and cameras by name alone, across the lists and regardless of case.
-    taken: set[str] = set()
+    names: set[str] = set()
     for key in (*_ITEM_LISTS, "Cameras"):
         for item in section.get_structs(key):
             name = item.get_wire_name("ItemName").lower()
-            if name in taken:
+            if name in names:
                 raise item.make_error("ItemName", expected="a name that no other sensor has")
-            taken.add(name)
+            names.add(name)
 
 
 def _read_drive_base(section: SectionReader) -> DriveBase:

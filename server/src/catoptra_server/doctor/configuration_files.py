@@ -28,7 +28,7 @@ def _check_file(
     try:
         summary, file = read(path)
     except CatoptraError as error:
-        remedy = "correct that line; configs/README.md says what each key may be"
+        remedy = "correct that line; configs/README.md lists the values of each key"
         yield fault(topic, str(error), remedy=remedy)
         return
     yield ok(topic, summary)
