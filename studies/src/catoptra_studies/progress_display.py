@@ -37,6 +37,7 @@ def open_progress(*, is_visible: bool = True) -> Iterator[ProgressDisplay]:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
+    # A hidden display advances like a visible one, so tests take the same path.
     with Progress(*columns, console=Console(stderr=True), disable=not is_visible) as progress:
         yield ProgressDisplay(progress)
 

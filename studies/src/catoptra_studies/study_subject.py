@@ -100,6 +100,7 @@ class StudySubject:
             (size, size, 3) RGB image.
         """
         camera = self.resize_camera(round(size_px * self.resolution_scale))
+        # A copy: the subject itself keeps the size of its study.
         resized = dataclasses.replace(self, camera=camera)
         settings = RenderSettings(surface or PerPixel(), samples)
         return _render_once(
@@ -150,6 +151,7 @@ def open_study_subject(
     omni = _require_omni_camera(description, robot_file)
     world, _ = read_world(world_file)
     scene = build_scene(world)
+    # Above the floor: a pose is planar, and the robot rides on its wheels.
     height_m = description.drive.ride_height_m
     with ExitStack() as stack:
         yield StudySubject(
@@ -167,6 +169,7 @@ def open_study_subject(
 
 def resize_camera(camera: OmniCamera, size_px: int) -> OmniCamera:
     """The camera with a square image of another size, its rim inscribed as before."""
+    # The rim touches the shorter sides, so these scale the radius.
     scale = size_px / min(camera.width_px, camera.height_px)
     return dataclasses.replace(
         camera,

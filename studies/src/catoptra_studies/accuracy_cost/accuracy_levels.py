@@ -60,6 +60,7 @@ def _trace_levels(samples: Sequence[int]) -> Iterator[AccuracyLevel]:
     for number in samples:
         settings = RenderSettings(PerPixel(), number)
         name = f"trace per pixel, {number}x{number}"
+        # 4 x 4 exact rays are the best frame of the sweep, on which the classifier is trained.
         yield AccuracyLevel(name, RendererKind.TRACE, settings, is_key=number == 4)
 
 

@@ -61,6 +61,7 @@ def write_frame_plots(
         camera=subject.resize_camera(PAPER_SIZE_PX),
         camera_states=subject.camera_states[:1],
     )
+    # 4096 polygons are for detail.png alone; polygons.png ends with the paper's 1024.
     frames = {
         count: polygon_plot.render_polygon_frame(paper_size, tessellation_from_polygon_count(count))
         for count in POLYGON_COUNTS

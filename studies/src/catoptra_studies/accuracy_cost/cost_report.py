@@ -76,6 +76,7 @@ def format_summary_table(results: CostResults) -> str:
 
 
 def _format_header(conditions: StudyConditions) -> str:
+    # Said first, since a reader may compare a quick run with the committed report.
     quick = "It was a quick run: expect more noise." if conditions.is_quick else ""
     size = f"{conditions.size_px} x {conditions.size_px} px"
     machine = wrap_paragraph(
@@ -111,6 +112,7 @@ def _format_pareto_front(results: CostResults) -> str:
     ]
     header = ("level", "ms", "bound px", "RMSE", "PSNR dB", "SSIM", "against the row above")
     meshes = [level.name for level in front if level.num_polygons]
+    # The paper's question, decided by the data: whether a mesh is ever worth its time.
     conclusion = (
         f"Mirror meshes on it: {', '.join(meshes)}."
         if meshes

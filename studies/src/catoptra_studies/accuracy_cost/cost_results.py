@@ -229,6 +229,7 @@ def read_cost_results(path: Path) -> CostResults:
 def _parse_results(entries: dict[str, Any]) -> CostResults:
     if entries["version"] != FORMAT_VERSION:
         raise ValueError(f"version {entries['version']}")
+    # Missing as well as null: a study without drives may have either.
     localization = entries.get("localization")
     return CostResults(
         conditions=_parse_row(StudyConditions, entries["conditions"]),

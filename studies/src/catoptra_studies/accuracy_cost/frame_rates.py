@@ -38,6 +38,7 @@ NO_CAMERA, SCANNER, PER_PIXEL = "no camera", "LMS200", "per pixel"
 PERSPECTIVE_VIEW = PerspectiveCamera(640, 480, 0.5 * math.pi)
 # The paper's engine does not supersample.
 _SAMPLES = 1
+# As USARSim's P2AT carries the scanner: robots/p2at.ini.
 _LMS200 = RangeScannerDescription(
     name="Scanner1",
     interval_s=0.2,

@@ -77,5 +77,6 @@ def ssim_map(image: Image, reference: Image) -> Floats:
 
 def _blur(values: Floats) -> Floats:
     size = (_WINDOW_PX, _WINDOW_PX)
+    # Reflected borders, as the window has to be full in every pixel of the image.
     blurred: Floats = cv2.GaussianBlur(values, size, _SIGMA_PX, borderType=cv2.BORDER_REFLECT_101)
     return blurred

@@ -111,6 +111,7 @@ def _level_cost(
     timing: RenderTiming,
     error: ImageError,
 ) -> LevelCost:
+    # The geometric part alone: samples blur edges but displace nothing.
     bound = error_bound(camera, plan).geometric
     return LevelCost(
         name=level.name,

@@ -49,6 +49,7 @@ def _position_errors(filter_runs: Sequence[FilterRun]) -> tuple[float, float]:
     """Medians over the drives of a drive's mean and largest position error, in metres."""
     # The start is left out of the mean: its position is given.
     means_m = [run.estimate_error_m[1:].mean() for run in filter_runs]
+    # Medians below, since one locked-out drive would decide a mean of ten.
     maxima_m = [run.estimate_error_m.max() for run in filter_runs]
     return float(np.median(means_m)), float(np.median(maxima_m))
 

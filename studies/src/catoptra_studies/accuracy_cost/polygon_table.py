@@ -65,6 +65,7 @@ def reference_displacement_px(
     mirror = camera.mirror
     is_paper = isinstance(mirror, HyperbolicMirror) and math.isclose(mirror.k, PAPER_MIRROR.k)
     if not is_paper or not math.isclose(camera.rim_rad, math.radians(120.0)):
+        # No None: the report leaves the columns out where no row has a reference.
         return 0.0, 0.0
     position, uv = REFERENCE_DISPLACEMENT_PX[tessellation.sectors, tessellation.rings]
     return position if tessellation.interpolation is Interpolation.POSITION else uv

@@ -43,6 +43,7 @@ def time_round_robin(
     """
     timings: list[list[RenderTiming]] = [[] for _ in draw_functions]
     for number in range(NUM_WARM_UP_ROUNDS + num_rounds):
+        # Interleaved, not one function after the other: processors slow down as they get warm.
         for index, draw in enumerate(draw_functions):
             timing = _time_once(draw, number)
             if number >= NUM_WARM_UP_ROUNDS:

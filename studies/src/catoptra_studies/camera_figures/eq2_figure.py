@@ -49,6 +49,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     axes.plot(theta_deg, same_h, color=plot_style.ORANGE)
     axes.plot(theta_deg, same_rim, color=plot_style.TEAL)
     axes.set(xlim=(0, rim_deg), xticks=np.arange(0, rim_deg + 1, 15))
+    # Room for the labels at both extremes.
     axes.margins(y=0.12)
     axes.set_xlabel("incidence angle θ, degrees")
     axes.set_title("exact $r_i$ − Eq. 2, px", loc="left", fontsize=8.5)

@@ -25,6 +25,7 @@ FACE_TITLES = {
     Face.W: "W  left",
     Face.C: "C  down",
 }
+# Four faces and two margins fill a page of 1520 px.
 _FACE_SIZE_PX = 370
 _LEFT_PX = 20
 _TOP_PX = 20

@@ -88,6 +88,7 @@ def open_figure_inputs(
         ConfigError: A file cannot be read.
         CatoptraError: The robot has no omnidirectional camera.
     """
+    # The first pose of the cost study, so that figures and COST.md show the same view.
     poses = (pose or study_poses(read_world(world_file)[0])[0],)
     # The circles are concentric about the first start, so the camera must be exactly there.
     centre = (first_start_pose(read_world(rings_file)[0]),)

@@ -93,6 +93,7 @@ def _caption(errors: dict[Interpolation, list[PolygonError]], exact_px: float) -
             metrics[f"{key}_max_px"] = round(error.max_px, 4)
             metrics[f"{key}_coverage"] = round(error.coverage, 3)
     uv = errors[Interpolation.UV]
+    # The coarsest mesh within a pixel is the one to recommend; the finest where none is.
     subpixel = next((error for error in uv if error.rms_px < 1.0), uv[-1])
     return FigureCaption(
         title="Error falls as one over the number of polygons",

@@ -25,6 +25,7 @@ def draw(page: plot_style.Page, inputs: FigureInputs) -> FigureCaption:
     for index, error in enumerate(errors):
         left = LEFT_PX + STEP_X_PX * (index % 2)
         top = TOP_PX + STEP_Y_PX * (index // 2)
+        # 2 x 2 samples, as a frame has by default.
         image = subject.render_frame(PAPER_SIZE_PX, samples=2, surface=error.tessellation)
         plot_style.show_image(page, image, left, top, IMAGE_WIDTH_PX)
         _draw_heading(page, left, top, error)

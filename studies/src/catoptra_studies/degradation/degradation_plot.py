@@ -38,6 +38,7 @@ def draw_sweep(path: Path, result: SweepResult) -> None:
         draw_ekf_errors(error_axes, result)
         for axes in (rate_axes, error_axes):
             axes.set_xlabel(result.sweep.unit)
+        # The error axes have every series; the rate axes lack odometry.
         handles, labels = error_axes.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
 

@@ -93,6 +93,7 @@ def run_degradation_study(
                 _run_level,
                 config,
                 degraded_robot_ini(sweep, level, robot_folder),
+                # By number: labels such as cos^4 are no file names.
                 name=f"{sweep.slug}_{number + 1}",
                 label=level.label,
                 clean_classifier=clean_classifier,

@@ -95,6 +95,8 @@ _PIXEL_PITCH = "PixelPitch=9.87e-6"
 # between. Labels are text: some sweeps have no numbers.
 SWEEPS: tuple[DegradationSweep, ...] = (
     DegradationSweep(
+        # Without noise: encoded values fall as for a camera of fixed gain, and nothing else
+        # changes.
         "Too dark",
         "an exposure shorter than white needs",
         "exposure, fraction of white's",
@@ -120,6 +122,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # BlueGain is the inverse of RedGain.
         "Colour cast",
         "light that the white balance is not set for: red raised, blue lowered by the same factor",
         "gain of red",
@@ -145,6 +148,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # 0 selects the best focus of the lens.
         "Defocus",
         "a lens at f/2 whose focus is not at the mirror's virtual image",
         "focused at, m",
@@ -169,6 +173,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # 1 % at the rim, 180 px from the centre, is nearly two pixels.
         "Coloured fringes",
         "a lens that images red larger and blue smaller than green",
         "magnification of red",
@@ -181,6 +186,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # The client keeps the model of an aligned camera: bearings err, colours do not.
         "Misalignment",
         "a camera ahead of the mirror's focus, unknown to the client",
         "mm",
@@ -193,6 +199,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # At 1/m a beacon at 2.5 m keeps 8 % of its contrast.
         "Fog",
         "grey air between the mirror and the scene",
         "extinction, 1/m",
@@ -205,6 +212,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # Up to 11 cm of travel in the longest exposure.
         "Motion blur",
         "a robot that drives, up to 0.56 m/s, and turns during the exposure",
         "exposure, ms",
@@ -217,6 +225,7 @@ SWEEPS: tuple[DegradationSweep, ...] = (
         ),
     ),
     DegradationSweep(
+        # Coverage grows; the size of the particles and the scratches stay.
         "Mirror dust",
         "dust particles of 0.2 mm on the mirror, and two scratches",
         "fraction covered",

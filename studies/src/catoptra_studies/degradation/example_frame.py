@@ -46,6 +46,7 @@ def select_example(drive: RecordedDrive, detections: DriveDetections) -> Example
     index = argmax_visible_beacons(evaluations)
     frame, evaluation = drive.frames[index], evaluations[index]
     pixels = {p.landmark.name: p.pixel for p in frame.landmarks if p.pixel is not None}
+    # Visible and within range: beacons out of range are neither detected nor missed.
     missed = evaluation.visible_beacons - set(evaluation.detection_errors)
     # Sorted by name: sets have no order, and the plots of two equal runs must be equal.
     return ExampleFrame(

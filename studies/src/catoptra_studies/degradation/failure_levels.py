@@ -56,4 +56,5 @@ def _first_level(
     levels: Sequence[tuple[str, DegradationMetrics]],
     condition: Callable[[DegradationMetrics], bool],
 ) -> str | None:
+    # The first one, even if a later level passes again: a detector must not be trusted beyond.
     return next((label for label, metrics in levels if condition(metrics)), None)

@@ -117,6 +117,7 @@ def make_drive_detector(
 
 def detect_beacons(drive: RecordedDrive, detector: Detector) -> tuple[tuple[Detection, ...], ...]:
     """Detect the beacons in each frame, leaving out those without a range."""
+    # A filter cannot use a detection without range, so that beacon counts as missed.
     return tuple(
         tuple(
             detection

@@ -90,6 +90,7 @@ EFFECT_CASES = (
         "the P2AT in the mirror above it",
     ),
     EffectCase(
+        # With the robot's body below, since a body has to be in the scene to cast a shadow.
         Shadows(),
         NegligibleCase("a floor alone", Shadows()),
         "lamps behind on the left",
@@ -191,6 +192,7 @@ EFFECT_CASES = (
         zoom=10,
     ),
     EffectCase(
+        # A tenth of a usual well, so that the noise is visible on a page.
         ShotNoise(1800.0),
         NegligibleCase("wells of a hundred million electrons", ShotNoise(1e8)),
         "wells of 1800 electrons, 10 times enlarged",

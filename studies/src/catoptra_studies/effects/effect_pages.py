@@ -138,6 +138,7 @@ def _open_scene() -> Iterator[EffectScene]:
     )
     renderer = create_renderer(RendererKind.TRACE, config.scene, config.world)
     camera = _paper_camera(120.0)
+    # More than a frame by default, since aliased edges would hide small differences.
     settings = RenderSettings(samples=3)
     plan = plan_from_settings(settings, camera, kind=RendererKind.TRACE, reason="effect page")
     summarizer = SceneSummarizer(config.scene, config.world)
@@ -158,6 +159,7 @@ def _decide_both(case: EffectCase, scene: EffectScene) -> tuple[EffectDecision, 
     """Decisions of the criterion in the scene shown and in the negligible one."""
     effects = (*case.upstream_effects, case.effect)
     settings = EffectSettings(tuple(EffectSetting(effect, EffectMode.AUTO) for effect in effects))
+    # Upstream effects take part: exposure and lens change the radiance that a criterion bounds.
     required = plan_effects(settings, scene.summarize(case), _paper_camera(120.0))
     # No scene is built for it: a summary with bounds of an empty, still scene is enough.
     negligible_case = case.negligible_case
@@ -176,6 +178,7 @@ def _draw_page(
     with_effect = srgb_from_linear(scene.render_linear(case, (*case.upstream_effects, case.effect)))
     difference = with_effect - without
     gain = _display_gain(_crop_detail(difference, case.zoom))
+    # Around grey, so that both signs of the difference show.
     images = (without, with_effect, 0.5 + gain * difference)
     titles = ("without", f"with {case.effect.name}", f"difference, grey = none, times {gain}")
     for index, (image, title) in enumerate(zip(images, titles, strict=True)):

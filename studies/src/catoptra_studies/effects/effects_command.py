@@ -66,6 +66,7 @@ def _write_pages(folder: Path, progress: ProgressDisplay) -> None:
 
 def _run_sweeps(parsed: argparse.Namespace, progress: ProgressDisplay) -> tuple[SweepResult, ...]:
     config = _experiment_config(parsed)
+    # In the order of the table, however they are given.
     sweeps = [sweep for sweep in SWEEPS if sweep.slug in (parsed.sweep or _SWEEP_SLUGS)]
     results = run_degradation_study(
         config,

@@ -144,6 +144,7 @@ def _experiment_config(parsed: argparse.Namespace) -> ExperimentConfig:
         config_folder=parsed.configs,
         output_folder=parsed.output,
         setups=tuple(setup for setup in SETUPS if parsed.setup in (setup.name, "both")),
+        # One at least: no median of no runs.
         num_runs=max(1, parsed.runs),
         seed=parsed.seed,
         num_training_frames=max(1, parsed.training_frames),

@@ -120,6 +120,8 @@ def log_drive(
                 )
                 measure = _detector_measurement(images, detector)
             else:
+                # Keyed by the run alone: run 7 has the same noise whether runs 0 to 6 were driven
+                # or not.
                 generator = np.random.Generator(np.random.Philox(key=seed))
                 measure = manual_measurement(setup, camera, height_m, landmarks, generator)
             return DriveLog(setup.name, seed, drive_route(setup, robot, measure, on_step))
@@ -134,6 +136,7 @@ def drive_route(
     """Drive a spawned robot along the set-up's route and measure after every step."""
     chassis = _read_chassis(robot)
     steps = [DriveStep(_true_pose(robot), _odometry_pose(robot), ())]
+    # Step k of the route is row k of every result, and row 0 the start.
     for target in setup.route[1:]:
         # Steered by the true pose, so that slip does not add up: the robots of the paper were
         # driven by people who saw them.

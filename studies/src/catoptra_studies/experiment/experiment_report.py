@@ -120,6 +120,7 @@ def _measurement_table(setups: Mapping[str, Any]) -> str:
 
 
 def _measurement_row(name: str, metrics: Mapping[str, Any]) -> list[Cell]:
+    # Distances without any beacon are left out, not shown as zero.
     rates = ", ".join(
         f"{row['from_m']:g}-{row['to_m']:g} m: {row['rate']:.0%}"
         for row in metrics["beacons_measured_by_distance"]

@@ -53,6 +53,7 @@ def write_experiment_results(
     drive_figures = draw_drive_figures(config, results)
     if snapshot is not None:
         _draw_overview(config, results, snapshot)
+    # Times in one object of their own: two runs with equal seeds differ there alone.
     document = {**summary, "camera_metrics": camera_metrics, "timing_s": timing_s}
     # nan is no JSON; a metric without values is null instead, and anything else is a bug.
     text = json.dumps(document, indent=2, allow_nan=False)

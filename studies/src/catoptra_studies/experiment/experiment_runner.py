@@ -158,6 +158,7 @@ def _take_snapshot(
         RobotClient.connect(address.host, address.control_port) as robot,
         ImageClient.connect(address.host, address.image_port) as images,
     ):
+        # Without a name: the noise of every drive follows from its robot's name and stays the same.
         robot.spawn(ROBOT_CLASS, location_m=(x_m, y_m, 0.0), rotation_rad=(0.0, 0.0, yaw_rad))
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(

@@ -98,6 +98,7 @@ REAL = ExperimentSetup(
 )
 SETUPS = (SIM, REAL)
 
+# Names are keys of summary.json, titles the heads of the report's columns.
 PAPER_FILTER = FilterSettings("paper", "the paper's filter: P0 = 0, validation gate")
 RECOVERING_FILTER = FilterSettings("recovery", "the same with recovery", has_recovery=True)
 CONSISTENT_FILTER = FilterSettings(

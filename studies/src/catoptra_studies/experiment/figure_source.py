@@ -52,6 +52,7 @@ def collect_camera_figures(config: ExperimentConfig, source: FigureSource) -> Ca
         case FigureSource.EXTERNAL:
             _wait_for_file(config.output_folder / "figures.json", timeout_s=config.timeout_s)
         case FigureSource.NONE:
+            # The report then has an empty section, and summary.json no metrics of the camera.
             return [], {}
     return read_camera_figures(config.output_folder)
 

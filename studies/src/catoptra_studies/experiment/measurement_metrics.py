@@ -96,6 +96,7 @@ def _beacon_distances(
     """Yield true distance, and whether measured, of every beacon in every step."""
     # The start has no measurements and would count every beacon as missed.
     for step in (step for drive_log in drive_logs for step in drive_log.steps[1:]):
+        # By name: a landmark is measured at most once in a step.
         names = {measurement.name for measurement in step.measurements}
         for landmark in landmarks:
             if landmark.kind == "beacon":

@@ -59,6 +59,7 @@ def _build_route(start: Waypoint, *, turn_sign: float) -> tuple[Waypoint, ...]:
             route.append(route[-1].turn(turn_sign * math.pi / 4))
     route.append(route[-1].turn(turn_sign * math.atan2(HALF_WIDTH_M, HALF_LENGTH_M)))
     diagonal_m = 2 * math.hypot(HALF_LENGTH_M, HALF_WIDTH_M)
+    # Steps of 0.37 m across, twice as long as along the sides, to make 100 in all.
     for _ in range(NUM_DIAGONAL_STEPS):
         route.append(route[-1].advance(diagonal_m / NUM_DIAGONAL_STEPS))
     return tuple(route)

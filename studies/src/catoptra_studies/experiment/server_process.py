@@ -67,6 +67,7 @@ def run_server(
         try:
             yield _read_address(process, log_file)
         finally:
+            # The server ends in order on SIGTERM; only one that hangs is killed.
             process.terminate()
             try:
                 process.wait(_TERMINATE_TIMEOUT_S)

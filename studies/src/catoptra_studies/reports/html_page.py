@@ -58,5 +58,6 @@ def _row_element(tag: str, cells: Sequence[Cell]) -> str:
 
 
 def _cell_element(tag: str, cell: Cell) -> str:
+    # Every text is escaped here, so that no caller has to remember.
     attribute = f' class="{cell.css_class}"' if cell.css_class else ""
     return f"<{tag}{attribute}>{html.escape(cell.text)}</{tag}>"

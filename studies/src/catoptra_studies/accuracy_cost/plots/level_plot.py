@@ -36,6 +36,7 @@ def draw(
         horizon_radius_px: Radius within which the detail is searched.
     """
     front = select_front_levels(levels)
+    # Tests run at 64 px, where the whole detail would not fit within the horizon.
     size_px = min(DETAIL_PX, reference.shape[0] // 3)
     # The detail where the fastest level is worst shows best how the others improve.
     row, column = find_max_difference_window(

@@ -19,7 +19,7 @@ _PANELS: tuple[tuple[str, tuple[tuple[str, str, RowValue], ...]], ...] = (
     )),
     ("bearing, deg rms", (("", plot_style.BLUE, lambda row: row.bearing_rms_deg),)),
     ("range, m rms", (("", plot_style.BLUE, lambda row: row.range_rms_m),)),
-    ("position, m, mean of a run", (
+    ("position, m, mean", (
         ("paper's filter", plot_style.BLUE, lambda row: row.ekf_mean_m),
         ("consistent one", plot_style.TEAL, lambda row: row.consistent_ekf_mean_m),
     )),
@@ -47,6 +47,7 @@ def _draw_panel(
     for label, colour, value in series:
         values = [value(row) for row in rows]
         axes.plot(values, positions, "o-", color=colour, markersize=4, linewidth=0.8, label=label)
+    # Downwards from coarse to exact, as in the table of COST.md.
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_yticks(positions, [row.level for row in rows])
     # From zero: the panels compare levels, and a cut axis would make small differences large.

@@ -62,6 +62,7 @@ def draw_colour_bar(
         title: Text to the left of the bar.
     """
     bar = plot_style.show_image(page, colour_bar(width, 22, *limits), left, top, width)
+    # show_image hides the axes, but here they are the scale.
     bar.axis("on")
     bar.set_yticks([])
     bar.grid(visible=False)

@@ -44,6 +44,7 @@ def _draw_gate_bars(axes: plot_style.Axes, filter_run: FilterRun) -> None:
         filter_run.num_accepted,
         filter_run.num_measured - filter_run.num_accepted,
     )
+    # Rejections below the axis: a lock-out is then a block with nothing above.
     axes.bar(steps, accepted, 0.9, color=plot_style.ACCEPTED, label="accepted by the gate")
     axes.bar(steps, -rejected, 0.9, color=plot_style.REJECTED, label="rejected by the gate")
     axes.axhline(0.0, color=plot_style.MUTED, lw=0.8)

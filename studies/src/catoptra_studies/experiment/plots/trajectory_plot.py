@@ -42,6 +42,7 @@ def draw_paths(axes: plot_style.Axes, drive_log: DriveLog, filter_run: FilterRun
         (estimate, plot_style.ESTIMATE, 1.3, "EKF"),
     ):
         axes.plot(path[:, 1], path[:, 0], color=colour, lw=width, label=label)
+    # Gaps between the dots are steps in which the gate let nothing pass.
     accepted = estimate[filter_run.num_accepted > 0]
     label = "step with an accepted landmark"
     axes.plot(accepted[:, 1], accepted[:, 0], ".", color=plot_style.ACCEPTED, ms=4, label=label)
