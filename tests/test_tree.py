@@ -71,7 +71,7 @@ NOT_IN_THE_PROTOCOL = {"socket", "asyncio", "time", "select", "selectors", "thre
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:
-    """Yield the name of each module of a package, `server/app.py`, and its path."""
+    """Yield the name of each module, package and path in it, and its path on disk."""
     root = REPOSITORY / package / "src" / f"catoptra_{package}"
     for path in sorted(root.rglob("*.py")):
         yield f"{package}/{path.relative_to(root).as_posix()}", path
