@@ -23,7 +23,7 @@ $(READY): constraints.txt protocol/pyproject.toml server/pyproject.toml client/p
 	  hypothesis import-linter mpmath mypy pytest pytest-xdist ruff
 	touch $@
 
-demo: $(READY) ## Run the paper's experiment, server and client as two processes; writes out/demo/report.html
+demo: $(READY) ## Repeat the paper's experiment with servers as processes; writes out/demo/report.html
 	$(BIN)/catoptra-studies demo --output out/demo
 
 test: $(READY) ## Run all tests
@@ -35,13 +35,13 @@ stability: $(READY) ## Compare every formula with 50-digit references at its har
 	PYTHONPATH=tests $(BIN)/python -m stability.mutations
 	PYTHONPATH=tests $(BIN)/python -m stability.report out/stability
 
-lint: $(READY) ## Check format, style, types and the directions of imports
+lint: $(READY) ## Check format, style, types and import contracts
 	$(BIN)/ruff format --check $(SOURCES) tests
 	$(BIN)/ruff check $(SOURCES) tests
 	$(BIN)/mypy $(SOURCES)
 	$(BIN)/lint-imports --no-cache
 
-format: $(READY) ## Format the sources and mend what can be mended
+format: $(READY) ## Format the sources and apply the fixes that ruff knows
 	$(BIN)/ruff check --fix $(SOURCES) tests
 	$(BIN)/ruff format $(SOURCES) tests
 
@@ -69,7 +69,7 @@ fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage 
 soak: $(READY) ## Load test: 64 robots and 36 viewers on one server for ten minutes; writes out/soak/report.md
 	$(BIN)/python tests/load/run.py
 
-wheels: $(READY) ## Build the four distributions into out/wheels, and try them in environments of their own
+wheels: $(READY) ## Build the four distributions into out/wheels, and test them in virtual environments
 	rm -rf out/wheels protocol/build server/build client/build studies/build
 	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheels ./protocol ./server ./client ./studies
 	CATOPTRA_WHEELS=out/wheels $(BIN)/python -m pytest tests/packaging/test_wheels.py
@@ -82,6 +82,6 @@ compose: ## Run the experiment with server and client in containers; writes out/
 	CATOPTRA_USER=$$(id -u):$$(id -g) $(COMPOSE) --file docker/compose.yaml up --abort-on-container-exit --exit-code-from client; \
 	  status=$$?; $(COMPOSE) --file docker/compose.yaml down; exit $$status
 
-clean: ## Remove what make made
+clean: ## Remove all generated files
 	rm -rf out out-fresh $(VENV)
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
