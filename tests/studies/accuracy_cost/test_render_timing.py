@@ -32,6 +32,6 @@ def test_stages_are_medians_without_the_warm_up() -> None:
 
 
 def test_every_round_is_told() -> None:
-    told: list[int] = []
-    time_round_robin([lambda _: {}], num_rounds=4, on_round=lambda: told.append(1))
-    assert len(told) == NUM_WARM_UP_ROUNDS + 4
+    rounds: list[int] = []
+    time_round_robin([lambda _: {}], num_rounds=4, on_round=lambda: rounds.append(1))
+    assert len(rounds) == NUM_WARM_UP_ROUNDS + 4
