@@ -34,8 +34,11 @@ def test_scenario_when_longer_than_the_deadline_of_a_wait_passes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def scenario() -> None:
-        await asyncio.sleep(0.7)
-        await asyncio.sleep(0.7)
+        first, second = asyncio.Event(), asyncio.Event()
+        asyncio.get_running_loop().call_later(0.7, first.set)
+        asyncio.get_running_loop().call_later(1.4, second.set)
+        await first.wait()
+        await second.wait()
 
     monkeypatch.setattr(loopback, "DEADLINE_S", 1.0)
     loopback.run_scenario(scenario())
