@@ -66,8 +66,8 @@ def condition_number(mirror: HyperbolicMirror, t: float) -> float:
         ("s", 10.4984816045),
         ("kappa", 0.0475183955),
         ("xi", 0.9954941783),
-        ("vertex_m", 0.1052871209),
-        ("pinhole_m", 2.321),
+        ("vertex_height_m", 0.1052871209),
+        ("pinhole_distance_m", 2.321),
     ],
 )
 def test_constants_when_the_paper_s_are_those_of_the_table(name: str, value: float) -> None:
