@@ -116,7 +116,7 @@ def test_spawn_when_the_robot_reports_returns() -> None:
 def test_spawn_when_the_server_stays_silent_tells_that_it_refuses_so() -> None:
     script = reply_script((Init("Nothing", start="Nowhere"), ()))
     with serve_script(script) as port, RobotClient.connect(port=port, timeout_s=SHORT_S) as robot:
-        with pytest.raises(CatoptraError, match="refuses an unknown class or start in silence"):
+        with pytest.raises(CatoptraError, match="does not reply to an unknown class or start"):
             robot.spawn("Nothing", start_pose="Nowhere")
 
 
@@ -126,7 +126,7 @@ def test_spawn_when_the_connection_has_its_robot_refuses() -> None:
         RobotClient.connect(port=port) as robot,
     ):
         robot.spawn("P2AT")
-        with pytest.raises(LocalProtocolError, match="connect again"):
+        with pytest.raises(LocalProtocolError, match="open another connection"):
             robot.spawn("P2AT")
 
 

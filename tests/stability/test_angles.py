@@ -1,4 +1,4 @@
-"""Hard cases of angles: ends of the interval, the seam, many turns, nothing lost near zero."""
+"""Hard cases of angles: ends of the interval, the seam, many turns, full precision near zero."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from stability.catalogue import Case, Subject, check, load
 SUBJECTS: dict[str, Subject] = {
     "wrap": lambda angle: numerics.wrap_angle(angle),
     "difference": lambda angle, start: numerics.angle_difference(angle, start),
-    "between": lambda start, end, share: numerics.interpolate_angle(start, end, fraction=share),
+    "between": lambda start, end, fraction: numerics.interpolate_angle(
+        start, end, fraction=fraction
+    ),
 }
 
 

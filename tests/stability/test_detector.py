@@ -35,8 +35,8 @@ def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
 
 
 def _seen(range_m: float, drop_m: float) -> Candidate:
-    eye = CylinderView(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
-    found = beacons.find_beacon_candidates(eye, BEACON, _bands(range_m, drop_m))
+    view = CylinderView(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
+    found = beacons.find_beacon_candidates(view, BEACON, _bands(range_m, drop_m))
     if not found:
         raise Invalid("no beacon")
     (candidate,) = found

@@ -1,4 +1,4 @@
-"""Hard cases of gate, interval and NEES: tiny tails, one freedom and many, singular beliefs."""
+"""Hard cases of gate, interval and NEES: tiny tails, few and many dof, singular beliefs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ def _nees(mean: Any, covariance: Any, truth: Any) -> float:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "threshold": lambda size, share: validation_gate.ValidationGate(share).threshold(size),
-    "interval": lambda size, runs, confidence: consistency.chi_square_mean_interval(
-        size, runs, confidence=confidence
+    "threshold": lambda dof, false_rejection_rate: validation_gate.ValidationGate(
+        false_rejection_rate
+    ).threshold(dof),
+    "interval": lambda dof, num_runs, confidence: consistency.chi_square_mean_interval(
+        dof, num_runs, confidence=confidence
     ),
     "nees": _nees,
 }

@@ -1,1 +1,1 @@
-"""What a robot's author installs: drive, receive frames, find landmarks, localise. No OpenGL."""
+"""Client library of robot programs: drive, receive frames, detect landmarks, localize."""

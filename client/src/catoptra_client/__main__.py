@@ -1,7 +1,4 @@
-"""The command line of the client: `train` a colour classifier, watch `bearings`.
-
-Only this module prints.
-"""
+"""Command line of the client: `train` a colour classifier, print the `bearings` of landmarks."""
 
 from __future__ import annotations
 
@@ -32,10 +29,11 @@ from catoptra_protocol.landmarks import read_landmarks
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return 0, or 1 after saying what went wrong."""
+    """Run a command; 0 on success, 1 after an error message on stderr."""
     parsed = _make_parser().parse_args(arguments)
     try:
         parsed.run(parsed)
+    # Expected failures only; a programming error keeps its traceback.
     except (CatoptraError, OSError) as error:
         print(f"catoptra-client: {error}", file=sys.stderr)
         return 1
@@ -45,15 +43,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _train(parsed: argparse.Namespace) -> None:
-    """Train from labelled frames: the robot is put at random places of the field."""
+    """Train a classifier on labelled frames from random poses on the field."""
     landmarks = read_landmarks(find_landmark_file(parsed.landmarks))
-    numbers = count(1)
+    frame_numbers = count(1)
     frames = capture_training_frames(
         _server_address(parsed),
         landmarks=landmarks,
         num_frames=parsed.frames,
         seed=parsed.seed,
-        on_frame=lambda: _print_progress(next(numbers), parsed.frames),
+        on_frame=lambda: _print_progress(next(frame_numbers), parsed.frames),
     )
     classifier = train(frames, theta=parsed.theta)
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +60,7 @@ def _train(parsed: argparse.Namespace) -> None:
 
 
 def _print_progress(number: int, total: int) -> None:
-    """Overwrite one line of stderr, so that stdout holds results alone."""
+    """Overwrite one line of stderr; stdout carries results alone."""
     print(f"\rlabelled frame {number} of {total}", end="", file=sys.stderr, flush=True)
     if number == total:
         print(file=sys.stderr)
@@ -78,10 +76,12 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
         ImageClient.connect(address.host, address.image_port) as images,
     ):
         robot.spawn(ROBOT_CLASS, start_pose=parsed.start)
+        # The server's configuration has the exact camera model: nothing to calibrate.
         camera, height_m = robot.get_camera_and_height()
         detector = make_detector(
             camera, classifier, landmarks=landmarks, viewpoint=Viewpoint(height_m)
         )
+        # islice has no end for None: --frames 0 runs until interrupted.
         for frame in islice(images.iter_frames(), parsed.frames or None):
             print(f"frame {frame.sequence}")
             for detection in detect(detector, frame.rgb):
@@ -90,6 +90,7 @@ def _print_bearings(parsed: argparse.Namespace) -> None:
 
 def _format_detection(detection: Detection) -> str:
     bearing = f"{math.degrees(detection.bearing_rad):+7.2f} deg"
+    # Goals and landmarks near the horizon have a bearing alone.
     range_ = f"{detection.range_m:6.3f} m" if detection.has_range else "   ?    "
     return f"{detection.name:22} {bearing}  {range_}"
 
@@ -101,20 +102,30 @@ def _server_address(parsed: argparse.Namespace) -> ServerAddress:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="catoptra-client", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    trainer = commands.add_parser("train", help="train the colour classifier from labelled frames")
-    trainer.set_defaults(run=_train)
-    trainer.add_argument("--output", type=Path, default=Path("out/classifier.npz"))
-    trainer.add_argument("--theta", type=float, default=DEFAULT_THETA, help="of Eq. 3")
-    trainer.add_argument("--seed", type=int, default=1, help="of the places")
-    trainer.add_argument("--frames", type=int, default=30)
-    watcher = commands.add_parser("bearings", help="print the landmarks in the robot's frames")
-    watcher.set_defaults(run=_print_bearings)
-    watcher.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
-    watcher.add_argument("--start", default="Centre", help="start place of the robot")
-    watcher.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
-    for command in (trainer, watcher):
+    train_parser = commands.add_parser(
+        "train", help="train the colour classifier from labelled frames"
+    )
+    train_parser.set_defaults(run=_train)
+    train_parser.add_argument("--output", type=Path, default=Path("out/classifier.npz"))
+    train_parser.add_argument(
+        "--theta", type=float, default=DEFAULT_THETA, help="threshold of Eq. 3"
+    )
+    train_parser.add_argument("--seed", type=int, default=1, help="of the random poses")
+    train_parser.add_argument("--frames", type=int, default=30)
+    bearings_parser = commands.add_parser(
+        "bearings", help="print the landmarks in the robot's frames"
+    )
+    bearings_parser.set_defaults(run=_print_bearings)
+    bearings_parser.add_argument("--classifier", type=Path, default=Path("out/classifier.npz"))
+    bearings_parser.add_argument("--start", default="Centre", help="start pose of the robot")
+    bearings_parser.add_argument("--frames", type=int, default=0, help="0 = until interrupted")
+    # On each subcommand rather than the parent, so that options may follow the command.
+    for command in (train_parser, bearings_parser):
         command.add_argument(
-            "--landmarks", default="four_legged_2006", metavar="CSV", help="file, or a shipped one"
+            "--landmarks",
+            default="four_legged_2006",
+            metavar="CSV",
+            help="file, or the name of a bundled one",
         )
         command.add_argument("--host", default="127.0.0.1")
         command.add_argument("--control-port", type=int, default=3000)

@@ -1,6 +1,7 @@
-"""The landmark files that come with the client: `four_legged_2006` stands for its own copy.
+"""Landmark files bundled with the client, such as `four_legged_2006`.
 
-A server elsewhere draws the same landmarks; its files need not be here.
+The client's copies describe the same landmarks as the server's, whose files need not be on this
+machine.
 """
 
 from __future__ import annotations
@@ -13,18 +14,22 @@ _BUNDLED_DIR = Path(__file__).parent / "configs" / "landmarks"
 
 
 def find_landmark_file(name_or_path: str) -> Path:
-    """Return the file that a command line means: a path, or the bare name of a shipped one.
+    """Landmark file of a command-line argument: a path, or the bare name of a bundled file.
 
-    A path need not exist: who reads it complains. Raises ConfigError for a name that is not there.
+    A path is returned even if the file is missing; reading reports the error.
+
+    Raises:
+        ConfigError: a bare name matches no bundled file.
     """
     path = Path(name_or_path)
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
-    shipped = {file.stem: file for file in sorted(_BUNDLED_DIR.glob("*.csv"))}
-    if name_or_path not in shipped:
-        known = ", ".join(shipped)
+    # A bare word without suffix or directory can only mean a bundled file: list those on failure.
+    bundled = {file.stem: file for file in sorted(_BUNDLED_DIR.glob("*.csv"))}
+    if name_or_path not in bundled:
+        known = ", ".join(bundled)
         expected = f"a csv file, or a name that comes with the client: {known}"
         raise ConfigError(
             SourceLocation(name_or_path), key="file", value=name_or_path, expected=expected
         )
-    return shipped[name_or_path]
+    return bundled[name_or_path]

@@ -1,7 +1,7 @@
-"""A control connection that waits: commands out, and reports in until what is wanted has come.
+"""Blocking control connection over TCP: sends commands and waits for reports.
 
-Nothing is read between calls; what comes on the way is kept as the newest of its kind. A thin shell
-around the sans-I/O `ControlClient`.
+Nothing is read between calls. Reports that arrive while another is awaited are kept as the latest
+of their type. The protocol itself is the sans-I/O `ControlClient`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,26 @@ _ReportT = TypeVar("_ReportT", bound=Report)
 
 
 class ReplyTimeoutError(ConnectionLostError):
-    """The server is there but did not send what was asked for in time."""
+    """The server is connected but did not send the expected report in time."""
 
 
 class ControlConnection:
-    """One connection, for one thread.
+    """Connection to the control port, for one thread.
 
-    Waiting raises ConnectionLostError if the server goes away, ReplyTimeoutError if what is wanted does
-    not come in time, and RemoteProtocolError if it sends what no server of ours would.
+    Waiting raises ConnectionLostError if the server disconnects, ReplyTimeoutError if the expected
+    report does not arrive in time, and RemoteProtocolError if the server violates the protocol.
     """
 
     def __init__(
         self, connection: socket.socket, *, timeout_s: float, clock: Callable[[], float]
     ) -> None:
-        """Take over a connected socket. `clock` counts seconds and measures the timeouts."""
+        """Take ownership of a connected socket.
+
+        Args:
+            connection: connected TCP socket.
+            timeout_s: default time limit of a wait.
+            clock: monotonic clock in seconds, which measures the limits.
+        """
         self._socket = connection
         self.peer = peer_address(connection)
         self.timeout_s = timeout_s
@@ -48,16 +54,16 @@ class ControlConnection:
         self._latest: dict[type[object], Report] = {}
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._socket.close()
 
     @property
     def latest_reports(self) -> tuple[Report, ...]:
-        """Return the newest report of each kind."""
+        """Latest report of each type."""
         return tuple(self._latest.values())
 
     def get_latest(self, report_type: type[_ReportT]) -> _ReportT | None:
-        """Return the newest report of a kind that was read; None before the first."""
+        """Latest report of a type; None before the first."""
         report = self._latest.get(report_type)
         return report if isinstance(report, report_type) else None
 
@@ -76,22 +82,30 @@ class ControlConnection:
         predicate: Callable[[_ReportT], bool] = lambda report: True,
         timeout_s: float | None = None,
     ) -> _ReportT:
-        """Return the next report of a type that is accepted; `what` is named where none comes."""
+        """Next report of a type that satisfies a predicate.
+
+        Args:
+            report_type: class of the report.
+            description: the expected report, in words, for the error message.
+            predicate: further condition on the report.
+            timeout_s: time limit; the connection's default if None.
+        """
 
         def matches(report: Report) -> bool:
             return isinstance(report, report_type) and predicate(report)
 
-        found = self.wait_until(matches, description, timeout_s)[-1]
-        assert isinstance(found, report_type)
-        return found
+        report = self.wait_until(matches, description, timeout_s)[-1]
+        assert isinstance(report, report_type)  # by `matches`; for the type checker
+        return report
 
     def wait_until(
         self, predicate: Callable[[Report], bool], description: str, timeout_s: float | None = None
     ) -> list[Report]:
-        """Return the reports up to the first wanted one, which is the last of them."""
+        """Reports up to and including the first that satisfies the predicate."""
         deadline_s = self._clock() + (self.timeout_s if timeout_s is None else timeout_s)
         reports: list[Report] = []
         while True:
+            # Reports behind the awaited one stay queued for the next call.
             while not self._unread:
                 self._unread.extend(self._read_reports(deadline_s, description))
             reports.append(self._unread.popleft())
@@ -99,8 +113,9 @@ class ControlConnection:
                 return reports
 
     def _read_reports(self, deadline_s: float, description: str) -> list[Report]:
-        """Return what the next bytes say, having noted it as the newest of its kind."""
-        # Without bytes: what the last ones held behind a malformed report, if there was one.
+        """Reports in the next bytes, recorded as the latest of their types."""
+        # First without new bytes: a malformed report raises an error, and the reports behind the
+        # malformed one are still in the parser's buffer.
         reports = self._protocol.receive(b"") or self._protocol.receive(
             self._receive_bytes(deadline_s, description)
         )
@@ -110,7 +125,7 @@ class ControlConnection:
         return reports
 
     def _receive_bytes(self, deadline_s: float, description: str) -> bytes:
-        """Return some bytes of the server; an error tells what was waited for."""
+        """Receive some bytes; an error names the expected report."""
         try:
             data = self._receive_before(deadline_s)
         except TimeoutError as error:
@@ -120,18 +135,20 @@ class ControlConnection:
         except OSError as error:
             raise self._connection_lost_error(str(error)) from error
         if not data:
-            raise self._connection_lost_error("it closed the connection")
+            raise self._connection_lost_error("the server closed the connection")
         return data
 
     def _receive_before(self, deadline_s: float) -> bytes:
-        left_s = deadline_s - self._clock()
-        if left_s <= 0.0:  # other reports can stream in for ever
+        remaining_s = deadline_s - self._clock()
+        # Checked before each read: a stream of other reports must not extend the limit, and a
+        # timeout of 0 would switch the socket to non-blocking.
+        if remaining_s <= 0.0:
             raise TimeoutError
-        self._socket.settimeout(left_s)
+        self._socket.settimeout(remaining_s)
         return self._socket.recv(_READ_BYTES)
 
     def _connection_lost_error(self, reason: str) -> ConnectionLostError:
         return ConnectionLostError(
-            f"lost the control server at {self.peer}: {reason}. Its log tells why; "
-            "connect and spawn again to go on"
+            f"lost the control server at {self.peer}: {reason}. The server's log has the cause; "
+            "connect and spawn again to continue"
         )

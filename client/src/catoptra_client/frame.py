@@ -1,4 +1,4 @@
-"""A picture that came, whatever brought it; what brings pictures; and how files become pixels."""
+"""Frames and frame sources, independent of the transport, and the decoding of image files."""
 
 from __future__ import annotations
 
@@ -20,61 +20,77 @@ from catoptra_protocol.stream.replies import EffectRecord
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_protocol.usarsim.jpeg_header import parse_jpeg_size
 
+# EXIF orientation is ignored: rotating the image would invalidate the camera model.
 _IMREAD_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+# Signature, length and type of the first chunk, whose first eight bytes are width and height.
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 
 Pixels = npt.NDArray[np.uint8]
 
 
+# eq=False: comparing arrays gives an array, so frames compare by identity.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One picture: (h, w, 3) uint8 RGB, read-only; empty if the server had nothing to show.
+    """One image with its metadata, from either transport.
 
-    sequence: counts frames, of the connection over TCP, of the server over the stream. received_s:
-    by the client's clock, when its last byte had come. image_type: RAW for whatever is lossless.
-
-    Only the stream tells the rest; None elsewhere. time_s, world_from_robot: of the exposure.
-    camera: the law of its pixels; robot_from_mirror: where its viewpoint sits. age_s: from exposure
-    to sending. missed: frames drawn that this client was not sent, in all. dropped: frames that it
-    asked for and did not take. plan, error_bound_px: how it was drawn, and how far
-    off any outline may be; bound: that and its parts by name, as SPEC.md has them.
-    effects: what was decided about each that the robot's file names; empty where none is told.
+    TCP delivers image, sequence and type alone; the other fields are then None or empty.
     """
 
     rgb: Pixels
+    """Pixels (h, w, 3) uint8 RGB, read-only; empty if the server had nothing to show."""
     sequence: int
+    """Number of the frame: per connection over TCP, per server over the stream."""
     received_s: float
+    """Client clock when the last byte had arrived."""
     image_type: ImageType
+    """Encoding on the wire; RAW for any lossless one."""
     robot_name: str | None = None
+    """Name of the robot that carries the camera."""
     camera_name: str | None = None
+    """Name of the camera."""
     time_s: float | None = None
+    """Simulated time of the exposure."""
     world_from_robot: Pose | None = None
+    """Pose of the robot at the exposure."""
     camera: OmniCamera | PerspectiveCamera | None = None
+    """Camera model of the pixels."""
     robot_from_mirror: Pose | None = None
+    """Pose of the camera's viewpoint or pinhole on the robot."""
     stage_ms: Mapping[str, float] | None = None
+    """Server time per rendering stage, in milliseconds."""
     age_s: float | None = None
+    """Time from exposure to sending."""
     missed_frames: int | None = None
+    """Frames rendered but not sent to this client, in total."""
     dropped_frames: int | None = None
+    """Frames requested by this client but not taken, in total."""
     plan: str | None = None
+    """Render plan, by name."""
     error_bound_px: float | None = None
+    """Bound on the displacement of any outline, in pixels."""
     error_bounds: dict[str, float] | None = None
+    """Total and partial bounds by name, as listed in SPEC.md."""
     effects: tuple[EffectRecord, ...] = ()
+    """Decision about each effect that the robot file names."""
 
 
 class FrameSource(Protocol):
-    """What both transports offer. Waiting raises ConnectionLostError or DeadlineExceededError."""
+    """Interface of the frame sources of both transports.
+
+    Waiting raises ConnectionLostError or DeadlineExceededError.
+    """
 
     def get_frame(self) -> Frame:
-        """Return the newest frame."""
+        """Newest frame."""
 
     def iter_frames(self) -> Iterator[Frame]:
-        """Iterate over frames for ever."""
+        """Iterate over frames without end."""
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Enter a context that closes the source on exit."""
 
     def __exit__(
         self,
@@ -82,19 +98,23 @@ class FrameSource(Protocol):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close."""
+        """Close the connection."""
 
 
 def rgb_from_image_bytes(data: bytes) -> Pixels:
-    """Return the (h, w, 3) uint8 RGB picture of a JPEG or PNG file.
+    """Decode a JPEG or PNG file to (h, w, 3) uint8 RGB.
 
-    Raises RemoteProtocolError if it is none, or larger than we accept: before memory is taken.
+    Raises:
+        RemoteProtocolError: the file is invalid, or larger than `MAX_IMAGE_PIXELS`; the size is
+            checked before memory is allocated.
     """
+    # All other data is treated as JPEG, whose header check reports anything else.
     kind = "PNG" if data.startswith(_PNG_HEADER) else "JPEG"
     if kind == "PNG":
         _check_png_size(data)
     else:
         parse_jpeg_size(data)
+    # OpenCV reports some invalid files by an exception and others by None.
     try:
         rgb = cv2.imdecode(np.frombuffer(data, np.uint8), _IMREAD_FLAGS)
     except cv2.error as error:
@@ -109,5 +129,5 @@ def _check_png_size(data: bytes) -> None:
     width, height = int.from_bytes(size[:4]), int.from_bytes(size[4:])
     if width * height > MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(
-            f"PNG frame of {width} x {height} px: more than the {MAX_IMAGE_PIXELS} that we accept"
+            f"PNG frame of {width} x {height} px: the limit is {MAX_IMAGE_PIXELS} pixels"
         )

@@ -1,6 +1,6 @@
-"""Labelled frames for the classifier: a robot at many places, and what its frames must show.
+"""Capture of labelled training frames: a robot at random poses, and labels from geometry.
 
-Every place is a connection of its own: spawning is how USARSim puts a robot somewhere.
+Each pose has a connection of its own, since USARSim sets a robot's pose only when it spawns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
 ROBOT_CLASS = "USARBot.OmniP2AT"
-# Places are drawn from this half of the field's size: inside the lines, off the route's own edges.
+# Half extents of the sampled positions: within the field's lines and off the edges of the route.
 _MAX_X_M = 2.0
 _MAX_Y_M = 1.3
 
@@ -33,12 +33,21 @@ def capture_training_frames(
     seed: int,
     on_frame: Callable[[], None],
 ) -> Iterator[tuple[UInt8Array, UInt8Array]]:
-    """Yield (h, w, 3) frames from random places on the field and their (h, w) labels."""
+    """Yield (h, w, 3) frames from random poses on the field, with their (h, w) labels.
+
+    Args:
+        address: server to capture from.
+        landmarks: all landmarks of the world.
+        num_frames: number of frames.
+        seed: seed of the random poses.
+        on_frame: called after each frame, for progress.
+    """
     generator = np.random.Generator(np.random.Philox(key=seed))
     for number in range(num_frames):
         x = float(generator.uniform(-_MAX_X_M, _MAX_X_M))
         y = float(generator.uniform(-_MAX_Y_M, _MAX_Y_M))
         yaw = float(generator.uniform(-math.pi, math.pi))
+        # Unique names: the server may not have removed the previous robot yet.
         yield _capture_training_frame(address, landmarks, pose=(x, y, yaw), name=f"Trainer{number}")
         on_frame()
 
@@ -57,13 +66,13 @@ def _capture_training_frame(
     ):
         robot.spawn(ROBOT_CLASS, name=name, location_m=(x, y, 0.0), rotation_rad=(0.0, 0.0, yaw))
         camera, height_m = robot.get_camera_and_height()
-        # A server in real time may hold a frame of the robot before: the second one is of ours.
+        # A server in real time may still hold a frame of the previous robot; the second is current.
         images.get_frame()
         frame = images.get_frame().rgb
         return frame, _label_image(camera, landmarks, height_m, pose)
 
 
-# A study trains at the same places again and again: labels take three times as long as frames.
+# Studies train repeatedly at the same poses, and labels take three times as long as frames.
 @lru_cache(maxsize=128)
 def _label_image(
     camera: OmniCamera,
@@ -73,5 +82,6 @@ def _label_image(
 ) -> UInt8Array:
     mirror = world_from_mirror(Viewpoint(height_m), np.array(pose))
     labels = label_frame(camera, landmarks, world_from_mirror=mirror)
+    # Shared between callers through the cache.
     labels.setflags(write=False)
     return labels

@@ -1,17 +1,16 @@
-"""Unwarping: from the mirror's disc to a cylinder around the viewpoint, or to a pinhole's picture.
+"""Unwarping: from the mirror's disc to a cylinder around the viewpoint, or to a perspective image.
 
-The geometry is a frozen description; its map is computed once, in float64 from the camera law, and
-kept as OpenCV's fixed-point map (1/32 px, by which INTER_LINEAR interpolates in any case); a frame
-then costs one remap. A single effective viewpoint is what makes both exact (Schmits & Visser 2009,
-section 2.1). This module does not know what is in the pictures.
+The map of a geometry is computed once, in float64 from the camera model, and stored as OpenCV's
+fixed-point map (1/32 px, the resolution of INTER_LINEAR in any case); each frame then costs one
+remap. Both images are exact because the mirror has a single effective viewpoint (Schmits & Visser
+2009, section 2.1).
 
-| picture     | column                                 | row                                  |
+| image       | column                                 | row                                  |
 |-------------|----------------------------------------|--------------------------------------|
 | cylinder    | azimuth (x towards y), one full turn   | depression's tangent, z / hypot(x, y) |
 | perspective | a pinhole's u                          | a pinhole's v                        |
 
-Both show the world as a person would see it: azimuth grows to the right, so the mirror's reversal
-of left and right is undone.
+In both, azimuth grows to the right, as for a person: the reversal by the mirror is undone.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from catoptra_protocol.optics.transforms import rotation_from_rpy
 
 UInt8Array = npt.NDArray[np.uint8]
 
-# One number or an array of them: the cylinder's rulers serve both.
+# Cylinder coordinates are converted one by one for blobs and in arrays for maps.
 _FloatOrArray = TypeVar("_FloatOrArray", float, Floats)
 
 # cv2.remap addresses source and target with 16-bit signed integers.
@@ -41,20 +40,24 @@ _MAX_SIDE_PX = 32767
 
 @dataclass(frozen=True, slots=True)
 class CylinderGeometry:
-    """An unrolled cylinder around the vertical through the viewpoint.
+    """Unrolled cylinder around the vertical through the viewpoint.
 
     Rows are linear in the slope y = -tan(elevation), positive below the horizon: a point at height
-    z and level distance r seen from height H has y = (H - z) / r, so heights on an upright object
-    are linear in rows and its centroid is not pulled to either end. Columns are linear in azimuth
-    over one full turn from `seam_azimuth_rad`, where the first column begins and the last ends;
-    behind the robot unless told otherwise. Edges are whole numbers, centres at +0.5.
+    z and level distance r has y = (H - z) / r from height H, so heights on an upright object are
+    linear in rows and centroids are unbiased. Columns are linear in azimuth over one full turn.
+    Edges are integers, pixel centres at +0.5.
     """
 
     columns: int
+    """Width of the image."""
     rows: int
+    """Height of the image."""
     top_slope: float
+    """Slope of the upper edge."""
     bottom_slope: float
+    """Slope of the lower edge; greater than `top_slope`."""
     seam_azimuth_rad: float = -math.pi
+    """Azimuth of the left and right edge; behind the robot by default."""
 
     def __post_init__(self) -> None:
         _check_size(self.columns, self.rows)
@@ -62,73 +65,76 @@ class CylinderGeometry:
         if not (all(map(math.isfinite, numbers)) and self.top_slope < self.bottom_slope):
             raise DomainError(f"a cylinder needs finite slopes, the top one smaller: {numbers}")
         if not 0.0 < self.slope_per_row < math.inf:
-            raise DomainError(f"rows of a height that float64 cannot hold: {numbers}")
+            raise DomainError(f"the row height is not representable in float64: {numbers}")
 
     @property
     def azimuth_per_column_rad(self) -> float:
-        """Return the width of a column."""
+        """Width of a column, in radians."""
         return TWO_PI / self.columns
 
     @property
     def slope_per_row(self) -> float:
-        """Return the height of a row."""
+        """Height of a row, as a difference of slopes."""
         return (self.bottom_slope - self.top_slope) / self.rows
 
     def azimuth_from_column(self, column: _FloatOrArray) -> _FloatOrArray:
-        """Return azimuths of (...) columns, not wrapped: it grows along the picture."""
+        """Azimuths of (...) columns, not wrapped: monotonic across the image."""
         return self.seam_azimuth_rad + self.azimuth_per_column_rad * column
 
     def column_from_azimuth(self, azimuth_rad: Floats | float) -> Floats:
-        """Return (...) columns in [0, columns) of azimuths, whatever turn they are given in.
+        """Columns (...) in [0, columns) of azimuths in any turn.
 
-        Raises DomainError, with the mask, for azimuths that are not finite.
+        Raises:
+            DomainError: an azimuth is not finite; carries the mask.
         """
         finite = np.isfinite(azimuth_rad)
         if not np.all(finite):
             raise DomainError("an azimuth that is not finite has no column", valid_mask=finite)
-        turned = np.mod(azimuth_rad - self.seam_azimuth_rad, TWO_PI) / self.azimuth_per_column_rad
+        column = np.mod(azimuth_rad - self.seam_azimuth_rad, TWO_PI) / self.azimuth_per_column_rad
         # mod of a tiny negative number rounds up to the whole turn, which is column 0 again.
-        return np.where(turned < self.columns, turned, 0.0)
+        return np.where(column < self.columns, column, 0.0)
 
     def slope_from_row(self, row: _FloatOrArray) -> _FloatOrArray:
-        """Return slopes of (...) rows."""
+        """Slopes of (...) rows."""
         return self.top_slope + self.slope_per_row * row
 
     def row_from_slope(self, slope: _FloatOrArray) -> _FloatOrArray:
-        """Return (...) rows of slopes; those above or below the picture lie outside its rows."""
+        """Rows (...) of slopes; outside [0, rows] for slopes above or below the image."""
         return (slope - self.top_slope) / self.slope_per_row
 
     def directions(self) -> Floats:
-        """Return (rows, columns, 3) directions of the pixel centres in the mirror frame."""
+        """Directions (rows, columns, 3) of the pixel centres in the mirror frame."""
         azimuth = self.azimuth_from_column(np.arange(self.columns, dtype=np.float64) + 0.5)
         slope = self.slope_from_row(np.arange(self.rows, dtype=np.float64) + 0.5)
+        # Not normalized: the projection accepts directions of any length.
         parts = np.broadcast_arrays(np.cos(azimuth), np.sin(azimuth), slope[:, None])
         return np.stack(parts, axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
 class PerspectiveGeometry:
-    """A virtual pinhole camera at the viewpoint: square pixels, axis through the middle.
-
-    yaw_rad: to the right of the robot's x. pitch_rad: nose up, as SAE counts it; a look at the
-    floor is negative. width_rad: horizontal field of view, below a half turn.
-    """
+    """Virtual pinhole camera at the viewpoint: square pixels, central optical axis."""
 
     width_px: int
+    """Width of the image."""
     height_px: int
+    """Height of the image."""
     horizontal_fov_rad: float
+    """Horizontal field of view, in (0, pi)."""
     yaw_rad: float = 0.0
+    """Turn to the right from the robot's x axis."""
     pitch_rad: float = 0.0
+    """Pitch, nose up as in SAE; negative towards the floor."""
 
     def __post_init__(self) -> None:
         _check_size(self.width_px, self.height_px)
         if not 0.0 < self.horizontal_fov_rad < math.pi:
             raise DomainError(
-                f"a pinhole sees more than 0 and less than pi: {self.horizontal_fov_rad!r}"
+                f"a horizontal field of view lies in (0, pi): {self.horizontal_fov_rad!r}"
             )
         if not (math.isfinite(self.yaw_rad) and math.isfinite(self.pitch_rad)):
             raise DomainError(f"angles must be finite: {self.yaw_rad!r}, {self.pitch_rad!r}")
-        # The quotient of focal_px must not overflow, nor divide by a tangent of zero.
+        # Rejects widths whose focal length overflows or whose tangent is zero.
         if 0.5 * self.width_px > math.tan(0.5 * self.horizontal_fov_rad) * sys.float_info.max:
             raise DomainError(
                 f"a view {self.horizontal_fov_rad!r} rad wide needs an infinite focal length"
@@ -136,13 +142,14 @@ class PerspectiveGeometry:
 
     @property
     def focal_length_px(self) -> float:
-        """Return the focal length."""
+        """Focal length, in pixels."""
         return 0.5 * self.width_px / math.tan(0.5 * self.horizontal_fov_rad)
 
     def directions(self) -> Floats:
-        """Return (height, width, 3) directions of the pixel centres in the mirror frame."""
+        """Directions (height, width, 3) of the pixel centres in the mirror frame."""
         right = np.arange(self.width_px) + 0.5 - 0.5 * self.width_px
         down = np.arange(self.height_px) + 0.5 - 0.5 * self.height_px
+        # SAE axes of the virtual camera: x forward, y right, z down.
         parts = np.broadcast_arrays(self.focal_length_px, right, down[:, None])
         rotation = rotation_from_rpy(0.0, self.pitch_rad, self.yaw_rad)
         directions: Floats = np.stack(parts, axis=-1) @ rotation.T
@@ -151,16 +158,16 @@ class PerspectiveGeometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnwarpMap:
-    """Where each target pixel comes from: a fixed-point map, and which pixels the mirror sees.
-
-    integer_px (h, w, 2) int16 and fraction (h, w) uint16 as cv2.convertMaps makes them; valid (h, w).
-    source_shape: (height, width) of the frames it is made for.
-    """
+    """Fixed-point map from target to source pixels, as made by cv2.convertMaps."""
 
     integer_px: npt.NDArray[np.int16]
+    """Integer source pixel, (h, w, 2) int16."""
     fraction: npt.NDArray[np.uint16]
+    """Index of the interpolation weights, (h, w) uint16."""
     valid: Bools
+    """Whether the mirror shows the target pixel, (h, w)."""
     source_shape: tuple[int, int]
+    """Height and width of the source frames."""
 
     def __post_init__(self) -> None:
         for array in (self.integer_px, self.fraction, self.valid):
@@ -170,35 +177,41 @@ class UnwarpMap:
 def make_unwarp_map(
     camera: OmniCamera, geometry: CylinderGeometry | PerspectiveGeometry
 ) -> UnwarpMap:
-    """Return the map from a camera's frames to a geometry's picture.
+    """Map from a camera's frames to the image of a geometry.
 
-    Valid: the mirror sees the pixel's centre and the frame reaches there. Elsewhere the picture is
-    black.
+    A target pixel is valid if the mirror reflects its centre to a position within the frame; the
+    other pixels are black.
     """
+    # The source has the limit too: remap addresses both with 16-bit coordinates.
     _check_size(camera.width_px, camera.height_px)
-    pixel, seen = pixel_from_direction(camera, geometry.directions())
+    pixel, visible = pixel_from_direction(camera, geometry.directions())
     size = np.array([camera.width_px, camera.height_px], dtype=np.float64)
-    valid = seen & ((pixel >= 0.0) & (pixel <= size)).all(axis=-1)
-    # Two pixels outside: no tap of the interpolation reaches the frame, the border's black remains.
+    valid = visible & ((pixel >= 0.0) & (pixel <= size)).all(axis=-1)
+    # Two pixels outside the frame: no tap of the interpolation reaches a frame pixel, so the
+    # border's black remains.
     source = np.where(valid[..., None], opencv_from_pixel(pixel), -2.0).astype(np.float32)
-    whole, fraction = cv2.convertMaps(source[..., 0], source[..., 1], cv2.CV_16SC2)
+    integer, fraction = cv2.convertMaps(source[..., 0], source[..., 1], cv2.CV_16SC2)
     shape = (camera.height_px, camera.width_px)
-    return UnwarpMap(np.asarray(whole), np.asarray(fraction), valid, shape)
+    return UnwarpMap(np.asarray(integer), np.asarray(fraction), valid, shape)
 
 
 def unwarp(frame: UInt8Array, unwarp_map: UnwarpMap) -> UInt8Array:
-    """Return the (h, w, 3) picture of an omnidirectional (h, w, 3) RGB frame; bilinear."""
+    """Unwarp an omnidirectional (h, w, 3) RGB frame, with bilinear interpolation.
+
+    Raises:
+        DomainError: the frame has another size or type than the map's source.
+    """
     if frame.dtype != np.uint8 or frame.shape != (*unwarp_map.source_shape, 3):
         height, width = unwarp_map.source_shape
         raise DomainError(
             f"the map is for RGB frames of {width} x {height} px, not {frame.dtype} {frame.shape}"
         )
-    picture = cv2.remap(frame, unwarp_map.integer_px, unwarp_map.fraction, cv2.INTER_LINEAR)
-    return np.asarray(picture, dtype=np.uint8)
+    image = cv2.remap(frame, unwarp_map.integer_px, unwarp_map.fraction, cv2.INTER_LINEAR)
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _check_size(width_px: int, height_px: int) -> None:
     if not (1 <= width_px <= _MAX_SIDE_PX and 1 <= height_px <= _MAX_SIDE_PX):
         raise DomainError(
-            f"a picture has 1 to {_MAX_SIDE_PX} px a side, not {width_px} x {height_px}"
+            f"an image has 1 to {_MAX_SIDE_PX} px a side, not {width_px} x {height_px}"
         )

@@ -20,13 +20,17 @@ VIEW = CylinderView(synthetic_frames.make_camera(), CYLINDER, Viewpoint())
 BEACON = Landmark("b", "beacon", 0.0, 0.0, 0.1, 0.1, 0.2, 0.4, "cyan", "magenta")
 
 
-def make_band(colour: str, heights_m: tuple[float, float], **place):
-    return make_blob(CYLINDER, colour, **({"heights_m": heights_m, "width_m": 0.1} | place))
+def make_band(colour: str, heights_m: tuple[float, float], **scene):
+    return make_blob(CYLINDER, colour, **({"heights_m": heights_m, "width_m": 0.1} | scene))
 
 
 def make_band_pair(range_m: float, azimuth_rad: float = 0.0, viewpoint_height_m: float = 0.6):
-    place = {"range_m": range_m, "azimuth_rad": azimuth_rad, "eye_m": viewpoint_height_m}
-    return make_band("cyan", (0.2, 0.3), **place), make_band("magenta", (0.3, 0.4), **place)
+    scene = {
+        "range_m": range_m,
+        "azimuth_rad": azimuth_rad,
+        "viewpoint_height_m": viewpoint_height_m,
+    }
+    return make_band("cyan", (0.2, 0.3), **scene), make_band("magenta", (0.3, 0.4), **scene)
 
 
 @pytest.mark.parametrize("range_m", [0.4, 1.0, 2.0, 3.0, 5.0])

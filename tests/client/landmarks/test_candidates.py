@@ -39,7 +39,7 @@ def test_blob_at_an_edge_is_cut(top: float, bottom: float, cut: bool) -> None:
 
 def test_landmarks_that_look_the_same_are_refused() -> None:
     twin = dataclasses.replace(BEACON, name="twin", x_m=0.0)
-    with pytest.raises(DomainError, match=r"twin and .* cannot tell them apart"):
+    with pytest.raises(DomainError, match=r"twin and .* do not distinguish them"):
         require_distinct_colours([BEACON, twin])
 
 

@@ -118,7 +118,7 @@ def test_empty_class_is_refused_by_name(empty: str) -> None:
     }
     classes[empty] = empty_histogram()
     negative = classes.pop("neg")
-    with pytest.raises(DomainError, match=f"no pixel was seen of: {empty}"):
+    with pytest.raises(DomainError, match=f"no training pixel of: {empty}"):
         classifier_from_histograms(classes, negative)
 
 

@@ -43,7 +43,7 @@ def test_what_is_saved_is_loaded(small_classifier, tmp_path: Path) -> None:
         ({"schema": np.array("other")}, "catoptra-colour-classifier"),
         ({"version": np.array(2)}, "train it anew"),
         ({"theta": np.array(-1.0)}, "theta"),
-        ({"cyan": np.zeros((8, 8, 8), int)}, "no pixel was seen of: cyan"),
+        ({"cyan": np.zeros((8, 8, 8), int)}, "no training pixel of: cyan"),
         ({"cyan": np.zeros((4, 4, 4), int)}, "cyan"),
         ({"cyan": np.ones(7)}, "cube"),
         ({"theta": np.array([1.0, 2.0])}, "readable"),

@@ -180,5 +180,5 @@ def test_view_accounts_for_every_blob(classifier) -> None:
 
 def test_lookalikes_are_refused_when_the_detector_is_made(classifier) -> None:
     twins = [BEACONS[0], dataclasses.replace(BEACONS[0], name="twin")]
-    with pytest.raises(DomainError, match="apart"):
+    with pytest.raises(DomainError, match="do not distinguish"):
         make_detector(synthetic_frames.make_camera(), classifier, landmarks=twins)

@@ -45,7 +45,7 @@ def test_intervals_equal_the_published_ones(size, runs, interval) -> None:
 
 
 def test_interval_of_nothing_is_refused() -> None:
-    with pytest.raises(DomainError, match="freedoms"):
+    with pytest.raises(DomainError, match="degrees of freedom"):
         chi_square_mean_interval(3, 0)
 
 

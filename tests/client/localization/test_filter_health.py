@@ -91,7 +91,7 @@ def test_window_without_room_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"after_steps": 0}, {"position_sigma_m": math.nan}, {"heading_sigma_rad": 1e200}],
+    [{"min_rejection_streak": 0}, {"position_sigma_m": math.nan}, {"heading_sigma_rad": 1e200}],
 )
 def test_recovery_that_cannot_be_is_refused(wrong) -> None:
     with pytest.raises(DomainError, match="recovery"):

@@ -115,8 +115,8 @@ def simulate_run(
             (
                 math.dist(odometry[:2], truth[:2]),
                 math.dist(belief.mean[:2], truth[:2]),
-                sum(u.accepted for u in updates),
-                sum(u.was_compared for u in updates),
+                sum(u.is_accepted for u in updates),
+                sum(u.has_innovation for u in updates),
             )
         )
     return SimulatedRun(*np.array(rows).T)

@@ -19,10 +19,10 @@ def test_paper_gate_for_one_number_is_6_63490() -> None:
     assert PAPER_GATE.threshold(1) == pytest.approx(6.63490, abs=5e-6)
 
 
-@pytest.mark.parametrize("share", [1e-300, 1e-15, 0.01, 0.5])
-def test_share_above_the_threshold_of_one_number_is_the_false_rejection(share: float) -> None:
-    above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(ValidationGate(share).threshold(1)) / 2))
-    assert float(above) == pytest.approx(share, rel=1e-9)
+@pytest.mark.parametrize("rate", [1e-300, 1e-15, 0.01, 0.5])
+def test_share_above_the_threshold_of_one_number_is_the_false_rejection(rate: float) -> None:
+    above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(ValidationGate(rate).threshold(1)) / 2))
+    assert float(above) == pytest.approx(rate, rel=1e-9)
 
 
 @pytest.mark.parametrize("size", [1, 2])
@@ -30,10 +30,10 @@ def test_open_gate_has_no_threshold(size: int) -> None:
     assert OPEN_GATE.threshold(size) == math.inf
 
 
-@pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
-def test_share_outside_its_interval_is_refused(share: float) -> None:
-    with pytest.raises(DomainError, match="share"):
-        ValidationGate(share)
+@pytest.mark.parametrize("rate", [-0.1, 1.0, math.nan])
+def test_share_outside_its_interval_is_refused(rate: float) -> None:
+    with pytest.raises(DomainError, match="rejection rate"):
+        ValidationGate(rate)
 
 
 def test_other_sizes_are_refused() -> None:

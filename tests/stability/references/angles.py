@@ -22,9 +22,9 @@ def difference(angle: Any, start: Any) -> Any:
     return wrapped(angle - start)
 
 
-def between(start: Any, end: Any, share: Any) -> Any:
-    """Return the angle at a share of the shorter way."""
-    return wrapped(start + share * difference(end, start))
+def between(start: Any, end: Any, fraction: Any) -> Any:
+    """Return the angle at a fraction of the shorter turn."""
+    return wrapped(start + fraction * difference(end, start))
 
 
 def tolerance(*angles: float) -> dict[str, Any]:
@@ -97,13 +97,13 @@ def main() -> None:
     ]
     write("angles", "difference", rows)
     rows = [
-        case(n, {"start": a, "end": b, "share": s}, exact=between, tolerance=tolerance(a, b))
+        case(n, {"start": a, "end": b, "fraction": s}, exact=between, tolerance=tolerance(a, b))
         for n, (a, b, s) in BETWEEN.items()
     ]
     rows.append(
         refusal(
             "an end is not a number",
-            {"start": 0.0, "end": math.nan, "share": 0.5},
+            {"start": 0.0, "end": math.nan, "fraction": 0.5},
             expect="error",
             which="an angle must be finite",
         )

@@ -11,7 +11,7 @@ from typing import Any
 
 from mpmath import atan2, hypot, mpf, pi
 
-from stability.references.ranging import range_sigma, incidence_angle_sigma
+from stability.references.ranging import incidence_angle_sigma, range_sigma
 from stability.references.writing import case, float64_case, refusal, write
 
 

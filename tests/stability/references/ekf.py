@@ -283,7 +283,7 @@ def _write_refusals() -> None:
             name,
             {"mean": POSE, "covariance": some(), "v": v, "turn": turn, "alphas": ALPHAS},
             expect="error",
-            which="leads out of what float64 can hold",
+            which="leads beyond float64",
         )
         for name, (v, turn) in steps.items()
     ]

@@ -60,8 +60,8 @@ def main() -> None:
         for name, numbers in COUNTS.items()
     ]
     wrong = {
-        "an empty positive class": ((0, 0, 1, 100, 10.0), "no pixel was seen of: pos"),
-        "an empty negative class": ((1, 100, 0, 0, 10.0), "no pixel was seen of: neg"),
+        "an empty positive class": ((0, 0, 1, 100, 10.0), "no training pixel of: pos"),
+        "an empty negative class": ((1, 100, 0, 0, 10.0), "no training pixel of: neg"),
         "a negative threshold": ((1, 100, 1, 100, -1.0), "theta is a ratio"),
         "a threshold that is not a number": ((1, 100, 1, 100, math.nan), "theta is a ratio"),
     }

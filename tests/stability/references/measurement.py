@@ -89,10 +89,10 @@ def main() -> None:
         files["range"].append(refusal(name, inputs, expect="invalid", which="no expectation"))
     files["range"].append(
         refusal(
-            "a landmark that stands nowhere",
+            "a landmark without a finite position",
             {"pose": ORIGIN, "landmark": [math.nan, 0.0]},
             expect="error",
-            which="stands nowhere",
+            which="has no finite position",
         )
     )
     for formula, rows in files.items():

@@ -13,27 +13,27 @@ from stability.references.motion import relative
 from stability.references.writing import case, float64_case, refusal, write
 
 
-def threshold(size: int, share: Any) -> Any:
-    """Return the quantile that a share of chi-square values exceeds."""
-    if size == 2:
-        return -2 * log(share)
+def threshold(dof: int, false_rejection_rate: Any) -> Any:
+    """Return the chi-square quantile that true measurements exceed at this rate."""
+    if dof == 2:
+        return -2 * log(false_rejection_rate)
     with mp.workdps(60):
-        near = ValidationGate(float(share)).threshold(1)
-        return findroot(lambda x: log(erfc(sqrt(x / 2)) / share), mpf(near))
+        near = ValidationGate(float(false_rejection_rate)).threshold(1)
+        return findroot(lambda x: log(erfc(sqrt(x / 2)) / false_rejection_rate), mpf(near))
 
 
-def interval(size: int, runs: int, confidence: Any) -> list[Any]:
+def interval(dof: int, num_runs: int, confidence: Any) -> list[Any]:
     """Return both ends of the mean's interval."""
-    freedom = size * runs
-    near = chi_square_mean_interval(size, runs, confidence=float(confidence))
+    total_dof = dof * num_runs
+    near = chi_square_mean_interval(dof, num_runs, confidence=float(confidence))
     with mp.workdps(60):
         tails = (1 - confidence) / 2, (1 + confidence) / 2
         return [
             findroot(
-                lambda x, q=q: gammainc(mpf(freedom) / 2, 0, x / 2, regularized=True) / q - 1,
-                mpf(start * runs),
+                lambda x, q=q: gammainc(mpf(total_dof) / 2, 0, x / 2, regularized=True) / q - 1,
+                mpf(start * num_runs),
             )
-            / runs
+            / num_runs
             for q, start in zip(tails, near, strict=True)
         ]
 
@@ -103,26 +103,31 @@ def main() -> None:
 
 
 def _write_gate() -> None:
-    shares = [0.01, 0.5, 0.999999, 1e-10, 1e-300, 5e-324]
+    rates = [0.01, 0.5, 0.999999, 1e-10, 1e-300, 5e-324]
     near = relative(1e-12, "the quantile's own rational functions")
     rows = [
         case(
-            f"{share:g} of size {size}",
-            {"size": size, "share": share},
+            f"{rate:g} with {dof} dof",
+            {"dof": dof, "false_rejection_rate": rate},
             exact=threshold,
-            # Half of the smallest number is none; near 1 the quantile of size 1 is near 0.
+            # Half of the smallest number is none; near 1 the quantile of dof 1 is near 0.
             tolerance=relative(2e-3, "half of the smallest number rounds")
-            if share < 1e-320
+            if rate < 1e-320
             else near,
         )
-        for size in (1, 2)
-        for share in shares
+        for dof in (1, 2)
+        for rate in rates
     ]
-    for name, share in (("one", 1.0), ("negative", -0.01), ("not a number", math.nan)):
-        inputs = {"size": 2, "share": share}
-        rows.append(refusal(name, inputs, expect="error", which="a share of rejections"))
+    for name, rate in (("one", 1.0), ("negative", -0.01), ("not a number", math.nan)):
+        inputs = {"dof": 2, "false_rejection_rate": rate}
+        rows.append(refusal(name, inputs, expect="error", which="a rejection rate"))
     rows.append(
-        refusal("a size of 3", {"size": 3, "share": 0.01}, expect="error", which="1 or 2 numbers")
+        refusal(
+            "3 degrees of freedom",
+            {"dof": 3, "false_rejection_rate": 0.01},
+            expect="error",
+            which="1 or 2 degrees of freedom",
+        )
     )
     write("trust", "threshold", rows)
 
@@ -134,22 +139,22 @@ def _write_interval() -> None:
     ]
     rows = [
         float64_case(
-            f"{size} x {runs} at {confidence:g}",
-            {"size": size, "runs": runs, "confidence": confidence},
+            f"{dof} x {num_runs} at {confidence:g}",
+            {"dof": dof, "num_runs": num_runs, "confidence": confidence},
             exact=interval,
             tolerance=relative(2e-6, "Wilson and Hilferty above 1000 freedoms"),
         )
-        for size, runs, confidence in settings
+        for dof, num_runs, confidence in settings
     ]
     wrong = {"no run": (3, 0, 0.95), "certainty": (3, 50, 1.0), "not a number": (3, 50, math.nan)}
     rows += [
         refusal(
             n,
-            {"size": size, "runs": runs, "confidence": c},
+            {"dof": dof, "num_runs": num_runs, "confidence": c},
             expect="error",
             which="no interval",
         )
-        for n, (size, runs, c) in wrong.items()
+        for n, (dof, num_runs, c) in wrong.items()
     ]
     write("trust", "interval", rows)
 

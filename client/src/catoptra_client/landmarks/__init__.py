@@ -1,7 +1,7 @@
-"""Landmarks: colour histograms, the classifiers of Eq. 3, and the detector that builds on them.
+"""Landmark detection: colour histograms, the likelihood-ratio classifiers of Eq. 3, the detector.
 
-Train once: `label_frame`, `train`, `save_classifier`. Then `make_detector` and `detect` each frame.
-Source: Schmits & Visser 2009, section 3.2.
+Train once with `label_frame`, `train` and `save_classifier`; then `make_detector` once per camera
+and `detect` for every frame. Source: Schmits & Visser 2009, section 3.2.
 """
 
 from catoptra_client.landmarks.blobs import Blob, blobs_from_labels

@@ -1,10 +1,10 @@
-"""Beacons: two blobs stacked in a beacon's two colours, whose sizes and heights fit one range.
+"""Beacons: pairs of stacked blobs in a beacon's two colours, consistent with one range.
 
-Range: rows are linear in y = (H - z) / r, so the lower band's centroid, at the height of its
-middle, gives r without bias. The lower band, because it lies farther from the horizon than the
-upper one, and because the lid, in the upper colour, is seen from above and would pull the upper
-centroid up. What is seen is the front of the cylinder: over its width it is nearer than the axis by
-radius * sqrt(1 - s^2), on average radius * pi / 4, which is added.
+Range: rows are linear in y = (H - z) / r, so the centroid of the lower band, at the height of the
+band's centre, gives r without bias. The upper band is not used, for two reasons: it lies nearer to
+the horizon, and the lid, which has the upper colour and is visible from above, raises the centroid.
+The blob shows the front of the cylinder, which is nearer than the axis by radius * sqrt(1 - s^2)
+over the relative width s; the mean, radius * pi / 4, is added.
 """
 
 from __future__ import annotations
@@ -25,48 +25,53 @@ from catoptra_client.landmarks.ranging import (
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.numerics import angle_difference, interpolate_angle
 
-# Sigma of a band's centroid, in pixels of the frame. Against exact frames the range errors have an
-# rms of 0.4 (to 2 m) to 0.6 (at 3 m) of this; the rest is left to lights that differ from those of
-# the training. Measured in tests/client/landmarks/test_detector.py.
+# Sigma of a band's centroid, in pixels of the frame. On exact frames the range errors have an rms
+# of 0.4 (to 2 m) to 0.6 (at 3 m) of this sigma; the margin is for lights that differ from those in
+# training. Measured in tests/client/landmarks/test_detector.py.
 CENTROID_SIGMA_PX = 0.2
-# A range whose relative sigma exceeds this is none: the mean of 1 / y is then biased by sigma^2, 4
-# %, and soon has no meaning at all.
+# Above this relative sigma no range is reported: the mean of 1 / y is biased by sigma^2, here 4 %,
+# and diverges soon after.
 MAX_RELATIVE_SIGMA = 0.2
-# Which part of the front the labels cover is known to about a tenth of the radius.
+# The labels cover the cylinder's front up to an unknown part of about a tenth of the radius.
 FRONT_SIGMA_FRACTION = 0.1
-# What is measured of a size may be smaller or larger than the range says by this ratio, and by as
-# many rows or columns: of mixed pixels one at each border.
+# Tolerances of a blob's size against the size predicted from the range: a ratio, plus one mixed
+# pixel at each of the two borders.
 MAX_SIZE_RATIO, EDGE_TOLERANCE_PX = 2.0, 2.0
 
 
 def find_beacon_candidates(
     view: CylinderView, landmark: Landmark, blobs: Sequence[Blob]
 ) -> list[Candidate]:
-    """Return the pairs of blobs that this beacon would look like."""
+    """Pairs of blobs whose colours, sizes and positions fit this beacon."""
     uppers = [blob for blob in blobs if blob.colour == landmark.upper_colour]
-    found = []
+    candidates = []
+    # The lower band fixes the range; an upper band then either fits that range or does not.
     for lower in blobs:
         if lower.colour != landmark.lower_colour:
             continue
-        front_m, below_or_above = _front_range(view, landmark, lower)
-        if below_or_above and _is_band(view, landmark, lower, front_m):
+        front_m, has_range = _front_range(view, landmark, lower)
+        if has_range and _is_band(view, landmark, lower, front_m):
             matches = [b for b in uppers if _is_upper_band(view, landmark, lower, b, front_m)]
-            found += [_make_candidate(view, landmark, lower, upper, front_m) for upper in matches]
-    return [candidate for candidate, has_bearing in found if has_bearing]
+            candidates += [
+                _make_candidate(view, landmark, lower, upper, front_m) for upper in matches
+            ]
+    return [candidate for candidate, has_bearing in candidates if has_bearing]
 
 
 def _front_range(view: CylinderView, landmark: Landmark, lower: Blob) -> tuple[float, bool]:
-    """Return the range of the lower band's front; invalid at the horizon or on its wrong side."""
+    """Range of the lower band's front; invalid at the horizon or on its wrong side."""
     return range_from_slope(
         view.cylinder.slope_from_row(lower.row), drop_m=view.drop_m(landmark, 0.25)
     )
 
 
 def _is_band(view: CylinderView, landmark: Landmark, blob: Blob, front_m: float) -> bool:
-    """Return whether a blob has the size of one band at this range."""
+    """Whether a blob has the size of one band at this range."""
+    # One colour fills half of the band between band_bottom_m and band_top_m.
     half_band_m = 0.5 * (landmark.band_top_m - landmark.band_bottom_m)
     rows = half_band_m / front_m / view.cylinder.slope_per_row
     radius_m = 0.5 * landmark.width_m
+    # Tangents to the cylinder, whose axis is one radius behind the front.
     width_rad = 2.0 * math.asin(radius_m / (front_m + radius_m))
     columns = width_rad / view.cylinder.azimuth_per_column_rad
     return _is_size_consistent(blob.height, rows) and _is_size_consistent(blob.width, columns)
@@ -83,21 +88,22 @@ def _is_size_consistent(measured: float, expected: float) -> bool:
 def _is_upper_band(
     view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
 ) -> bool:
-    """Return whether `upper` stands on `lower` as the upper band does at this range."""
+    """Whether `upper` stands on `lower` as the upper band does at this range."""
     if upper.row >= lower.row or not _is_band(view, landmark, upper, front_m):
         return False
-    aside = abs(_azimuth_offset(view, lower, upper)) / view.cylinder.azimuth_per_column_rad
+    column_offset = abs(_azimuth_offset(view, lower, upper)) / view.cylinder.azimuth_per_column_rad
+    # 0.75: the centre of the upper half of the band.
     expected_row = view.cylinder.row_from_slope(view.drop_m(landmark, 0.75) / front_m)
-    off = abs(upper.row - expected_row)
+    row_offset = abs(upper.row - expected_row)
     widest = max(lower.width, upper.width)
     return (
-        aside <= 0.25 * widest + EDGE_TOLERANCE_PX
-        and off <= 0.25 * lower.height + EDGE_TOLERANCE_PX
+        column_offset <= 0.25 * widest + EDGE_TOLERANCE_PX
+        and row_offset <= 0.25 * lower.height + EDGE_TOLERANCE_PX
     )
 
 
 def _azimuth_offset(view: CylinderView, lower: Blob, upper: Blob) -> float:
-    """Return the azimuth from the lower to the upper centroid, across the seam too."""
+    """Azimuth from the lower to the upper centroid, across the seam too."""
     return angle_difference(
         view.azimuth_from_column(upper.column), view.azimuth_from_column(lower.column)
     )
@@ -106,38 +112,44 @@ def _azimuth_offset(view: CylinderView, lower: Blob, upper: Blob) -> float:
 def _make_candidate(
     view: CylinderView, landmark: Landmark, lower: Blob, upper: Blob, front_m: float
 ) -> tuple[Candidate, bool]:
-    """Return the candidate, and whether it has a bearing at all.
+    """Candidate of a pair of blobs, and whether the azimuth is defined.
 
-    Without a range if that is too unsure or the lower band is cut off.
+    The candidate has no range if the range is too uncertain or the lower band is cut off by the
+    edge.
     """
     drop_m, radius_m = view.drop_m(landmark, 0.25), 0.5 * landmark.width_m
     axis_m = front_m + 0.25 * math.pi * radius_m
-    along_m, sure = _axis_range_sigma(view, drop_m, front_m, radius_m)
-    sure = sure and along_m <= MAX_RELATIVE_SIGMA * axis_m and not view.touches_edge(lower)
-    across_rad, has_bearing = azimuth_sigma(
+    range_sigma_m, clear_of_horizon = _axis_range_sigma(view, drop_m, front_m, radius_m)
+    has_range = (
+        clear_of_horizon
+        and range_sigma_m <= MAX_RELATIVE_SIGMA * axis_m
+        and not view.touches_edge(lower)
+    )
+    azimuth_sigma_rad, has_bearing = azimuth_sigma(
         view.camera, drop_m=drop_m, range_m=front_m, sigma_px=CENTROID_SIGMA_PX
     )
-    share = upper.num_pixels / (upper.num_pixels + lower.num_pixels)
+    # Weighted by pixels, since the variance of a centroid falls with the size of the blob.
+    fraction = upper.num_pixels / (upper.num_pixels + lower.num_pixels)
     azimuth = interpolate_angle(
         view.azimuth_from_column(lower.column),
         view.azimuth_from_column(upper.column),
-        fraction=share,
+        fraction=fraction,
     )
-    sighting = PolarMeasurement(axis_m, azimuth, along_m, across_rad)
-    return Candidate(landmark, (lower, upper), sighting, sure), has_bearing
+    measurement = PolarMeasurement(axis_m, azimuth, range_sigma_m, azimuth_sigma_rad)
+    return Candidate(landmark, (lower, upper), measurement, has_range), has_bearing
 
 
 def _axis_range_sigma(
     view: CylinderView, drop_m: float, front_m: float, radius_m: float
 ) -> tuple[float, bool]:
-    """Return the sigma of the axis' range, and whether it is clear of the horizon.
+    """Sigma of the range to the beacon's axis, and whether the band is clear of the horizon.
 
-    A range without a sigma is unsure by as much as itself.
+    Where the sigma is undefined, the range itself is returned in its place.
     """
-    place = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
-    sigma_m, defined = range_sigma(view.camera, **place)
+    point = {"drop_m": drop_m, "range_m": front_m, "sigma_px": CENTROID_SIGMA_PX}
+    sigma_m, defined = range_sigma(view.camera, **point)
     if not defined:
         return front_m, False
-    sigma_rad, _ = incidence_angle_sigma(view.camera, **place)
+    sigma_rad, _ = incidence_angle_sigma(view.camera, **point)
     clear = is_clear_of_horizon(drop_m=drop_m, range_m=front_m, sigma_rad=sigma_rad)
     return math.hypot(sigma_m, FRONT_SIGMA_FRACTION * radius_m), clear

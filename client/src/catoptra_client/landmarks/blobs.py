@@ -1,4 +1,4 @@
-"""Connected regions of one colour in a labelled cylinder, whole across the azimuth seam."""
+"""Blobs: connected regions of one colour in a labelled cylinder, joined across the seam."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from catoptra_client.landmarks.classifier import COLOUR_CODES
 from catoptra_client.landmarks.histogram import UInt8Array
 
-# On one thread the default takes three times as long. Measured in
+# On one thread OpenCV's default algorithm takes three times as long. Measured in
 # tests/measurements/detection_time.py.
 _CCL_ALGORITHM = cv2.CCL_GRANA
 
@@ -21,13 +21,14 @@ Ints = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """A region of one colour: pixel count, centroid, and the edges of its box.
+    """Connected region of one colour: size, centroid and bounding box.
 
-    Columns and rows are continuous, pixel centres at +0.5. Across the seam the columns run on
-    beyond the picture's width: right > columns.
+    Columns and rows are continuous, pixel centres at +0.5. A blob across the seam continues beyond
+    the width of the image: right > columns.
     """
 
     colour: str
+    """Landmark colour, a name in `BAND_COLOURS`."""
     num_pixels: int
     column: float
     row: float
@@ -38,23 +39,23 @@ class Blob:
 
     @property
     def width(self) -> float:
-        """Return the box's width in columns."""
+        """Width of the bounding box, in columns."""
         return self.right - self.left
 
     @property
     def height(self) -> float:
-        """Return the box's height in rows."""
+        """Height of the bounding box, in rows."""
         return self.bottom - self.top
 
 
 def blobs_from_labels(labels: UInt8Array, *, min_pixels: int) -> tuple[Blob, ...]:
-    """Return the blobs of (rows, columns) colour codes that have at least `min_pixels`."""
-    found = [
+    """Blobs of at least `min_pixels` in a (rows, columns) image of colour codes."""
+    blobs = [
         blob
         for colour, code in COLOUR_CODES.items()
         for blob in _find_blobs(colour, cv2.inRange(labels, code, code))
     ]
-    return tuple(blob for blob in found if blob.num_pixels >= min_pixels)
+    return tuple(blob for blob in blobs if blob.num_pixels >= min_pixels)
 
 
 def _find_blobs(colour: str, mask: UInt8Array) -> list[Blob]:
@@ -68,14 +69,16 @@ def _find_blobs(colour: str, mask: UInt8Array) -> list[Blob]:
         blobs[i] = Blob(colour, pixels, column, row, left, left + width, top, top + height)
     for first, last in _find_seam_pairs(np.asarray(regions)):
         _join_across_seam(blobs, first, last, columns=mask.shape[1])
+    # Joined regions share one blob object: identity removes the duplicates in order.
     return list({id(blob): blob for blob in blobs.values()}.values())
 
 
 def _find_seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
-    """Yield pairs of regions in the first and the last column that touch, diagonals included."""
+    """Yield pairs of regions that touch across the seam, diagonals included."""
     first, last = regions[:, 0], regions[:, -1]
     if not (first.any() and last.any()):
         return
+    # Shifts of the padded column by 0, 1, 2 compare each row with its three neighbours.
     padded = np.pad(last, 1)
     rows = len(first)
     pairs = {
@@ -83,21 +86,24 @@ def _find_seam_pairs(regions: Ints) -> Iterator[tuple[int, int]]:
         for shift in range(3)
         for pair in zip(first.tolist(), padded[shift : shift + rows].tolist(), strict=True)
     }
+    # Sorted, so that the order of merges, and of floating-point sums, does not depend on hashes.
     yield from sorted(pair for pair in pairs if all(pair))
 
 
 def _join_across_seam(blobs: dict[int, Blob], first: int, last: int, *, columns: int) -> None:
-    """Let both names stand for one blob: the last column's, continued by the first column's.
+    """Merge two regions: the last column's, continued by the first column's.
 
-    A region that already runs around the whole turn, or is joined already, stays as it is.
+    Both region numbers then refer to the merged blob. Regions that are joined already, or run
+    around the whole turn, stay unchanged.
     """
+    # The last column is the left part: azimuth grows to the right and continues past the seam.
     head, tail = blobs[last], blobs[first]
     if head is tail:
         return
     joined = _merge(head, tail if tail.right > columns else _shift(tail, columns))
-    for name, blob in blobs.items():
+    for region, blob in blobs.items():
         if blob is head or blob is tail:
-            blobs[name] = joined
+            blobs[region] = joined
 
 
 def _shift(blob: Blob, columns: int) -> Blob:
@@ -115,12 +121,12 @@ def _shift(blob: Blob, columns: int) -> Blob:
 
 def _merge(one: Blob, other: Blob) -> Blob:
     pixels = one.num_pixels + other.num_pixels
-    share = other.num_pixels / pixels
+    fraction = other.num_pixels / pixels
     return Blob(
         one.colour,
         pixels,
-        one.column + share * (other.column - one.column),
-        one.row + share * (other.row - one.row),
+        one.column + fraction * (other.column - one.column),
+        one.row + fraction * (other.row - one.row),
         min(one.left, other.left),
         max(one.right, other.right),
         min(one.top, other.top),

@@ -1,4 +1,4 @@
-"""What blobs are judged by: the eye that saw them, and the candidates they may make."""
+"""Candidates: sets of blobs that may show a landmark, and the view in which blobs are measured."""
 
 from __future__ import annotations
 
@@ -17,51 +17,64 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 
 @dataclass(frozen=True, slots=True)
 class CylinderView:
-    """What a row and a column mean: camera, cylinder, and the viewpoint's place on the robot."""
+    """Camera, cylinder and viewpoint, which give rows and columns their metric meaning."""
 
     camera: OmniCamera
     cylinder: CylinderGeometry
     viewpoint: Viewpoint
 
     def drop_m(self, landmark: Landmark, fraction: float) -> float:
-        """Return how far below the viewpoint a height lies, given as a share of the band's."""
+        """Height of the viewpoint over a point of a landmark's band; negative if below.
+
+        Args:
+            landmark: the landmark.
+            fraction: height in the band, from 0 (lower edge) to 1 (upper edge).
+        """
         band_m = landmark.band_top_m - landmark.band_bottom_m
         return self.viewpoint.height_m - (landmark.band_bottom_m + fraction * band_m)
 
     def azimuth_from_column(self, column: float) -> float:
-        """Return the wrapped azimuth of a column, which may lie beyond the picture's width."""
+        """Wrapped azimuth of a column, which may lie beyond the image width."""
         return wrap_angle(self.cylinder.azimuth_from_column(column))
 
     def touches_edge(self, blob: Blob) -> bool:
-        """Return whether a blob touches the picture's upper or lower edge and may go on beyond."""
+        """Whether a blob touches the upper or lower image edge and may be cut off there."""
         return blob.top <= 0.0 or blob.bottom >= self.cylinder.rows
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A landmark that some blobs may show. has_range: whether the sighting's range is usable."""
+    """Landmark that a set of blobs may show."""
 
     landmark: Landmark
     blobs: tuple[Blob, ...]
     measurement: PolarMeasurement
+    """Polar measurement of the landmark from the viewpoint."""
     has_range: bool
+    """Whether the range of the measurement is usable."""
 
     @property
     def num_pixels(self) -> int:
-        """Return the pixels of all its blobs."""
+        """Number of pixels of all blobs."""
         return sum(blob.num_pixels for blob in self.blobs)
 
 
 def require_distinct_colours(landmarks: Iterable[Landmark]) -> None:
-    """Raise DomainError if two landmarks have the same kind and colours, or a beacon only one."""
+    """Check that colours identify each landmark.
+
+    Raises:
+        DomainError: two landmarks share kind and colours, or a beacon has one colour only.
+    """
     seen: dict[tuple[str, str, str], str] = {}
     for landmark in landmarks:
-        looks = (landmark.kind, landmark.lower_colour, landmark.upper_colour)
-        if looks in seen:
+        appearance = (landmark.kind, landmark.lower_colour, landmark.upper_colour)
+        if appearance in seen:
             raise DomainError(
-                f"{landmark.name} and {seen[looks]} are both a {' '.join(looks)}: "
-                "colours alone cannot tell them apart"
+                f"{landmark.name} and {seen[appearance]} are both a {' '.join(appearance)}: "
+                "colours do not distinguish them"
             )
         if landmark.kind == "beacon" and landmark.lower_colour == landmark.upper_colour:
-            raise DomainError(f"{landmark.name}: a beacon of one colour cannot be told from noise")
-        seen[looks] = landmark.name
+            raise DomainError(
+                f"{landmark.name}: a beacon of one colour cannot be distinguished from noise"
+            )
+        seen[appearance] = landmark.name

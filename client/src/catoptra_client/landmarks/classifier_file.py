@@ -1,6 +1,7 @@
-"""A trained classifier as a file: .npz with a schema version, read without pickle.
+"""Classifier files: .npz with a schema version, read without pickle.
 
-What is kept is the histograms and theta; the table is compiled anew, so that the two cannot differ.
+A file holds the histograms and theta. The table is compiled on load, so that table and histograms
+cannot disagree.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ SCHEMA_VERSION = 1
 
 
 def save_classifier(classifier: ColourClassifier, path: Path) -> None:
-    """Write a classifier. The file gets exactly this name."""
+    """Write a classifier to exactly this path."""
     histograms = {colour: classifier.positives[colour].counts for colour in BAND_COLOURS}
+    # An open file, because np.savez appends .npz to a path without that suffix.
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -29,12 +31,16 @@ def save_classifier(classifier: ColourClassifier, path: Path) -> None:
             version=np.array(SCHEMA_VERSION),
             theta=np.array(classifier.theta),
             neg=classifier.negative.counts,
-            **histograms,  # type: ignore[arg-type] # savez names its own flag in the same breath
+            **histograms,  # type: ignore[arg-type] # savez declares its flag allow_pickle among the arrays
         )
 
 
 def load_classifier(path: Path) -> ColourClassifier:
-    """Read a classifier. Raises ConfigError that names the file and what is wrong with it."""
+    """Read a classifier.
+
+    Raises:
+        ConfigError: the file is missing, unreadable or invalid; the message names path and entry.
+    """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return _parse_classifier({name: stored[name] for name in stored.files}, path)

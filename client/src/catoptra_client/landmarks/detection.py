@@ -1,4 +1,4 @@
-"""What a detected landmark is: from a sighting at the viewpoint to one at the robot's origin."""
+"""Detections: from a measurement at the viewpoint to one at the robot's origin."""
 
 from __future__ import annotations
 
@@ -12,28 +12,32 @@ from catoptra_protocol.optics.numerics import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """A landmark seen from the robot's origin.
-
-    name, kind: of the landmark file. bearing_rad: positive to the right. covariance (2, 2) of
-    (range, bearing), m^2 and rad^2. pixels: of the cylinder, that were used. Without `has_range`
-    range_m and its row and column of the covariance are 0 and mean nothing.
-    """
+    """Detected landmark, as measured from the robot's origin."""
 
     name: str
+    """Name in the landmark file."""
     kind: str
+    """Kind in the landmark file: beacon or goal."""
     range_m: float
+    """Level range; 0 without `has_range`."""
     bearing_rad: float
+    """Bearing from the robot's x axis, positive to the right."""
     covariance: Floats
+    """Covariance (2, 2) of (range, bearing), m^2 and rad^2; 0 for a range without `has_range`."""
     num_pixels: int
+    """Number of cylinder pixels in the landmark's blobs."""
     has_range: bool
+    """Whether range and covariance of the range are defined."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolarMeasurement:
-    """A point seen from the viewpoint: level range, azimuth, their sigmas, the height it is at."""
+    """Point in polar coordinates around the viewpoint, with standard deviations."""
 
     range_m: float
+    """Level range from the viewpoint."""
     azimuth_rad: float
+    """Azimuth in the mirror frame, from x towards y."""
     range_sigma_m: float
     azimuth_sigma_rad: float
 
@@ -41,7 +45,10 @@ class PolarMeasurement:
 def detection_from_measurement(
     name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
 ) -> Detection:
-    """Return a sighting with a range as a detection seen from the robot's origin."""
+    """Move a measurement with a range from the viewpoint to the robot's origin.
+
+    The covariance is propagated by the Jacobian of the change of origin.
+    """
     polar = np.array([measurement.range_m, measurement.azimuth_rad])
     range_m, bearing, jacobian = robot_from_viewpoint_polar(viewpoint, polar)
     variances = np.square([measurement.range_sigma_m, measurement.azimuth_sigma_rad])
@@ -52,16 +59,18 @@ def detection_from_measurement(
 def bearing_detection_from_measurement(
     name: str, kind: str, measurement: PolarMeasurement, *, viewpoint: Viewpoint, num_pixels: int
 ) -> Detection:
-    """Return a sighting whose range is only a guess as a bearing alone.
+    """Detection without a range, from a measurement whose range is only approximate.
 
-    The guess serves to move the bearing from the viewpoint to the robot's origin, with its own
-    uncertainty.
+    The approximate range and its sigma serve to move the bearing from the viewpoint to the robot's
+    origin.
     """
-    guess = detection_from_measurement(
+    approximate = detection_from_measurement(
         name, kind, measurement, viewpoint=viewpoint, num_pixels=num_pixels
     )
-    covariance = np.diag([0.0, float(guess.covariance[1, 1])])
-    return Detection(name, kind, 0.0, guess.bearing_rad, _freeze(covariance), num_pixels, False)
+    covariance = np.diag([0.0, float(approximate.covariance[1, 1])])
+    return Detection(
+        name, kind, 0.0, approximate.bearing_rad, _freeze(covariance), num_pixels, False
+    )
 
 
 def _freeze(array: Floats) -> Floats:

@@ -1,9 +1,9 @@
-"""The detector: a frame in, landmarks out.
+"""Landmark detector: from an omnidirectional frame to detections.
 
-Frame -> cylinder -> colour codes -> blobs -> candidates -> detections, each step a function on
-frozen data; `Detector` holds what is computed once. `look` keeps the steps in between for people to
-see. Source: Schmits & Visser 2009, section 3.2: colour histogram landmark detection on cylindrical
-projections.
+Frame -> cylinder -> colour codes -> blobs -> candidates -> detections: each step is a function on
+frozen data, and `Detector` holds the parts computed once. `detect_with_stages` also returns the
+intermediate results, for display. Source: Schmits & Visser 2009, section 3.2: colour histogram
+landmark detection on cylindrical projections.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from catoptra_client.unwarp import CylinderGeometry, UnwarpMap, make_unwarp_map,
 from catoptra_protocol.landmarks import Landmark
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
-# Columns of 0.5 degrees and rows of 0.41 at the horizon, where a pixel of a 360 px frame has 0.55.
-# From 6 degrees above it, for higher landmarks and a tilted robot, to 50 below: the lower band of a
-# beacon 0.33 m away.
+# Columns of 0.5 degrees, rows of 0.41 at the horizon, where a pixel of a 360 px frame spans 0.55.
+# From 6 degrees above the horizon, for higher landmarks and a tilted robot, to 50 below: the lower
+# band of a beacon 0.33 m away.
 DEFAULT_CYLINDER = CylinderGeometry(columns=720, rows=180, top_slope=-0.1, bottom_slope=1.2)
 DEFAULT_VIEWPOINT = Viewpoint()
-# 2 x 2 px: a smaller blob's centroid is known no better than one pixel, and noise makes such blobs.
+# 2 x 2 px: noise produces smaller blobs, whose centroids are uncertain by a pixel.
 MIN_BLOB_PIXELS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detector:
-    """Everything that does not change from frame to frame."""
+    """Constant part of a detector: maps, classifier and landmarks for one camera."""
 
     view: CylinderView
     unwarp_map: UnwarpMap
@@ -48,17 +48,18 @@ class Detector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionStages:
-    """What the detector saw in one frame, step by step.
-
-    cylinder (rows, columns, 3) RGB; labels (rows, columns) colour codes; unused: blobs of landmark
-    colours that are part of no landmark.
-    """
+    """Intermediate results of the detector for one frame."""
 
     cylinder: UInt8Array
+    """Cylinder image, (rows, columns, 3) RGB."""
     labels: UInt8Array
+    """Colour codes, (rows, columns)."""
     blobs: tuple[Blob, ...]
+    """Blobs of at least `MIN_BLOB_PIXELS`."""
     detections: tuple[Detection, ...]
+    """Detected landmarks."""
     unused_blobs: tuple[Blob, ...]
+    """Blobs that belong to no detection."""
 
 
 def make_detector(
@@ -69,59 +70,71 @@ def make_detector(
     viewpoint: Viewpoint = DEFAULT_VIEWPOINT,
     cylinder: CylinderGeometry = DEFAULT_CYLINDER,
 ) -> Detector:
-    """Return a detector of these landmarks; computes the cylinder's map.
+    """Detector of a set of landmarks; computes the cylinder's unwarp map.
 
-    Raises DomainError for two landmarks that look the same.
+    Args:
+        camera: model of the camera that delivers the frames.
+        classifier: trained pixel classifiers.
+        landmarks: landmarks to detect, with distinct colours.
+        viewpoint: position of the effective viewpoint on the robot.
+        cylinder: geometry of the unwarped image.
+
+    Raises:
+        DomainError: two landmarks have the same kind and colours.
     """
     require_distinct_colours(landmarks)
-    eye = CylinderView(camera, cylinder, viewpoint)
-    return Detector(eye, make_unwarp_map(camera, cylinder), classifier, tuple(landmarks))
+    view = CylinderView(camera, cylinder, viewpoint)
+    return Detector(view, make_unwarp_map(camera, cylinder), classifier, tuple(landmarks))
 
 
 def detect(detector: Detector, frame: UInt8Array) -> tuple[Detection, ...]:
-    """Return the landmarks in an omnidirectional (h, w, 3) RGB frame."""
+    """Landmarks in an omnidirectional (h, w, 3) RGB frame."""
     return detect_with_stages(detector, frame).detections
 
 
 def detect_with_stages(detector: Detector, frame: UInt8Array) -> DetectionStages:
-    """Return the landmarks in an omnidirectional (h, w, 3) RGB frame, and how they were found."""
+    """Landmarks in an omnidirectional (h, w, 3) RGB frame, with all intermediate results."""
     cylinder = unwarp(frame, detector.unwarp_map)
     labels = label_image(detector.classifier, cylinder)
     blobs = blobs_from_labels(labels, min_pixels=MIN_BLOB_PIXELS)
-    found = select_candidates(detector, blobs)
-    used = {id(blob) for candidate in found for blob in candidate.blobs}
+    candidates = select_candidates(detector, blobs)
+    used = {id(blob) for candidate in candidates for blob in candidate.blobs}
     unused = tuple(blob for blob in blobs if id(blob) not in used)
     return DetectionStages(
-        cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in found), unused
+        cylinder, labels, blobs, tuple(_make_detection(detector, c) for c in candidates), unused
     )
 
 
 def select_candidates(detector: Detector, blobs: Sequence[Blob]) -> list[Candidate]:
-    """Return the best candidate of each landmark, no blob in two of them; beacons choose first."""
-    eye, landmarks = detector.view, detector.landmarks
+    """Best candidate of each landmark; a blob belongs to at most one candidate.
+
+    Beacons are assigned before goals.
+    """
+    view, landmarks = detector.view, detector.landmarks
     beacons = [landmark for landmark in landmarks if landmark.kind == "beacon"]
     goals = [landmark for landmark in landmarks if landmark.kind == "goal"]
     chosen = _select_largest(
-        [c for row in beacons for c in find_beacon_candidates(eye, row, blobs)]
+        [c for landmark in beacons for c in find_beacon_candidates(view, landmark, blobs)]
     )
-    taken = {id(blob) for candidate in chosen for blob in candidate.blobs}
-    free = [blob for blob in blobs if id(blob) not in taken]
+    # Beacons first: two stacked colours are a stronger cue than the one colour of a goal.
+    assigned = {id(blob) for candidate in chosen for blob in candidate.blobs}
+    free = [blob for blob in blobs if id(blob) not in assigned]
     return chosen + _select_largest(
-        [c for row in goals for c in find_goal_candidates(eye, row, free)]
+        [c for landmark in goals for c in find_goal_candidates(view, landmark, free)]
     )
 
 
 def _select_largest(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates from the largest down, without those whose name or blob is taken."""
+    """Candidates from the largest down, skipping landmarks and blobs that are already assigned."""
     chosen: list[Candidate] = []
     names: set[str] = set()
-    taken: set[int] = set()
+    assigned: set[int] = set()
     for candidate in sorted(candidates, key=lambda c: -c.num_pixels):
         parts = {id(blob) for blob in candidate.blobs}
-        if candidate.landmark.name not in names and not parts & taken:
+        if candidate.landmark.name not in names and not parts & assigned:
             chosen.append(candidate)
             names.add(candidate.landmark.name)
-            taken |= parts
+            assigned |= parts
     return chosen
 
 

@@ -1,4 +1,4 @@
-"""Three-dimensional RGB histograms with integer counts (Schmits & Visser 2009, section 3.2)."""
+"""Colour histograms: integer counts over RGB bins (Schmits & Visser 2009, section 3.2)."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from catoptra_protocol.errors import DomainError
 UInt8Array = npt.NDArray[np.uint8]
 Counts = npt.NDArray[np.int64]
 
-# 8 grey levels a bin: some five times a camera's noise (1.4 levels at mid-grey), and a table that
-# fits the first-level cache. The paper does not give its own.
+# 8 grey levels per bin: five times a camera's noise (1.4 levels at mid-grey), and a lookup table
+# that fits the first-level cache. The paper does not state its number of bins.
 DEFAULT_BINS = 32
 _ALLOWED_BINS = (2, 4, 8, 16, 32, 64)
-# Any sum of two totals fits int64: nothing wraps before it is looked at.
+# The sum of any two totals fits int64, so that the check of a merged total sees no wrap-around.
 MAX_TOTAL = 2**62
-# How often `spread` counts a pixel: 1 + 2 + 1 along each of three axes.
+# Weight of a smoothed pixel: 1 + 2 + 1 along each of three axes.
 _KERNEL_SUM = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Histogram:
-    """Counts (bins, bins, bins) of pixels by red, green and blue; equal bins, a power of two."""
+    """Pixel counts by red, green and blue."""
 
     counts: Counts
+    """Counts (bins, bins, bins), read-only int64; `bins` is a power of two."""
 
     def __post_init__(self) -> None:
         counts = np.array(self.counts)
@@ -36,36 +37,37 @@ class Histogram:
         if not np.issubdtype(counts.dtype, np.integer) or (counts < 0).any():
             raise DomainError("a histogram counts pixels: integers, not negative")
         _check_total(float(counts.sum(dtype=np.float64)))
+        # A private copy, locked: the classifier's table is valid only while counts do not change.
         counts = counts.astype(np.int64)
         counts.setflags(write=False)
         object.__setattr__(self, "counts", counts)
 
     @property
     def bins(self) -> int:
-        """Return the number of bins per channel."""
+        """Number of bins per channel."""
         return int(self.counts.shape[0])
 
     @property
     def total(self) -> int:
-        """Return the number of pixels counted."""
+        """Number of pixels counted."""
         return int(self.counts.sum())
 
 
 def empty_histogram(bins: int = DEFAULT_BINS) -> Histogram:
-    """Return a histogram that has seen nothing."""
+    """Histogram without pixels."""
     _check_bins(bins)
     return Histogram(np.zeros((bins, bins, bins), dtype=np.int64))
 
 
 def histogram_from_pixels(pixels: UInt8Array, bins: int = DEFAULT_BINS) -> Histogram:
-    """Return the histogram of (..., 3) RGB uint8 pixels."""
+    """Histogram of (..., 3) RGB uint8 pixels."""
     _check_bins(bins)
     index = bin_index(pixels, bins).ravel()
     return Histogram(np.bincount(index, minlength=bins**3).reshape(bins, bins, bins))
 
 
 def merge_histograms(first: Histogram, second: Histogram) -> Histogram:
-    """Return the histogram of both sets of pixels together."""
+    """Histogram of two sets of pixels together. Raises DomainError if the bins differ."""
     if first.bins != second.bins:
         raise DomainError(f"histograms of {first.bins} and {second.bins} bins do not add up")
     _check_total(first.total + second.total)
@@ -73,10 +75,10 @@ def merge_histograms(first: Histogram, second: Histogram) -> Histogram:
 
 
 def smooth_histogram(histogram: Histogram) -> Histogram:
-    """Return the histogram with each pixel shared out over the neighbouring bins as 1 : 2 : 1.
+    """Distribute each pixel over the neighbouring bins with weights 1 : 2 : 1 along each axis.
 
-    For training on few frames: a shade between two that were seen is then seen too. Counts stay
-    integers, 64 for each pixel; at the border the share beyond it stays in the border bin.
+    For training on few frames: a shade between two observed shades then has counts as well. Counts
+    stay integers, 64 per pixel; weight beyond the border stays in the border bin.
     """
     _check_total(_KERNEL_SUM * histogram.total)
     counts = histogram.counts
@@ -90,10 +92,10 @@ def smooth_histogram(histogram: Histogram) -> Histogram:
 
 
 def bin_index(pixels: UInt8Array, bins: int) -> npt.NDArray[np.intp]:
-    """Return the (...) index into a flattened histogram of (..., 3) RGB uint8 pixels."""
+    """Indices (...) into a flattened histogram of (..., 3) RGB uint8 pixels."""
     if pixels.dtype != np.uint8 or pixels.shape[-1:] != (3,):
         raise DomainError(f"RGB pixels are uint8 (..., 3), not {pixels.dtype} {pixels.shape}")
-    shift = 9 - bins.bit_length()  # the low bits of a byte that a bin ignores
+    shift = 9 - bins.bit_length()  # low bits of a byte, which share a bin
     red, green, blue = (pixels[..., channel].astype(np.intp) >> shift for channel in range(3))
     index: npt.NDArray[np.intp] = (red * bins + green) * bins + blue
     return index

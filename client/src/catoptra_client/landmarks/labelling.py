@@ -1,9 +1,8 @@
-"""Labels for training, from the exact geometry: which pixel of a frame shows which colour.
+"""Training labels from exact geometry: the landmark colour at each pixel of a frame.
 
-Every pixel centre is one ray. Landmark colours are eroded by a margin, so that no mixed border
-pixel is learnt; what lies farther than a wider margin from any landmark is neg; between the two a
-pixel is ignored. Nothing but landmarks is known here: frames in which a wall hides a landmark are
-not for training.
+One ray per pixel centre. Landmark colours are eroded by a margin, so that no mixed border pixel is
+learnt; pixels farther than a wider margin from every landmark are negatives; pixels in between are
+ignored. Only landmarks are modelled: frames in which a wall hides a landmark are unsuitable.
 """
 
 from __future__ import annotations
@@ -31,14 +30,12 @@ IGNORE_LABEL = 255
 
 @dataclass(frozen=True, slots=True)
 class LabelMargins:
-    """How far, in pixels, colours are eroded and neg keeps from landmarks.
-
-    1 px: the reach of a renderer's pixel filter. 3 px: as far as defocus and a pose wrong by some
-    centimetres move a border.
-    """
+    """Margins, in pixels, between labels and the borders of landmarks."""
 
     erosion_px: int = 1
+    """Erosion of landmark colours; 1 px is the reach of a renderer's pixel filter."""
     clearance_px: int = 3
+    """Distance of negatives from landmarks; 3 px cover defocus and a pose error of centimetres."""
 
 
 def label_frame(
@@ -48,13 +45,23 @@ def label_frame(
     world_from_mirror: Pose,
     margins: LabelMargins = LabelMargins(),
 ) -> UInt8Array:
-    """Return (h, w) labels: a colour's code, NO_COLOUR for neg, IGNORED; floor at world z = 0."""
-    direction, seen = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
+    """Labels (h, w) of a frame: a colour's code, `NO_COLOUR` for negatives, `IGNORE_LABEL`.
+
+    Args:
+        camera: model of the camera that delivers the frame.
+        landmarks: all landmarks of the world, on the floor z = 0.
+        world_from_mirror: pose of the mirror frame at the exposure.
+        margins: widths of the ignored borders.
+    """
+    direction, visible = direction_from_pixel(camera, pixel_sample_positions(camera)[:, :, 0])
     directions = world_from_mirror.rotate_directions(direction).reshape(-1, 3)
     rays = Rays(world_from_mirror.translation, directions)
-    codes = np.where(seen, nearest_surface_codes(rays, landmarks).reshape(seen.shape), NO_COLOUR)
-    labels = np.full(seen.shape, IGNORE_LABEL, dtype=np.uint8)
-    labels[_erode(~_dilate(codes != NO_COLOUR, margins.clearance_px) & seen, 1)] = NO_COLOUR
+    codes = np.where(
+        visible, nearest_surface_codes(rays, landmarks).reshape(visible.shape), NO_COLOUR
+    )
+    labels = np.full(visible.shape, IGNORE_LABEL, dtype=np.uint8)
+    # Eroded once more: pixels at the rim mix mirror and background.
+    labels[_erode(~_dilate(codes != NO_COLOUR, margins.clearance_px) & visible, 1)] = NO_COLOUR
     for code in COLOUR_CODES.values():
         labels[_erode(codes == code, margins.erosion_px)] = code
     return labels

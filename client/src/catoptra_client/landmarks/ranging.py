@@ -1,8 +1,11 @@
-"""From the direction to a point of known height to its level range, and how sure that is.
+"""Level range of a point of known height from its direction, and the sigma of the range.
 
-A point `drop_m` below the viewpoint (negative: above it), seen at incidence angle theta, is at
-r = drop tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly; there r
-has no value, and close to it no mean, so what is not clear of it by three sigma is no range.
+A point `drop_m` below the viewpoint (negative: above), at incidence angle theta, lies at r = drop
+tan(theta). In t = tan(theta / 2) nothing cancels and the horizon is t = 1 exactly. At the horizon r
+is undefined, and the mean of r does not exist near the horizon, so ranges less than three sigma
+from the horizon are rejected.
+
+Functions return (value, valid); an invalid value is 0.
 """
 
 from __future__ import annotations
@@ -14,31 +17,31 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
-# The mean of drop tan(theta + noise) does not exist; cut off here its bias is bounded.
+# The mean of drop tan(theta + noise) does not exist; beyond three sigma its bias is bounded.
 HORIZON_SIGMAS = 3.0
 
 
 def range_from_half_angle(t: float, *, drop_m: float) -> tuple[float, bool]:
-    """Return the level range of a point from t = tan(theta / 2), and whether there is one.
+    """Level range of a point from t = tan(theta / 2), and whether the range exists.
 
-    There is none at the horizon, on the side of it where the point cannot be, for t < 0, and
-    where the range is too large for float64.
+    Invalid at the horizon, on the side of the horizon opposite to the point, for t < 0, and where
+    the range exceeds float64.
     """
     if not (0.0 <= t < math.inf and math.isfinite(drop_m)):
         return 0.0, False
     if t == 1.0 or drop_m == 0.0 or (t > 1.0) != (drop_m < 0.0):
         return 0.0, False
-    # Above the horizon in 1 / t, whose square does not overflow.
+    # Above the horizon in 1 / t, which changes only the sign of tan(theta) and cannot overflow.
     u = t if t < 1.0 else 1.0 / t
     range_m = abs(drop_m) * (2.0 * u / ((1.0 - u) * (1.0 + u)))
     return (range_m, True) if range_m < math.inf else (0.0, False)
 
 
 def range_from_slope(slope: float, *, drop_m: float) -> tuple[float, bool]:
-    """Return the level range of a point from its slope cot(theta), and whether there is one.
+    """Level range of a point from the slope cot(theta), and whether the range exists.
 
-    There is none at the horizon (slope 0), on the side of it where the point cannot be, and where
-    the range is too large for float64.
+    Invalid at the horizon (slope 0), on the side of the horizon opposite to the point, and where
+    the range exceeds float64.
     """
     if not (math.isfinite(slope) and math.isfinite(drop_m)):
         return 0.0, False
@@ -50,10 +53,12 @@ def range_from_slope(slope: float, *, drop_m: float) -> tuple[float, bool]:
 
 
 def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool]:
-    """Return t = tan(theta / 2) of a point at a level range, and whether there is one.
+    """t = tan(theta / 2) of a point at a level range, and whether t is finite.
 
-    There is none for the viewpoint itself, for a point straight above it, where t is infinite, and
-    where float64 cannot hold it. Raises DomainError for a negative range.
+    Invalid for the viewpoint itself, straight above the viewpoint, and where t exceeds float64.
+
+    Raises:
+        DomainError: the range is negative or the drop not finite.
     """
     if not (range_m >= 0.0 and math.isfinite(drop_m)):
         raise DomainError(f"a range is not negative, a drop finite: {range_m!r}, {drop_m!r}")
@@ -63,6 +68,7 @@ def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool
         return 0.0, False
     reach, drop = range_m / scale, drop_m / scale
     distance = math.hypot(reach, drop)
+    # One form for each side of the horizon, so that the sum never cancels.
     if drop >= 0.0:
         return reach / (distance + drop), True
     t = (distance - drop) / reach if reach else math.inf
@@ -72,12 +78,12 @@ def half_angle_from_range(range_m: float, *, drop_m: float) -> tuple[float, bool
 def incidence_angle_sigma(
     camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
 ) -> tuple[float, bool]:
-    """Return the sigma of a point's incidence angle, from that of its image radius.
+    """Sigma, in radians, of a point's incidence angle from the sigma of the image radius.
 
-    Undefined for a point that the mirror does not reflect.
+    Invalid for a point that the mirror does not reflect.
     """
-    t, seen = _visible_half_angle(camera, range_m, drop_m)
-    if not seen:
+    t, visible = _visible_half_angle(camera, range_m, drop_m)
+    if not visible:
         return 0.0, False
     slope_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_slope(np.array(t)))
     return sigma_px / slope_px, True
@@ -86,16 +92,17 @@ def incidence_angle_sigma(
 def range_sigma(
     camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
 ) -> tuple[float, bool]:
-    """Return the sigma of a level range measured by the depression of a point, and its validity.
+    """Sigma, in metres, of a level range measured by the depression of a point.
 
-    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Undefined at the horizon, for a point that the
-    mirror does not reflect, and where it is too large for float64.
+    sigma_r = (drop^2 + r^2) / |drop| sigma_theta. Invalid at the horizon, for a point that the
+    mirror does not reflect, and where sigma exceeds float64.
     """
-    sigma_rad, seen = incidence_angle_sigma(
+    sigma_rad, visible = incidence_angle_sigma(
         camera, drop_m=drop_m, range_m=range_m, sigma_px=sigma_px
     )
-    if not seen or drop_m == 0.0:
+    if not visible or drop_m == 0.0:
         return 0.0, False
+    # Divided between two products: (drop^2 + r^2) overflows where sigma itself does not.
     distance_m = math.hypot(drop_m, range_m)
     sigma_m = distance_m / abs(drop_m) * distance_m * sigma_rad
     return (sigma_m, True) if sigma_m < math.inf else (0.0, False)
@@ -104,19 +111,19 @@ def range_sigma(
 def azimuth_sigma(
     camera: OmniCamera, *, drop_m: float, range_m: float, sigma_px: float
 ) -> tuple[float, bool]:
-    """Return the sigma of a point's azimuth: the image's, over the image radius.
+    """Sigma, in radians, of a point's azimuth: the sigma in the image over the image radius.
 
-    Undefined straight below, where there is no azimuth, and for a point that the mirror does not
-    reflect.
+    Invalid straight below the viewpoint, where the azimuth is undefined, and for a point that the
+    mirror does not reflect.
     """
-    t, seen = _visible_half_angle(camera, range_m, drop_m)
+    t, visible = _visible_half_angle(camera, range_m, drop_m)
     radius_px = camera.horizon_radius_px * float(camera.mirror.radius_ratio_from_t(np.array(t)))
-    sigma_rad = sigma_px / radius_px if seen and radius_px > 0.0 else math.inf
+    sigma_rad = sigma_px / radius_px if visible and radius_px > 0.0 else math.inf
     return (sigma_rad, True) if sigma_rad < math.inf else (0.0, False)
 
 
 def is_clear_of_horizon(*, drop_m: float, range_m: float, sigma_rad: float) -> bool:
-    """Return whether a point is more than three sigma of its incidence angle off the horizon."""
+    """Whether a point's incidence angle is more than three sigma away from the horizon."""
     return math.atan2(abs(drop_m), range_m) > HORIZON_SIGMAS * sigma_rad
 
 

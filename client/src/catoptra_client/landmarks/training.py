@@ -1,4 +1,4 @@
-"""Training: from labelled frames to histograms to a classifier. Pure functions, any order."""
+"""Training: from labelled frames to histograms, and from histograms to a classifier."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ from catoptra_protocol.errors import DomainError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingHistograms:
-    """What was counted so far: a histogram for each colour, and one for everything else."""
+    """Pixel counts of the labelled frames so far."""
 
     positives: dict[str, Histogram]
+    """Histogram of each landmark colour."""
     negative: Histogram
+    """Histogram of all other pixels."""
 
 
 def empty_training_histograms(bins: int = DEFAULT_BINS) -> TrainingHistograms:
-    """Return the histograms before the first frame."""
+    """Histograms before the first frame."""
     return TrainingHistograms(
         {colour: empty_histogram(bins) for colour in COLOUR_CODES}, empty_histogram(bins)
     )
@@ -42,7 +44,11 @@ def empty_training_histograms(bins: int = DEFAULT_BINS) -> TrainingHistograms:
 def add_labelled_frame(
     histograms: TrainingHistograms, frame: UInt8Array, *, labels: UInt8Array
 ) -> TrainingHistograms:
-    """Return the histograms with one more frame: (h, w, 3) RGB and its (h, w) labels."""
+    """Histograms with one more frame: (h, w, 3) RGB and its (h, w) labels.
+
+    Raises:
+        DomainError: frame and labels differ in size.
+    """
     if frame.shape != (*labels.shape, 3):
         raise DomainError(f"labels {labels.shape} do not belong to a frame {frame.shape}")
     bins = histograms.negative.bins
@@ -60,14 +66,17 @@ def train(
     theta: float = DEFAULT_THETA,
     bins: int = DEFAULT_BINS,
 ) -> ColourClassifier:
-    """Return the classifier of (frame, labels) pairs.
+    """Train a classifier on (frame, labels) pairs, in any order.
 
-    Counts are shared with the neighbouring bins (`spread`): some twenty frames do not show every
-    shade of a cylinder under its lights.
+    Args:
+        labelled_frames: (h, w, 3) RGB frames with their (h, w) labels.
+        theta: threshold of Eq. 3.
+        bins: bins per channel.
     """
     histograms = empty_training_histograms(bins)
     for frame, labels in labelled_frames:
         histograms = add_labelled_frame(histograms, frame, labels=labels)
+    # Smoothed, because some twenty frames do not show every shade of a cylinder under its lights.
     positives = {
         colour: smooth_histogram(histogram) for colour, histogram in histograms.positives.items()
     }

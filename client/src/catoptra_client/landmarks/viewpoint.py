@@ -1,4 +1,4 @@
-"""Where the effective viewpoint stands on the robot, and what follows for poses and sightings."""
+"""Effective viewpoint on the robot, and the conversion of poses and polar coordinates."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 
-# Four roundings: of sine, cosine, product and sum.
+# Bound of the relative error of a coordinate: roundings of sine, cosine, product and sum.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """The viewpoint's height above the floor and its offset in the robot frame (x, y).
+    """Position of the effective viewpoint on the robot.
 
-    The mirror's axes are the robot's: the camera is upright and not turned. The paper gives no
-    height; 0.6 m is assumed.
+    The axes of the mirror are those of the robot: the camera is upright and not turned.
     """
 
     height_m: float = 0.6
+    """Height above the floor, > 0. The paper gives no height; 0.6 m is assumed."""
     forward_m: float = 0.0
+    """Offset along the robot's x axis."""
     right_m: float = 0.0
+    """Offset along the robot's y axis."""
 
     def __post_init__(self) -> None:
         numbers = (self.height_m, self.forward_m, self.right_m)
@@ -34,25 +36,33 @@ class Viewpoint:
 
 
 def world_from_mirror(viewpoint: Viewpoint, robot_pose: Floats) -> Pose:
-    """Return the pose of the mirror frame for a robot at (3,) x, y, yaw on the floor z = 0."""
+    """Pose of the mirror frame for a robot at (3,) x, y, yaw on the floor z = 0."""
     robot = Pose.from_rpy((robot_pose[0], robot_pose[1], 0.0), (0.0, 0.0, robot_pose[2]))
     offset = (viewpoint.forward_m, viewpoint.right_m, -viewpoint.height_m)
     return robot @ Pose.from_rpy(offset)
 
 
 def robot_from_viewpoint_polar(viewpoint: Viewpoint, polar: Floats) -> tuple[float, float, Floats]:
-    """Return range, bearing seen from the robot's origin, and their derivative (2, 2).
+    """Polar coordinates around the robot's origin of a point measured from the viewpoint.
 
-    polar (2,): level range and azimuth seen from the viewpoint. Raises DomainError for a point at
-    the robot's origin, which has no bearing.
+    Args:
+        viewpoint: position of the viewpoint on the robot.
+        polar: (2,) level range and azimuth from the viewpoint.
+
+    Returns:
+        Range, bearing, and their (2, 2) Jacobian with respect to `polar`.
+
+    Raises:
+        DomainError: the point is the robot's origin, where the bearing is undefined.
     """
+    # Without an offset nothing is rounded: range and bearing pass through bit by bit.
     if viewpoint.forward_m == 0.0 and viewpoint.right_m == 0.0:
         return float(polar[0]), float(polar[1]), np.eye(2)
     reach, azimuth = float(polar[0]), float(polar[1])
     x = viewpoint.forward_m + reach * math.cos(azimuth)
     y = viewpoint.right_m + reach * math.sin(azimuth)
     range_m, bearing = math.hypot(x, y), math.atan2(y, x)
-    # The sum is rounded at its parts' size: what is left below that says nothing.
+    # The sum has an absolute rounding error of the size of its terms; a smaller range is noise.
     if range_m <= _ROUNDING * reach:
         raise DomainError(f"{reach!r} m at {azimuth!r} rad is the robot's origin: no bearing")
     cos_d, sin_d = math.cos(azimuth - bearing), math.sin(azimuth - bearing)

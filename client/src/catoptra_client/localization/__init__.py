@@ -1,7 +1,7 @@
-"""Localisation: an extended Kalman filter over the pose, as functions on immutable beliefs.
+"""Localization: an extended Kalman filter over the pose, as functions on immutable beliefs.
 
-One step: `predict` with the control from odometry, `update` with each landmark seen, `update_health` what
-became of them. Source: Schmits & Visser 2009, Eqs. 4-6.
+One step: `predict` with the control from odometry, `update` with each detected landmark,
+`update_health` with the results. Source: Schmits & Visser 2009, Eqs. 4-6.
 """
 
 from catoptra_client.localization.belief import Belief

@@ -1,4 +1,4 @@
-"""What the filter believes: a Gaussian over the pose (x, y, phi). Immutable."""
+"""Belief of the filter: a Gaussian over the pose (x, y, phi). Immutable."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import numpy as np
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats, wrap_angle
 
-# Rounding of products leaves eigenvalues of a few eps times the largest; 1e-12 is some 4500 eps,
-# far above that and far below any variance a robot's sensors can tell from zero.
+# Rounding of products leaves eigenvalues of a few eps times the largest. 1e-12 is 4500 eps: far
+# above rounding, and far below any variance that a robot's sensors can resolve.
 _ROUNDING_TOLERANCE = 1e-12
-# The square root of the smallest number of full precision.
+# Square root of the smallest normal float: smaller sigmas have squares of reduced precision.
 _MIN_SIGMA = float(np.sqrt(np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """A mean pose (3,) in the world frame (m, m, rad) and its covariance (3, 3).
+    """Gaussian over the pose in the world frame.
 
-    phi is wrapped, and what rounding left of asymmetry is halved away. Raises DomainError for
-    numbers that are not finite and for a covariance that is not symmetric and positive
-    semidefinite. All zeros is allowed: it says that the pose is known exactly, as the paper's
-    a-priori covariance does.
+    phi is wrapped, and the covariance symmetrized against rounding. A zero covariance is valid and
+    means an exactly known pose, as the paper's a-priori covariance.
+
+    Raises:
+        DomainError: a number is not finite, or the covariance not symmetric and positive
+            semidefinite.
     """
 
     mean: Floats
+    """Mean pose (3,): m, m, rad."""
     covariance: Floats
+    """Covariance (3, 3) of the pose."""
 
     def __post_init__(self) -> None:
         mean = np.array(self.mean, dtype=np.float64)
@@ -36,6 +40,7 @@ class Belief:
             raise DomainError(f"a belief is (3,) and (3, 3), not {mean.shape}, {covariance.shape}")
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
             raise DomainError(f"a belief must be finite: {mean}, {covariance.tolist()}")
+        # Wrapped here once, so that no consumer of a belief has to consider whole turns.
         mean[2] = wrap_angle(float(mean[2]))
         if not is_positive_semidefinite(covariance):
             raise DomainError(
@@ -46,38 +51,39 @@ class Belief:
 
 
 def is_positive_semidefinite(covariance: Floats) -> bool:
-    """Return whether a finite (n, n) matrix is symmetric without negative eigenvalues.
+    """Whether a finite (n, n) matrix is symmetric without negative eigenvalues, up to rounding.
 
-    Both past rounding, and asked of the correlations, so that metres do not hide radians.
+    Tests the correlations, so that variances in metres do not hide those in radians.
     """
     _, correlation, possible = sigmas_and_correlations(covariance)
     return possible and bool(np.linalg.eigvalsh(correlation)[0] >= -_ROUNDING_TOLERANCE)
 
 
 def covariance_square_root(covariance: Floats) -> Floats:
-    """Return B (n, n) with B B^T = covariance. Domain: positive semidefinite, rank may be low.
+    """Square root B (n, n) of a positive semidefinite matrix of any rank: B B^T = covariance.
 
-    By the eigenvectors of the correlations: a Cholesky factor needs full rank, which P = 0 has not.
-    Eigenvalues that rounding made negative are taken as the zeros that they stand for.
+    By the eigenvectors of the correlations; a Cholesky factor needs full rank, which P = 0 lacks.
     """
     sigma, correlation, _ = sigmas_and_correlations(covariance)
     values, vectors = np.linalg.eigh(correlation)
-    with np.errstate(under="ignore"):  # what is below 1e-308 is zero
+    with np.errstate(under="ignore"):  # products below 1e-308 are zero
+        # Eigenvalues that rounding made negative are zeros of a matrix of lower rank.
         root: Floats = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
 def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
-    """Return sigmas (n,), correlations (n, n), and whether they can be those of a covariance.
+    """Sigmas (n,) and correlations (n, n) of a matrix, and whether the matrix can be a covariance.
 
-    They cannot if a variance is negative, or zero beside a covariance that is not, if a correlation
-    exceeds 1, or if the matrix is not symmetric. Correlations that cannot be are zeros. A sigma
-    below 1.5e-154, whose square float64 holds in part or not at all, is zero.
+    The matrix is invalid if a variance is negative, a variance is zero beside a non-zero
+    covariance, a correlation exceeds 1, or the matrix is not symmetric; the correlations are then
+    zero. A sigma below 1.5e-154, whose square is not a normal float, counts as zero.
     """
     variances = np.diagonal(covariance)
     sigma = np.sqrt(np.maximum(variances, 0.0))
     sigma[sigma < _MIN_SIGMA] = 0.0
     certain = sigma == 0.0
+    # Dividing twice instead of by the outer product, which underflows for small sigmas.
     scale = np.where(certain, _MIN_SIGMA, sigma)
     with np.errstate(over="ignore", under="ignore"):
         correlation = covariance / scale / scale[:, None]
@@ -88,14 +94,14 @@ def sigmas_and_correlations(covariance: Floats) -> tuple[Floats, Floats, bool]:
 
 
 def _is_correlation_matrix(matrix: Floats) -> bool:
-    """Return whether no number exceeds 1 and the (n, n) matrix is symmetric, past rounding."""
+    """Whether an (n, n) matrix is symmetric with entries up to 1, up to rounding."""
     if not np.abs(matrix).max() <= 1.0 + _ROUNDING_TOLERANCE:
         return False
     return bool(np.abs(matrix - matrix.T).max() <= _ROUNDING_TOLERANCE)
 
 
 def _symmetrize(covariance: Floats) -> Floats:
-    with np.errstate(under="ignore"):  # half of the smallest number is zero
+    with np.errstate(under="ignore"):  # half of the smallest float is zero
         symmetric: Floats = 0.5 * covariance + 0.5 * covariance.T
     return symmetric
 

@@ -1,10 +1,9 @@
-"""The extended Kalman filter over the pose: functions on immutable beliefs.
+"""Extended Kalman filter over the pose, as functions on immutable beliefs.
 
-Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2. Departures: the
-covariance is carried as a product B B^T of square roots, in the update the Joseph form, so that it
-is positive semidefinite by construction with exact sensors too; the gain comes from a Cholesky
-solve, never an inverse; and what cannot be used is refused with a reason instead of spoiling the
-belief.
+Source: Schmits & Visser 2009, Eqs. 4-6; Thrun, Burgard & Fox 2005, table 7.2. Departures:
+covariances are products B B^T of square roots (in the update the Joseph form), positive
+semidefinite by construction even with exact sensors; the gain comes from a Cholesky solve, never an
+inverse; an unusable measurement is rejected with a status and leaves the belief unchanged.
 """
 
 from __future__ import annotations
@@ -39,13 +38,13 @@ from catoptra_client.localization.validation_gate import ValidationGate
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
 
-# A robot that believes itself nearer to a landmark than a beacon's radius (0.05 m) would stand in
-# it: the bearing says nothing there, and its linearisation less.
+# Radius of a beacon: a robot believed closer than that stands inside the landmark, where the
+# linearization of the bearing is meaningless.
 MIN_LANDMARK_RANGE_M = 0.05
 
 
 class UpdateStatus(StrEnum):
-    """Why a measurement was taken or refused, in words for a log."""
+    """Reason why a measurement was accepted or rejected, in words for a log."""
 
     ACCEPTED = "inside the validation gate"
     OUTSIDE_GATE = "outside the validation gate"
@@ -58,35 +57,47 @@ class UpdateStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasurementUpdate:
-    """What became of one measurement.
+    """Result of one measurement.
 
-    belief: the new one, or the old one itself if the measurement was refused. innovation (n,),
-    innovation_covariance (n, n) and distance_squared are defined where `was_compared`; else zeros.
+    Innovation, its covariance and NIS are defined where `has_innovation`; otherwise empty or zero.
     """
 
     belief: Belief
+    """New belief; the previous belief itself if the measurement was rejected."""
     status: UpdateStatus
+    """Reason of acceptance or rejection."""
     innovation: Floats
+    """Innovation (n,): measured minus predicted, bearing wrapped."""
     innovation_covariance: Floats
+    """Innovation covariance S (n, n)."""
     nis: float
+    """Normalized innovation squared: the squared Mahalanobis distance."""
 
     @property
     def is_accepted(self) -> bool:
-        """Return whether the measurement entered the belief."""
+        """Whether the measurement entered the belief."""
         return self.status is UpdateStatus.ACCEPTED
 
     @property
     def has_innovation(self) -> bool:
-        """Return whether the measurement was sound enough to be put before the gate."""
+        """Whether the measurement was usable and compared with the gate."""
         return self.status in (UpdateStatus.ACCEPTED, UpdateStatus.OUTSIDE_GATE)
 
 
 def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
-    """Return the belief after one control: P = G P G^T + V M V^T.
+    """Predict the belief over one control: P = G P G^T + V M V^T. Eqs. 4 and 5.
 
-    A robot that stands still is believed where it was, to the bit: the very belief is returned.
-    Raises DomainError for a control that leads out of float64.
+    A control without motion returns the same belief object.
+
+    Args:
+        belief: belief before the step.
+        control: arc length and turn of the step.
+        noise: motion noise parameters.
+
+    Raises:
+        DomainError: the predicted belief exceeds float64.
     """
+    # The same object: B B^T would round the belief of a robot at rest anew in every step.
     if control.distance_m == 0.0 and control.turn_rad == 0.0:
         return belief
     M = control_covariance(control, noise)  # diagonal
@@ -96,14 +107,21 @@ def predict(belief: Belief, control: Control, *, noise: MotionNoise) -> Belief:
         B = np.hstack((G @ covariance_square_root(belief.covariance), V @ np.sqrt(M)))
         mean, covariance = propagate_pose(belief.mean, control), B @ B.T
     if not _all_finite(mean, covariance):
-        raise DomainError(f"{control} leads out of what float64 can hold from {belief.mean}")
+        raise DomainError(f"{control} leads beyond float64 from {belief.mean}")
     return Belief(mean, covariance)
 
 
 def update(
     belief: Belief, measurement: Measurement, *, landmark: LandmarkPosition, gate: ValidationGate
 ) -> MeasurementUpdate:
-    """Return the belief after one measurement of a landmark, or the reason why it was refused."""
+    """Correct the belief by one measurement of a landmark, or reject the measurement. Eq. 6.
+
+    Args:
+        belief: predicted belief.
+        measurement: range and bearing, or bearing alone.
+        landmark: position of the measured landmark.
+        gate: validation gate.
+    """
     if not is_finite(measurement):
         return _reject(belief, UpdateStatus.NOT_FINITE)
     expected, defined = predict_measurement(belief.mean, landmark)
@@ -112,7 +130,7 @@ def update(
     innovation, H, R = compute_innovation(measurement, expected)
     if not is_positive_semidefinite(R):
         return _reject(belief, UpdateStatus.INVALID_NOISE_COVARIANCE)
-    # What is below 1e-308 is zero; what is too large is looked for where it would enter.
+    # Underflow to zero is harmless; overflow is checked before a result enters the belief.
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         return _gate_and_correct(belief, innovation, H, R, gate)
 
@@ -120,33 +138,33 @@ def update(
 def _gate_and_correct(
     belief: Belief, innovation: Floats, H: Floats, R: Floats, gate: ValidationGate
 ) -> MeasurementUpdate:
-    """Return the update with sound numbers: put them before the gate, then take them in."""
+    """Compare a usable measurement with the gate, then correct the belief."""
     S = H @ belief.covariance @ H.T + R
     if not _all_finite(S):
         return _reject(belief, UpdateStatus.OVERFLOW)
     L, regular = _cholesky(S)
     if not regular:
         return _reject(belief, UpdateStatus.SINGULAR)
-    distance_squared = float(np.square(np.linalg.solve(L, innovation)).sum())
-    if not math.isfinite(distance_squared):
+    # Whitened by the triangular factor: never negative, unlike a product with an inverse of S.
+    nis = float(np.square(np.linalg.solve(L, innovation)).sum())
+    if not math.isfinite(nis):
         return _reject(belief, UpdateStatus.OVERFLOW)
-    if distance_squared > gate.threshold(innovation.size):
-        return MeasurementUpdate(belief, UpdateStatus.OUTSIDE_GATE, innovation, S, distance_squared)
+    if nis > gate.threshold(innovation.size):
+        return MeasurementUpdate(belief, UpdateStatus.OUTSIDE_GATE, innovation, S, nis)
     corrected, finite = _correct(belief, innovation, H, R, L)
     if not finite:
         return _reject(belief, UpdateStatus.OVERFLOW)
-    return MeasurementUpdate(corrected, UpdateStatus.ACCEPTED, innovation, S, distance_squared)
+    return MeasurementUpdate(corrected, UpdateStatus.ACCEPTED, innovation, S, nis)
 
 
 def _cholesky(S: Floats) -> tuple[Floats, bool]:
-    """Return the lower factor of a symmetric (n, n) matrix, and whether it is regular.
-
-    A squared pivot below 16 eps of its variance is what rounding leaves of a zero.
-    """
+    """Lower Cholesky factor of a symmetric (n, n) matrix, and whether the matrix is regular."""
+    # numpy factors matrices that are singular up to rounding, hence the test of the pivots below.
     try:
         L = np.asarray(np.linalg.cholesky(S), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.zeros_like(S), False
+    # A squared pivot below 16 eps of its variance is the rounding residue of zero.
     floor = 16.0 * np.finfo(np.float64).eps * np.diagonal(S)
     return L, bool((np.square(np.diagonal(L)) > floor).all())
 
@@ -154,13 +172,14 @@ def _cholesky(S: Floats) -> tuple[Floats, bool]:
 def _correct(
     belief: Belief, innovation: Floats, H: Floats, R: Floats, L: Floats
 ) -> tuple[Belief, bool]:
-    """Return the belief moved by its gain, and whether it is finite (else it is the old one).
+    """Belief corrected by the gain, and whether it is finite; else the previous belief.
 
-    L: Cholesky factor of the innovation covariance. B B^T is Joseph's form
-    (I - K H) P (I - K H)^T + K R K^T.
+    L: Cholesky factor of the innovation covariance. B B^T is Joseph's form (I - K H) P (I - K H)^T
+    + K R K^T.
     """
     K = np.linalg.solve(L.T, np.linalg.solve(L, H @ belief.covariance)).T
     root = covariance_square_root(belief.covariance)
+    # Square-root blocks side by side: their product is Joseph's form, and cannot lose symmetry.
     B = np.hstack((root - K @ (H @ root), K @ covariance_square_root(R)))
     mean, covariance = belief.mean + K @ innovation, B @ B.T
     if not _all_finite(mean, covariance):

@@ -1,7 +1,7 @@
-"""Where the landmarks stand: what the filter looks up when the detector names one.
+"""Landmark map: positions by name, for the filter.
 
-Positions are level coordinates in the world frame. What a landmark looks like is no concern of the
-filter; that stays in `catoptra_protocol.landmarks`.
+Positions are level coordinates in the world frame. Shape and colours of landmarks are in
+`catoptra_protocol.landmarks`.
 """
 
 from __future__ import annotations
@@ -17,32 +17,38 @@ from catoptra_protocol.landmarks import Landmark
 
 @dataclass(frozen=True, slots=True)
 class LandmarkPosition:
-    """A landmark's name and its place in the world: a beacon's axis, the middle of a goal's mouth.
-
-    x_m, y_m: world frame.
-    """
+    """Position of a landmark: the axis of a beacon, the centre of a goal's mouth."""
 
     name: str
+    """Name in the landmark file."""
     x_m: float
+    """World frame x."""
     y_m: float
+    """World frame y."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.x_m) and math.isfinite(self.y_m)):
-            raise DomainError(f"landmark {self.name!r} stands nowhere: {self.x_m!r}, {self.y_m!r}")
+            raise DomainError(
+                f"landmark {self.name!r} has no finite position: {self.x_m!r}, {self.y_m!r}"
+            )
 
 
 LandmarkMap = Mapping[str, LandmarkPosition]
 
 
 def make_landmark_map(landmarks: Iterable[Landmark]) -> LandmarkMap:
-    """Return the read-only map from name to position of rows of the landmark file."""
+    """Read-only map from name to position, of the rows of a landmark file."""
     return MappingProxyType(
         {row.name: LandmarkPosition(row.name, row.x_m, row.y_m) for row in landmarks}
     )
 
 
 def find_landmark_position(landmark_map: LandmarkMap, name: str) -> LandmarkPosition:
-    """Return the position of a named landmark. Raises DomainError that lists the known names."""
+    """Position of a landmark by name.
+
+    Raises:
+        DomainError: the map lacks the name; the message lists the names.
+    """
     try:
         return landmark_map[name]
     except KeyError:

@@ -1,7 +1,7 @@
-"""The measurement model: range and bearing of a landmark (Schmits & Visser 2009, Eq. 6).
+"""Measurement model: range and bearing of a landmark (Schmits & Visser 2009, Eq. 6).
 
-Bearing gamma is counted from the robot's heading, positive to the right (x towards y), as yaw is. A
-landmark near the horizon has no usable range; then only its bearing is a measurement.
+The bearing gamma is relative to the robot's heading and positive to the right (x towards y), as
+yaw. A landmark near the horizon has no usable range and gives a bearing alone.
 """
 
 from __future__ import annotations
@@ -19,11 +19,14 @@ from catoptra_protocol.optics.numerics import Floats, angle_difference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeBearing:
-    """A landmark's level range r and bearing gamma; covariance (2, 2) of (r, gamma): m^2, rad^2."""
+    """Range and bearing of a landmark."""
 
     range_m: float
+    """Level range r."""
     bearing_rad: float
+    """Bearing gamma."""
     covariance: Floats
+    """Covariance (2, 2) of (r, gamma): m^2, rad^2."""
 
     def __post_init__(self) -> None:
         covariance = np.array(self.covariance, dtype=np.float64)
@@ -35,17 +38,19 @@ class RangeBearing:
 
 @dataclass(frozen=True, slots=True)
 class BearingOnly:
-    """A landmark's bearing gamma and its variance, rad^2."""
+    """Bearing of a landmark without a range."""
 
     bearing_rad: float
+    """Bearing gamma."""
     variance_rad2: float
+    """Variance of the bearing."""
 
 
 Measurement = RangeBearing | BearingOnly
 
 
 def measurement_from_detection(detection: Detection) -> Measurement:
-    """Return what a detection tells the filter; without a range, its bearing alone."""
+    """Measurement of a detection: range and bearing, or the bearing alone."""
     if detection.has_range:
         return RangeBearing(detection.range_m, detection.bearing_rad, detection.covariance)
     return BearingOnly(detection.bearing_rad, float(detection.covariance[1, 1]))
@@ -53,26 +58,27 @@ def measurement_from_detection(detection: Detection) -> Measurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedMeasurement:
-    """What a pose predicts of a landmark: range, bearing, and their derivative H (2, 3) by pose."""
+    """Range and bearing of a landmark as predicted from a pose."""
 
     range_m: float
     bearing_rad: float
     jacobian: Floats
+    """Jacobian H (2, 3) of range and bearing with respect to the pose."""
 
 
 def predict_measurement(
     pose: Floats, landmark: LandmarkPosition
 ) -> tuple[PredictedMeasurement, bool]:
-    """Return what a (3,) pose predicts of a landmark, and whether that is defined.
+    """Predicted measurement of a landmark from a (3,) pose, and whether it is defined.
 
-    Undefined where the landmark stands at the robot itself: bearing and H have no limit there. H
-    divides twice by the range instead of by its square, which would under- or overflow first.
+    Undefined where the landmark coincides with the robot: bearing and H have no limit there.
     """
     dx, dy = landmark.x_m - float(pose[0]), landmark.y_m - float(pose[1])
     rho = math.hypot(dx, dy)
-    # The reciprocal of a smaller range overflows: 1 / 2.3e-308 still fits.
+    # The reciprocal of a subnormal range overflows; that of the smallest normal one is finite.
     if not np.finfo(np.float64).tiny < rho < math.inf:
         return PredictedMeasurement(0.0, 0.0, np.zeros((2, 3))), False
+    # Direction cosines, then a second division by rho: rho^2 would under- or overflow first.
     cx, cy = dx / rho, dy / rho
     jacobian = np.array([[-cx, -cy, 0.0], [cy / rho, -cx / rho, -1.0]])
     bearing_rad = angle_difference(math.atan2(dy, dx), float(pose[2]))
@@ -82,20 +88,21 @@ def predict_measurement(
 def compute_innovation(
     measurement: Measurement, predicted: PredictedMeasurement
 ) -> tuple[Floats, Floats, Floats]:
-    """Return innovation (n,), H (n, 3) and R (n, n); n = 2, or 1 for a bearing alone.
+    """Innovation (n,), H (n, 3) and R (n, n); n = 2, or 1 for a bearing alone.
 
-    The bearing's difference is wrapped.
+    The innovation of the bearing is wrapped.
     """
-    turn = angle_difference(measurement.bearing_rad, predicted.bearing_rad)
+    # Wrapped: a bearing near +-pi would otherwise be off by a whole turn and fail any gate.
+    bearing_innovation_rad = angle_difference(measurement.bearing_rad, predicted.bearing_rad)
     if isinstance(measurement, BearingOnly):
         noise = np.array([[measurement.variance_rad2]])
-        return np.array([turn]), predicted.jacobian[1:], noise
-    innovation = np.array([measurement.range_m - predicted.range_m, turn])
+        return np.array([bearing_innovation_rad]), predicted.jacobian[1:], noise
+    innovation = np.array([measurement.range_m - predicted.range_m, bearing_innovation_rad])
     return innovation, predicted.jacobian, measurement.covariance
 
 
 def is_finite(measurement: Measurement) -> bool:
-    """Return whether every number of a measurement is finite."""
+    """Whether every number of a measurement is finite."""
     if isinstance(measurement, BearingOnly):
         return math.isfinite(measurement.bearing_rad) and math.isfinite(measurement.variance_rad2)
     numbers = (measurement.range_m, measurement.bearing_rad)

@@ -1,9 +1,9 @@
-"""The motion model: how a pose and its uncertainty move with one control.
+"""Motion model: propagation of a pose and its uncertainty by one control.
 
 State (x, y, phi) in the world frame, control u = (v, delta phi) per step (Schmits & Visser 2009,
 Eqs. 4 and 5). With a = delta phi / 2 and S = sin(a) / a the robot follows a circular arc of length
-v: the velocity motion model of Thrun, Burgard & Fox 2005 (table 5.3), in a form that is regular for
-a turn of zero, where v / omega is not.
+v: the velocity motion model of Thrun, Burgard & Fox 2005 (table 5.3), in a form that is regular
+without a turn, where v / omega is not.
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from catoptra_protocol.optics.numerics import Floats, wrap_angle
 _DERIVATIVE_COEFFICIENTS = tuple(
     (-1.0) ** n * 2 * n / math.factorial(2 * n + 1) for n in range(1, 11)
 )
-# The closed form of S' loses a relative 3 eps / a^2; from 1 rad on that is rounding.
+# The closed form of S' loses a relative 3 eps / a^2, which is rounding from 1 rad on.
 _SERIES_LIMIT_RAD = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """What the robot did in one step: arc length (negative = backwards) and turn."""
+    """Motion of the robot in one step."""
 
     distance_m: float
+    """Arc length; negative backwards."""
     turn_rad: float
+    """Turn, positive to the right."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.distance_m) and math.isfinite(self.turn_rad)):
@@ -38,16 +40,19 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
-    """The alphas: variances per squared metre driven and per squared radian turned.
+    """Noise parameters: variances per squared metre driven and per squared radian turned.
 
-    Variance of v is alpha1 v^2 + alpha2 dphi^2, of dphi alpha3 v^2 + alpha4 dphi^2. Units: 1,
-    m^2/rad^2, rad^2/m^2, 1.
+    The variance of v is alpha1 v^2 + alpha2 dphi^2, that of dphi alpha3 v^2 + alpha4 dphi^2.
     """
 
     alpha1: float
+    """Distance variance per squared distance; no unit."""
     alpha2: float
+    """Distance variance per squared turn, m^2 / rad^2."""
     alpha3: float
+    """Turn variance per squared distance, rad^2 / m^2."""
     alpha4: float
+    """Turn variance per squared turn; no unit."""
 
     def __post_init__(self) -> None:
         alphas = (self.alpha1, self.alpha2, self.alpha3, self.alpha4)
@@ -56,15 +61,17 @@ class MotionNoise:
 
 
 def chord_over_arc(half_turn_rad: float) -> float:
-    """Return S = sin(a) / a, with its limit 1 at 0. sin(a) / a itself is exact to rounding."""
+    """Ratio of chord to arc, S = sin(a) / a, with the limit 1 at 0."""
+    # sin(a) / a is exact to rounding for any a but 0: no series is needed.
     return math.sin(half_turn_rad) / half_turn_rad if half_turn_rad else 1.0
 
 
 def chord_over_arc_derivative(half_turn_rad: float) -> float:
-    """Return dS/da = (a cos(a) - sin(a)) / a^2, by its series where the two terms cancel."""
+    """Derivative dS/da = (a cos(a) - sin(a)) / a^2, by a series where the terms cancel."""
     a = half_turn_rad
     if abs(a) >= _SERIES_LIMIT_RAD:
         return (math.cos(a) - math.sin(a) / a) / a
+    # Horner's scheme in a^2.
     total = 0.0
     for coefficient in reversed(_DERIVATIVE_COEFFICIENTS):
         total = total * a * a + coefficient
@@ -72,7 +79,8 @@ def chord_over_arc_derivative(half_turn_rad: float) -> float:
 
 
 def propagate_pose(pose: Floats, control: Control) -> Floats:
-    """Return the (3,) pose (x, y, phi) after one control; phi wrapped."""
+    """Pose (3,) after one control; phi wrapped."""
+    # The chord of an arc points along the mean heading of the step.
     half_turn = 0.5 * control.turn_rad
     chord = control.distance_m * chord_over_arc(half_turn)
     heading = pose[2] + half_turn
@@ -86,7 +94,7 @@ def propagate_pose(pose: Floats, control: Control) -> Floats:
 
 
 def jacobian_wrt_pose(pose: Floats, control: Control) -> Floats:
-    """Return G (3, 3), the derivative of `moved` by the (3,) pose."""
+    """Jacobian G (3, 3) of `propagate_pose` with respect to the (3,) pose."""
     half_turn = 0.5 * control.turn_rad
     chord = control.distance_m * chord_over_arc(half_turn)
     heading = pose[2] + half_turn
@@ -100,7 +108,7 @@ def jacobian_wrt_pose(pose: Floats, control: Control) -> Floats:
 
 
 def jacobian_wrt_control(pose: Floats, control: Control) -> Floats:
-    """Return V (3, 2), the derivative of `moved` by (v, delta phi)."""
+    """Jacobian V (3, 2) of `propagate_pose` with respect to (v, delta phi)."""
     a = 0.5 * control.turn_rad
     ratio, slope = chord_over_arc(a), chord_over_arc_derivative(a)
     cos_h, sin_h = math.cos(pose[2] + a), math.sin(pose[2] + a)
@@ -115,11 +123,11 @@ def jacobian_wrt_control(pose: Floats, control: Control) -> Floats:
 
 
 def control_covariance(control: Control, noise: MotionNoise) -> Floats:
-    """Return M (2, 2), the covariance of (v, delta phi) of one step. A robot at rest has none.
+    """Covariance M (2, 2) of (v, delta phi) in one step; zero for a robot at rest.
 
-    Infinite for a control whose square is too large for float64.
+    Infinite for a control whose square exceeds float64.
     """
-    # A product overflows to inf, where Python's ** raises.
+    # Products, because Python's ** raises OverflowError where a product gives inf.
     v2, turn2 = control.distance_m * control.distance_m, control.turn_rad * control.turn_rad
     return np.diag(
         [noise.alpha1 * v2 + noise.alpha2 * turn2, noise.alpha3 * v2 + noise.alpha4 * turn2]
