@@ -34,7 +34,6 @@ def map_error_colours(errors: Floats, min_error: float, max_error: float) -> Ima
     # 0 at min_error, 1 at max_error. Zero has no logarithm, so small errors are raised first.
     fraction = np.log(np.maximum(errors, min_error) / min_error) / decades
     stops = np.linspace(0.0, 1.0, len(_COLOUR_STOPS))
-    # Each channel by itself: linear between two stops.
     channels = [np.interp(fraction, stops, channel) for channel in _COLOUR_STOPS.T]
     colours: Image = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
     return colours
