@@ -43,7 +43,7 @@ def build(*descriptions: SensorDescription) -> list[Sensor]:
     return build_sensors(descriptions, BASE, lambda name: RandomSource.from_names(1, "R", name))
 
 
-@pytest.mark.parametrize(("kind", "class_name"), CLASSES, ids=lambda value: str(value))
+@pytest.mark.parametrize(("kind", "class_name"), CLASSES, ids=[name for _, name in CLASSES])
 def test_class_when_read_has_the_description_of_its_kind(
     tmp_path: Path, kind: SensorKind, class_name: str
 ) -> None:
