@@ -41,7 +41,7 @@ lint: $(READY) ## Check format, style, types and import contracts
 	$(BIN)/mypy $(SOURCES)
 	$(BIN)/lint-imports --no-cache
 
-format: $(READY) ## Format the sources and apply the fixes that ruff knows
+format: $(READY) ## Format the sources and apply ruff's automatic fixes
 	$(BIN)/ruff check --fix $(SOURCES) tests
 	$(BIN)/ruff format $(SOURCES) tests
 

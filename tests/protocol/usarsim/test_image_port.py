@@ -150,7 +150,7 @@ def test_frame_reader_when_a_payload_is_too_large_raises_at_its_header() -> None
     header = encode_frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
     reader = ImageFrameReader()
     assert reader.receive(header[:4]) == []
-    with pytest.raises(RemoteProtocolError, match="more than"):
+    with pytest.raises(RemoteProtocolError, match="the limit is"):
         reader.receive(header[4:])
 
 

@@ -175,7 +175,7 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
     "MULTIDRIVE": MultiDrive.from_message,
     "MISPKG": MisPkg.from_message,
     # The word of UDK's later releases.
-    "ACT": MisPkg.from_message,  # UDK's newer word for it
+    "ACT": MisPkg.from_message,
     "SET": set_from_message,
     "TRACE": Trace.from_message,
     "GETCONF": GetConf.from_message,

@@ -182,7 +182,7 @@ def _read_joint(group: Message) -> JointCommand:
 
 def _joint_pairs(joint: JointCommand) -> Pairs:
     # The default order needs no block.
-    order = int(joint.order) or None  # the default needs no block
+    order = int(joint.order) or None
     return lenient_fields.format_pairs(
         ("Name", joint.name), ("Steer", joint.steer), ("Order", order), ("Value", joint.value)
     )
@@ -198,5 +198,5 @@ def _read_link(group: Message) -> LinkCommand:
 
 def _link_pairs(link: LinkCommand) -> Pairs:
     # The default order of the reference needs no block.
-    order = int(link.order) or None  # the reference's default needs no block
+    order = int(link.order) or None
     return lenient_fields.format_pairs(("Link", link.link), ("Value", link.value), ("Order", order))

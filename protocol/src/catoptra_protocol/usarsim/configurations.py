@@ -43,9 +43,9 @@ class Configuration:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line of the report; none in UDK if empty."""
-        says_something = any(name.lower() != "name" for name, _ in self.pairs)
+        has_content = any(name.lower() != "name" for name, _ in self.pairs)
         # UDK has no empty replies (SPEC.md 8).
-        if dialect is Dialect.UDK and not says_something:
+        if dialect is Dialect.UDK and not has_content:
             return ()
         return (Message(self.WORD, (("Type", self.type), *self.pairs)),)
 

@@ -39,8 +39,8 @@ class Message:
 
     def get(self, name: str) -> str | None:
         """Value of the first pair with this name, in any case; None if missing."""
-        wanted = name.lower()
-        return next((value for key, value in self.pairs if key.lower() == wanted), None)
+        lowered = name.lower()
+        return next((value for key, value in self.pairs if key.lower() == lowered), None)
 
     def __str__(self) -> str:
         """Line for a log, with unprintable characters escaped."""
@@ -96,10 +96,11 @@ def split_words(value: str) -> list[str]:
 
 
 def split_groups(message: Message, key: str) -> list[Message]:
-    """Runs of blocks that each begin with this name; blocks before the first run are ignored."""
+    """Runs of blocks that each begin with this name; blocks before the first run are ignored.
+
+    A joint begins with its name, a link with its number.
+    """
     groups: list[list[tuple[str, str]]] = []
-    # Blocks before the first run belong to no group: a joint or link begins with its name or
-    # number.
     for pair in message.pairs:
         if pair[0].lower() == key.lower():
             groups.append([])

@@ -166,7 +166,7 @@ class ImageFrameReader:
         # Checked as soon as the header arrives, before any byte of the payload is buffered.
         if length > self._max_payload_bytes:
             raise RemoteProtocolError(
-                f"frame of {length} bytes: more than the {self._max_payload_bytes} that we accept"
+                f"frame of {length} bytes: the limit is {self._max_payload_bytes}"
             )
         return ImageType(image_type), length
 

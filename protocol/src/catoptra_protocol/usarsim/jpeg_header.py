@@ -14,7 +14,7 @@ from catoptra_protocol.limits import MAX_IMAGE_PIXELS
 _START_OF_IMAGE = b"\xff\xd8"
 _SEGMENT_LENGTH = struct.Struct(">H")
 # Length, bits per sample, height, width.
-_FRAME_HEADER = struct.Struct(">HBHH")  # length, bits a sample, height, width
+_FRAME_HEADER = struct.Struct(">HBHH")
 # SOF0 to SOF15 without the three other markers in this range: DHT, JPG, DAC.
 _START_OF_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -29,12 +29,12 @@ def parse_jpeg_size(payload: bytes) -> tuple[int, int]:
         width, height = _find_frame_size(payload)
     except struct.error as error:
         raise RemoteProtocolError(
-            f"JPEG frame of {len(payload)} bytes that ends before it tells its size"
+            f"JPEG frame of {len(payload)} bytes that ends before its size"
         ) from error
     # The decoder would allocate the announced size before reading a pixel.
     if not 0 < width * height <= MAX_IMAGE_PIXELS:
         raise RemoteProtocolError(
-            f"JPEG frame of {width} x {height} px: we accept 1 to {MAX_IMAGE_PIXELS} pixels"
+            f"JPEG frame of {width} x {height} px: expected 1 to {MAX_IMAGE_PIXELS} pixels"
         )
     return width, height
 

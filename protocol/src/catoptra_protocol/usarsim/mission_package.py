@@ -17,7 +17,7 @@ from catoptra_protocol.vectors import Vector3
 
 _TYPE_NAME = "MisPkg"
 # Parent of a link that is mounted on the robot itself.
-CHASSIS_LINK = -1  # the parent of a link that sits on the robot itself
+CHASSIS_LINK = -1
 
 
 @dataclass(frozen=True, slots=True)

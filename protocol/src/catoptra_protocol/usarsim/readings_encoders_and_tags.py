@@ -193,10 +193,10 @@ def _part_pairs(part: VictimPart) -> Pairs:
 def _parse_victim_parts(message: Message) -> list[VictimPart]:
     """Each PartName with the Location after it."""
     names = [value for name, value in message.pairs if name.lower() == "partname"]
-    places = [value for name, value in message.pairs if name.lower() == "location"]
+    locations = [value for name, value in message.pairs if name.lower() == "location"]
     # Not strict: a part without a location is skipped.
-    located = zip(names, places, strict=False)
+    located = zip(names, locations, strict=False)
     return [
-        VictimPart(name, *strict_fields.parse_vectors(message, Location=place))
-        for name, place in located
+        VictimPart(name, *strict_fields.parse_vectors(message, Location=location))
+        for name, location in located
     ]

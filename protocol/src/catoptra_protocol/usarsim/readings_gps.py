@@ -11,7 +11,7 @@ from catoptra_protocol.usarsim.dialect import Dialect, udk_time_pairs
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 
 # A tick is 1e-4 minutes, the last printed decimal.
-_TICKS_PER_DEGREE = 600_000  # of 1e-4 minutes, the last place that is printed
+_TICKS_PER_DEGREE = 600_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +55,10 @@ class GpsReading:
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line, the same in both dialects except for the time."""
-        place = () if not self.has_fix else self._position_pairs()
+        position = () if not self.has_fix else self._position_pairs()
         fix = (("Fix", str(int(self.has_fix))), ("Satellites", str(self.num_satellites)))
         head = (*udk_time_pairs(self.time_s, dialect), ("Type", "GPS"), ("Name", self.name))
-        return (Message(self.WORD, (*head, *place, *fix)),)
+        return (Message(self.WORD, (*head, *position, *fix)),)
 
     def _position_pairs(self) -> Pairs:
         latitude = _format_angle(self.latitude_deg, "NS")

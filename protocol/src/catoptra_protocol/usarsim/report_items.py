@@ -38,10 +38,10 @@ def items_from_message(message: Message) -> list[Message]:
     runs = split_groups(message, "Name")
     if len(runs) == 1 and len(split_words(runs[0].pairs[0][1])) == 1:
         # The fields of a single item may precede its name.
-        return [message]  # its fields may precede its name
+        return [message]
     if not runs:
-        says_something = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
-        return [message] if says_something else []
+        has_content = any(name.lower() not in ("time", "type") for name, _ in message.pairs)
+        return [message] if has_content else []
     return [_expand_block(run) for run in runs]
 
 

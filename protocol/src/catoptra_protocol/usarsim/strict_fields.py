@@ -14,7 +14,7 @@ from catoptra_protocol.usarsim.value_format import boolean_from_text
 from catoptra_protocol.vectors import Vector3
 
 # Characters of a malformed line in an error text.
-_MAX_QUOTED_CHARS = 200  # characters of a bad line that an error quotes
+_MAX_QUOTED_CHARS = 200
 
 
 def read_text(message: Message, name: str) -> str:

@@ -18,7 +18,7 @@ from catoptra_protocol.vectors import Vector3
 _NUMBER = re.compile(r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)")
 _SEPARATOR = re.compile(r" *, *| +")
 # The rounded constant of UnitsConverter.uc: 65536 / (2 pi) would truncate other angles.
-_UU_PER_RADIAN = 10430.3783505  # the constant of UnitsConverter.uc
+_UU_PER_RADIAN = 10430.3783505
 
 
 def format_exact(value: float) -> str:

@@ -50,8 +50,8 @@ def _summarize(findings: Sequence[Finding]) -> str:
         sum(finding.level is level for finding in findings)
         for level in (Level.FAULT, Level.WARNING)
     )
-    verdict = "cannot start with these options" if faults else "can start"
-    return f"catoptra-server {verdict} (faults: {faults}, warnings: {warnings})"
+    outcome = "cannot start with these options" if faults else "can start"
+    return f"catoptra-server {outcome} (faults: {faults}, warnings: {warnings})"
 
 
 def _run_checks(parsed: argparse.Namespace) -> Iterator[Finding]:

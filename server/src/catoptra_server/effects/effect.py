@@ -37,7 +37,7 @@ _RADIANCE_FIELDS = frozenset({"max_radiance"})
 
 
 class EffectMode(Enum):
-    """Who decides whether an effect is enabled: the criterion (AUTO) or the robot file."""
+    """Whether an effect is enabled: by its criterion (AUTO), or fixed by the robot file."""
 
     AUTO = "auto"
     ALWAYS = "always"

@@ -181,7 +181,7 @@ def render_frame(
         plan="; ".join(sorted({view.plan for view in present})) or None,
         error_bound_px=bounds["outline_px"] if bounds else None,
         error_bounds=bounds,
-        # Decisions of several cameras would not tell which camera each belongs to.
+        # In a list of several cameras' decisions the camera of each would be lost.
         effect_decisions=present[0].effect_decisions if len(rendered) == len(present) == 1 else (),
     )
 

@@ -219,7 +219,7 @@ class ViewCache:
         """Prepare a view by a choice, log the plan and publish the bound."""
         camera = spec.camera
         log.info("plan of %d x %d px: %s", camera.width_px, camera.height_px, choice)
-        log.info("error bound: %s", choice.bound or "none is known")
+        log.info("error bound: %s", choice.bound or "none")
         self._error_bounds.put(spec, choice.bound)
         return self._planner.get_renderer(choice.plan.renderer).prepare(camera, choice.plan)
 

@@ -22,7 +22,7 @@ _MAX_HYSTERESIS_FRAMES = 10_000
 
 
 class BudgetStatus(Enum):
-    """Verdict on the last frames of a plan."""
+    """Frame times of a plan in relation to the budget."""
 
     WITHIN_BUDGET = "within budget"
     OVER_BUDGET = "over budget"
@@ -60,7 +60,7 @@ class BudgetMonitor:
         median_ms = self.median_ms
         if median_ms is None or not self._budget_ms:
             return BudgetStatus.WITHIN_BUDGET
-        # The median, not the mean: a single slow frame, such as a page fault, is no verdict.
+        # The median, not the mean: a single slow frame, such as a page fault, decides nothing.
         if median_ms > OVERRUN_FACTOR * self._budget_ms:
             return BudgetStatus.OVER_BUDGET
         has_headroom = (

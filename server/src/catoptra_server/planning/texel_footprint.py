@@ -41,11 +41,11 @@ class TexelFootprint:
     rms_rad: float
     """Root mean square of the longest extents as angles."""
     min_texels_per_px: float
-    """In the direction with fewest."""
+    """Smallest over the image, in the direction of the smaller density."""
     median_texels_per_px: float
     """Of the geometric mean of both directions."""
     max_texels_per_px: float
-    """In the direction with most."""
+    """Largest over the image, in the direction of the larger density."""
 
 
 @lru_cache(maxsize=64)
@@ -55,16 +55,16 @@ def texel_footprint(camera: OmniCamera, regions: tuple[FaceRegion, ...]) -> Texe
     weight = np.broadcast_to(scale.area_weight[:, None], (len(scale.t), len(_AZIMUTHS_RAD)))
     by_angle = _texels_per_rad(scale, regions)
     by_pixel = by_angle / np.stack((scale.radial, scale.tangential), axis=-1)[:, None, None]
-    fewest, most = _singular_values(by_pixel)
-    fewest_by_angle, _ = _singular_values(by_angle)
+    smallest, largest = _singular_values(by_pixel)
+    smallest_by_angle, _ = _singular_values(by_angle)
     return TexelFootprint(
-        max_px=float(1.0 / fewest.min()),
-        rms_px=_weighted_rms(1.0 / fewest, weight),
-        max_rad=float(1.0 / fewest_by_angle.min()),
-        rms_rad=_weighted_rms(1.0 / fewest_by_angle, weight),
-        min_texels_per_px=float(fewest.min()),
-        median_texels_per_px=_weighted_median(np.sqrt(fewest * most), weight),
-        max_texels_per_px=float(most.max()),
+        max_px=float(1.0 / smallest.min()),
+        rms_px=_weighted_rms(1.0 / smallest, weight),
+        max_rad=float(1.0 / smallest_by_angle.min()),
+        rms_rad=_weighted_rms(1.0 / smallest_by_angle, weight),
+        min_texels_per_px=float(smallest.min()),
+        median_texels_per_px=_weighted_median(np.sqrt(smallest * largest), weight),
+        max_texels_per_px=float(largest.max()),
     )
 
 

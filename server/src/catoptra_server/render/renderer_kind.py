@@ -1,6 +1,6 @@
 """Names of the renderers, and of the option that selects one. Imported by command lines: no numpy.
 
-The kinds are told apart in four modules: here, in `planning/renderer_choice.py` (creation), in
+The kinds are distinguished in four modules: here, in `planning/renderer_choice.py` (creation), in
 `planning/candidate_plans.py` (settings) and in `doctor/renderer_devices.py` (checks).
 """
 

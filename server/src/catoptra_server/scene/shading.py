@@ -85,8 +85,8 @@ def point_lights(lights: Iterable[Light]) -> tuple[PointLight, ...]:
 
 def shadow_casting_lights(lights: Iterable[Light]) -> tuple[ShadowCastingLight, ...]:
     """Lights that cast shadows: directional lights first, then point lights."""
-    suns = tuple(light for light in lights if isinstance(light, DirectionalLight))
-    return (*suns, *point_lights(lights))
+    directional = tuple(light for light in lights if isinstance(light, DirectionalLight))
+    return (*directional, *point_lights(lights))
 
 
 def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:

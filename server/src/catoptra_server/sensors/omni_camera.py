@@ -88,9 +88,9 @@ class OmniCameraSensor:
         """CONF: fields of view, tile and camera model there."""
         model = self.camera_model(self.tile)
         # The first four pairs are the fields of view, which USARSim has as fields of their own.
-        default, least, most, now = (float(value) for _, value in model[:4])
+        default, minimum, maximum, present = (float(value) for _, value in model[:4])
         region = TextureRegion(*dataclasses.astuple(self.tile)) if self.tile else None
-        return CameraConfiguration(self.name, default, least, most, now, region, model[4:])
+        return CameraConfiguration(self.name, default, minimum, maximum, present, region, model[4:])
 
     def geometry(self) -> GeometryItem:
         """GEO: pose of the effective viewpoint on the chassis."""

@@ -95,7 +95,7 @@ class Fleet:
         self._seed = seed
         self._error_bound_of = error_bound_of
         self._ray_caster = ray_caster or EmptyScene()
-        # In the order of spawning, which decides the displayed robot and who moves first.
+        # In the order of spawning, which decides the displayed robot and which robot moves first.
         self._robots: dict[Client, Robot] = {}
         self._collision_index = CollisionIndex(scene, self._classes)
         self._robot_meshes = RobotMeshes(self._classes)

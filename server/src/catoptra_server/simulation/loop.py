@@ -164,7 +164,7 @@ class Simulation:
         """Advance a lockstep clock.
 
         Returns:
-            The client's whole sensor cycle, and a RES that tells clients where the reply ends.
+            The client's whole sensor cycle, and a RES that marks the end of the reply.
         """
         # A chained comparison is false for NaN, too.
         is_possible = self._clock is ClockMode.LOCKSTEP and 0.0 <= time_s <= MAX_STEP_S

@@ -41,7 +41,7 @@ class ClientDisconnected:
     client: Client
 
 
-# Replies by callback, not by future: the simulation knows no event loop, and each transport has
+# Replies by callback, not by future: the simulation has no event loop, and each transport has
 # its own way back to its thread.
 @dataclass(frozen=True, slots=True)
 class LandmarksRequested:

@@ -120,14 +120,16 @@ def particle_cells(
         size = diameter[chosen, None]
         # Cells are spread along the image radius, at azimuth 0, and then turned about the centre.
         outward = radius_px[chosen, None] + size * radial[chosen, None] * x
-        aside = size * tangential[chosen, None] * y
+        sideways = size * tangential[chosen, None] * y
         azimuth = 2.0 * np.pi * turn[chosen, None]
         cosine, sine = np.cos(azimuth), np.sin(azimuth)
         # The particle's exact image area, shared by the cells: the raster of cells loses none.
         area = 0.25 * np.pi * np.square(size) * (radial * tangential)[chosen, None] / len(x)
         side_px = np.broadcast_to(np.sqrt(area), outward.shape)
         parts.append(
-            np.stack((outward * cosine - aside * sine, outward * sine + aside * cosine, side_px))
+            np.stack(
+                (outward * cosine - sideways * sine, outward * sine + sideways * cosine, side_px)
+            )
         )
     return _join_cells(parts, camera)
 

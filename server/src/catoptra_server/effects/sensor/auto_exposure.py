@@ -51,8 +51,8 @@ class AutoExposure:
 
     def gain(self, mean_luminance: float) -> float:
         """Gain of an image with this mean luminance."""
-        wanted = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
-        return min(max(wanted, self.min_gain), self.max_gain)
+        gain = self.target_luminance / mean_luminance if mean_luminance > 0.0 else self.max_gain
+        return min(max(gain, self.min_gain), self.max_gain)
 
     def bound(self, summary: SceneSummary, camera: OmniCamera) -> EffectBound:
         """Change of the grey that changes most, by the smallest or the largest gain."""

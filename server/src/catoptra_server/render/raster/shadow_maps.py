@@ -84,7 +84,7 @@ class ShadowMaps:
         self._point_lights = [light for light in lights if isinstance(light, PointLight)]
         _check_light_counts(len(self._directional_lights), len(self._point_lights))
         self._point_light_positions = tuple(
-            np.asarray(lamp.position_m) - origin for lamp in self._point_lights
+            np.asarray(light.position_m) - origin for light in self._point_lights
         )
         self._cells = len(self._directional_lights) + 6 * len(self._point_lights)
         self._columns = math.ceil(math.sqrt(self._cells))

@@ -125,8 +125,8 @@ class LinearScale:
 
     def pack(self, radiance: Float32s) -> Packed:
         """(n,) packed levels of (3, n) radiance, clipped to the scale."""
-        share = np.clip(radiance * np.float32(1.0 / self.max_radiance), 0.0, 1.0)
-        return _pack_levels(share * self.max_level)
+        fraction = np.clip(radiance * np.float32(1.0 / self.max_radiance), 0.0, 1.0)
+        return _pack_levels(fraction * self.max_level)
 
     def sum_pixels(self, light: Packed) -> Packed:
         """(n,) sums of (n * samples,) packed levels, pixel by pixel."""

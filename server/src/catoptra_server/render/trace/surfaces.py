@@ -32,7 +32,7 @@ _MAX_CLUSTERS = 8000
 _SAME_NORMAL = 1.0 - 5e-11
 _SAME_UV = 1e-9
 # Corners of neighbours result from different sums: within a nanometre both are one vertex.
-_SAME_PLACE_DIGITS = 9
+_SAME_POSITION_DIGITS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +136,7 @@ def _shared_and_outer_edges(
     """Pairs of large triangles that continue each other, (p, 2), and all other edges."""
     if not len(large):
         return np.zeros((0, 2), np.intp), np.zeros((0, 2, 3))
-    corners = scene.corners[large].reshape(-1, 3).round(_SAME_PLACE_DIGITS)
+    corners = scene.corners[large].reshape(-1, 3).round(_SAME_POSITION_DIGITS)
     points, corner = np.unique(corners, axis=0, return_inverse=True)
     triangles = corner.reshape(-1, 3)
     ends = np.sort(np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1), axis=-1)
@@ -187,12 +187,12 @@ def _connected_components(
     """(count,) group of each element joined by (p, 2) pairs, and one element of each group."""
     label = np.arange(count)
     while True:
-        least = label.copy()
-        np.minimum.at(least, pairs[:, 0], label[pairs[:, 1]])
-        np.minimum.at(least, pairs[:, 1], label[pairs[:, 0]])
-        least = least[least]  # halves the length of chains
-        if (least == label).all():
+        smallest = label.copy()
+        np.minimum.at(smallest, pairs[:, 0], label[pairs[:, 1]])
+        np.minimum.at(smallest, pairs[:, 1], label[pairs[:, 0]])
+        smallest = smallest[smallest]  # halves the length of chains
+        if (smallest == label).all():
             break
-        label = least
+        label = smallest
     representative, group = np.unique(label, return_inverse=True)
     return group.astype(np.int32), representative

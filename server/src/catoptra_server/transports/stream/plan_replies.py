@@ -1,6 +1,6 @@
 """Replies to accuracy requests: the rendering plan of a camera, under a new target if given.
 
-The simulation knows the camera, the render thread its plan: a request passes through both.
+The simulation holds the camera, the render thread its plan: a request passes through both.
 """
 
 from __future__ import annotations
