@@ -1,6 +1,7 @@
-"""A loopback server that plays a script in a thread, speaking through the sans-I/O core.
+"""Loopback server that plays a script in a thread, through the sans-I/O core.
 
-A script is a function of a connected socket; what it raises is raised again in the test.
+A script is a function of a connected socket; an exception in the script is raised again in the
+test.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class ScriptedControlPeer:
         self._socket.sendall(b"".join(map(self._protocol.send, reports)))
 
     def receive_command(self) -> Command:
-        """Return the next command of the client."""
+        """Next command of the client."""
         while not self._commands:
             self._commands += self._protocol.receive(_receive(self._socket))
         return self._commands.pop(0)
@@ -78,7 +79,7 @@ class ScriptedImagePeer:
         self._socket.sendall(data)
 
     def receive_request(self) -> ImageRequest:
-        """Return the next request of the client."""
+        """Next request of the client."""
         while not self._requests:
             self._requests += self._reader.receive(_receive(self._socket))
         return self._requests.pop(0)

@@ -1,4 +1,4 @@
-"""Landmarks by name: the shipped file is found, and a wrong name is answered with all."""
+"""Landmark files by name: the bundled file is found, an unknown name lists the known ones."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from catoptra_protocol.errors import ConfigError
 from helpers.configs import REPOSITORY
 
 
-def test_name_when_shipped_is_the_file() -> None:
+def test_name_when_bundled_is_the_file() -> None:
     file = REPOSITORY / "configs/landmarks/four_legged_2006.csv"
     assert find_landmark_file("four_legged_2006").resolve() == file
 
 
 @pytest.mark.parametrize("text", ["mine.csv", "folder/mine", "folder/mine.csv"])
-def test_path_when_given_is_taken_as_it_is(text: str) -> None:
+def test_path_is_returned_unchanged(text: str) -> None:
     assert find_landmark_file(text) == Path(text)
 
 

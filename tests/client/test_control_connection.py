@@ -1,4 +1,4 @@
-"""Waiting on a control connection, against a scripted server."""
+"""Control connection: waiting for reports of a scripted server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STATUS = VehicleStatus(1.0, 1200)
 
 @contextmanager
 def connect_to_script(script: Script) -> Iterator[ControlConnection]:
-    """Yield a connection whose clock goes on by a tenth of a second a look."""
+    """Yield a connection whose clock advances by a tenth of a second per reading."""
     ticks = iter(range(1000))
     with serve_script(script) as port:
         plain = open_connection("127.0.0.1", port, 5.0, server_kind="control")
@@ -54,7 +54,7 @@ def test_reports_when_only_some_are_accepted_pass_over_the_others() -> None:
         )
 
 
-def test_wait_when_others_come_for_ever_ends_in_time_and_names_what_lacks() -> None:
+def test_wait_when_others_come_for_ever_ends_in_time_and_names_the_missing_report() -> None:
     with connect_to_script(send_reports) as connection:
         with pytest.raises(
             ReplyTimeoutError, match="is connected but did not send the start poses"

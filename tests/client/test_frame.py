@@ -1,4 +1,4 @@
-"""Files become pixels, or are refused before memory is taken."""
+"""Image files: decoded, or rejected before memory is allocated."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ BAD_FILES = [
 
 
 @pytest.mark.parametrize(("data", "said"), BAD_FILES)
-def test_file_when_no_picture_or_too_large_is_refused(data: bytes, said: str) -> None:
+def test_file_when_no_image_or_too_large_is_rejected(data: bytes, said: str) -> None:
     with pytest.raises(RemoteProtocolError, match=said):
         rgb_from_image_bytes(data)

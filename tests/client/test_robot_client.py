@@ -47,7 +47,7 @@ CAMERA = camera_with_inscribed_rim(
 
 
 def reply_script(*replies: tuple[object, tuple[Report, ...]]) -> Callable[[socket.socket], None]:
-    """Return a script that greets, expects each command in turn and sends the reports for it."""
+    """Script that greets, expects each command in turn and sends the reports for the command."""
 
     def script(connection: socket.socket) -> None:
         control = ScriptedControlPeer(connection)
@@ -68,7 +68,7 @@ def test_connect_when_greeted_knows_the_level() -> None:
         assert (robot.status, robot.odometry, robot.ground_truth) == (None, None, None)
 
 
-def test_connect_when_nobody_listens_tells_what_to_do() -> None:
+def test_connect_when_nothing_listens_names_the_remedy() -> None:
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))  # bound, not listening: refused
         with pytest.raises(ConnectionLostError, match="start catoptra-server"):
@@ -91,7 +91,7 @@ def test_connect_when_the_server_closes_tells_so() -> None:
         RobotClient.connect(port=port)
 
 
-def test_start_poses_when_asked_are_returned() -> None:
+def test_start_poses_when_requested_are_returned() -> None:
     poses = StartPoses((StartPose("Robot1", (1.0, 2.0, 0.0), (0.0, 0.0, 1.5)),))
     script = reply_script((GetStartPoses(), (poses,)))
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:
@@ -113,14 +113,14 @@ def test_spawn_when_the_robot_reports_returns() -> None:
         assert robot.status == STATUS
 
 
-def test_spawn_when_the_server_stays_silent_tells_that_it_refuses_so() -> None:
+def test_spawn_when_the_server_does_not_reply_explains_the_rejection() -> None:
     script = reply_script((Init("Nothing", start="Nowhere"), ()))
     with serve_script(script) as port, RobotClient.connect(port=port, timeout_s=SHORT_S) as robot:
         with pytest.raises(CatoptraError, match="does not reply to an unknown class or start"):
             robot.spawn("Nothing", start_pose="Nowhere")
 
 
-def test_spawn_when_the_connection_has_its_robot_refuses() -> None:
+def test_spawn_when_the_connection_has_a_robot_is_rejected() -> None:
     with (
         serve_script(reply_script(SPAWN_EXCHANGE)) as port,
         RobotClient.connect(port=port) as robot,
@@ -139,7 +139,7 @@ def test_drive_when_called_sends_both_sides() -> None:
             assert robot.wait_for_report(OdometryReading) == ODOMETRY
 
 
-def test_step_when_done_returns_what_was_reported_before() -> None:
+def test_step_returns_the_reports_before_its_result() -> None:
     script = reply_script(SPAWN_EXCHANGE, (Step(0.2), (ODOMETRY, GROUND_TRUTH, STATUS, STEP_OK)))
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:
         robot.spawn("P2AT")
@@ -169,7 +169,7 @@ def test_step_when_failed_tells_how_to_run_the_server() -> None:
             robot.step(0.2)
 
 
-def test_step_when_the_server_does_not_know_it_tells_so_in_time() -> None:
+def test_step_when_unsupported_by_the_server_times_out() -> None:
     with (
         serve_script(reply_script((Step(0.2), ()))) as port,
         RobotClient.connect(port=port, timeout_s=SHORT_S) as robot,
@@ -199,7 +199,7 @@ def test_wait_for_when_only_others_come_ends_in_time() -> None:
             robot.wait_for_report(VehicleStatus)
 
 
-def test_wait_for_when_the_server_vanishes_tells_what_to_do() -> None:
+def test_wait_when_the_server_disconnects_names_the_remedy() -> None:
     def script(connection: socket.socket) -> None:
         control = ScriptedControlPeer(connection)
         control.receive_command()
@@ -224,7 +224,7 @@ def test_wait_for_when_a_report_is_malformed_names_the_field_and_can_go_on() -> 
         assert robot.wait_for_report(OdometryReading) == ODOMETRY
 
 
-def test_configuration_when_others_come_between_returns_the_one_asked_for() -> None:
+def test_configuration_when_others_come_between_returns_the_requested_one() -> None:
     other = Configuration("Camera", (("Name", "Omni"),))
     asked = Configuration("Odometry", (("Name", "Odometry"), ("ScanInterval", "0.2000")))
     script = reply_script(SPAWN_EXCHANGE, (GetConf("odometry"), (STATUS, other, asked)))
@@ -233,7 +233,7 @@ def test_configuration_when_others_come_between_returns_the_one_asked_for() -> N
         assert robot.get_configuration("odometry") == asked
 
 
-def test_configuration_when_of_the_robot_takes_its_kind_for_an_answer() -> None:
+def test_configuration_when_of_the_robot_accepts_the_vehicle_type() -> None:
     answer = Configuration("GroundVehicle", (("Name", "P2AT"),))
     script = reply_script(SPAWN_EXCHANGE, (GetConf("Robot", "R1"), (answer,)))
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:
@@ -250,7 +250,7 @@ def test_geometry_when_of_sensors_or_of_the_robot_is_returned() -> None:
         assert robot.get_geometry("Robot") == P2AT
 
 
-def test_camera_when_asked_returns_the_server_s_own_law() -> None:
+def test_camera_when_requested_is_the_servers_model() -> None:
     pairs = (("Name", "Omni"), *pairs_from_omni_camera(CAMERA, 0.55))
     conf = Configuration("Camera", pairs)
     script = reply_script(SPAWN_EXCHANGE, *[(GetConf("Camera"), (conf,))] * 2)
@@ -260,7 +260,7 @@ def test_camera_when_asked_returns_the_server_s_own_law() -> None:
         assert robot.get_camera_and_height() == (CAMERA, 0.55)
 
 
-def test_camera_when_it_is_no_omnidirectional_one_names_what_is_missing() -> None:
+def test_camera_when_not_omnidirectional_names_the_missing_keys() -> None:
     conf = Configuration("Camera", (("Name", "Camera"), ("CameraFov", "80.0000")))
     script = reply_script(SPAWN_EXCHANGE, (GetConf("Camera", "Camera"), (conf,)))
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:
@@ -269,7 +269,7 @@ def test_camera_when_it_is_no_omnidirectional_one_names_what_is_missing() -> Non
             robot.get_camera("Camera")
 
 
-def test_configuration_when_of_a_camera_passes_over_tiles_told_unasked() -> None:
+def test_configuration_when_of_a_camera_skips_unrequested_tiles() -> None:
     tile, asked = (Configuration("Camera", (("Name", name),)) for name in ("Omni", "Rear"))
     script = reply_script((Init("P2AT"), (STATUS, tile)), (GetConf("Camera", "rear"), (asked,)))
     with serve_script(script) as port, RobotClient.connect(port=port) as robot:

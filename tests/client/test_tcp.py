@@ -1,4 +1,4 @@
-"""Opening a TCP connection: to a server, and to none."""
+"""TCP connections: to a server, and to a port without one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from catoptra_client.tcp import open_connection, peer_address
 from catoptra_protocol.errors import ConnectionLostError
 
 
-def test_connection_when_made_sends_at_once_and_knows_its_peer() -> None:
+def test_connection_when_open_sends_at_once_and_names_the_peer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         with open_connection("127.0.0.1", port, 5.0, server_kind="image") as connection:

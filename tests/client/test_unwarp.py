@@ -1,4 +1,4 @@
-"""Unwarping: the two pictures' geometry, and what they show, against the camera law itself."""
+"""Unwarping: geometry of both images, and their content against the camera model."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ FORWARD = PerspectiveGeometry(width_px=161, height_px=121, horizontal_fov_rad=ma
 
 
 def make_frame(value_from_direction) -> np.ndarray:
-    """Return a (360, 360, 3) frame whose grey value is a function of the direction."""
+    """(360, 360, 3) frame whose grey value is a function of the direction."""
     direction, seen = direction_from_pixel(CAMERA, pixel_sample_positions(CAMERA)[:, :, 0])
     value = np.where(seen, value_from_direction(direction), 0.0)
     return np.repeat(np.round(value).astype(np.uint8)[..., None], 3, axis=-1)
 
 
 def make_gaussian_spot(azimuth_rad: float, slope: float):
-    """Return a bright Gaussian spot of 1.5 degrees at an azimuth and a slope."""
+    """Bright Gaussian spot of 1.5 degrees at an azimuth and a slope."""
     centre = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), slope])
     centre /= np.linalg.norm(centre)
 
@@ -44,7 +44,7 @@ def make_gaussian_spot(azimuth_rad: float, slope: float):
 
 
 def centroid(picture: np.ndarray) -> tuple[float, float]:
-    """Return (column, row) of a picture's brightness, centres at +0.5."""
+    """Column and row of an image's brightness centroid, centres at +0.5."""
     weight = picture[..., 0].astype(float)
     rows, columns = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
     return (weight * columns).sum() / weight.sum(), (weight * rows).sum() / weight.sum()
@@ -114,7 +114,7 @@ def test_perspective_turned_and_pitched_looks_along_its_axis() -> None:
     assert centroid(picture) == pytest.approx((80.5, 60.5), abs=0.25)
 
 
-def test_what_the_mirror_does_not_see_is_invalid_and_black() -> None:
+def test_pixel_outside_the_mirror_is_invalid_and_black() -> None:
     above = CylinderGeometry(columns=90, rows=40, top_slope=-1.0, bottom_slope=1.0)
     mapping = make_unwarp_map(CAMERA, above)
     rim_row = above.row_from_slope(np.array(-math.tan(math.radians(30))))
@@ -127,12 +127,12 @@ def test_what_the_mirror_does_not_see_is_invalid_and_black() -> None:
 def test_half_a_disc_is_valid_on_the_side_that_the_frame_shows() -> None:
     half = dataclasses.replace(CAMERA, width_px=180, centre_px=(0.0, 180.0))
     valid = make_unwarp_map(half, CYLINDER).valid
-    # The image is mirrored: what is right of the centre in it lies to the robot's left.
+    # The image is mirrored: right of the image centre is to the robot's left.
     assert valid[:, 5:355].all()
     assert not valid[:, 365:715].any()
 
 
-def test_frame_of_another_size_is_refused() -> None:
+def test_frame_of_another_size_is_rejected() -> None:
     with pytest.raises(DomainError, match="360 x 360"):
         unwarp(np.zeros((360, 361, 3), np.uint8), make_unwarp_map(CAMERA, CYLINDER))
 
@@ -148,7 +148,7 @@ def test_frame_of_another_size_is_refused() -> None:
         lambda: PerspectiveGeometry(10, 10, 1.0, yaw_rad=math.nan),
     ],
 )
-def test_geometry_without_a_picture_is_refused(make) -> None:
+def test_geometry_without_a_image_is_rejected(make) -> None:
     with pytest.raises(DomainError):
         make()
 
@@ -161,11 +161,11 @@ def test_azimuth_that_is_not_finite_has_no_column_and_says_which(azimuth: float)
 
 
 @pytest.mark.parametrize("slopes", [(-1.7e308, 1.7e308), (0.0, 5e-324)])
-def test_rows_that_float64_cannot_hold_are_refused(slopes) -> None:
+def test_rows_that_float64_cannot_hold_are_rejected(slopes) -> None:
     with pytest.raises(DomainError, match="float64"):
         CylinderGeometry(8, 4, *slopes)
 
 
-def test_view_too_narrow_for_a_focal_length_is_refused() -> None:
+def test_view_too_narrow_for_a_focal_length_is_rejected() -> None:
     with pytest.raises(DomainError, match="focal length"):
         PerspectiveGeometry(8, 4, 5e-324)

@@ -1,12 +1,12 @@
-"""The catalogue of hard cases: how a case is written, read and held against a function.
+"""Catalogue of hard cases: the format of a case, and the check of a function against a case.
 
-`cases/<group>/<formula>.json` is a list of cases, written with 50 digits by a script that lies in
-`references/` (`python -m stability.references.<script>`). `test_<group>.py` says which function of
-ours answers for each formula, its subject:
+`cases/<group>/<formula>.json` is a list of cases with references of 50 digits, written by a script
+in `references/` (`python -m stability.references.<script>`). `test_<group>.py` assigns a function
+of the product, the subject, to each formula:
 
-| key               | what it holds                                                              |
+| key               | content                                                                    |
 |-------------------|----------------------------------------------------------------------------|
-| name              | the hard place, in words                                                    |
+| name              | the difficulty, in words                                                    |
 | inputs            | by name: exact float64 as numbers or hex, "nan", "inf", lists, words        |
 | expect            | value, invalid or error                                                     |
 | which             | invalid, error: words that the reason or the message must have              |
@@ -17,7 +17,7 @@ ours answers for each formula, its subject:
 | tolerance         | by float type: rel, abs, ulp, whose largest counts, and the reason;         |
 |                   | "turn": true compares angles modulo a whole turn                            |
 
-Of each case come two: float64, and float32 with inputs and results rounded to float32.
+Each case is checked twice: in float64, and in float32 with inputs and results rounded to float32.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _TURN = 2 * Fraction("3.14159265358979323846264338327950288419716939937510582097
 Subject = Callable[..., Any]
 
 
-class Invalid(Exception):  # noqa: N818 # an answer, not an error
-    """Say that a function returned no valid value, and its reason where it gives one."""
+class Invalid(Exception):  # noqa: N818 # a result, not an error
+    """Signals that a function returned no valid value, with the reason if any."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One case in one float type; inputs are rounded to it."""
+    """One case in one float type, to which the inputs are rounded."""
 
     group: str
     formula: str
@@ -66,15 +66,15 @@ class Case:
 
 
 def load(group: str) -> list[Case]:
-    """Return all cases of a group, formula by formula."""
+    """All cases of a group, formula by formula."""
     files = sorted((CASES / group).glob("*.json"))
     return [case for path in files for case in _of_file(group, path)]
 
 
 def check(case: Case, subjects: Mapping[str, Subject]) -> None:
-    """Hold a case against the function that answers for its formula; AssertionError if it fails.
+    """Check a case against the subject of the case's formula; AssertionError if the case fails.
 
-    Floating-point errors and warnings fail too. A subject that has no valid value raises Invalid.
+    Floating-point errors and warnings fail too. A subject without a valid value raises Invalid.
     """
     with np.errstate(all="raise"), warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -89,8 +89,8 @@ def check(case: Case, subjects: Mapping[str, Subject]) -> None:
     _check_value(case, answer, case.reference)
 
 
-def failures(group: str, subjects: Mapping[str, Subject]) -> list[str]:
-    """Return what fails of a group: of our functions nothing, of a naive form something."""
+def failing_messages(group: str, subjects: Mapping[str, Subject]) -> list[str]:
+    """Messages of the failing cases of a group: none for the product, some for every mutant."""
     return [text for case in load(group) if (text := _failure(case, subjects))]
 
 
@@ -121,14 +121,14 @@ def _check_value(case: Case, answer: Any, reference: Any) -> None:
 
 
 def error_and_bound(case: Case, got: float, reference: str) -> tuple[Fraction, Fraction]:
-    """Return how far a number is off its reference, and how far it may be."""
+    """Error of a number against the reference, and the allowed error."""
     error = abs(Fraction(got) - Fraction(Decimal(reference)))
     if case.tolerance.get("turn"):
         error = abs(error - round(error / _TURN) * _TURN)
-    return error, _allowed(case.tolerance, float(reference), case.float_type)
+    return error, _allowed_error(case.tolerance, float(reference), case.float_type)
 
 
-def _allowed(tolerance: Mapping[str, Any], reference: float, float_type: str) -> Fraction:
+def _allowed_error(tolerance: Mapping[str, Any], reference: float, float_type: str) -> Fraction:
     size = abs(reference)
     spacing = math.ulp(size) if float_type == "float64" else float(np.spacing(np.float32(size)))
     kinds = {"rel": size, "abs": 1.0, "ulp": spacing}
@@ -152,7 +152,7 @@ def _case(group: str, formula: str, row: Mapping[str, Any], float_type: str) -> 
         formula,
         row["name"],
         float_type,
-        {name: _decoded(value, float_type) for name, value in row["inputs"].items()},
+        {name: _decode_input(value, float_type) for name, value in row["inputs"].items()},
         row["expect"],
         row.get("which", ""),
         row.get(reference),
@@ -160,10 +160,10 @@ def _case(group: str, formula: str, row: Mapping[str, Any], float_type: str) -> 
     )
 
 
-def _decoded(value: Any, float_type: str) -> Any:
-    """Return an input with its numbers as Python floats; whole numbers stay whole, words words."""
+def _decode_input(value: Any, float_type: str) -> Any:
+    """Input with numbers as Python floats; integers and words stay as they are."""
     if isinstance(value, list):
-        return [_decoded(item, float_type) for item in value]
+        return [_decode_input(item, float_type) for item in value]
     if isinstance(value, str) and _is_number(value):
         value = float.fromhex(value)
     if not isinstance(value, float):

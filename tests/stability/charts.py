@@ -1,4 +1,4 @@
-"""A line chart as SVG: a band, what is expected, and series over steps. For the report."""
+"""Line chart as SVG, for the report: a band, the expected value, and series over steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 460, 220, 30, 24
 
 
 def line_chart(series: Mapping[str, Floats], *, band: tuple[float, float], expected: float) -> str:
-    """Return an SVG of (n,) series by their CSS colours, in a frame of round numbers from 0."""
+    """SVG of (n,) series by CSS colour, on axes that start at 0."""
     steps = len(next(iter(series.values())))
     top = float(np.ceil(1.08 * max(values.max() for values in series.values())))
     low, high = (_y(value, top) for value in band)

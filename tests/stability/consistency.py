@@ -1,6 +1,6 @@
-"""Is the filter as sure as it ought to be? Many runs on a circle, NEES and NIS step by step.
+"""Consistency of the filter: NEES and NIS per step over many runs on a circle.
 
-Noise is drawn from seeds; the filter believes the noise that is there, or 1 / 2.25 of it.
+Noise is seeded; the filter assumes the true noise, or 1 / 2.25 of the true variances.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CONTROL = Control(0.2, 0.1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consistency:
-    """Means over the runs of each step, (STEPS,); the interval of 95 % of a matched filter."""
+    """Means over the runs per step, (STEPS,), and the 95 % interval of a matched filter."""
 
     name: str
     size: int
@@ -47,13 +47,13 @@ class Consistency:
 
     @property
     def inside(self) -> float:
-        """Return the share of the matched filter's steps that lie in the interval."""
+        """Fraction of the matched filter's steps within the interval."""
         low, high = self.interval
         return float(((self.matched > low) & (self.matched < high)).mean())
 
 
 def consistency() -> tuple[Consistency, Consistency]:
-    """Return NEES and NIS."""
+    """NEES and NIS of the matched and the overconfident filter."""
     matched, over = (
         np.array([run(seed, believed=believed) for seed in range(RUNS)]).mean(axis=0)
         for believed in (1.0, OVERCONFIDENT)
@@ -66,21 +66,26 @@ def consistency() -> tuple[Consistency, Consistency]:
 
 
 def run(seed: int, *, believed: float) -> Floats:
-    """Return (STEPS, 2) NEES and NIS of one run; covariances are `believed` times the real ones."""
+    """NEES and NIS (STEPS, 2) of a run; assumed covariances are `believed` times the true ones."""
     rng = np.random.default_rng(seed)
     truth = rng.multivariate_normal(np.zeros(3), P0)
     belief, rows = Belief(np.zeros(3), P0 * believed), []
-    real, taken = MotionNoise(*ALPHAS), MotionNoise(*(believed * alpha for alpha in ALPHAS))
+    true_noise, assumed_noise = (
+        MotionNoise(*ALPHAS),
+        MotionNoise(*(believed * alpha for alpha in ALPHAS)),
+    )
     for step in range(STEPS):
-        off = np.sqrt(np.diagonal(control_covariance(CONTROL, real))) * rng.normal(size=2)
+        off = np.sqrt(np.diagonal(control_covariance(CONTROL, true_noise))) * rng.normal(size=2)
         truth = propagate_pose(
             truth, Control(CONTROL.distance_m + off[0], CONTROL.turn_rad + off[1])
         )
-        belief = predict(belief, CONTROL, noise=taken)
+        belief = predict(belief, CONTROL, noise=assumed_noise)
         landmark = LANDMARKS[step % len(LANDMARKS)]
-        seen, _ = predict_measurement(truth, landmark)
+        expected, _ = predict_measurement(truth, landmark)
         off = np.sqrt(np.diagonal(R)) * rng.normal(size=2)
-        measured = RangeBearing(seen.range_m + off[0], seen.bearing_rad + off[1], R * believed)
+        measured = RangeBearing(
+            expected.range_m + off[0], expected.bearing_rad + off[1], R * believed
+        )
         result = update(belief, measured, landmark=landmark, gate=OPEN_GATE)
         belief = result.belief
         rows.append((nees(belief, truth)[0], result.nis))

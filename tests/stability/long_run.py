@@ -1,8 +1,8 @@
 """`python -m stability.long_run`: a million steps of the filter among exact landmarks.
 
-Landmarks lie all around, in line with the robot, and one is seen twice; sensors are exact to 1e-5;
-every seventh step the robot stands still. After each step the covariance must equal its transpose
-to the bit and have no negative eigenvalue.
+Landmarks stand all around and in line with the robot, one of them twice; sensors are exact to 1e-5;
+every seventh step is without motion. After each step the covariance must equal its transpose to the
+bit and have no negative eigenvalue.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NOISE = MotionNoise(0.01, 0.001, 0.0005, 0.0064)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What was worst in a run: eigenvalue of the correlations, asymmetry; refused updates."""
+    """Worst eigenvalue of the correlations and worst asymmetry; number of rejected updates."""
 
     smallest_eigenvalue: float
     largest_asymmetry: float
@@ -44,7 +44,7 @@ class Outcome:
 
 
 def run(steps: int) -> Outcome:
-    """Return the worst of so many steps: a small circle, a landmark a step."""
+    """Worst values over this many steps on a small circle, with one landmark per step."""
     belief, refused = Belief(np.zeros(3), np.diag([0.01, 0.01, 0.01])), 0
     smallest, asymmetry = math.inf, 0.0
     for step in range(steps):
@@ -52,9 +52,9 @@ def run(steps: int) -> Outcome:
         control = Control(0.0, 0.0) if standing else Control(0.02, 0.1)
         belief = predict(belief, control, noise=NOISE)
         mark = MARKS[step % len(MARKS)]
-        seen, _ = predict_measurement(belief.mean, mark)
+        expected, _ = predict_measurement(belief.mean, mark)
         off = 1e-5 * math.sin(step)
-        measured = RangeBearing(seen.range_m + off, seen.bearing_rad - off, EXACT)
+        measured = RangeBearing(expected.range_m + off, expected.bearing_rad - off, EXACT)
         result = update(belief, measured, landmark=mark, gate=PAPER_GATE)
         belief, refused = result.belief, refused + (not result.is_accepted)
         _, correlation, _ = sigmas_and_correlations(belief.covariance)
@@ -64,7 +64,7 @@ def run(steps: int) -> Outcome:
 
 
 def main() -> None:
-    """Print the worst of a run."""
+    """Print the worst values of a run."""
     parser = argparse.ArgumentParser(prog="stability.long_run", description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000)
     print(run(parser.parse_args().steps))

@@ -1,4 +1,4 @@
-"""What a function of ours, or a naive form in its place, makes of every case: for the report."""
+"""Errors of the product's functions, and of the mutants, on every case; for the report."""
 
 from __future__ import annotations
 
@@ -23,29 +23,33 @@ TESTS = Path(__file__).parent
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a case. got, reference: of the number that is farthest off, as text.
+    """Result of one case.
 
-    error: its distance from the reference, inf where there is no number. share: of what is allowed;
-    0 for what is refused as it should be, inf for what is not.
+    Of a list of numbers the one with the largest error counts.
     """
 
     case: Case
     got: str
+    """Number or message, as text."""
     reference: str
+    """Reference, as text; empty without a number."""
     error: float
+    """Distance from the reference; inf without a number."""
     allowed: float
-    share: float
+    """Allowed error."""
+    error_fraction: float
+    """Error over allowed error; 0 for an expected rejection, inf for a missing one."""
 
     @property
     def relative_error(self) -> float:
-        """Return the error over the reference, the error itself where that is 0."""
+        """Error over the reference; the error itself for a reference of 0."""
         size = abs(float(self.reference)) if self.reference else 0.0
         return self.error / size if size else self.error
 
 
 @dataclass(frozen=True, slots=True)
 class Naive:
-    """A naive form's worst case, and ours on the same; how many cases fail with it."""
+    """Worst case of a mutant, the product on the same case, and the number of failing cases."""
 
     mutation: Mutation
     worst: Outcome
@@ -54,49 +58,49 @@ class Naive:
 
 
 def groups() -> list[str]:
-    """Return the groups that have cases and a test module."""
+    """Groups that have cases and a test module."""
     return sorted(p.name for p in CASES.iterdir() if (TESTS / f"test_{p.name}.py").is_file())
 
 
-def outcomes(group: str) -> list[Outcome]:
-    """Return what comes of all cases of a group."""
+def evaluate_group(group: str) -> list[Outcome]:
+    """Outcomes of all cases of a group."""
     subjects = subjects_of(group)
-    return [measured(case, subjects) for case in load(group)]
+    return [evaluate_case(case, subjects) for case in load(group)]
 
 
 def naive_forms() -> Iterator[Naive]:
-    """Yield every naive form with the case that shows it worst, of those that have a value."""
+    """Yield every mutant with its worst case, among cases with a value if possible."""
     for mutation in all_mutations():
-        ours = outcomes(mutation.group)
+        ours = evaluate_group(mutation.group)
         with patch(mutation.target, mutation.naive):
-            naive = outcomes(mutation.group)
-        failing = [pair for pair in zip(naive, ours, strict=True) if pair[0].share > 1.0]
+            naive = evaluate_group(mutation.group)
+        failing = [pair for pair in zip(naive, ours, strict=True) if pair[0].error_fraction > 1.0]
         if failing:
             yield Naive(mutation, *max(failing, key=_showing), len(failing))
 
 
 def _showing(pair: tuple[Outcome, Outcome]) -> tuple[bool, bool, float]:
-    """Return the order of failures: wrong numbers before none, the most wrong first.
+    """Sort key of failures: wrong numbers before missing ones, the largest error first.
 
-    Where the reference is next to 0, and so ours is only absolutely right, little is shown.
+    Cases with a reference near 0, where the product is only absolutely exact, come last.
     """
     naive, ours = pair
     finite = naive.case.expect == "value" and math.isfinite(naive.relative_error)
     return finite, ours.relative_error < 1e-3, naive.relative_error if finite else 0.0
 
 
-def measured(case: Case, subjects: Mapping[str, Subject]) -> Outcome:
-    """Return what comes of a case."""
-    kind, answer = _answered(case, subjects)
+def evaluate_case(case: Case, subjects: Mapping[str, Subject]) -> Outcome:
+    """Outcome of one case."""
+    kind, answer = _call_subject(case, subjects)
     if kind != case.expect:
         return Outcome(case, f"{kind}: {answer}", "", math.inf, 0.0, math.inf)
     if kind != "value":
         share = 0.0 if case.which in str(answer) else math.inf
         return Outcome(case, str(answer), "", 0.0, 0.0, share)
-    return max(_numbers(case, answer, case.reference), key=lambda outcome: outcome.share)
+    return max(_numbers(case, answer, case.reference), key=lambda outcome: outcome.error_fraction)
 
 
-def _answered(case: Case, subjects: Mapping[str, Subject]) -> tuple[str, Any]:
+def _call_subject(case: Case, subjects: Mapping[str, Subject]) -> tuple[str, Any]:
     with np.errstate(all="raise"), warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -124,5 +128,5 @@ def _numbers(case: Case, answer: Any, reference: Any) -> Iterator[Outcome]:
 
 
 def _as_float(value: Fraction) -> float:
-    """Return the nearest double; a naive form's error over what is allowed may be beyond all."""
+    """Nearest float; inf for a mutant's error ratio beyond float64."""
     return float(value) if value < sys.float_info.max else math.inf

@@ -1,8 +1,8 @@
-"""`python -m stability.mutations`: put the naive form in place of each formula; a case must fail.
+"""`python -m stability.mutations`: replace each formula by a naive form; a case must fail.
 
-A catalogue that a naive form passes would prove nothing. Each mutation names the function that it
-replaces, where it is looked up, and the group whose cases must notice. The lists are in
-`mutants_<half>.py`.
+A catalogue that a naive form passes would prove nothing. Each mutation names the function to
+replace, in the module that looks the function up, and the group whose cases must fail. The lists
+are in `mutants_<half>.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import Any
 from unittest.mock import patch
 
-from stability.catalogue import Subject, failures
+from stability.catalogue import Subject, failing_messages
 
 # Modules that have a list MUTATIONS.
 LISTS = ("stability.mutants_client", "stability.mutants_optics")
@@ -23,7 +23,7 @@ LISTS = ("stability.mutants_client", "stability.mutants_optics")
 
 @dataclass(frozen=True, slots=True)
 class Mutation:
-    """A naive form in place of `target`, a dotted name; `group` is whose cases must fail."""
+    """Naive form that replaces `target`, a dotted name; a case of `group` must fail."""
 
     name: str
     group: str
@@ -32,34 +32,34 @@ class Mutation:
 
 
 def all_mutations() -> list[Mutation]:
-    """Return the mutations of every list."""
+    """Mutations of every list."""
     return [mutation for name in LISTS for mutation in import_module(name).MUTATIONS]
 
 
 def subjects_of(group: str) -> Mapping[str, Subject]:
-    """Return the subjects of a group, as its test module names them."""
+    """Subjects of a group, from the group's test module."""
     subjects: Mapping[str, Subject] = import_module(f"stability.test_{group}").SUBJECTS
     return subjects
 
 
-def noticed(mutation: Mutation) -> list[str]:
-    """Return the cases that fail with a mutation; none means that it went unnoticed."""
+def failing_cases(mutation: Mutation) -> list[str]:
+    """Messages of the cases that fail with a mutation; empty if no case detects the mutation."""
     with patch(mutation.target, mutation.naive):
-        return failures(mutation.group, subjects_of(mutation.group))
+        return failing_messages(mutation.group, subjects_of(mutation.group))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print each mutation with the number of cases that notice it; 1 if one goes unnoticed."""
+    """Print the number of failing cases of each mutation; 1 if a mutation goes undetected."""
     parser = argparse.ArgumentParser(prog="stability.mutations", description=__doc__)
     parser.add_argument("--group", help="only this group's")
-    wanted = parser.parse_args(arguments).group
-    unnoticed = 0
+    selected_group = parser.parse_args(arguments).group
+    undetected = 0
     for mutation in all_mutations():
-        if wanted in (None, mutation.group):
-            found = noticed(mutation)
-            unnoticed += not found
+        if selected_group in (None, mutation.group):
+            found = failing_cases(mutation)
+            undetected += not found
             print(f"{mutation.group:12} {mutation.name:60} {len(found):4} cases fail")
-    return 1 if unnoticed else 0
+    return 1 if undetected else 0
 
 
 if __name__ == "__main__":

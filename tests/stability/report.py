@@ -1,6 +1,6 @@
-"""`python -m stability.report out/stability`: every hard case, naive forms beside ours, the filter.
+"""`python -m stability.report out/stability`: hard cases, mutants beside the product, the filter.
 
-Writes report.html: one file, no script, nothing to load. Returns 1 if a case fails.
+Writes report.html: one file without scripts or external resources. Returns 1 if a case fails.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from string import Template
 
 from stability.charts import line_chart
 from stability.consistency import RUNS, STEPS, Consistency, consistency
-from stability.measuring import Naive, Outcome, groups, naive_forms, outcomes
+from stability.measuring import Naive, Outcome, evaluate_group, groups, naive_forms
 
 PAGE = Path(__file__).with_name("report.html")
 # The scale of the naive forms' errors runs from 1e-20 to 10.
@@ -25,15 +25,15 @@ _DIGITS = 22
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the report; return 1 if a case fails."""
+    """Write the report; 1 if a case fails."""
     parser = argparse.ArgumentParser(prog="stability.report", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args(arguments).folder
-    of_group = {group: outcomes(group) for group in groups()}
+    of_group = {group: evaluate_group(group) for group in groups()}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "report.html"
     path.write_text(page(of_group, list(naive_forms()), consistency()), encoding="utf-8")
-    failing = [o for of in of_group.values() for o in of if o.share > 1.0]
+    failing = [o for of in of_group.values() for o in of if o.error_fraction > 1.0]
     for outcome in failing:
         print(f"{outcome.case}: {outcome.got}, but {outcome.reference or outcome.case.expect}")
     print(f"{sum(map(len, of_group.values()))} cases, {len(failing)} fail: {path}")
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def page(
     of_group: dict[str, list[Outcome]], naive: list[Naive], filters: Iterable[Consistency]
 ) -> str:
-    """Return the report as HTML."""
+    """Report as HTML."""
     return Template(PAGE.read_text(encoding="utf-8")).substitute(
         tiles=_tiles(of_group, naive),
         worst="".join(_worst_row(group, of) for group, of in of_group.items()),
@@ -62,14 +62,14 @@ def _tiles(of_group: dict[str, list[Outcome]], naive: list[Naive]) -> str:
         (len(double), "hard cases in float64"),
         (len(every) - len(double), "of them in float32 too"),
         (len({(o.case.group, o.case.formula) for o in every}), f"formulas, {len(of_group)} groups"),
-        (sum(outcome.share > 1.0 for outcome in every), "cases that fail"),
-        (len(naive), "naive forms, all noticed"),
+        (sum(outcome.error_fraction > 1.0 for outcome in every), "cases that fail"),
+        (len(naive), "mutants, all detected"),
     ]
     return "".join(f'<div class="tile"><b>{n}</b><span>{text}</span></div>' for n, text in tiles)
 
 
 def _worst_row(group: str, of: list[Outcome]) -> str:
-    worst = max(of, key=lambda outcome: outcome.share)
+    worst = max(of, key=lambda outcome: outcome.error_fraction)
     case = worst.case
     return (
         f"<tr><td><b>{escape(group)}</b><br><span class=said>{len(of)} cases</span></td>"
@@ -82,7 +82,7 @@ def _worst_row(group: str, of: list[Outcome]) -> str:
 def _naive_row(naive: Naive) -> str:
     case = naive.worst.case
     ours, theirs = naive.ours.relative_error, naive.worst.relative_error
-    left, right = _place(ours), _place(theirs)
+    left, right = _scale_percent(ours), _scale_percent(theirs)
     scale = (
         f'<div class="scale"><i class="span" style="left:{left:.1f}%;width:{right - left:.1f}%">'
         f'</i><i class="ours" style="left:{left:.1f}%"></i>'
@@ -92,12 +92,13 @@ def _naive_row(naive: Naive) -> str:
         f"<tr><td>{escape(naive.mutation.group)}</td><td><b>{escape(naive.mutation.name)}</b></td>"
         f"<td>{escape(case.name)}<br><code>{escape(case.formula)}</code> {_chip(case.float_type)}"
         f"</td><td>{scale}</td><td class=n>{_short(ours) if naive.ours.reference else 'refused'}"
-        f"</td><td class=n>{_told(naive.worst)}</td><td class=n>{naive.failing}</td></tr>"
+        f"</td><td class=n>{_format_naive_error(naive.worst)}</td>"
+        f"<td class=n>{naive.failing}</td></tr>"
     )
 
 
-def _told(outcome: Outcome) -> str:
-    """Return a naive form's relative error, or what it answered instead of a number."""
+def _format_naive_error(outcome: Outcome) -> str:
+    """Relative error of a mutant, or the kind of result instead of a number."""
     if math.isfinite(outcome.relative_error):
         return _short(outcome.relative_error)
     kind = outcome.got.partition(":")[0]
@@ -125,7 +126,7 @@ def _group(group: str, of: list[Outcome]) -> str:
         + "".join(map(_case_row, members))
         for formula, members in groupby(of, key=lambda outcome: outcome.case.formula)
     )
-    failing = sum(outcome.share > 1.0 for outcome in of)
+    failing = sum(outcome.error_fraction > 1.0 for outcome in of)
     verdict = f"{failing} fail" if failing else "all hold"
     return (
         f"<details><summary>{escape(group)}<span>{len(of)} cases, {verdict}</span></summary>"
@@ -139,7 +140,7 @@ def _case_row(outcome: Outcome) -> str:
     case = outcome.case
     head = f"<tr><td>{escape(case.name)}</td><td>{_chip(case.float_type)}</td>"
     if not outcome.reference:
-        good = "good" if outcome.share <= 1.0 else "bad"
+        good = "good" if outcome.error_fraction <= 1.0 else "bad"
         said = escape(outcome.got)
         return (
             f"{head}<td>{_chip(case.expect, good)}</td><td class=said colspan=3>{said}</td>"
@@ -154,7 +155,7 @@ def _case_row(outcome: Outcome) -> str:
 
 
 def _agreeing(got: str, reference: str) -> str:
-    """Return a number with the digits pale that differ from the reference's."""
+    """Number with the digits pale that differ from the reference's."""
     digits, e, exponent = got.partition("e")
     same = next(
         (i for i, (a, b) in enumerate(zip(digits, reference, strict=False)) if a != b),
@@ -164,25 +165,25 @@ def _agreeing(got: str, reference: str) -> str:
 
 
 def _cut(reference: str) -> str:
-    """Return a reference cut to what a line holds; its exponent stays."""
+    """Reference cut to the width of a line; the exponent stays."""
     digits, e, exponent = reference.partition("e")
     return (f"{digits[:_DIGITS]}…" if len(digits) > _DIGITS else digits) + e + exponent
 
 
 def _bar(outcome: Outcome) -> str:
-    bad = outcome.share > 1.0
-    width = 100.0 * min(outcome.share, 1.0)
+    bad = outcome.error_fraction > 1.0
+    width = 100.0 * min(outcome.error_fraction, 1.0)
     reason = escape(outcome.case.tolerance.get("reason", "refused as it must be"), quote=True)
     exact = "exact" if outcome.reference else "held"
-    share = "fails" if bad else f"{outcome.share:.0%}" if outcome.error else exact
+    share = "fails" if bad else f"{outcome.error_fraction:.0%}" if outcome.error else exact
     return (
         f'<span class="bar{" bad" * bad}" title="{reason}"><i style="width:{width:.0f}%"></i>'
         f"</span> {share}"
     )
 
 
-def _place(relative_error: float) -> float:
-    """Return per cent along the scale."""
+def _scale_percent(relative_error: float) -> float:
+    """Position on the error scale, in per cent."""
     if not math.isfinite(relative_error):
         return 100.0
     power = math.log10(relative_error) if relative_error > 0.0 else _LOWEST

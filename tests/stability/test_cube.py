@@ -1,4 +1,4 @@
-"""The cube's faces: every edge and corner has one face, and places on it are exact."""
+"""Cube faces: every edge and corner has one face, and coordinates there are exact."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ SUBJECTS = {"face_from_direction": _face, "face_coordinates": _coordinates}
 
 
 @pytest.mark.parametrize("case", load("cube"), ids=str)
-def test_face_when_at_a_hard_place_is_the_first_of_the_largest(case: Case) -> None:
+def test_face_when_at_a_hard_case_is_the_first_of_the_largest(case: Case) -> None:
     check(case, SUBJECTS)

@@ -34,7 +34,7 @@ def _bands(range_m: float, drop_m: float) -> tuple[Blob, Blob]:
     return lower, make_blob(_cylinder(), "magenta", heights_m=(0.3, 0.4), **place)
 
 
-def _seen(range_m: float, drop_m: float) -> Candidate:
+def _find_candidate(range_m: float, drop_m: float) -> Candidate:
     view = CylinderView(CAMERA, _cylinder(), Viewpoint(BAND_M + drop_m))
     found = beacons.find_beacon_candidates(view, BEACON, _bands(range_m, drop_m))
     if not found:
@@ -56,7 +56,7 @@ def _seen(range_m: float, drop_m: float) -> Candidate:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "has_range": lambda range_, drop: _seen(range_, drop).has_range,
+    "has_range": lambda range_, drop: _find_candidate(range_, drop).has_range,
 }
 
 

@@ -1,4 +1,4 @@
-"""The same seed gives the same bytes: pictures of one or several threads, and the filter."""
+"""Determinism: the same seed gives the same bytes, for images and filter."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ HASH_OF_A_RUN = (
 
 
 def pictures(renderer: Renderer, stride_px: int) -> bytes:
-    """Return the bytes of all poses' pictures, with robots in half of them."""
+    """Bytes of all poses' pictures, with robots in half of them."""
     plan = replace(make_plan(make_omni_camera(width_px=96), samples=2), stride_px=stride_px)
     view = renderer.prepare(make_omni_camera(width_px=96), plan)
     exposures = [
@@ -60,7 +60,7 @@ def device() -> Iterator[GlDevice]:
 
 
 @pytest.mark.parametrize("stride_px", [1, 4], ids=["rays", "cells"])
-def test_traced_pictures_are_the_same_with_any_number_of_threads(stride_px: int) -> None:
+def test_traced_images_are_the_same_with_any_number_of_threads(stride_px: int) -> None:
     scene, drawn = build_scene(WORLD), []
     for threads in (1, 1, 2, 5):
         renderer = TraceRenderer(scene, WORLD, threads=threads)
@@ -69,13 +69,13 @@ def test_traced_pictures_are_the_same_with_any_number_of_threads(stride_px: int)
     assert len(set(drawn)) == 1
 
 
-def test_raster_pictures_are_the_same_twice_on_one_device(device: GlDevice) -> None:
+def test_raster_images_are_the_same_twice_on_one_device(device: GlDevice) -> None:
     scene = build_scene(WORLD)
     once, again = (pictures(RasterRenderer(scene, WORLD, device=device), 1) for _ in range(2))
     assert once == again
 
 
-def test_picture_does_not_depend_on_what_was_drawn_before() -> None:
+def test_image_does_not_depend_on_earlier_images() -> None:
     renderer = TraceRenderer(build_scene(WORLD), WORLD, threads=2)
     view = renderer.prepare(make_omni_camera(width_px=96), make_plan(make_omni_camera(width_px=96)))
     forwards = [view.render(CameraState(pose)).rgb for pose in POSES]

@@ -1,4 +1,4 @@
-"""Hard cases of the filter: one update, a row of them, one prediction; what must be refused."""
+"""Hard cases of the filter: one update, a sequence of updates, one prediction; rejections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from catoptra_client.localization import (
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
-def _updated(mean: list[float], covariance: list[list[float]], seen: list[list[float]]) -> Belief:
+def _run_update(
+    mean: list[float], covariance: list[list[float]], seen: list[list[float]]
+) -> Belief:
     belief = Belief(np.array(mean), np.array(covariance))
     for x, y, r, gamma, r11, r12, r22 in seen:
         measured = RangeBearing(r, gamma, np.array([[r11, r12], [r12, r22]]))
@@ -31,7 +33,9 @@ def _updated(mean: list[float], covariance: list[list[float]], seen: list[list[f
     return belief
 
 
-def _predicted(mean: Any, covariance: Any, v: float, turn: float, alphas: list[float]) -> Belief:
+def _run_prediction(
+    mean: Any, covariance: Any, v: float, turn: float, alphas: list[float]
+) -> Belief:
     belief = Belief(np.array(mean), np.array(covariance))
     return ekf.predict(belief, Control(v, turn), noise=MotionNoise(*alphas))
 
@@ -47,13 +51,13 @@ def _correlations(belief: Belief) -> Any:
 
 
 SUBJECTS: dict[str, Subject] = {
-    "updated_pose": lambda **inputs: _updated(**inputs).mean,
-    "updated_sigmas": lambda **inputs: _sigmas(_updated(**inputs)),
-    "updated_correlations": lambda **inputs: _correlations(_updated(**inputs)),
-    "predicted_sigmas": lambda **inputs: _sigmas(_predicted(**inputs)),
-    "predicted_correlations": lambda **inputs: _correlations(_predicted(**inputs)),
-    "refused": _updated,
-    "predicted": _predicted,
+    "updated_pose": lambda **inputs: _run_update(**inputs).mean,
+    "updated_sigmas": lambda **inputs: _sigmas(_run_update(**inputs)),
+    "updated_correlations": lambda **inputs: _correlations(_run_update(**inputs)),
+    "predicted_sigmas": lambda **inputs: _sigmas(_run_prediction(**inputs)),
+    "predicted_correlations": lambda **inputs: _correlations(_run_prediction(**inputs)),
+    "refused": _run_update,
+    "predicted": _run_prediction,
     "belief": lambda mean, covariance: Belief(np.array(mean), np.array(covariance)),
 }
 

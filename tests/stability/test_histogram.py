@@ -1,4 +1,4 @@
-"""Hard cases of histograms: nothing, as many pixels as fit, and one more."""
+"""Hard cases of histograms: empty, full, and one pixel too many."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stability.catalogue import Case, Subject, check, load
 
 
 def _of(counts: list[Any]) -> Histogram:
-    """Return a histogram with these counts in its first bins."""
+    """Histogram with these counts in the first bins."""
     return Histogram(np.array([*counts, *[0] * (8 - len(counts))]).reshape(2, 2, 2))
 
 

@@ -1,4 +1,4 @@
-"""The ordinary camera: where its picture ends, and fields of view that end."""
+"""Perspective camera: image borders, and fields of view at their limits."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from stability.catalogue import Case, Invalid, check, load
 def _pixel(width_px: int, height_px: int, fov_rad: float, direction: list[float]) -> Floats:
     camera = PerspectiveCamera(width_px, height_px, fov_rad)
     value, valid = camera.pixel_from_direction(np.array(direction))
-    return _seen(value, bool(valid))
+    return _lens_pixel(value, bool(valid))
 
 
 def _direction(width_px: int, height_px: int, fov_rad: float, pixel: list[float]) -> Floats:
     camera = PerspectiveCamera(width_px, height_px, fov_rad)
     value, valid = camera.direction_from_pixel(np.array(pixel))
-    return _seen(value, bool(valid))
+    return _lens_pixel(value, bool(valid))
 
 
-def _seen(value: Floats, valid: bool) -> Floats:
+def _lens_pixel(value: Floats, valid: bool) -> Floats:
     assert np.isfinite(value).all(), f"{value}: a value beside its mask is no number"
     if not valid:
         raise Invalid("not seen")
@@ -33,5 +33,5 @@ SUBJECTS = {"perspective_pixel": _pixel, "perspective_direction": _direction}
 
 
 @pytest.mark.parametrize("case", load("lens"), ids=str)
-def test_lens_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+def test_lens_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)

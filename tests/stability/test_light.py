@@ -1,4 +1,4 @@
-"""Light: the sRGB curve's ends, sums of samples in linear light, lamps near and far."""
+"""Light: ends of the sRGB curve, sums of samples in linear light, point lights near and far."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from catoptra_server.scene.world_description import PointLight
 from stability.catalogue import Case, check, load
 
 
-def _encoded(linear: float) -> Floats:
+def _encode(linear: float) -> Floats:
     return colour.srgb_from_linear(np.array(linear))
 
 
 def _greys(red: list[float], samples: int) -> list[int]:
-    """Return the greys of a pixel: red from the list, over and over, green full, blue dark."""
+    """Greys of a pixel: red cycles through the list, green is full, blue dark."""
     scale = packed_light.SrgbScale.for_samples(samples)
     radiance = np.zeros((3, samples), dtype=np.float32)
     radiance[0], radiance[1] = np.resize(np.array(red, dtype=np.float32), samples), 1.0
@@ -32,7 +32,7 @@ def _irradiance(height_m: float) -> float:
 
 
 SUBJECTS = {
-    "srgb_from_linear": _encoded,
+    "srgb_from_linear": _encode,
     "sample_sums": _greys,
     "point_irradiance": _irradiance,
 }

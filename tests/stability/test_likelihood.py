@@ -10,8 +10,8 @@ from catoptra_client.landmarks.histogram import Histogram
 from stability.catalogue import Case, Subject, check, load
 
 
-def _accepted(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) -> bool:
-    """Return what is said of the first bin; the rest of both classes lies in bins of their own."""
+def _classify(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) -> bool:
+    """Decision on the first bin; the rest of both classes lies in separate bins."""
     positive, negative = np.zeros((2, 8), dtype=np.int64)
     positive[:2] = n_pos, all_pos - n_pos
     negative[[0, 2]] = n_neg, all_neg - n_neg
@@ -19,7 +19,7 @@ def _accepted(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: float) 
     return bool(classifier.likelihood_ratio_test(*histograms, theta=theta)[0, 0, 0])
 
 
-SUBJECTS: dict[str, Subject] = {"accepted": _accepted}
+SUBJECTS: dict[str, Subject] = {"accepted": _classify}
 
 
 @pytest.mark.parametrize("case", load("likelihood"), ids=str)

@@ -1,4 +1,4 @@
-"""The long run's first steps; `python -m stability.long_run` goes on to a million."""
+"""First steps of the long run; `python -m stability.long_run` runs a million."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from catoptra_client.localization import LandmarkPosition, RangeBearing, measure
 from stability.catalogue import Case, Invalid, Subject, check, load
 
 
-def _expected(pose: list[float], landmark: list[float]) -> measurement_model.PredictedMeasurement:
+def _predict(pose: list[float], landmark: list[float]) -> measurement_model.PredictedMeasurement:
     expected, valid = measurement_model.predict_measurement(
         np.array(pose), LandmarkPosition("l", *landmark)
     )
@@ -22,13 +22,13 @@ def _expected(pose: list[float], landmark: list[float]) -> measurement_model.Pre
 
 def _innovation(pose: list[float], landmark: list[float], measured: list[float]) -> Any:
     seen = RangeBearing(*measured, np.eye(2))
-    return measurement_model.compute_innovation(seen, _expected(pose, landmark))[0]
+    return measurement_model.compute_innovation(seen, _predict(pose, landmark))[0]
 
 
 SUBJECTS: dict[str, Subject] = {
-    "range": lambda pose, landmark: _expected(pose, landmark).range_m,
-    "bearing": lambda pose, landmark: _expected(pose, landmark).bearing_rad,
-    "jacobian": lambda pose, landmark: _expected(pose, landmark).jacobian[:, :2],
+    "range": lambda pose, landmark: _predict(pose, landmark).range_m,
+    "bearing": lambda pose, landmark: _predict(pose, landmark).bearing_rad,
+    "jacobian": lambda pose, landmark: _predict(pose, landmark).jacobian[:, :2],
     "innovation": _innovation,
 }
 

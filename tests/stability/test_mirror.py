@@ -1,4 +1,4 @@
-"""The mirrors' law: image radius of an incidence angle, its inverse and its slope."""
+"""Mirror projections: image radius of an incidence angle, the inverse and the slope."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stability.catalogue import Case, Subject, check, load
 
 
 def _subject(method: str, of: str, number: type[np.floating] = np.float64) -> Subject:
-    """Return a method of the mirror of a k, asked with one number of a float type."""
+    """Method of a mirror with this k, called with one number of a float type."""
 
     def subject(k: float, **given: float) -> Floats:
         value: Floats = getattr(HyperbolicMirror(k, 0.2), method)(np.array(given[of], number))
@@ -34,10 +34,10 @@ IN_FLOAT32 = {
 
 
 @pytest.mark.parametrize("case", load("mirror"), ids=str)
-def test_law_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+def test_projection_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)
 
 
 @pytest.mark.parametrize("case", [c for c in load("mirror") if c.float_type == "float32"], ids=str)
-def test_law_when_computed_in_float32_is_that_of_50_digits(case: Case) -> None:
+def test_projection_when_computed_in_float32_is_that_of_50_digits(case: Case) -> None:
     check(case, IN_FLOAT32)

@@ -1,7 +1,7 @@
-"""What the camera law must obey everywhere: round trips, order, symmetry, no jump at a branch.
+"""Properties of the camera models: round trips, order, symmetry, continuity at branches.
 
-Hypothesis draws a mirror and a seed, numpy some hundred places from that seed: 100 examples are
-tens of thousands of places. A failure prints mirror and seed.
+Hypothesis chooses a mirror and a seed, numpy some hundred samples from that seed: 100 examples are
+tens of thousands of samples. A failure prints mirror and seed.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ seeds = st.integers(0, 2**31)
 ks = st.floats(-12.0, 15.0).map(lambda exponent: 2.0 + 10.0**exponent)
 
 
-def places(seed: int, k: float) -> tuple[HyperbolicMirror, Floats]:
-    """Return a mirror and sorted t from the axis to just before its asymptote."""
+def incidence_tangents(seed: int, k: float) -> tuple[HyperbolicMirror, Floats]:
+    """Mirror and sorted t from the axis to just before its asymptote."""
     note(f"k = {k!r}, seed = {seed}")
     mirror = HyperbolicMirror(k, 0.2)
     rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def places(seed: int, k: float) -> tuple[HyperbolicMirror, Floats]:
 
 
 def some_camera(seed: int, k: float) -> tuple[OmniCamera, np.random.Generator]:
-    """Return a camera of any size, rim, centre and turn, and what draws places for it."""
+    """Camera of any size, rim, centre and turn, and the generator of its samples."""
     note(f"k = {k!r}, seed = {seed}")
     rng = np.random.default_rng(seed)
     mirror: CentralMirror = HyperbolicMirror(k, 0.2) if seed % 4 else ParabolicMirror(0.05)
@@ -74,7 +74,7 @@ def some_camera(seed: int, k: float) -> tuple[OmniCamera, np.random.Generator]:
 @PROPERTY
 @given(seeds, ks)
 def test_t_when_sent_to_a_radius_and_back_is_the_same(seed: int, k: float) -> None:
-    mirror, t = places(seed, k)
+    mirror, t = incidence_tangents(seed, k)
     back = mirror.t_from_radius_ratio(mirror.radius_ratio_from_t(t))
     np.testing.assert_allclose(back, t, rtol=24.0 * EPS, atol=0.0)
 
@@ -82,7 +82,7 @@ def test_t_when_sent_to_a_radius_and_back_is_the_same(seed: int, k: float) -> No
 @PROPERTY
 @given(seeds, ks)
 def test_radius_when_t_grows_never_falls(seed: int, k: float) -> None:
-    mirror, t = places(seed, k)
+    mirror, t = incidence_tangents(seed, k)
     # Neighbours an ulp apart too: rounding may keep a radius, by an ulp or two it may fall back.
     both = np.sort(np.concatenate((t, np.nextafter(t, math.inf))))
     ratio = mirror.radius_ratio_from_t(both)
@@ -93,7 +93,7 @@ def test_radius_when_t_grows_never_falls(seed: int, k: float) -> None:
 @PROPERTY
 @given(seeds, ks)
 def test_surface_when_reflected_looks_at_the_pinhole(seed: int, k: float) -> None:
-    mirror, t = places(seed, k)
+    mirror, t = incidence_tangents(seed, k)
     r, z = mirror.surface_point(t)
     to_viewpoint, to_pinhole = np.hypot(r, z), np.hypot(r, mirror.pinhole_distance_m - z)
     # 2a = |M - p| - |M - v| for every point of the mirror: the hyperbola's own definition.
@@ -107,8 +107,8 @@ def test_surface_when_reflected_looks_at_the_pinhole(seed: int, k: float) -> Non
 
 @PROPERTY
 @given(seeds, ks)
-def test_law_when_computed_in_float32_is_within_its_bound(seed: int, k: float) -> None:
-    mirror, t = places(seed, k)
+def test_projection_when_computed_in_float32_is_within_its_bound(seed: int, k: float) -> None:
+    mirror, t = incidence_tangents(seed, k)
     t = t[(t > 1e-30) & (t < 1e15)]
     single = t.astype(np.float32)
     expected = mirror.radius_ratio_from_t(single.astype(np.float64))
@@ -153,7 +153,7 @@ def test_direction_when_mirrored_has_the_mirrored_pixel(seed: int, k: float) -> 
 
 @PROPERTY
 @given(seeds)
-def test_half_angle_when_it_crosses_the_horizon_does_not_jump(seed: int) -> None:
+def test_half_angle_is_continuous_at_the_horizon(seed: int) -> None:
     note(f"seed = {seed}")
     rng = np.random.default_rng(seed)
     level = rng.normal(size=(PLACES, 2))
@@ -182,7 +182,7 @@ def test_half_angles_of_opposite_directions_are_each_other_s_inverse(seed: int) 
 
 @PROPERTY
 @given(seeds)
-def test_direction_has_one_face_and_comes_back_from_its_place_there(seed: int) -> None:
+def test_direction_has_one_face_and_returns_from_its_coordinates(seed: int) -> None:
     note(f"seed = {seed}")
     rng = np.random.default_rng(seed)
     # Whole numbers, so that one in five lies on an edge or a corner.
@@ -216,7 +216,7 @@ def test_number_when_printed_is_truncated_and_printing_again_changes_nothing(
 
 
 @pytest.mark.parametrize("k", [2.0 + 1e-12, 2.5, 11.546, 1e9])
-def test_law_when_around_the_horizon_does_not_jump(k: float) -> None:
+def test_projection_is_continuous_at_the_horizon(k: float) -> None:
     mirror = HyperbolicMirror(k, 0.2)
     t = np.array([math.nextafter(1.0, 0.0), 1.0, math.nextafter(1.0, 2.0)])
     t = t[t < mirror.t_limit]

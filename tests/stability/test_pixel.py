@@ -1,4 +1,4 @@
-"""From direction to pixel and back: centre, rim, tiny pictures, extreme vectors, no numbers."""
+"""Pixel of a direction and back: centre, rim, tiny images, extreme vectors, NaN."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from catoptra_protocol.optics import omni_camera as law
+from catoptra_protocol.optics import omni_camera
 from catoptra_protocol.optics.mirrors import HyperbolicMirror
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.render.trace.projection_table import MAX_PIXEL_ERROR_PX, ProjectionTable
@@ -15,7 +15,7 @@ from stability.catalogue import Case, Invalid, check, load
 
 
 def valid_value(answer: tuple[Floats, Bools]) -> Floats:
-    """Return the value, which is finite whether valid or not; raise Invalid where it is not."""
+    """Value, which is finite whether valid or not; raise Invalid if not valid."""
     value, valid = answer
     assert np.isfinite(value).all(), f"{value}: a value beside its mask is no number"
     if not valid:
@@ -23,8 +23,8 @@ def valid_value(answer: tuple[Floats, Bools]) -> Floats:
     return value
 
 
-def _camera(inputs: dict[str, Any]) -> law.OmniCamera:
-    return law.OmniCamera(
+def _camera(inputs: dict[str, Any]) -> omni_camera.OmniCamera:
+    return omni_camera.OmniCamera(
         mirror=HyperbolicMirror(inputs["k"], 0.2),
         width_px=inputs["width_px"],
         height_px=inputs["height_px"],
@@ -36,15 +36,15 @@ def _camera(inputs: dict[str, Any]) -> law.OmniCamera:
 
 
 def _half_angle(direction: list[float]) -> Floats:
-    return valid_value(law.half_angle_tangent(np.array(direction)))
+    return valid_value(omni_camera.half_angle_tangent(np.array(direction)))
 
 
 def _pixel(direction: list[float], **of: Any) -> Floats:
-    return valid_value(law.pixel_from_direction(_camera(of), np.array(direction)))
+    return valid_value(omni_camera.pixel_from_direction(_camera(of), np.array(direction)))
 
 
 def _direction(pixel: list[float], **of: Any) -> Floats:
-    return valid_value(law.direction_from_pixel(_camera(of), np.array(pixel)))
+    return valid_value(omni_camera.direction_from_pixel(_camera(of), np.array(pixel)))
 
 
 SUBJECTS = {
@@ -55,12 +55,12 @@ SUBJECTS = {
 
 
 @pytest.mark.parametrize("case", load("pixel"), ids=str)
-def test_pixel_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+def test_pixel_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)
 
 
 def _in_table(case: Case) -> bool:
-    """Return whether a case has a pixel, and a length that float32 normalises."""
+    """Whether a case has a pixel, and a length that float32 can normalize."""
     has_value = case.formula == "pixel_from_direction" and case.expect == "value"
     return has_value and case.float_type == "float32"
 

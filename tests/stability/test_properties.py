@@ -1,4 +1,4 @@
-"""Properties over the whole domain: thousands of drawn numbers, always the same ones."""
+"""Properties over the whole domain: thousands of random numbers from fixed seeds."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
 
 
 def many(examples: int):
-    """Return the settings: so many examples, the same in every run, never timed."""
+    """Hypothesis settings: number of examples, deterministic, without a deadline."""
     return settings(derandomize=True, max_examples=examples, deadline=None, database=None)
 
 
 def off(one: float, other: float) -> float:
-    """Return how far two angles are apart modulo a turn."""
+    """Difference of two angles modulo a turn."""
     return abs(math.remainder(one - other, TWO_PI))
 
 
@@ -71,15 +71,17 @@ def test_difference_leads_from_one_angle_to_the_other(angle: float, start: float
 
 @many(1200)
 @given(ANGLES, ANGLES, st.floats(0.0, 1.0))
-def test_angle_between_lies_on_the_shorter_way(start: float, end: float, share: float) -> None:
+def test_interpolated_angle_lies_on_the_shorter_turn(
+    start: float, end: float, fraction: float
+) -> None:
     way = angle_difference(end, start)
-    walked = angle_difference(interpolate_angle(start, end, fraction=share), start)
-    assert off(walked, share * way) <= 2e-15
+    turn = angle_difference(interpolate_angle(start, end, fraction=fraction), start)
+    assert off(turn, fraction * way) <= 2e-15
 
 
 @many(1200)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-20.0, 20.0))
-def test_motion_backwards_along_its_arc_comes_home(pose, v: float, turn: float) -> None:
+def test_motion_back_along_the_arc_returns_to_the_start(pose, v: float, turn: float) -> None:
     there = propagate_pose(np.array(pose), Control(v, turn))
     back = propagate_pose(there, Control(-v, -turn))
     assert np.hypot(*(back[:2] - pose[:2])) <= 1e-14 * (1e3 + abs(v))
@@ -88,7 +90,7 @@ def test_motion_backwards_along_its_arc_comes_home(pose, v: float, turn: float) 
 
 @many(1200)
 @given(POSES, st.floats(-1e3, 1e3), st.floats(-3.1, 3.1))
-def test_control_comes_back_from_the_poses_it_led_to(pose, v: float, turn: float) -> None:
+def test_control_is_recovered_from_its_poses(pose, v: float, turn: float) -> None:
     there = propagate_pose(np.array(pose), Control(v, turn))
     found = control_from_odometry(OdometryPose(*pose), OdometryPose(*there.tolist()))
     assert abs(found.distance_m - v) <= 1e-12 * (1.0 + abs(v)) + 1e-12
@@ -133,13 +135,13 @@ def test_range_of_any_slope_is_a_number_or_invalid(slope: float, drop_m: float) 
 
 
 def belief_of(pose, factors: list[float], *, scale: float) -> Belief:
-    """Return a belief whose covariance is the square of a drawn matrix."""
+    """Belief whose covariance is the square of a random matrix."""
     root = scale * np.array(factors).reshape(3, 3)
     return Belief(np.array(pose), root @ root.T)
 
 
 def off_by(one: Belief, other: Belief, prior: Belief) -> float:
-    """Return the largest difference of two covariances in units of the prior's sigmas."""
+    """Largest difference of two covariances in units of the prior's sigmas."""
     sigma = np.sqrt(np.maximum(np.diagonal(prior.covariance), 1e-30))
     return float(np.abs((one.covariance - other.covariance) / np.outer(sigma, sigma)).max())
 

@@ -1,4 +1,4 @@
-"""The kept scripts write the very cases that lie in the catalogue."""
+"""Reference scripts: each writes exactly the cases in the catalogue."""
 
 from __future__ import annotations
 

@@ -22,5 +22,5 @@ SUBJECTS = {"hyperbolic_surface": _hyperbolic, "parabolic_surface": _parabolic}
 
 
 @pytest.mark.parametrize("case", load("surface"), ids=str)
-def test_surface_when_at_a_hard_place_is_that_of_50_digits(case: Case) -> None:
+def test_surface_when_at_a_hard_case_is_that_of_50_digits(case: Case) -> None:
     check(case, SUBJECTS)

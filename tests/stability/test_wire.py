@@ -1,4 +1,4 @@
-"""Numbers on the wire, letter by letter, and the units that they come in."""
+"""Numbers on the wire, literally, and their units."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from catoptra_protocol.usarsim import value_format
 from stability.catalogue import Case, check, load
 
 
-def _fixed(value: float, decimals: int, text: str) -> float:
+def _format(value: float, decimals: int, text: str) -> float:
     printed = value_format.format_fixed_point(value, decimals)
     assert printed == text, f"{value!r} is printed as {printed}, not as {text}"
     return float(printed)
@@ -28,7 +28,7 @@ def _length(length_uu: float) -> float:
 
 
 SUBJECTS = {
-    "fixed": _fixed,
+    "fixed": _format,
     "number_from_text": _read,
     "unreal_angle": _angle,
     "metres_from_uu": _length,

@@ -1,4 +1,4 @@
-"""One device for all twins of a module."""
+"""One OpenGL device for all twins of a module."""
 
 from __future__ import annotations
 

@@ -43,16 +43,16 @@ def random_directions(count: int) -> Floats:
     return values.astype(np.float64)
 
 
-def test_place_of_any_direction_equals_the_cube(context: moderngl.Context) -> None:
+def test_coordinates_of_any_direction_equal_the_cube(context: moderngl.Context) -> None:
     atlas = make_atlas()
     directions = random_directions(20_000)
     difference = shader_texels(context, atlas, directions) - atlas.texels_from_direction(directions)
-    # float32 places in a texture of 4000 texels: 4000 * 2^-23 and the rounding of the division.
+    # float32 positions in a texture of 4000 texels: 4000 * 2^-23 and the rounding of the division.
     assert np.abs(difference).max() < 2e-3
 
 
 @pytest.mark.parametrize("rim_deg", [90.0, 120.0, 140.0])
-def test_place_in_parts_of_their_own_density_equals_the_cube(
+def test_coordinates_in_regions_of_their_own_density_equal_the_cube(
     context: moderngl.Context, rim_deg: float
 ) -> None:
     camera = make_omni_camera(width_px=640, rim_deg=rim_deg)

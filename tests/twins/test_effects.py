@@ -1,4 +1,4 @@
-"""Every effect's shader against its float64 reference, on one image."""
+"""Each effect's shader against the float64 reference, on one image."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from helpers.effect_measurement import (
 LIGHT = make_test_pattern(2.0).astype(np.float32)
 
 
-def uploaded(context: moderngl.Context) -> LinearImageTarget:
+def upload_image(context: moderngl.Context) -> LinearImageTarget:
     image = LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px)
     opaque = np.ones((*LIGHT.shape[:2], 4), dtype=np.float32)
     opaque[..., :3] = LIGHT
@@ -44,11 +44,11 @@ class UploadedRange:
         self.texture.release()
 
 
-def shaded(
+def run_effect(
     context: moderngl.Context, name: str, changes: dict[str, float]
 ) -> np.ndarray[tuple[int, int, int]]:
     source, target = (
-        uploaded(context),
+        upload_image(context),
         LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px),
     )
     effect, ranges = make_effect(name, changes), UploadedRange(context)
@@ -86,7 +86,7 @@ def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> No
     changes = CHANGES.get(name, {})
     reference = make_effect(name, changes).apply(LIGHT.astype(np.float64), CAMERA, CAPTURE_CONTEXT)
     assert np.abs(reference - LIGHT).max() > 1e-4
-    difference = np.abs(shaded(context, name, changes) - reference)
+    difference = np.abs(run_effect(context, name, changes) - reference)
     if name == "Quantisation":  # a value on the border of two codes may round either way
         assert (difference > 1e-5).mean() < 1e-3
         difference = np.minimum(difference, np.abs(difference - 1.0 / 4095.0))
@@ -96,7 +96,7 @@ def test_shader_equals_the_reference(context: moderngl.Context, name: str) -> No
 
 def test_normal_variates_of_the_shader_are_the_same_bits(context: moderngl.Context) -> None:
     source, target = (
-        uploaded(context),
+        upload_image(context),
         LinearImageTarget(context, CAMERA.width_px, CAMERA.height_px),
     )
     source.texture.write(np.zeros((*LIGHT.shape[:2], 4), dtype=np.float32).tobytes())
@@ -113,7 +113,7 @@ def test_normal_variates_of_the_shader_are_the_same_bits(context: moderngl.Conte
 
 
 def test_meter_equals_the_mean(context: moderngl.Context) -> None:
-    source = uploaded(context)
+    source = upload_image(context)
     meter = LuminanceMeter(context, ShaderPrograms(context), source.texture)
     assert meter.measure_mean_luminance(CAMERA) == pytest.approx(
         mean_luminance(LIGHT, CAMERA), rel=1e-5

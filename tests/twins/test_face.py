@@ -1,4 +1,4 @@
-"""face.vert: where a scene's vertex lands in a cell of the atlas, against the float64 cube."""
+"""face.vert: position of a scene vertex in a cell of the atlas, against the float64 cube."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TURN = rotation_from_rpy(0.02, -0.03, 0.3)
 
 
 def clip_positions(context: moderngl.Context, cell: AtlasCell, vertices: np.ndarray) -> np.ndarray:
-    """Return (n, 4) clip positions of (n, 3) vertices seen from zero, as the shader has them."""
+    """Clip positions (n, 4) of (n, 3) vertices around the viewpoint, as computed by the shader."""
     program = context.program(vertex_shader=load_source("face.vert"), varyings=["gl_Position"])
     set_uniform(program, "viewpoint", (0.0, 0.0, 0.0))
     set_uniform(program, "clip_from_scene", (cell.clip_from_mirror @ TURN.T).T)

@@ -1,4 +1,4 @@
-"""The catalogue of hard cases (tests/stability) on the device, with float32 tolerances."""
+"""Hard cases of tests/stability on the device, with float32 tolerances."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAMP_TOLERANCE = 2e-5
 
 
 def float32_values(group: str, formula: str) -> list[Case]:
-    """Return the float32 cases of a formula that have a value, and are not denormal."""
+    """Float32 cases of a formula that have a value, and are not denormal."""
     return [
         case
         for case in load(group)
@@ -54,16 +54,16 @@ def test_encoding_over_every_half_float_never_falls_and_ends_at_0_and_1(
     )[:, 0]
     assert shown[0] == 0.0
     assert shown[-1] == pytest.approx(1.0, abs=5e-6)  # of the fit
-    # The two branches meet within the fit; what is written are 8 bits.
+    # The two branches meet within the fit; the target has 8 bits.
     assert np.diff(shown).min() > -ENCODING_TOLERANCE
     assert (np.diff(np.rint(255.0 * shown)) >= 0).all()
 
 
-def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) -> None:
+def test_point_light_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) -> None:
     cases = float32_values("light", "point_irradiance")
     assert len(cases) >= 4
     heights = np.array([case.inputs["height_m"] for case in cases])
-    # The lamp is the viewpoint's place; floors lie below it, z down.
+    # The light is at the viewpoint, floors below, z down.
     places = np.stack((np.zeros_like(heights), np.zeros_like(heights), heights), axis=-1)
     normals = np.tile([0.0, 0.0, -1.0], (len(heights), 1))
     shown = evaluate_shader(
@@ -78,8 +78,8 @@ def test_lamp_when_near_and_far_is_that_of_50_digits(context: moderngl.Context) 
     np.testing.assert_allclose(shown[:, 0], expected, rtol=LAMP_TOLERANCE)
 
 
-def face_shown(atlas: Atlas, texel: np.ndarray) -> int:
-    """Return the face in whose cell a texel position lies."""
+def face_at_texel(atlas: Atlas, texel: np.ndarray) -> int:
+    """Face whose cell contains a texel position."""
     inside = [
         cell.region.face
         for cell in atlas.cells
@@ -118,7 +118,7 @@ def test_face_when_on_an_edge_or_a_corner_is_that_of_the_catalogue(
     assert len(cases) >= 20
     directions = np.array([case.inputs["direction"] for case in cases])
     texels = shown_texels(context, atlas, directions)
-    faces = [face_shown(atlas, texel) for texel in texels]
+    faces = [face_at_texel(atlas, texel) for texel in texels]
     assert faces == [int(float(case.reference)) for case in cases]
 
 
@@ -130,7 +130,9 @@ def test_face_of_the_zero_vector_is_n_and_finite(context: moderngl.Context) -> N
     assert texel == pytest.approx(atlas.texel_transforms()[Face.N][:2], abs=1e-3)
 
 
-def test_place_over_a_dense_grid_of_directions_is_the_twins(context: moderngl.Context) -> None:
+def test_coordinates_over_a_dense_grid_of_directions_are_the_twins(
+    context: moderngl.Context,
+) -> None:
     atlas = pack_atlas(
         regions_of_size(math.pi - 1e-3, 512), guard_texels=GUARD_TEXELS, max_texels=4096
     )

@@ -46,7 +46,7 @@ def test_point_irradiance_at_the_light_is_finite(context: moderngl.Context) -> N
     normal = np.array([[0.0, 0.0, 1.0]])
     shown = shader_irradiance(context, place, normal)
     expected = shading.point_irradiance(LIGHTS, place, normal)
-    # Float32 puts the place 3e-8 m beside the light, a millimetre away by definition.
+    # Float32 puts the point 3e-8 m from the light; by definition it counts as a millimetre.
     np.testing.assert_allclose(shown, expected, rtol=1e-3, atol=50.0)
 
 
@@ -62,5 +62,5 @@ def test_texture_is_filtered_in_linear_light_and_repeats(context: moderngl.Conte
         texture=upload_texture(context, image),
     )
     expected = shading.sample_texture(linear_from_srgb(image / 255.0), uv)
-    # OpenGL promises 8 bits for the place between two texels: 1/256 of their difference.
+    # OpenGL promises 8 bits for the position between two texels: 1/256 of their difference.
     assert np.abs(shown[:, :3] - expected).max() < 1.5 / 256.0

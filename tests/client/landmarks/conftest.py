@@ -1,4 +1,4 @@
-"""What the landmark tests share: one classifier, trained once on a few synthetic frames."""
+"""Shared by the landmark tests: one classifier, trained once on a few synthetic frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TRAINING_POSES = [
 
 @pytest.fixture(scope="session")
 def classifier() -> ColourClassifier:
-    """Return the classifier of the training poses. The tests' frames show other poses."""
+    """Classifier of the training poses; the tests' frames have other poses."""
     return train(
         (
             synthetic_frames.render_frame(synthetic_frames.FIELD_LANDMARKS, pose, seed=seed),

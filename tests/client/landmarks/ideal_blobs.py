@@ -1,4 +1,4 @@
-"""Ideal blobs: what a perfect classifier would hand over for a beacon or a box at a range."""
+"""Ideal blobs: the blobs of a beacon or a box at a range with perfect labels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def make_blob(
     azimuth_rad: float = 0.0,
     viewpoint_height_m: float = 0.6,
 ) -> Blob:
-    """Return the blob of an upright rectangle that faces the viewpoint."""
+    """Blob of an upright rectangle that faces the viewpoint."""
     bottom, top = (
         cylinder.row_from_slope((viewpoint_height_m - height) / range_m) for height in heights_m
     )

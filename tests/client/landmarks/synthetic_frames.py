@@ -1,8 +1,8 @@
-"""A small world, ray cast exactly in numpy: frames whose truth is known, for the detector's tests.
+"""Synthetic frames with known ground truth, ray cast in numpy, for the detector's tests.
 
-Written apart from `catoptra_client.landmarks.landmark_raycast`: a ray is followed through lists of
-cylinders, discs, boards and the floor, with light and shade, 2 x 2 rays a pixel, averaged in linear
-light, encoded as sRGB, with the noise of a camera. World frame: z down, floor at z = 0.
+Independent of `catoptra_client.landmarks.landmark_raycast`: rays are intersected with cylinders,
+discs, boards and the floor, shaded, 2 x 2 per pixel, averaged in linear light, encoded as sRGB,
+with the noise of a camera. World frame: z down, floor at z = 0.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ AMBIENT_LIGHT, DIRECT_LIGHT = 0.55, 0.5
 
 @functools.cache
 def make_camera() -> OmniCamera:
-    """Return the paper's camera: 360 x 360 px, rim at 120 degrees."""
+    """Paper's camera: 360 x 360 px, rim at 120 degrees."""
     mirror = PAPER_MIRROR
     return camera_with_inscribed_rim(
         mirror, width_px=360, height_px=360, rim_rad=math.radians(120.0)
@@ -54,7 +54,7 @@ def make_camera() -> OmniCamera:
 
 @functools.cache
 def _sample_directions() -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n, 3) directions of all samples on the mirror, and their flat pixel index."""
+    """(n, 3) directions of all samples on the mirror, and their flat pixel index."""
     pixel = pixel_sample_positions(make_camera(), SAMPLES_PER_AXIS)
     direction, seen = direction_from_pixel(make_camera(), pixel)
     height, width = direction.shape[:2]
@@ -63,7 +63,7 @@ def _sample_directions() -> tuple[np.ndarray, np.ndarray]:
 
 
 class NearestHits:
-    """The nearest hits of a bundle of rays so far: distance (n,) and colour (n, 3)."""
+    """Nearest hits of a bundle of rays so far: distance (n,) and colour (n, 3)."""
 
     def __init__(self, origin: np.ndarray, rays: np.ndarray) -> None:
         self.origin, self.rays = origin, rays
@@ -72,7 +72,7 @@ class NearestHits:
         self.azimuth = np.arctan2(rays[:, 1], rays[:, 0])
 
     def find_rays_towards(self, x: float, y: float, radius: float) -> np.ndarray:
-        """Return the indices of the rays that may meet a disc's upright cylinder."""
+        """Indices of the rays that may meet a disc's upright cylinder."""
         dx, dy = x - self.origin[0], y - self.origin[1]
         reach = math.hypot(dx, dy)
         if reach <= 1.05 * radius:
@@ -81,7 +81,7 @@ class NearestHits:
         return np.flatnonzero(off <= 1.01 * math.asin(radius / reach))
 
     def add_surface(self, index, distance, hit, albedo, normal) -> None:
-        """Colour the rays that meet something nearer than before; albedo, normal (m, 3) or (3,)."""
+        """Colour the rays that this surface blocks first so far; albedo, normal (m, 3) or (3,)."""
         nearer = hit & (distance > 1e-9) & (distance < self.distance[index])
         light = AMBIENT_LIGHT + DIRECT_LIGHT * np.maximum(np.asarray(normal) @ LIGHT_DIRECTION, 0.0)
         shaded = np.broadcast_to(np.asarray(albedo) * light[..., None], (len(index), 3))
@@ -171,7 +171,7 @@ def draw_walls(hits: NearestHits) -> None:
 def render_frame(
     landmarks, pose=(0.0, 0.0, 0.0), *, seed: int = 0, height_m: float = VIEWPOINT_HEIGHT_M
 ):
-    """Return the (360, 360, 3) uint8 frame of a robot at pose x, y, yaw among landmarks."""
+    """(360, 360, 3) uint8 frame of a robot at pose x, y, yaw among landmarks."""
     direction, index = _sample_directions()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])

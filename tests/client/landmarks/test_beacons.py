@@ -1,4 +1,4 @@
-"""Beacons from ideal blobs: ranges, and everything that must not be taken for one."""
+"""Beacons from ideal blobs: ranges, and pairs that are no beacon."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_band_near_the_horizon_has_a_bearing_but_no_range() -> None:
     assert found.measurement.azimuth_rad == pytest.approx(0.0, abs=1e-9)
 
 
-def test_lower_band_cut_by_the_picture_has_no_range() -> None:
+def test_lower_band_cut_by_the_image_has_no_range() -> None:
     lower, upper = make_band_pair(0.4)
     cut = dataclasses.replace(lower, bottom=float(CYLINDER.rows))
     (found,) = find_beacon_candidates(VIEW, BEACON, (cut, upper))
@@ -66,28 +66,28 @@ def has_no_candidates(*blobs) -> bool:
     return find_beacon_candidates(VIEW, BEACON, blobs) == []
 
 
-def test_one_band_alone_is_refused() -> None:
+def test_one_band_alone_is_rejected() -> None:
     lower, upper = make_band_pair(1.5)
     assert has_no_candidates(lower)
     assert has_no_candidates(upper)
 
 
-def test_colours_the_other_way_round_are_refused() -> None:
+def test_swapped_colours_are_rejected() -> None:
     assert has_no_candidates(
         make_band("magenta", (0.2, 0.3), range_m=1.5), make_band("cyan", (0.3, 0.4), range_m=1.5)
     )
 
 
-def test_bands_side_by_side_are_refused() -> None:
+def test_bands_side_by_side_are_rejected() -> None:
     lower, _ = make_band_pair(1.5)
     assert has_no_candidates(lower, make_band_pair(1.5, 0.2)[1])
 
 
-def test_bands_of_two_ranges_are_refused() -> None:
+def test_bands_of_two_ranges_are_rejected() -> None:
     assert has_no_candidates(make_band_pair(0.8)[0], make_band_pair(2.5)[1])
 
 
-def test_band_much_too_wide_is_refused() -> None:
+def test_band_much_too_wide_is_rejected() -> None:
     lower, upper = make_band_pair(1.5)
     assert has_no_candidates(
         make_blob(CYLINDER, "cyan", heights_m=(0.2, 0.3), width_m=0.8, range_m=1.5), upper
@@ -97,6 +97,6 @@ def test_band_much_too_wide_is_refused() -> None:
     )
 
 
-def test_band_on_the_wrong_side_of_the_horizon_is_refused() -> None:
+def test_band_on_the_wrong_side_of_the_horizon_is_rejected() -> None:
     lower = make_band("cyan", (0.62, 0.66), range_m=1.5)
     assert has_no_candidates(lower, make_band("magenta", (0.66, 0.7), range_m=1.5))

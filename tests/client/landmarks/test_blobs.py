@@ -1,4 +1,4 @@
-"""Blobs, above all those that the seam cuts."""
+"""Blobs, in particular across the seam."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CYAN, MAGENTA = COLOUR_CODES["cyan"], COLOUR_CODES["magenta"]
 
 
 def make_labels(*boxes: tuple[int, int, int, int], code: int = CYAN) -> np.ndarray:
-    """Return labels (20, 40) with boxes of (left, right, top, bottom)."""
+    """Labels (20, 40) with boxes of (left, right, top, bottom)."""
     labels = np.zeros((20, 40), dtype=np.uint8)
     for left, right, top, bottom in boxes:
         labels[top:bottom, left:right] = code
@@ -67,7 +67,7 @@ def test_fork_across_the_seam_joins_all_its_parts() -> None:
     assert (blob.left, blob.right) == (36, 43)
 
 
-def test_fork_the_other_way_joins_too() -> None:
+def test_mirrored_fork_joins_too() -> None:
     (blob,) = find_blobs(make_labels((0, 4, 3, 12), (37, 40, 3, 5), (38, 40, 9, 12)))
     assert blob.num_pixels == 36 + 6 + 6
     assert (blob.left, blob.right) == (37, 44)

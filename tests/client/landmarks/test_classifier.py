@@ -1,4 +1,4 @@
-"""Eq. 3: thresholds met exactly, and every case on which it is silent."""
+"""Eq. 3: ties at the threshold, and every case that the equation leaves open."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GREY = (100, 100, 100)
 
 
 def make_histogram(*entries: tuple[int, int], bins: int = 2) -> Histogram:
-    """Return a histogram with (flat bin, count) entries."""
+    """Histogram with (flat bin, count) entries."""
     table = np.zeros(bins**3, dtype=np.int64)
     for index, count in entries:
         table[index] = count
@@ -90,7 +90,7 @@ def test_zero_threshold_takes_every_colour_ever_seen_on_a_landmark() -> None:
 
 
 def classify_contested_bin(cyan: Histogram, magenta: Histogram) -> int:
-    """Return the code of bin 0 when cyan and magenta both claim it."""
+    """Code of bin 0 when both cyan and magenta accept the bin."""
     positives = {"cyan": cyan, "magenta": magenta, "yellow": make_histogram((7, 1))}
     return int(
         classifier_from_histograms(positives, make_histogram((6, 1)), theta=1.0).lookup_table[0]
@@ -112,7 +112,7 @@ def test_equal_ratios_go_to_the_first_colour() -> None:
 
 
 @pytest.mark.parametrize("empty", ["cyan", "neg"])
-def test_empty_class_is_refused_by_name(empty: str) -> None:
+def test_empty_class_is_rejected_by_name(empty: str) -> None:
     classes = {colour: single_colour_histogram(rgb) for colour, rgb in SHADES.items()} | {
         "neg": single_colour_histogram(GREY)
     }
@@ -123,13 +123,13 @@ def test_empty_class_is_refused_by_name(empty: str) -> None:
 
 
 @pytest.mark.parametrize("theta", [-1.0, math.nan])
-def test_threshold_that_is_no_ratio_is_refused(theta: float) -> None:
+def test_threshold_that_is_no_ratio_is_rejected(theta: float) -> None:
     positives = {colour: single_colour_histogram(rgb) for colour, rgb in SHADES.items()}
     with pytest.raises(DomainError, match="theta"):
         classifier_from_histograms(positives, single_colour_histogram(GREY), theta=theta)
 
 
-def test_missing_colour_and_other_bins_are_refused() -> None:
+def test_missing_colour_and_other_bins_are_rejected() -> None:
     positives = {colour: single_colour_histogram(rgb) for colour, rgb in SHADES.items()}
     with pytest.raises(DomainError, match="different numbers"):
         classifier_from_histograms(positives, single_colour_histogram(GREY, 16))
@@ -161,6 +161,6 @@ def test_labels_equal_the_rule_pixel_by_pixel(bins: int) -> None:
         assert label == (COLOUR_CODES[best] if best else 0)
 
 
-def test_image_that_is_not_rgb_bytes_is_refused() -> None:
+def test_image_that_is_not_rgb_bytes_is_rejected() -> None:
     with pytest.raises(DomainError, match="RGB pixels"):
         label_image(make_classifier(), np.zeros((4, 4), np.uint8))

@@ -1,4 +1,4 @@
-"""A classifier's file: what is written is read, and what is broken is named."""
+"""Classifier files: round trip, and errors that name the invalid entry."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rewrite_entries(path: Path, **changes) -> None:
         np.savez(file, **{name: entry for name, entry in entries.items() if entry is not None})
 
 
-def test_what_is_saved_is_loaded(small_classifier, tmp_path: Path) -> None:
+def test_saved_classifier_equals_the_loaded_one(small_classifier, tmp_path: Path) -> None:
     path = tmp_path / "colours.classifier"
     save_classifier(small_classifier, path)
     again = load_classifier(path)

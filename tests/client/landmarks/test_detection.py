@@ -1,4 +1,4 @@
-"""The move from the viewpoint to the robot."""
+"""Detections: from the viewpoint to the robot's origin."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from catoptra_client.landmarks.viewpoint import Viewpoint
 MEASUREMENT = PolarMeasurement(2.0, 0.5, 0.1, 0.01)
 
 
-def test_detection_without_an_offset_keeps_the_sighting() -> None:
+def test_detection_without_an_offset_keeps_the_measurement() -> None:
     seen = detection_from_measurement(
         "l", "beacon", MEASUREMENT, viewpoint=Viewpoint(), num_pixels=9
     )

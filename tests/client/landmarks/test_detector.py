@@ -1,6 +1,6 @@
-"""The whole detector on frames whose truth is known: accuracy, identity, and silence.
+"""Detector on frames with known ground truth: accuracy, identity, no false detections.
 
-What is measured here also decides the sigmas in `beacons` and `goals`.
+The sigmas in `beacons` and `goals` are measured here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FIELD_POSES = [(1.4, 0.9, 0.4), (-1.2, -0.3, -2.0), (0.2, 1.1, 2.2), (-2.2, 1.3,
 
 
 def place_beacons(ranges_m, first_azimuth_deg: float) -> list[Landmark]:
-    """Return the four beacons around the robot."""
+    """Four beacons around the robot."""
     placed = []
     for i, (row, range_m) in enumerate(zip(BEACONS, ranges_m, strict=True)):
         azimuth = math.radians(first_azimuth_deg + 90.0 * i)
@@ -178,7 +178,7 @@ def test_view_accounts_for_every_blob(classifier) -> None:
     assert pixels == sum(blob.num_pixels for blob in view.blobs)
 
 
-def test_lookalikes_are_refused_when_the_detector_is_made(classifier) -> None:
+def test_detector_rejects_landmarks_of_equal_colours(classifier) -> None:
     twins = [BEACONS[0], dataclasses.replace(BEACONS[0], name="twin")]
     with pytest.raises(DomainError, match="do not distinguish"):
         make_detector(synthetic_frames.make_camera(), classifier, landmarks=twins)

@@ -1,4 +1,4 @@
-"""Goals from ideal blobs: a bearing with an honest sigma, and what is no goal."""
+"""Goals from ideal blobs: bearing and sigma, and blobs that are no goal."""
 
 from __future__ import annotations
 
@@ -54,5 +54,5 @@ def test_bearing_is_less_sure_nearby() -> None:
         {"heights_m": (0.0, 0.7)},  # rises above the horizon
     ],
 )
-def test_what_has_not_a_goals_size_is_refused(blob) -> None:
+def test_blob_of_another_size_is_no_goal(blob) -> None:
     assert find_candidates(**blob) == []

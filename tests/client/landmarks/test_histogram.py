@@ -1,4 +1,4 @@
-"""Histograms: counts that are exact, bins that are where they should be."""
+"""Histograms: exact counts in the right bins."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def test_merging_adds_and_does_not_depend_on_order() -> None:
     assert merge_histograms(a, b).total == 2
 
 
-def test_merging_other_bins_is_refused() -> None:
+def test_merging_other_bins_is_rejected() -> None:
     with pytest.raises(DomainError, match="32 and 16"):
         merge_histograms(empty_histogram(32), empty_histogram(16))
 
 
 @pytest.mark.parametrize("rgb", [(100, 100, 100), (0, 0, 0), (255, 0, 128)])
-def test_spread_keeps_64_for_a_pixel_and_its_place(rgb) -> None:
+def test_smoothing_keeps_64_per_pixel_around_its_bin(rgb) -> None:
     before = histogram_from_pixels(make_pixels(rgb))
     after = smooth_histogram(before)
     assert after.total == 64
@@ -71,24 +71,24 @@ def test_counts_cannot_be_changed() -> None:
     "counts",
     [np.zeros((4, 4)), np.zeros((4, 4, 8), int), np.zeros((4, 4, 4)), -np.ones((4, 4, 4), int)],
 )
-def test_what_counts_nothing_is_refused(counts) -> None:
+def test_invalid_counts_are_rejected(counts) -> None:
     with pytest.raises(DomainError):
         Histogram(counts)
 
 
 @pytest.mark.parametrize("bins", [0, 1, 3, 33, 128])
-def test_bins_that_do_not_divide_a_byte_are_refused(bins: int) -> None:
+def test_bins_that_do_not_divide_a_byte_are_rejected(bins: int) -> None:
     with pytest.raises(DomainError, match="bins per channel"):
         empty_histogram(bins)
 
 
 @pytest.mark.parametrize("bad", [np.zeros((5, 3)), np.zeros((5, 4), np.uint8)])
-def test_pixels_that_are_not_rgb_bytes_are_refused(bad) -> None:
+def test_pixels_that_are_not_rgb_bytes_are_rejected(bad) -> None:
     with pytest.raises(DomainError, match="RGB pixels"):
         histogram_from_pixels(bad)
 
 
-def test_unsigned_count_that_would_turn_negative_is_refused() -> None:
+def test_unsigned_count_that_would_turn_negative_is_rejected() -> None:
     counts = np.zeros((2, 2, 2), dtype=np.uint64)
     counts[0, 0, 0] = 2**63 + 5
     with pytest.raises(DomainError, match="at most"):

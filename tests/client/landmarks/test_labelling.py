@@ -1,4 +1,4 @@
-"""Training labels against the synthetic frames, which are cast by other code."""
+"""Training labels against synthetic frames, which are cast by independent code."""
 
 from __future__ import annotations
 

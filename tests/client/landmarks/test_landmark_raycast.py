@@ -1,4 +1,4 @@
-"""What a ray meets first, by cases that can be worked out by hand."""
+"""Ray casting of landmarks, by cases that can be computed by hand."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ORIGIN = np.array([0.0, 0.0, -0.6])
 
 
 def cast_rays_at(*points, landmarks=(BEACON, GOAL)) -> list[int]:
-    """Return what the rays from the eye towards points (x, y, height) meet."""
+    """Surface codes along rays from the viewpoint towards points (x, y, height)."""
     targets = np.array([(x, y, -height) for x, y, height in points])
     with np.errstate(all="raise"):
         return nearest_surface_codes(Rays(ORIGIN, targets - ORIGIN), landmarks).tolist()

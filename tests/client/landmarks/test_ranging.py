@@ -84,7 +84,7 @@ def test_point_straight_below_has_a_range_but_no_azimuth() -> None:
 
 
 @pytest.mark.parametrize(("drop_m", "range_m"), [(-0.6, 0.0), (-0.6, 0.1), (0.0, 0.0)])
-def test_what_the_mirror_does_not_see_has_no_sigma(drop_m: float, range_m: float) -> None:
+def test_point_outside_the_mirror_has_no_sigma(drop_m: float, range_m: float) -> None:
     place = {"drop_m": drop_m, "range_m": range_m, "sigma_px": 0.5}
     for sigma in (incidence_angle_sigma, range_sigma, azimuth_sigma):
         assert sigma(synthetic_frames.make_camera(), **place) == (0.0, False)
@@ -97,7 +97,7 @@ def test_level_point_has_no_range_sigma_but_one_of_its_azimuth() -> None:
 
 
 @pytest.mark.parametrize("range_m", [-1.0, math.nan])
-def test_range_that_is_none_is_refused(range_m: float) -> None:
+def test_negative_range_is_rejected(range_m: float) -> None:
     with pytest.raises(DomainError, match="not negative"):
         half_angle_from_range(range_m, drop_m=0.6)
 

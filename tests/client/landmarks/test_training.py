@@ -1,4 +1,4 @@
-"""Training is counting."""
+"""Training: counts of labelled pixels."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def test_order_of_frames_does_not_matter() -> None:
     np.testing.assert_array_equal(one.lookup_table, two.lookup_table)
 
 
-def test_labels_of_another_frame_are_refused() -> None:
+def test_labels_of_another_frame_are_rejected() -> None:
     with pytest.raises(DomainError, match="do not belong"):
         add_labelled_frame(empty_training_histograms(), FRAME, labels=LABELS[:3])
 
 
-def test_training_on_nothing_is_refused() -> None:
+def test_training_on_nothing_is_rejected() -> None:
     with pytest.raises(DomainError, match="train on more frames"):
         train([])

@@ -1,4 +1,4 @@
-"""The viewpoint's place on the robot."""
+"""Viewpoint on the robot: poses and polar coordinates."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_jacobian_of_an_offset_equals_differences() -> None:
 
 
 @pytest.mark.parametrize("height", [0.0, -0.6, math.nan, math.inf])
-def test_viewpoint_in_the_floor_is_refused(height: float) -> None:
+def test_viewpoint_in_the_floor_is_rejected(height: float) -> None:
     with pytest.raises(DomainError, match="above the floor"):
         Viewpoint(height)
 

@@ -1,4 +1,4 @@
-"""What a belief may hold."""
+"""Beliefs: valid and invalid covariances."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_belief_copies_freezes_and_wraps() -> None:
         (np.zeros(3), np.array([[0, 1, 0], [1, 1, 0], [0, 0, 1.0]]), "negative"),
     ],
 )
-def test_belief_refuses_what_is_no_gaussian(mean, covariance, message) -> None:
+def test_belief_rejects_an_invalid_covariance(mean, covariance, message) -> None:
     with pytest.raises(DomainError, match=message):
         Belief(mean, covariance)
 

@@ -1,4 +1,4 @@
-"""NEES, its intervals, and a matched filter that must pass them."""
+"""NEES, chi-square intervals, and a matched filter within the intervals."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_intervals_equal_the_published_ones(size, runs, interval) -> None:
     assert chi_square_mean_interval(size, runs) == pytest.approx(interval, abs=2e-3)
 
 
-def test_interval_of_nothing_is_refused() -> None:
+def test_interval_without_degrees_of_freedom_is_rejected() -> None:
     with pytest.raises(DomainError, match="degrees of freedom"):
         chi_square_mean_interval(3, 0)
 
@@ -70,7 +70,7 @@ def test_nees_does_not_depend_on_units() -> None:
 
 
 def simulate_run(seed: int, *, noise_scale: float) -> tuple[list[float], list[float]]:
-    """Return NEES and NIS along a circle; real noise is 1 / sqrt(believed) of the believed one."""
+    """NEES and NIS along a circle; true noise is 1 / sqrt(believed) of the assumed noise."""
     rng = np.random.default_rng(seed)
     truth = rng.multivariate_normal(np.zeros(3), P0)
     belief = Belief(np.zeros(3), P0 * noise_scale)
@@ -96,7 +96,7 @@ def simulate_run(seed: int, *, noise_scale: float) -> tuple[list[float], list[fl
 
 @functools.cache
 def simulate_matched_runs(num_runs: int) -> np.ndarray:
-    """Return (runs, 2, steps): NEES and NIS of a filter that believes the truth."""
+    """NEES and NIS (runs, 2, steps) of a filter that assumes the true noise."""
     print(f"seeds 0 to {num_runs - 1}")
     return np.array([simulate_run(seed, noise_scale=1.0) for seed in range(num_runs)])
 

@@ -1,4 +1,4 @@
-"""One prediction, one correction: values, definiteness, and everything that must be refused."""
+"""One prediction, one correction: values, definiteness, and rejected measurements."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_measurement_outside_the_gate_leaves_the_belief_itself() -> None:
     assert result.innovation_covariance.shape == (2, 2)
 
 
-def test_open_gate_takes_what_the_gate_refuses() -> None:
+def test_open_gate_accepts_an_innovation_that_the_gate_rejects() -> None:
     before = make_belief()
     far = make_measurement(before, range_error_m=3.0)
     assert update(before, far, landmark=LANDMARK, gate=OPEN_GATE).is_accepted
@@ -129,7 +129,7 @@ UNUSABLE_MEASUREMENTS = [
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")  # the last case is made so
 @pytest.mark.parametrize(("measurement", "landmark", "reason"), UNUSABLE_MEASUREMENTS[:-1])
-def test_what_cannot_be_used_is_refused_with_its_reason(measurement, landmark, reason) -> None:
+def test_unusable_measurement_is_rejected_with_a_status(measurement, landmark, reason) -> None:
     before = make_belief()
     result = update(before, measurement, landmark=landmark, gate=PAPER_GATE)
     assert result.status is reason
@@ -137,14 +137,14 @@ def test_what_cannot_be_used_is_refused_with_its_reason(measurement, landmark, r
     assert result.belief is before
 
 
-def test_two_certainties_are_refused_as_singular() -> None:
+def test_two_certainties_are_rejected_as_singular() -> None:
     certain = Belief(np.zeros(3), np.zeros((3, 3)))
     measured = RangeBearing(2.2, 0.4, np.zeros((2, 2)))
     result = update(certain, measured, landmark=LANDMARK, gate=OPEN_GATE)
     assert result.status is UpdateStatus.SINGULAR
 
 
-def test_rank_one_belief_and_exact_sensor_are_refused_as_singular() -> None:
+def test_rank_one_belief_and_exact_sensor_are_rejected_as_singular() -> None:
     direction = np.array([0.3, 0.2, 0.1])
     belief = Belief(np.zeros(3), np.outer(direction, direction))
     measured = RangeBearing(2.2, 0.4, np.zeros((2, 2)))

@@ -1,4 +1,4 @@
-"""The filter's health, and the recovery that a caller may switch on."""
+"""Health of the filter, and the recovery that a caller may apply."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_recovery_waits_for_its_streak_then_widens_once() -> None:
     assert reset.rejection_streak == 0
 
 
-def test_window_without_room_is_refused() -> None:
+def test_window_without_room_is_rejected() -> None:
     with pytest.raises(DomainError, match="at least one"):
         FilterHealth(window_size=0)
 
@@ -93,6 +93,6 @@ def test_window_without_room_is_refused() -> None:
     "wrong",
     [{"min_rejection_streak": 0}, {"position_sigma_m": math.nan}, {"heading_sigma_rad": 1e200}],
 )
-def test_recovery_that_cannot_be_is_refused(wrong) -> None:
+def test_invalid_recovery_is_rejected(wrong) -> None:
     with pytest.raises(DomainError, match="recovery"):
         Recovery(**wrong)

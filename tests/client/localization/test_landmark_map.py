@@ -13,14 +13,14 @@ from catoptra_protocol.landmarks import read_landmarks
 FIELD = Path(__file__).parents[3] / "configs/landmarks/four_legged_2006.csv"
 
 
-def test_map_of_the_field_file_places_every_landmark() -> None:
+def test_map_of_the_field_file_has_every_landmark() -> None:
     known = make_landmark_map(read_landmarks(FIELD))
     assert len(known) == 6
     beacon = find_landmark_position(known, "magenta_over_yellow")
     assert (beacon.x_m, beacon.y_m) == (1.35, -1.9)
 
 
-def test_unknown_name_is_refused_with_the_known_ones() -> None:
+def test_unknown_name_is_rejected_with_the_known_ones() -> None:
     with pytest.raises(DomainError, match=r"no landmark 'moon'.*cyan_goal.*yellow_goal"):
         find_landmark_position(make_landmark_map(read_landmarks(FIELD)), "moon")
 

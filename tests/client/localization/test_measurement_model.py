@@ -1,4 +1,4 @@
-"""Range and bearing: values, derivatives, wrapping, and the place where they have no meaning."""
+"""Range and bearing: values, derivatives, wrapping, and the undefined bearing at the landmark."""
 
 from __future__ import annotations
 
@@ -111,13 +111,13 @@ def test_measurement_with_a_number_not_finite_is_known(measurement) -> None:
 
 
 @pytest.mark.parametrize(("has_range", "kind"), [(True, RangeBearing), (False, BearingOnly)])
-def test_detection_becomes_what_it_has(has_range: bool, kind: type) -> None:
+def test_detection_becomes_range_and_bearing_or_bearing_alone(has_range: bool, kind: type) -> None:
     seen = Detection("l", "beacon", 2.0, 0.5, np.diag([0.04, 0.01]), 20, has_range)
     measurement = measurement_from_detection(seen)
     assert isinstance(measurement, kind)
     assert measurement.bearing_rad == 0.5
 
 
-def test_covariance_of_another_shape_is_refused() -> None:
+def test_covariance_of_another_shape_is_rejected() -> None:
     with pytest.raises(DomainError, match=r"\(2, 2\)"):
         RangeBearing(1.0, 0.0, np.eye(3))

@@ -1,4 +1,4 @@
-"""The motion model against 50-digit arithmetic, at its hard places: turns of zero, tiny, whole."""
+"""Motion model against 50-digit arithmetic: turns of zero, tiny turns, whole turns."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def _fifty_digits():
 
 
 def exact_chord_over_arc_derivative(a: float) -> mpf:
-    """Return S' with digits to spare for its cancellation of a^-2."""
+    """S' with digits to spare for the cancellation of a^-2."""
     with mp.workdps(700):
         x = mpf(a)
         return (x * mpmath.cos(x) - mpmath.sin(x)) / x**2 if a else mpf(0)
 
 
 def propagate_pose_exactly(x, y, phi, v, turn):
-    """Return x', y', phi' by the circle through the start; the turn is not zero."""
+    """x', y', phi' by the circle through the start; the turn is not zero."""
     radius = v / turn
     return (
         x + radius * (mpmath.sin(phi + turn) - mpmath.sin(phi)),
@@ -129,13 +129,13 @@ def test_standing_still_has_no_noise() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_numbers_that_are_not_finite_are_refused(bad: float) -> None:
+def test_numbers_that_are_not_finite_are_rejected(bad: float) -> None:
     with pytest.raises(DomainError, match="finite"):
         Control(bad, 0.0)
     with pytest.raises(DomainError, match="alphas"):
         MotionNoise(0.0, bad, 0.0, 0.0)
 
 
-def test_negative_alpha_is_refused() -> None:
+def test_negative_alpha_is_rejected() -> None:
     with pytest.raises(DomainError, match="not negative"):
         MotionNoise(-1e-9, 0.0, 0.0, 0.0)

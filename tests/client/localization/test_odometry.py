@@ -1,4 +1,4 @@
-"""From two odometry poses to a control, and back through the motion model."""
+"""Odometry: from two poses to a control, and back through the motion model."""
 
 from __future__ import annotations
 

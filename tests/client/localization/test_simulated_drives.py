@@ -1,7 +1,7 @@
-"""The paper's experiment as a Monte Carlo in numbers: lock-out, re-lock, recovery.
+"""Monte Carlo of the paper's experiment: lock-out, re-lock, recovery.
 
-Set-up and expected values are those of 200 seeds; here 20, so the bounds are wide. Left is
-negative in our frames (yaw positive to the right); the robot drives clockwise as the paper's did.
+Set-up and expected values are those of 200 seeds; here 20, so the bounds are wide. Left is negative
+(yaw positive to the right); the robot drives clockwise, as in the paper.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LANDMARKS = [
 
 
 def make_controls() -> list[Control]:
-    """Return 100 true controls: the field's edges clockwise, then the diagonal."""
+    """100 true controls: the field's edges clockwise, then the diagonal."""
     corner = [Control(0.0, math.radians(45.0))] * 2
     last = [Control(0.0, 0.5 * (math.pi / 2 + math.atan2(3.0, 4.6)))] * 2
     long_side, short_side = [Control(0.2, 0.0)] * 23, [Control(0.2, 0.0)] * 15
@@ -65,7 +65,7 @@ class SimulatedRun:
         return self.num_accepted[window].sum() / max(self.num_compared[window].sum(), 1)
 
     def relock_step(self) -> int:
-        """Return the step (from 1) of the first acceptance after the longest rejection streak."""
+        """Step (from 1) of the first acceptance after the longest rejection streak."""
         streak = longest = relocked = 0
         for step, (accepted, compared) in enumerate(
             zip(self.num_accepted, self.num_compared, strict=True)
@@ -77,7 +77,7 @@ class SimulatedRun:
 
 
 def simulate_measurements(truth, rng) -> list[tuple[LandmarkPosition, RangeBearing]]:
-    """Return the landmarks within reach with the noise of a pixel and a degree."""
+    """Landmarks within reach with the noise of a pixel and a degree."""
     seen = []
     for landmark in LANDMARKS:
         expected = predict_measurement(truth, landmark)[0]
@@ -145,7 +145,7 @@ def test_path_has_a_hundred_steps_and_ends_at_the_far_corner() -> None:
     np.testing.assert_allclose(pose[:2], [2.3, 1.5], atol=1e-12)
 
 
-def test_odometry_alone_is_lost_by_more_than_a_metre_for_several_steps() -> None:
+def test_odometry_alone_errs_by_more_than_a_metre_for_several_steps() -> None:
     assert median((r.odometry_m > 1.0).sum() for r in simulate_all_seeds("zero")) >= 5
 
 

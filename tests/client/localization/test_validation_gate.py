@@ -20,7 +20,7 @@ def test_paper_gate_for_one_number_is_6_63490() -> None:
 
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-15, 0.01, 0.5])
-def test_share_above_the_threshold_of_one_number_is_the_false_rejection(rate: float) -> None:
+def test_probability_above_the_threshold_for_one_dof_is_the_rejection_rate(rate: float) -> None:
     above = mpmath.erfc(mpmath.sqrt(mpmath.mpf(ValidationGate(rate).threshold(1)) / 2))
     assert float(above) == pytest.approx(rate, rel=1e-9)
 
@@ -31,11 +31,11 @@ def test_open_gate_has_no_threshold(size: int) -> None:
 
 
 @pytest.mark.parametrize("rate", [-0.1, 1.0, math.nan])
-def test_share_outside_its_interval_is_refused(rate: float) -> None:
+def test_rate_outside_its_interval_is_rejected(rate: float) -> None:
     with pytest.raises(DomainError, match="rejection rate"):
         ValidationGate(rate)
 
 
-def test_other_sizes_are_refused() -> None:
+def test_other_sizes_are_rejected() -> None:
     with pytest.raises(DomainError, match="1 or 2"):
         PAPER_GATE.threshold(3)

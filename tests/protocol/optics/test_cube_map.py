@@ -1,4 +1,4 @@
-"""The cube of virtual cameras: every direction has one face, coordinates lead back."""
+"""Cube map: one face per direction, and coordinates that lead back to the direction."""
 
 from __future__ import annotations
 
@@ -93,6 +93,6 @@ def test_corner_of_a_side_face_is_the_limit(beyond_rad: float, above: bool) -> N
     assert (Face.U in visible_faces(theta)) is above
 
 
-def test_middle_of_a_side_face_reaches_135_degrees() -> None:
+def test_upper_edge_of_a_side_face_reaches_135_degrees() -> None:
     theta = math.radians(134.999)
     assert face_from_direction(np.array([math.sin(theta), 0.0, math.cos(theta)])) == Face.N

@@ -1,4 +1,4 @@
-"""The error of a formula that ends: it names the element and carries the mask."""
+"""Domain checks: the error names the element and carries the mask."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.domain_checks import require_domain
 
 
-def test_require_when_all_is_inside_says_nothing() -> None:
+def test_require_when_all_is_inside_raises_nothing() -> None:
     require_domain(np.ones((2, 3), dtype=bool), np.zeros((2, 3)), "anything")
     require_domain(True, 1.0, "anything")
 
@@ -23,7 +23,7 @@ def test_require_when_an_element_is_outside_names_it_and_carries_the_mask() -> N
     assert raised.value.valid_mask.tolist() == [[True, True], [False, False]]
 
 
-def test_require_when_a_vector_is_outside_names_it_whole() -> None:
+def test_require_when_a_vector_is_outside_names_the_vector() -> None:
     with pytest.raises(DomainError, match=r"\[1\.0, 2\.0\] \(element 1\)"):
         require_domain(np.array([True, False]), np.array([[0.0, 0.0], [1.0, 2.0]]), "zero")
 

@@ -25,7 +25,7 @@ CROPPED = OmniCamera(PAPER_MIRROR, 200, 100, (-30.0, 40.0), 103.0, math.radians(
 
 
 def numeric_scales(camera: OmniCamera, theta: float) -> tuple[float, float]:
-    """Return px a radian along and across the radius, by differences of the law."""
+    """Pixels per radian along and across the radius, by differences of the projection."""
     step = 1e-6
     ring = np.array((math.sin(theta), 0.0, math.cos(theta)))
     along = np.array((math.cos(theta), 0.0, -math.sin(theta)))
@@ -41,7 +41,7 @@ def numeric_scales(camera: OmniCamera, theta: float) -> tuple[float, float]:
 @pytest.mark.parametrize(
     "mirror", [PAPER_MIRROR, HyperbolicMirror(2.5, 0.1), ParabolicMirror(0.03)], ids=str
 )
-def test_scales_are_the_derivatives_of_the_law(mirror: CentralMirror) -> None:
+def test_scales_are_the_derivatives_of_the_projection(mirror: CentralMirror) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=105.0)
     scale = compute_image_scale(camera)
     for ring in (20, 64, 110):
@@ -62,13 +62,13 @@ def test_scales_reach_from_the_axis_over_the_horizon_to_the_rim() -> None:
 
 def test_extremes_are_those_of_the_reference() -> None:
     scale = compute_image_scale(CAMERA)
-    # Derived: 0.272 degrees a pixel at the rim, 1.110 in the middle.
+    # Derived: 0.272 degrees per pixel at the rim, 1.110 at the centre.
     assert math.degrees(1.0 / scale.max_px_per_rad) == pytest.approx(0.272, abs=5e-4)
     assert math.degrees(1.0 / scale.radial[0]) == pytest.approx(1.110, abs=5e-3)
     assert scale.radial[0] < scale.rms_px_per_rad < scale.max_px_per_rad
 
 
-def test_radii_of_a_cropped_image_are_those_it_shows() -> None:
+def test_radii_of_a_cropped_image_are_the_visible_ones() -> None:
     nearest, farthest = visible_radii_px(CROPPED)
     assert nearest == 30.0
     assert farthest == CROPPED.rim_radius_px

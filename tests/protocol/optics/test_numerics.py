@@ -1,4 +1,4 @@
-"""Wrapped angles: the interval's ends, congruence, and nothing lost far out."""
+"""Angles: ends of the interval, congruence, full precision after many turns."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_angle_when_wrapped_is_congruent_and_inside(angle: float) -> None:
 
 
 @pytest.mark.parametrize("angle", [math.inf, -math.inf, math.nan])
-def test_angle_when_not_finite_is_refused(angle: float) -> None:
+def test_angle_when_not_finite_is_rejected(angle: float) -> None:
     for wrong in (
         wrap_angle,
         partial(angle_difference, 0.0),
@@ -69,6 +69,6 @@ def test_difference_of_opposite_angles_is_half_a_turn_to_the_right() -> None:
 
 
 @pytest.mark.parametrize(("share", "angle"), [(0.0, 3.0), (0.5, math.pi), (1.0, TWO_PI - math.pi)])
-def test_angle_between_goes_the_shorter_way(share: float, angle: float) -> None:
+def test_interpolation_takes_the_shorter_turn(share: float, angle: float) -> None:
     end = 2.0 * math.pi - 3.0 if share < 1.0 else math.pi
     assert interpolate_angle(3.0, end, fraction=share) == pytest.approx(angle, abs=1e-15)

@@ -1,4 +1,4 @@
-"""From direction to pixel and back: numbers, masks, handedness, hard places, an outside judge."""
+"""Omnidirectional camera: pixels, directions, masks, handedness, extremes, OpenCV as reference."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_horizon_circle_when_of_the_reference_is_103_45267_px() -> None:
     assert make_camera().horizon_radius_px == pytest.approx(103.45267, abs=5.1e-6)
 
 
-def test_rim_when_the_picture_is_oblong_touches_the_nearer_borders() -> None:
+def test_rim_when_the_image_is_oblong_touches_the_nearer_borders() -> None:
     camera = make_camera(width_px=640, height_px=480)
     assert camera.centre_px == (320.0, 240.0)
     assert camera.rim_radius_px == pytest.approx(240.0, abs=1e-12)
@@ -99,7 +99,7 @@ def test_pixel_when_of_an_incidence_lies_on_its_circle(incidence_deg: float, rat
     [(0.0, 0.0, -1.0), (90.0, -1.0, 0.0), (-90.0, 1.0, 0.0), (180.0, 0.0, 1.0)],
     ids=["forward is up", "right is left", "left is right", "behind is down"],
 )
-def test_picture_when_forward_is_up_is_mirrored(bearing_deg: float, u: float, v: float) -> None:
+def test_image_when_forward_is_up_is_mirrored(bearing_deg: float, u: float, v: float) -> None:
     camera = make_camera()
     pixel, _ = pixel_from_direction(camera, direction_from_angles(90.0, bearing_deg))
     away = (pixel - camera.centre_px) / camera.horizon_radius_px
@@ -107,7 +107,7 @@ def test_picture_when_forward_is_up_is_mirrored(bearing_deg: float, u: float, v:
 
 
 @pytest.mark.parametrize("up_deg", [0.0, 30.0, 90.0, 180.0, -135.0])
-def test_picture_when_turned_shows_the_up_azimuth_at_its_top(up_deg: float) -> None:
+def test_image_when_turned_shows_the_up_azimuth_at_its_top(up_deg: float) -> None:
     camera = make_camera(up_azimuth_rad=math.radians(up_deg))
     pixel, _ = pixel_from_direction(camera, direction_from_angles(90.0, up_deg))
     expected = (180.0, 180.0 - camera.horizon_radius_px)
@@ -154,7 +154,7 @@ def test_pixel_when_beside_the_mirror_is_invalid_and_harmless() -> None:
     np.testing.assert_array_equal(there, np.tile([0.0, 0.0, 1.0], (5, 1)))
 
 
-def test_mask_when_over_the_whole_picture_is_the_rim_s_disc() -> None:
+def test_mask_when_over_the_whole_image_is_the_rim_s_disc() -> None:
     camera = make_camera()
     centres = pixel_sample_positions(camera)[:, :, 0]
     _, valid = direction_from_pixel(camera, centres)
@@ -174,14 +174,14 @@ def test_mask_when_over_the_whole_picture_is_the_rim_s_disc() -> None:
     ],
     ids=["beyond the rim", "near the antipode", "antipode", "zero", "nan", "infinite"],
 )
-def test_direction_when_not_seen_is_invalid_and_at_the_centre(unseen: np.ndarray) -> None:
+def test_direction_when_not_visible_is_invalid_and_at_the_centre(unseen: np.ndarray) -> None:
     pixel, valid = pixel_from_direction(make_camera(), unseen)
     assert not valid
     np.testing.assert_array_equal(pixel, (180.0, 180.0))
 
 
 @pytest.mark.parametrize(("beyond_rad", "seen"), [(-1e-12, True), (1e-12, False)])
-def test_direction_when_at_the_rim_is_seen_just_inside(beyond_rad: float, seen: bool) -> None:
+def test_direction_when_just_inside_the_rim_is_visible(beyond_rad: float, seen: bool) -> None:
     theta = math.radians(120.0) + beyond_rad
     _, valid = pixel_from_direction(
         make_camera(), np.array([math.sin(theta), 0.0, math.cos(theta)])
@@ -222,7 +222,7 @@ def test_axis_when_looked_along_is_the_exact_centre(size: int) -> None:
         (1e-300, 0.0, -1.0),
     ],
 )
-def test_half_angle_when_at_a_hard_place_is_that_of_50_digits(
+def test_half_angle_in_a_hard_case_is_that_of_50_digits(
     place: tuple[float, float, float],
 ) -> None:
     with mpmath.workdps(50):
@@ -260,7 +260,7 @@ def test_opencv_pixel_of_the_first_pixel_s_centre_is_0() -> None:
     np.testing.assert_array_equal(opencv_from_pixel(np.array([0.5, 0.5])), (0.0, 0.0))
 
 
-def test_law_when_judged_by_opencv_s_omnidirectional_model_agrees() -> None:
+def test_projection_agrees_with_opencv_s_omnidirectional_model() -> None:
     """This mirror is Mei's model with xi and gamma = h xi, seen mirrored."""
     camera = make_camera(width_px=640, height_px=480)
     there = np.array(
@@ -270,11 +270,11 @@ def test_law_when_judged_by_opencv_s_omnidirectional_model_agrees() -> None:
     gamma = camera.horizon_radius_px * HYPERBOLIC.xi
     matrix = np.array([[gamma, 0, 319.5], [0, gamma, 239.5], [0, 0, 1.0]])
     still = np.zeros((3, 1))
-    judged, _ = cv2.omnidir.projectPoints(
+    opencv_pixel, _ = cv2.omnidir.projectPoints(
         mirrored.reshape(-1, 1, 3), still, still, matrix, HYPERBOLIC.xi, np.zeros((1, 4))
     )
     pixel, _ = pixel_from_direction(camera, there)
-    np.testing.assert_allclose(opencv_from_pixel(pixel), judged.reshape(-1, 2), atol=1e-9)
+    np.testing.assert_allclose(opencv_from_pixel(pixel), opencv_pixel.reshape(-1, 2), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -290,7 +290,7 @@ def test_law_when_judged_by_opencv_s_omnidirectional_model_agrees() -> None:
         ({"rim_rad": math.nan}, "below 155.405"),
     ],
 )
-def test_camera_when_it_cannot_be_is_refused(change: dict[str, float], expected: str) -> None:
+def test_camera_when_impossible_is_rejected(change: dict[str, float], expected: str) -> None:
     values = {
         "width_px": 360,
         "height_px": 360,

@@ -1,4 +1,4 @@
-"""Rotations and poses in SAE: directions, order, the hard pitch, composition."""
+"""Rotations and poses in SAE: directions, order, pitch of 90 degrees, composition."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EXACT = 4e-15
         ((QUARTER, 0.0, 0.0), (1, 0, 0), (0, 0, 1)),  # right side down
     ],
 )
-def test_rotation_when_of_one_angle_turns_as_sae_says(
+def test_rotation_when_of_one_angle_turns_as_in_sae(
     rpy: tuple[float, float, float], of_x: tuple[int, ...], of_y: tuple[int, ...]
 ) -> None:
     rotation = rotation_from_rpy(*rpy)
@@ -47,8 +47,8 @@ def test_rotation_when_of_three_angles_is_roll_then_pitch_then_yaw_about_fixed_a
 @given(ANGLES, st.floats(-QUARTER, QUARTER), ANGLES)
 def test_rpy_when_read_back_is_the_same_rotation(roll: float, pitch: float, yaw: float) -> None:
     rotation = rotation_from_rpy(roll, pitch, yaw)
-    # Near the pole the angles are ill-conditioned, the rotation that they describe is not: what
-    # is lost there is what the two tiny entries cannot hold.
+    # Near the pole the angles are ill-conditioned, the rotation that they describe is not: the
+    # two tiny entries lose digits there.
     again = rotation_from_rpy(*rpy_from_rotation(rotation))
     np.testing.assert_allclose(again, rotation, atol=EXACT)
 

@@ -1,4 +1,4 @@
-"""Unreal's units: UnitsConverter.uc's constants."""
+"""Unreal units: constants of UnitsConverter.uc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Angles: wrapped, their difference, and what lies between. 2 pi is the exact one, of 50 digits."""
+"""Angles: wrapping, differences and interpolation, with 2 pi to 50 digits."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from stability.references.writing import case, refusal, write
 PI = math.pi
 
 
-def wrapped(angle: Any) -> Any:
-    """Return the angle in (-pi, pi]."""
+def wrap(angle: Any) -> Any:
+    """Angle in (-pi, pi]."""
     return angle - 2 * pi * ceil((angle - pi) / (2 * pi))
 
 
 def difference(angle: Any, start: Any) -> Any:
-    """Return the turn from start to angle."""
-    return wrapped(angle - start)
+    """Turn from start to angle."""
+    return wrap(angle - start)
 
 
 def between(start: Any, end: Any, fraction: Any) -> Any:
-    """Return the angle at a fraction of the shorter turn."""
-    return wrapped(start + fraction * difference(end, start))
+    """Angle at a fraction of the shorter turn."""
+    return wrap(start + fraction * difference(end, start))
 
 
 def tolerance(*angles: float) -> dict[str, Any]:
-    """Return the tolerance: rounding of a result up to pi, and 2 pi as a float in each turn."""
+    """Tolerance: rounding of a result up to pi, and 2 pi as a float in each turn."""
     turns = 4e-17 * sum(map(abs, angles))
     reason = "an ulp of pi, and what fl(2 pi) differs from 2 pi over the turns"
     return {
@@ -79,8 +79,7 @@ def main() -> None:
     """Write the cases of the group."""
     not_finite = [("infinite", math.inf), ("not a number", math.nan)]
     rows = [
-        case(name, {"angle": x}, exact=wrapped, tolerance=tolerance(x))
-        for name, x in WRAPPED.items()
+        case(name, {"angle": x}, exact=wrap, tolerance=tolerance(x)) for name, x in WRAPPED.items()
     ]
     rows += [
         refusal(n, {"angle": x}, expect="error", which="an angle must be finite")

@@ -1,4 +1,4 @@
-"""Which face of the cube a direction looks into, and where: total and unique on every edge."""
+"""Cube face of a direction, and face coordinates: total and unique on every edge."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ BEHIND = {
 
 
 def face_rows() -> list[dict[str, Any]]:
-    """Return the cases of face_from_direction."""
+    """Cases of face_from_direction."""
     ties = {f"a tie at {_text(place)}": place for place in (*CORNERS, *EDGES)}
     values = [
         case(name, {"direction": at}, exact=face, tolerance=EXACT)
@@ -71,7 +71,7 @@ def face_rows() -> list[dict[str, Any]]:
 
 
 def coordinate_rows() -> list[dict[str, Any]]:
-    """Return the cases of face_coordinates."""
+    """Cases of face_coordinates."""
     values = [
         case(name, {"direction": at, "face": which}, exact=coordinates, tolerance=QUOTIENT)
         for name, (at, which) in COORDINATES.items()
@@ -84,14 +84,14 @@ def coordinate_rows() -> list[dict[str, Any]]:
 
 
 def face(direction: list[Any]) -> Any:
-    """Return the first of the largest of what lies ahead of N, E, S, W, C, U."""
+    """First of the faces with the largest forward component, in the order N, E, S, W, C, U."""
     x, y, z = direction
     ahead = [x, y, -x, -y, z, -z]
     return mpf(ahead.index(max(ahead)))
 
 
 def coordinates(direction: list[Any], face: int) -> list[Any]:
-    """Return [s, t]: right over ahead, down over ahead. Only faces that have cases."""
+    """[s, t]: right over forward, down over forward; only for faces that have cases."""
     x, y, z = direction
     ahead, right, down = {0: (x, y, z), 3: (-y, x, z), 4: (z, y, -x)}[face]
     return [right / ahead, down / ahead]

@@ -1,8 +1,8 @@
-"""A beacon near the horizon: has its sighting a range (1), or a bearing alone (0)?
+"""Beacon near the horizon: does the measurement have a range (1) or a bearing alone (0)?
 
-A range wants three sigma of the incidence angle between its lower band and the horizon, and a sigma
-of at most a fifth of itself; its sigma is that of 0.2 px of the image radius and a tenth of the
-beacon's radius, which is 0.05 m.
+A range needs three sigma of the incidence angle between the lower band and the horizon, and a sigma
+of at most a fifth of the range; that sigma combines 0.2 px of the image radius with a tenth of the
+beacon's radius, 0.05 m.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from stability.references.writing import case, float64_case, refusal, write
 
 
 def has_range(range_: Any, drop: Any) -> Any:
-    """Return 1 if a lower band at this range, this far below the viewpoint, gives a range."""
+    """1 if a lower band at this range, this far below the viewpoint, gives a range."""
     sigma_px, radius = mpf(0.2), mpf(0.05)
     clear = atan2(abs(drop), range_) > 3 * incidence_angle_sigma(range_, drop, sigma_px)
     along = hypot(range_sigma(range_, drop, sigma_px), radius / 10)

@@ -1,6 +1,6 @@
-"""The filter: P or R zero, tiny, huge, of low rank; exact sensors; landmarks again, in line, near.
+"""EKF: P or R zero, tiny, huge, of low rank; exact sensors; landmarks repeated, in line, close.
 
-Each case says what is right of the result in sigmas (relative) and in correlations (absolute).
+Each case gives the expected sigmas (relative) and correlations (absolute).
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from stability.references.exact_filter import correlations, predicted, sigmas, updated
+from stability.references.exact_filter import correlations, predict_exactly, sigmas, update_exactly
 from stability.references.writing import case, float64_case, refusal, write
 
 POSE = [0.2, -0.1, 0.5]
@@ -17,17 +17,17 @@ MARKS = [(2.0, 1.0), (-1.0, 2.5), (0.5, -2.0), (-2.0, -0.5)]
 
 
 def diagonal(*variances: float) -> list[list[float]]:
-    """Return a covariance without correlations."""
+    """Covariance without correlations."""
     return [[v if i == j else 0.0 for j in range(3)] for i, v in enumerate(variances)]
 
 
 def outer(a: float, b: float, c: float) -> list[list[float]]:
-    """Return a covariance of rank one; the numbers are powers of two, so that it is exact."""
+    """Covariance of rank one, from powers of two and therefore exact."""
     return [[p * q for q in (a, b, c)] for p in (a, b, c)]
 
 
 def some(scale: float = 1.0) -> list[list[float]]:
-    """Return an ordinary covariance with correlations, times a scale."""
+    """Ordinary covariance with correlations, times a scale."""
     return [
         [0.09 * scale, 0.03 * scale, 0.015 * scale],
         [0.03 * scale, 0.05 * scale, -0.015 * scale],
@@ -35,71 +35,82 @@ def some(scale: float = 1.0) -> list[list[float]]:
     ]
 
 
-def seen(
+def measurement_row(
     mark: tuple[float, float],
     *,
     noise: tuple[float, float] = (0.04, 0.002),
     off: tuple[float, float] = (0.0, 0.0),
     pose: list[float] = POSE,
 ) -> list[float]:
-    """Return a measurement of a landmark from a pose: what is expected, plus what it is off."""
+    """Measurement of a landmark from a pose: the predicted one plus an offset."""
     dx, dy = mark[0] - pose[0], mark[1] - pose[1]
     bearing = math.atan2(dy, dx) - pose[2] + off[1]
     return [*mark, math.hypot(dx, dy) + off[0], bearing, noise[0], 0.0, noise[1]]
 
 
 def around(noise: float, times: int = 1) -> list[list[float]]:
-    """Return measurements of all four landmarks with equally small noise, again and again."""
-    return [seen(mark, noise=(noise, noise)) for mark in MARKS * times]
+    """Repeated measurements of all four landmarks with equally small noise."""
+    return [measurement_row(mark, noise=(noise, noise)) for mark in MARKS * times]
 
 
 BACK = [0.0, 0.0, 3.1]
 UPDATES = {
-    "an ordinary one": (POSE, some(), [seen(MARKS[0], off=(0.1, 0.02))]),
-    "covariance zero": (POSE, ZERO, [seen(MARKS[0], off=(0.1, 0.02))]),
-    "covariance 1e-20": (POSE, some(1e-20), [seen(MARKS[0], off=(0.1, 0.02))]),
-    "covariance 1e-300": (POSE, some(1e-300), [seen(MARKS[0], off=(0.1, 0.02))]),
-    "covariance 1e6": (POSE, some(1e6), [seen(MARKS[0], off=(0.1, 0.02))]),
-    "covariance of rank one": (POSE, outer(0.25, 0.125, 0.0625), [seen(MARKS[0])]),
-    "position certain, heading not": (POSE, diagonal(0.0, 0.0, 0.01), [seen(MARKS[0])]),
-    "heading certain, position not": (POSE, diagonal(0.01, 0.01, 0.0), [seen(MARKS[0])]),
-    "metres beside microradians": (POSE, diagonal(1e4, 1e4, 1e-12), [seen(MARKS[0])]),
+    "an ordinary one": (POSE, some(), [measurement_row(MARKS[0], off=(0.1, 0.02))]),
+    "covariance zero": (POSE, ZERO, [measurement_row(MARKS[0], off=(0.1, 0.02))]),
+    "covariance 1e-20": (POSE, some(1e-20), [measurement_row(MARKS[0], off=(0.1, 0.02))]),
+    "covariance 1e-300": (POSE, some(1e-300), [measurement_row(MARKS[0], off=(0.1, 0.02))]),
+    "covariance 1e6": (POSE, some(1e6), [measurement_row(MARKS[0], off=(0.1, 0.02))]),
+    "covariance of rank one": (POSE, outer(0.25, 0.125, 0.0625), [measurement_row(MARKS[0])]),
+    "position certain, heading not": (POSE, diagonal(0.0, 0.0, 0.01), [measurement_row(MARKS[0])]),
+    "heading certain, position not": (POSE, diagonal(0.01, 0.01, 0.0), [measurement_row(MARKS[0])]),
+    "metres beside microradians": (POSE, diagonal(1e4, 1e4, 1e-12), [measurement_row(MARKS[0])]),
     "noise 1e-10": (POSE, some(), around(1e-10)),
     "noise 1e-14": (POSE, some(), around(1e-14)),
     "noise 1e-14, heading certain": (POSE, diagonal(1.0, 1.0, 0.0), around(1e-14)[:1]),
     "a position known to 1 km seen to 10 um": (POSE, diagonal(1e6, 1e6, 0.0), around(1e-10)[:1]),
-    "noise 1e-300": (POSE, some(), [seen(MARKS[0], noise=(1e-300, 1e-300))]),
-    "noise zero": (POSE, some(), [seen(MARKS[0], noise=(0.0, 0.0))]),
+    "noise 1e-300": (POSE, some(), [measurement_row(MARKS[0], noise=(1e-300, 1e-300))]),
+    "noise zero": (POSE, some(), [measurement_row(MARKS[0], noise=(0.0, 0.0))]),
     "noise 1e12": (POSE, some(), around(1e12)),
-    "range exact, bearing useless": (POSE, some(), [seen(MARKS[0], noise=(1e-14, 1e8))]),
-    "bearing exact, range useless": (POSE, some(), [seen(MARKS[0], noise=(1e8, 1e-14))]),
-    "the same thing fifty times": (POSE, some(), [seen(MARKS[0])] * 50),
+    "range exact, bearing useless": (POSE, some(), [measurement_row(MARKS[0], noise=(1e-14, 1e8))]),
+    "bearing exact, range useless": (POSE, some(), [measurement_row(MARKS[0], noise=(1e8, 1e-14))]),
+    "the same thing fifty times": (POSE, some(), [measurement_row(MARKS[0])] * 50),
     "exact, the same thing twenty times": (
         POSE,
         some(),
-        [seen(MARKS[0], noise=(1e-12, 1e-12))] * 20,
+        [measurement_row(MARKS[0], noise=(1e-12, 1e-12))] * 20,
     ),
     "exact, all around, ten times": (POSE, some(), around(1e-12, 10)),
-    "two landmarks in line": (POSE, some(), [seen((2.2, -0.1)), seen((4.2, -0.1))]),
+    "two landmarks in line": (
+        POSE,
+        some(),
+        [measurement_row((2.2, -0.1)), measurement_row((4.2, -0.1))],
+    ),
     "two exact landmarks in line": (
         POSE,
         some(),
-        [seen((2.2, -0.1), noise=(1e-10, 1e-10)), seen((4.2, -0.1), noise=(1e-10, 1e-10))],
+        [
+            measurement_row((2.2, -0.1), noise=(1e-10, 1e-10)),
+            measurement_row((4.2, -0.1), noise=(1e-10, 1e-10)),
+        ],
     ),
-    "two landmarks on either side": (POSE, some(), [seen((2.2, -0.1)), seen((-1.8, -0.1))]),
+    "two landmarks on either side": (
+        POSE,
+        some(),
+        [measurement_row((2.2, -0.1)), measurement_row((-1.8, -0.1))],
+    ),
     "a landmark behind, across the seam": (
         [0.0, 0.0, 0.0],
         some(),
-        [seen((-2.0, -0.02), off=(0.0, 0.04), pose=[0.0, 0.0, 0.0])],
+        [measurement_row((-2.0, -0.02), off=(0.0, 0.04), pose=[0.0, 0.0, 0.0])],
     ),
     "a heading corrected across the seam": (
         BACK,
         some(),
-        [seen((-2.0, 0.0), off=(0.0, -0.2), pose=BACK)],
+        [measurement_row((-2.0, 0.0), off=(0.0, -0.2), pose=BACK)],
     ),
-    "a landmark at 6 cm": (POSE, some(1e-4), [seen((0.26, -0.1))]),
-    "a landmark at 1e6 m": (POSE, some(), [seen((1e6, 1.0), off=(0.1, 0.02))]),
-    "a landmark at 1e100 m": (POSE, some(), [seen((1e100, 1.0))]),
+    "a landmark at 6 cm": (POSE, some(1e-4), [measurement_row((0.26, -0.1))]),
+    "a landmark at 1e6 m": (POSE, some(), [measurement_row((1e6, 1.0), off=(0.1, 0.02))]),
+    "a landmark at 1e100 m": (POSE, some(), [measurement_row((1e100, 1.0))]),
 }
 # How exact a result can be: rounding in units of the prior, seen at the size of the posterior.
 SIGMA_RELATIVE = {
@@ -181,15 +192,15 @@ def _write_updates() -> None:
 
 
 def _updated_pose(mean: Any, covariance: Any, seen: Any) -> Any:
-    return updated(mean, covariance, seen)[0]
+    return update_exactly(mean, covariance, seen)[0]
 
 
 def _updated_sigmas(mean: Any, covariance: Any, seen: Any) -> Any:
-    return sigmas(updated(mean, covariance, seen)[1])
+    return sigmas(update_exactly(mean, covariance, seen)[1])
 
 
 def _updated_correlations(mean: Any, covariance: Any, seen: Any) -> Any:
-    return correlations(updated(mean, covariance, seen)[1])
+    return correlations(update_exactly(mean, covariance, seen)[1])
 
 
 def _write_predictions() -> None:
@@ -207,11 +218,11 @@ def _write_predictions() -> None:
 
 
 def _predicted_sigmas(**inputs: Any) -> Any:
-    return sigmas(predicted(**inputs)[1])
+    return sigmas(predict_exactly(**inputs)[1])
 
 
 def _predicted_correlations(**inputs: Any) -> Any:
-    return correlations(predicted(**inputs)[1])
+    return correlations(predict_exactly(**inputs)[1])
 
 
 NAN, INF = math.nan, math.inf
@@ -244,7 +255,11 @@ def _write_refusals() -> None:
         for name, (row, which) in NOT_USED.items()
         if which
     ]
-    certain = {"mean": POSE, "covariance": ZERO, "seen": [seen(MARKS[0], noise=(0.0, 0.0))]}
+    certain = {
+        "mean": POSE,
+        "covariance": ZERO,
+        "seen": [measurement_row(MARKS[0], noise=(0.0, 0.0))],
+    }
     cases.append(refusal("two certainties", certain, expect="invalid", which="both certain"))
     exact = {"mean": POSE, "covariance": some(), "seen": around(1e-18)}
     cases.append(refusal("noise below rounding", exact, expect="invalid", which="both certain"))

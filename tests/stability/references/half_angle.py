@@ -46,7 +46,7 @@ NO_VALUE = {
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     values = [
         case(name, {"direction": direction}, exact=tangent, tolerance=TOLERANCE)
         for name, direction in VALUES.items()
@@ -65,7 +65,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def tangent(direction: list[Any]) -> Any:
-    """Return rho / (n + z), or where that is 0 / 0 in 700 digits, (n - z) / rho."""
+    """Rho / (n + z), or where that is 0 / 0 in 700 digits, (n - z) / rho."""
     x, y, z = direction
     rho, norm = sqrt(x * x + y * y), sqrt(x * x + y * y + z * z)
     return rho / (norm + z) if z >= 0 else (norm - z) / rho

@@ -12,7 +12,7 @@ from stability.references.mirror_exact import (
     PAPER_K,
     RIM_T,
     TOLERANCE,
-    amplified,
+    amplified_tolerance,
     limit_t,
     mirror_point,
 )
@@ -23,7 +23,7 @@ FAR = "one over the distance to the asymptote: an ulp of t moves the place by as
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     scales = {"a micrometre": 1e-6, "1 mm": 1e-3, "the paper's": C_PAPER, "1 km": 1e3, "1e9 m": 1e9}
     return [
         *(
@@ -39,13 +39,13 @@ def rows() -> list[dict[str, Any]]:
             "a thousandth before the asymptote",
             {"k": PAPER_K, "c_m": C_PAPER, "t": limit_t(PAPER_K) * (1.0 - 1e-3)},
             exact=point,
-            tolerance=amplified(2e3, FAR),
+            tolerance=amplified_tolerance(2e3, FAR),
         ),
         float64_case(
             "a billionth before the asymptote",
             {"k": PAPER_K, "c_m": C_PAPER, "t": limit_t(PAPER_K) * (1.0 - 1e-9)},
             exact=point,
-            tolerance=amplified(2e9, FAR),
+            tolerance=amplified_tolerance(2e9, FAR),
         ),
         *_refusals(),
     ]
@@ -82,7 +82,7 @@ def _refusals() -> list[dict[str, Any]]:
 
 
 def point(k: Any, c_m: Any, t: Any) -> list[Any]:
-    """Return [r, z]."""
+    """[r, z]."""
     return list(mirror_point(k, c_m, t))
 
 

@@ -29,7 +29,7 @@ PLACES = {
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     papers = [_value(name, PAPER_K, ratio) for name, ratio in PLACES.items()]
     ks = {"an ulp above k 2": NEXT_TO_2, "k 2 + 1e-12": 2.0 + 1e-12, "k 2.1": 2.1}
     near_two = [

@@ -16,7 +16,7 @@ NEXT_TO_180 = math.nextafter(math.pi, 0.0)
 
 
 def direction_rows() -> list[dict[str, Any]]:
-    """Return the cases of pixel_from_direction."""
+    """Cases of pixel_from_direction."""
     values = [
         _pixel("the axis", (640, 480, WIDE), [1.0, 0.0, 0.0]),
         _pixel("the axis of an odd picture", (641, 3, WIDE), [2.0, 0.0, 0.0]),
@@ -44,7 +44,7 @@ def direction_rows() -> list[dict[str, Any]]:
 
 
 def pixel_rows() -> list[dict[str, Any]]:
-    """Return the cases of direction_from_pixel."""
+    """Cases of direction_from_pixel."""
     values = [
         _direction("the middle", (640, 480, WIDE), [320.0, 240.0]),
         _direction("a corner", (640, 480, WIDE), [0.0, 480.0]),
@@ -95,19 +95,19 @@ def _impossible() -> list[dict[str, Any]]:
 
 
 def camera(values: tuple[int, int, float]) -> dict[str, Any]:
-    """Return the inputs that describe a camera."""
+    """Inputs that describe a camera."""
     return dict(zip(("width_px", "height_px", "fov_rad"), values, strict=True))
 
 
 def pixel(direction: list[Any], **of: Any) -> list[Any]:
-    """Return [u, v]."""
+    """[u, v]."""
     x, y, z = direction
     focal = of["width_px"] / (2 * tan(of["fov_rad"] / 2))
     return [focal * y / x + of["width_px"] / 2.0, focal * z / x + of["height_px"] / 2.0]
 
 
 def direction(pixel: list[Any], **of: Any) -> list[Any]:
-    """Return the unit [x, y, z]."""
+    """Unit [x, y, z]."""
     focal = of["width_px"] / (2 * tan(of["fov_rad"] / 2))
     y, z = pixel[0] - of["width_px"] / 2.0, pixel[1] - of["height_px"] / 2.0
     length = sqrt(focal**2 + y**2 + z**2)

@@ -1,4 +1,4 @@
-"""Light: the ends of the sRGB curve, sums of samples in linear light, a lamp's inverse square."""
+"""Light: ends of the sRGB curve, sums of samples in linear light, inverse squares."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ SAMPLES = {
 
 
 def curve_rows() -> list[dict[str, Any]]:
-    """Return the cases of srgb_from_linear."""
+    """Cases of srgb_from_linear."""
     return [
         *(
-            case(name, {"linear": linear}, exact=encoded, tolerance=CURVE)
+            case(name, {"linear": linear}, exact=encode, tolerance=CURVE)
             for name, linear in LINEAR.items()
         ),
         refusal("no number", {"linear": math.nan}, expect="error", which="light"),
@@ -62,7 +62,7 @@ def curve_rows() -> list[dict[str, Any]]:
 
 
 def sum_rows() -> list[dict[str, Any]]:
-    """Return the cases of SrgbScale: red has the samples, green is full, blue is dark."""
+    """Cases of SrgbScale: red has the samples, green is full, blue is dark."""
     values = [
         case(name, {"red": red, "samples": samples}, exact=greys, tolerance=GREY)
         for name, (red, samples) in SAMPLES.items()
@@ -81,7 +81,7 @@ def sum_rows() -> list[dict[str, Any]]:
 
 
 def lamp_rows() -> list[dict[str, Any]]:
-    """Return the cases of point_irradiance: a lamp over a floor that faces it."""
+    """Cases of point_irradiance: a point light over a floor that faces the light."""
     heights = {"a metre": 1.0, "a millimetre": 1e-3, "at the lamp's own millimetre": 1.0000001e-3}
     far = {"10 km": 1e4, "1e100 m": 1e100}
     return [
@@ -90,8 +90,8 @@ def lamp_rows() -> list[dict[str, Any]]:
     ] + [case("within the millimetre", {"height_m": 1e-9}, exact=within, tolerance=LAMP)]
 
 
-def encoded(linear: Any) -> Any:
-    """Return IEC 61966-2-1's curve of light clipped to [0, 1]."""
+def encode(linear: Any) -> Any:
+    """IEC 61966-2-1's curve of light clipped to [0, 1]."""
     light = min(max(linear, mpf(0)), mpf(1))
     if light <= mpf("0.0031308"):
         return mpf("12.92") * light
@@ -99,19 +99,19 @@ def encoded(linear: Any) -> Any:
 
 
 def greys(red: list[Any], samples: int) -> list[Any]:
-    """Return the grey of the mean of the samples' light, each clipped; the list is repeated."""
+    """Grey of the mean of the samples' light, each clipped; the list is repeated."""
     light = [min(max(value, mpf(0)), mpf(1)) for value in red]
     mean = sum(light) / len(light)
-    return [255 * encoded(mean), mpf(255), mpf(0)]
+    return [255 * encode(mean), mpf(255), mpf(0)]
 
 
 def irradiance(height_m: Any) -> Any:
-    """Return 1 / d^2 straight below a lamp of 1."""
+    """1 / d^2 straight below a unit point light."""
     return 1 / height_m**2
 
 
 def within(height_m: Any) -> Any:
-    """Return what is defined within a millimetre: cosine d / 1 mm, of a lamp a millimetre away."""
+    """Irradiance within a millimetre of a light, by definition: cosine d / 1 mm, as from 1 mm."""
     return height_m / sqrt(mpf("1e-6")) / mpf("1e-6")
 
 

@@ -1,4 +1,4 @@
-"""Eq. 3 in rational numbers, and the histograms it counts in. 1 = a landmark's colour, 0 = none."""
+"""Eq. 3 in rational numbers, and its histograms. 1 = a landmark colour, 0 = none."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mpmath import isinf, mpf
 from stability.references.writing import case, float64_case, refusal, write
 
 
-def accepted(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: Any) -> Any:
-    """Return 1 where n_pos / all_pos >= theta n_neg / all_neg and the colour was ever seen."""
+def accepts(n_pos: int, all_pos: int, n_neg: int, all_neg: int, theta: Any) -> Any:
+    """1 where n_pos / all_pos >= theta n_neg / all_neg and n_pos is not 0."""
     if not n_pos:
         return mpf(0)
     if isinf(theta):
@@ -55,7 +55,7 @@ def main() -> None:
     """Write the cases of both groups."""
     rows = [
         (float64_case if "an ulp" in name else case)(
-            name, _inputs(*numbers), exact=accepted, tolerance=EXACT
+            name, _inputs(*numbers), exact=accepts, tolerance=EXACT
         )
         for name, numbers in COUNTS.items()
     ]
@@ -96,7 +96,7 @@ def _write_histograms() -> None:
     write("histogram", "total", rows)
     pairs = {"two": ([1, 2, 3], [4, 5, 6]), "with nothing": ([1, 2, 3], [0, 0, 0])}
     rows = [
-        case(name, {"first": a, "second": b}, exact=_merged, tolerance=EXACT)
+        case(name, {"first": a, "second": b}, exact=_merge, tolerance=EXACT)
         for name, (a, b) in pairs.items()
     ]
     full = {"first": [2**62, 0, 0], "second": [2**62, 0, 0]}
@@ -112,7 +112,7 @@ def _write_histograms() -> None:
     write("histogram", "spread_total", rows)
 
 
-def _merged(first: list[int], second: list[int]) -> list[Any]:
+def _merge(first: list[int], second: list[int]) -> list[Any]:
     return [mpf(a + b) for a, b in zip(first, second, strict=True)]
 
 

@@ -1,4 +1,4 @@
-"""d(r_i / h) / d(theta): the slope of the law, through the angles of the capture camera."""
+"""d(r_i / h) / d(theta): slope of the projection, through the angles of the capture camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stability.references.writing import case, float64_case, refusal, write
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     papers = {"the axis": 0.0, "1e-300": 1e-300, "the horizon": 1.0, "the rim": RIM_T}
     return [
         *(_value(f"the paper's mirror, {name}", PAPER_K, t) for name, t in papers.items()),
@@ -41,7 +41,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def slope(k: Any, t: Any) -> Any:
-    """Return d(s tan psi) / d(theta) with tan(psi / 2) = kappa tan(theta / 2)."""
+    """d(s tan psi) / d(theta) with tan(psi / 2) = kappa tan(theta / 2)."""
     s = sqrt(k * (k - 2))
     kappa = 1 / (k - 1 + s)
     psi = 2 * atan(kappa * t)

@@ -1,4 +1,4 @@
-"""The measurement model: range and bearing of a landmark, their derivatives, and the residual."""
+"""Measurement model: range and bearing of a landmark, their derivatives, and the innovation."""
 
 from __future__ import annotations
 
@@ -7,37 +7,37 @@ from typing import Any
 
 from mpmath import atan2, sqrt
 
-from stability.references.angles import wrapped
+from stability.references.angles import wrap
 from stability.references.motion import absolute, relative
 from stability.references.writing import case, refusal, write
 
 
 def polar(pose: Any, landmark: Any) -> tuple[Any, Any, Any, Any]:
-    """Return dx, dy, range and bearing."""
+    """Dx, dy, range and bearing."""
     dx, dy = landmark[0] - pose[0], landmark[1] - pose[1]
-    return dx, dy, sqrt(dx**2 + dy**2), wrapped(atan2(dy, dx) - pose[2])
+    return dx, dy, sqrt(dx**2 + dy**2), wrap(atan2(dy, dx) - pose[2])
 
 
 def range_of(pose: Any, landmark: Any) -> Any:
-    """Return the range."""
+    """Range."""
     return polar(pose, landmark)[2]
 
 
 def bearing_of(pose: Any, landmark: Any) -> Any:
-    """Return the bearing in (-pi, pi]."""
+    """Bearing in (-pi, pi]."""
     return polar(pose, landmark)[3]
 
 
 def jacobian(pose: Any, landmark: Any) -> list[Any]:
-    """Return the first two columns of H."""
+    """First two columns of H."""
     dx, dy, rho, _ = polar(pose, landmark)
     return [[-dx / rho, -dy / rho], [dy / rho**2, -dx / rho**2]]
 
 
 def innovation(pose: Any, landmark: Any, measured: Any) -> list[Any]:
-    """Return what a measurement (r, gamma) is off the expected one."""
+    """Innovation of a measurement (r, gamma)."""
     _, _, rho, bearing = polar(pose, landmark)
-    return [measured[0] - rho, wrapped(measured[1] - bearing)]
+    return [measured[0] - rho, wrap(measured[1] - bearing)]
 
 
 ORIGIN, FIELD = [0.0, 0.0, 0.0], [0.3, -1.7, 2.9]

@@ -1,6 +1,6 @@
-"""The hyperbolic mirror by geometry alone: a scene ray meets Eq. 1's sheet, a pinhole projects it.
+"""Hyperbolic mirror by geometry: a scene ray meets Eq. 1's sheet, a pinhole projects the point.
 
-Nothing here is written in the forms that the code uses.
+Independent of the forms that the product uses.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ TOLERANCE = {
 
 
 def limit_t(k: float) -> float:
-    """Return t of the asymptote as a double, for placing cases; not used as a reference."""
+    """t of the asymptote as a float, to choose cases; not a reference."""
     return math.sqrt(2.0) * math.sqrt(0.5 * (k - 1.0) + 0.5 * math.sqrt(k) * math.sqrt(k - 2.0))
 
 
 def mirror_point(k: Any, c: Any, t: Any) -> tuple[Any, Any]:
-    """Return (r, z) where a ray of t, aimed at the viewpoint, meets the sheet around it."""
+    """(r, z) where a ray of t, aimed at the viewpoint, meets the sheet around it."""
     sine, cosine = 2 * t / (1 + t * t), (1 - t * t) / (1 + t * t)
     a, b, constant = cosine**2 - sine**2 * (k / 2 - 1), -c * cosine, c**2 / (2 * k)
     way = 2 * constant / (-b + sqrt(b * b - 4 * a * constant))
@@ -39,19 +39,19 @@ def mirror_point(k: Any, c: Any, t: Any) -> tuple[Any, Any]:
 
 
 def radius_ratio(k: Any, t: Any) -> Any:
-    """Return r_i / h: the focal length f / h is sqrt(k (k - 2))."""
+    """r_i / h: the focal length f / h is sqrt(k (k - 2))."""
     r, z = mirror_point(k, mpf(1), t)
     return sqrt(k * (k - 2)) * r / (1 - z)
 
 
 def t_of_ratio(k: Any, ratio: Any) -> Any:
-    """Return t through the angles: psi = atan(r_i / f), tan(psi / 2) = kappa t."""
+    """t through the angles: psi = atan(r_i / f), tan(psi / 2) = kappa t."""
     s = sqrt(k * (k - 2))
     return tan(atan(ratio / s) / 2) * (k - 1 + s)
 
 
-def amplified(factor: float, reason: str) -> Mapping[str, Any]:
-    """Return the tolerance where an ulp of an input moves the result by `factor` ulps."""
+def amplified_tolerance(factor: float, reason: str) -> Mapping[str, Any]:
+    """Tolerance where an ulp of an input moves the result by `factor` ulps."""
     return {
         "float64": {"rel": 2e-15 * factor, "reason": reason},
         "float32": {"rel": 1e-6 * factor, "reason": reason},

@@ -7,12 +7,12 @@ from typing import Any
 
 from mpmath import cos, mp, mpf, sin
 
-from stability.references.angles import wrapped
+from stability.references.angles import wrap
 from stability.references.writing import case, refusal, write
 
 
-def moved(pose: Any, v: Any, turn: Any) -> list[Any]:
-    """Return x', y' and the heading, not wrapped."""
+def move_along_circle(pose: Any, v: Any, turn: Any) -> list[Any]:
+    """x', y' and the heading, not wrapped."""
     x, y, phi = pose
     if not turn:
         return [x + v * cos(phi), y + v * sin(phi), phi]
@@ -25,35 +25,35 @@ def moved(pose: Any, v: Any, turn: Any) -> list[Any]:
 
 
 def position(pose: Any, v: Any, turn: Any) -> list[Any]:
-    """Return x', y'."""
-    return moved(pose, v, turn)[:2]
+    """x', y'."""
+    return move_along_circle(pose, v, turn)[:2]
 
 
 def heading(pose: Any, v: Any, turn: Any) -> Any:
-    """Return phi' in (-pi, pi]."""
-    return wrapped(moved(pose, v, turn)[2])
+    """phi' in (-pi, pi]."""
+    return wrap(move_along_circle(pose, v, turn)[2])
 
 
 def ratio(a: Any) -> Any:
-    """Return S = sin(a) / a."""
+    """S = sin(a) / a."""
     return sin(a) / a if a else mpf(1)
 
 
 def slope(a: Any) -> Any:
-    """Return S' = (a cos(a) - sin(a)) / a^2."""
+    """S' = (a cos(a) - sin(a)) / a^2."""
     with mp.workdps(1400):
         return (a * cos(a) - sin(a)) / a**2 if a else mpf(0)
 
 
 def by_pose(pose: Any, v: Any, turn: Any) -> list[Any]:
-    """Return the third column of G: the derivative of x', y' by phi."""
+    """Third column of G: the derivative of x', y' by phi."""
     x, y, _ = pose
-    new = moved(pose, v, turn)
+    new = move_along_circle(pose, v, turn)
     return [y - new[1], new[0] - x]
 
 
 def by_control(pose: Any, v: Any, turn: Any) -> list[Any]:
-    """Return the rows of V that have to do with x', y'."""
+    """Rows of V for x', y'."""
     a = turn / 2
     c, s, half = cos(pose[2] + a), sin(pose[2] + a), v / 2
     return [
@@ -63,20 +63,20 @@ def by_control(pose: Any, v: Any, turn: Any) -> list[Any]:
 
 
 def noise(v: Any, turn: Any, alphas: Any) -> list[Any]:
-    """Return the diagonal of M."""
+    """Diagonal of M."""
     return [alphas[0] * v**2 + alphas[1] * turn**2, alphas[2] * v**2 + alphas[3] * turn**2]
 
 
 def control(start: Any, end: Any) -> list[Any]:
-    """Return v and the turn between two odometry poses."""
-    turn = wrapped(end[2] - start[2])
+    """V and the turn between two odometry poses."""
+    turn = wrap(end[2] - start[2])
     middle = start[2] + turn / 2
     chord = (end[0] - start[0]) * cos(middle) + (end[1] - start[1]) * sin(middle)
     return [chord / ratio(turn / 2), turn]
 
 
 def absolute(scale: float, reason: str, *, turn: bool = False) -> dict[str, Any]:
-    """Return a tolerance of some roundings at a scale."""
+    """Tolerance of some roundings at a scale."""
     word = {"turn": True} if turn else {}
     return {
         "float64": {"abs": 8e-16 * scale, "reason": reason, **word},
@@ -85,7 +85,7 @@ def absolute(scale: float, reason: str, *, turn: bool = False) -> dict[str, Any]
 
 
 def relative(rel: float, reason: str) -> dict[str, Any]:
-    """Return a relative tolerance; in float32 that of rounding the result."""
+    """Relative tolerance; in float32 that of rounding the result."""
     return {
         "float64": {"rel": rel, "abs": 5e-324, "reason": reason},
         "float32": {"rel": 1.3e-7 + rel, "reason": f"{reason}; rounded to float32"},

@@ -13,7 +13,10 @@ from stability.references.writing import case, refusal, write
 
 PIXELS = {
     "float64": {"abs": 1e-12, "reason": "an ulp of 640 px is 1.1e-13"},
-    "float32": {"abs": 4e-4, "reason": "an ulp of 640 px is 6e-5, of a law with a dozen roundings"},
+    "float32": {
+        "abs": 4e-4,
+        "reason": "an ulp of 640 px is 6e-5, a projection has a dozen roundings",
+    },
 }
 UNITS = {
     "float64": {"abs": 2e-15, "reason": "pixels are known to 1e-13 of some 100 px a radian"},
@@ -29,12 +32,12 @@ CAMERAS = {"even": EVEN, "odd": ODD, "1 x 1": TINY, "turned": TURNED}
 
 
 def camera(values: tuple[Any, ...]) -> dict[str, Any]:
-    """Return the inputs that describe a camera with the paper's mirror."""
+    """Inputs that describe a camera with the paper's mirror."""
     return {"k": PAPER_K, **dict(zip(NAMES, values, strict=True))}
 
 
 def direction_rows() -> list[dict[str, Any]]:
-    """Return the cases of pixel_from_direction."""
+    """Cases of pixel_from_direction."""
     theta = math.radians(119.9)
     hard = {
         "the axis": [0.0, 0.0, 2.0],
@@ -55,7 +58,7 @@ def direction_rows() -> list[dict[str, Any]]:
 
 
 def pixel_rows() -> list[dict[str, Any]]:
-    """Return the cases of direction_from_pixel."""
+    """Cases of direction_from_pixel."""
     hard = {
         "the centre": [180.0, 180.0],
         "an ulp beside the centre": [math.nextafter(180.0, 0.0), 180.0],
@@ -74,7 +77,7 @@ def pixel_rows() -> list[dict[str, Any]]:
 
 
 def pixel(direction: list[Any], **of: Any) -> list[Any]:
-    """Return [u, v]."""
+    """[u, v]."""
     x, y, _ = direction
     rho = sqrt(x * x + y * y)
     radius = of["horizon_px"] * radius_ratio(of["k"], tangent(direction)) if rho else 0
@@ -85,7 +88,7 @@ def pixel(direction: list[Any], **of: Any) -> list[Any]:
 
 
 def direction(pixel: list[Any], **of: Any) -> list[Any]:
-    """Return the unit [x, y, z]."""
+    """Unit [x, y, z]."""
     du, dv = pixel[0] - of["centre_px"][0], pixel[1] - of["centre_px"][1]
     radius = sqrt(du * du + dv * dv)
     if not radius:

@@ -1,4 +1,4 @@
-"""(r, z) of the parabolic mirror in metres, where it meets a ray of t from the viewpoint."""
+"""(r, z) of the parabolic mirror in metres, at the intersection with a ray of t."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stability.references.writing import case, refusal, write
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     places = {
         "the vertex": 0.0,
         "1e-300 beside the vertex": 1e-300,
@@ -30,7 +30,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def point(horizon_m: Any, t: Any) -> list[Any]:
-    """Return [r, z] on z = (p^2 - r^2) / 2p, in the direction of t."""
+    """[r, z] on z = (p^2 - r^2) / 2p, in the direction of t."""
     r = horizon_m * t
     return [r, (horizon_m**2 - r**2) / (2 * horizon_m)]
 

@@ -36,7 +36,7 @@ K_HUGE = {"k 1e3": 1e3, "k 1e9": 1e9, "k 1e15": 1e15, "k 1e154": 1e154, "the lar
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the cases."""
+    """Cases."""
     papers = [_value(name, PAPER_K, t) for name, t in WITH_THE_PAPERS_MIRROR.items()]
     near_two = [
         float64_case(f"{name}, {place}", {"k": k, "t": t}, exact=radius_ratio, tolerance=TOLERANCE)

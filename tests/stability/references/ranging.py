@@ -1,4 +1,4 @@
-"""Ranges from the direction to a point of known height, and their sigmas by the paper's mirror."""
+"""Ranges from the direction to a point of known height, and sigmas with the paper's mirror."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ K, HORIZON_PX = 11.546, 103.45267
 
 
 def range_from_half_angle(t: Any, drop: Any) -> Any:
-    """Return drop tan(theta)."""
+    """Drop tan(theta)."""
     return drop * 2 * t / (1 - t**2)
 
 
 def half_angle(range_: Any, drop: Any) -> Any:
-    """Return tan(theta / 2)."""
+    """Tan(theta / 2)."""
     return range_ / (sqrt(range_**2 + drop**2) + drop)
 
 
 def incidence_angle_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
-    """Return sigma of theta: the image radius is h 2 kappa s t / (1 - kappa^2 t^2)."""
+    """Sigma of theta: the image radius is h 2 kappa s t / (1 - kappa^2 t^2)."""
     k, t = mpf(K), half_angle(range_, drop)
     s = sqrt(k * (k - 2))
     kappa = 1 / (k - 1 + s)
@@ -33,12 +33,12 @@ def incidence_angle_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
 
 
 def range_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
-    """Return (drop^2 + r^2) / |drop| sigma of theta."""
+    """(drop^2 + r^2) / |drop| sigma of theta."""
     return (drop**2 + range_**2) / abs(drop) * incidence_angle_sigma(range_, drop, sigma)
 
 
 def azimuth_sigma(range_: Any, drop: Any, sigma: Any) -> Any:
-    """Return the image's sigma over the image radius."""
+    """Image's sigma over the image radius."""
     k, t = mpf(K), half_angle(range_, drop)
     s = sqrt(k * (k - 2))
     kappa = 1 / (k - 1 + s)

@@ -8,13 +8,13 @@ from typing import Any
 from mpmath import erfc, findroot, gammainc, log, matrix, mp, mpf, sqrt
 
 from catoptra_client.localization import ValidationGate, chi_square_mean_interval
-from stability.references.angles import PI, wrapped
+from stability.references.angles import PI, wrap
 from stability.references.motion import relative
 from stability.references.writing import case, float64_case, refusal, write
 
 
 def threshold(dof: int, false_rejection_rate: Any) -> Any:
-    """Return the chi-square quantile that true measurements exceed at this rate."""
+    """Chi-square quantile that true measurements exceed at this rate."""
     if dof == 2:
         return -2 * log(false_rejection_rate)
     with mp.workdps(60):
@@ -23,7 +23,7 @@ def threshold(dof: int, false_rejection_rate: Any) -> Any:
 
 
 def interval(dof: int, num_runs: int, confidence: Any) -> list[Any]:
-    """Return both ends of the mean's interval."""
+    """Both ends of the mean's interval."""
     total_dof = dof * num_runs
     near = chi_square_mean_interval(dof, num_runs, confidence=float(confidence))
     with mp.workdps(60):
@@ -39,13 +39,13 @@ def interval(dof: int, num_runs: int, confidence: Any) -> list[Any]:
 
 
 def nees(mean: Any, covariance: Any, truth: Any) -> Any:
-    """Return e^T P^-1 e with a wrapped heading."""
-    e = matrix([mean[0] - truth[0], mean[1] - truth[1], wrapped(mean[2] - truth[2])])
+    """E^T P^-1 e with a wrapped heading."""
+    e = matrix([mean[0] - truth[0], mean[1] - truth[1], wrap(mean[2] - truth[2])])
     return (e.T * matrix(covariance) ** -1 * e)[0]
 
 
 def diagonal(*variances: float) -> list[list[float]]:
-    """Return a covariance without correlations."""
+    """Covariance without correlations."""
     return [[v if i == j else 0.0 for j in range(3)] for i, v in enumerate(variances)]
 
 

@@ -1,6 +1,6 @@
-"""Numbers on the wire: truncated, never rounded, never an exponent; and read back from any text.
+"""Numbers on the wire: truncated, never rounded, without an exponent; and parsed from any text.
 
-The text that a number prints as is written here by hand or by Decimal; its value is the reference.
+The printed text is written here by hand or by Decimal; its value is the reference.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ READ = {
 
 
 def printed_rows() -> list[dict[str, Any]]:
-    """Return the cases of fixed."""
+    """Cases of format_fixed_point."""
     values = [
         float64_case(
             name,
@@ -84,7 +84,7 @@ def printed_rows() -> list[dict[str, Any]]:
 
 
 def read_rows() -> list[dict[str, Any]]:
-    """Return the cases of number_from_text."""
+    """Cases of number_from_text."""
     return [
         float64_case(
             name,
@@ -97,7 +97,7 @@ def read_rows() -> list[dict[str, Any]]:
 
 
 def angle_rows() -> list[dict[str, Any]]:
-    """Return the cases of truncate_to_unreal_units."""
+    """Cases of truncate_to_unreal_units."""
     values = {"pi": math.pi, "3.14159": 3.14159, "minus": -0.01745, "zero": 0.0, "1e-320": 1e-320}
     return [
         *(
@@ -112,7 +112,7 @@ def angle_rows() -> list[dict[str, Any]]:
 
 
 def length_rows() -> list[dict[str, Any]]:
-    """Return the cases of metres_from_uu."""
+    """Cases of metres_from_uu."""
     values = {"a metre": 250.0, "minus a third": -1.0 / 3.0, "1e-300": 1e-300, "largest": LARGEST}
     return [
         *(
@@ -125,7 +125,7 @@ def length_rows() -> list[dict[str, Any]]:
 
 
 def whole_units(angle_rad: Any) -> Any:
-    """Return the angle in whole units, truncated towards zero."""
+    """Angle in whole units, truncated towards zero."""
     units = abs(angle_rad) * UNITS_PER_RAD
     return floor(units) / UNITS_PER_RAD * (1 if angle_rad >= 0 else -1)
 
@@ -143,7 +143,7 @@ def _always(value: float) -> Callable[..., Any]:
 
 
 def _within_rounding(text: str) -> dict[str, Any]:
-    """Return half an ulp: the text is held letter by letter, its value as the nearest double."""
+    """Half an ulp: texts are compared literally, values as nearest floats."""
     return ROUNDED if float(text) else EXACT
 
 

@@ -1,6 +1,6 @@
-"""What every reference script needs: 50 digits as text, inputs in both float types, the file.
+"""Helpers of the reference scripts: 50 digits as text, inputs in both float types, files.
 
-A script lists its cases as (name, inputs) with the exact formula in mpmath, and calls `write`.
+A script lists cases as (name, inputs) with the exact formula in mpmath, and calls `write`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ Inputs = Mapping[str, Any]
 def case(
     name: str, inputs: Inputs, *, exact: Callable[..., Any], tolerance: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a case with a value: `exact` gets the inputs as mpf and returns mpf or lists."""
+    """Case with a value: `exact` maps the inputs, as mpf, to mpf or lists."""
     row = float64_case(name, inputs, exact=exact, tolerance=tolerance)
-    rounded = _rounded(inputs)
+    rounded = _round_inputs(inputs)
     if _keeps_its_kind(inputs, rounded):
         # Rounded onto a singularity, nothing of the case is left.
         with suppress(ZeroDivisionError):
@@ -38,22 +38,25 @@ def case(
 def float64_case(
     name: str, inputs: Inputs, *, exact: Callable[..., Any], tolerance: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a case of which rounding to float32 would leave nothing: 2 + 1e-12 is 2 there."""
+    """Case that rounding to float32 would remove: 2 + 1e-12 is 2 there."""
     mp.dps = WORKING_DIGITS
-    row = {"name": name, "inputs": _encoded(inputs), "expect": "value"}
+    row = {"name": name, "inputs": _encode_inputs(inputs), "expect": "value"}
     row["reference"] = _digits(exact(**_exact(inputs)))
     row["tolerance"] = dict(tolerance)
     return row
 
 
 def refusal(name: str, inputs: Inputs, *, expect: str, which: str) -> dict[str, Any]:
-    """Return a case without a value. expect: invalid or error; which: words of its reason."""
-    row = {"name": name, "inputs": _encoded(inputs), "expect": expect, "which": which}
-    return row if _keeps_its_kind(inputs, _rounded(inputs)) else {**row, "float32": False}
+    """Case without a value.
+
+    expect: invalid or error; which: words of the reason.
+    """
+    row = {"name": name, "inputs": _encode_inputs(inputs), "expect": expect, "which": which}
+    return row if _keeps_its_kind(inputs, _round_inputs(inputs)) else {**row, "float32": False}
 
 
 def write(group: str, formula: str, rows: list[dict[str, Any]]) -> None:
-    """Write the cases of a formula, one a line, so that a change shows as the lines it touches."""
+    """Write the cases of a formula, one per line, so that a diff shows the changed cases."""
     path = CASES / group / f"{formula}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
@@ -67,29 +70,29 @@ def _digits(value: Any) -> Any:
 
 
 def _exact(inputs: Any) -> Any:
-    return _mapped(inputs, mpf)
+    return _map_floats(inputs, mpf)
 
 
-def _encoded(inputs: Any) -> Any:
-    return _mapped(inputs, lambda x: x.hex() if math.isfinite(x) else str(x))
+def _encode_inputs(inputs: Any) -> Any:
+    return _map_floats(inputs, lambda x: x.hex() if math.isfinite(x) else str(x))
 
 
-def _rounded(inputs: Any) -> Any:
+def _round_inputs(inputs: Any) -> Any:
     with np.errstate(all="ignore"):
-        return _mapped(inputs, lambda x: float(np.float32(x)))
+        return _map_floats(inputs, lambda x: float(np.float32(x)))
 
 
-def _mapped(value: Any, function: Callable[[float], Any]) -> Any:
-    """Return nested inputs with a function applied to each float; all else stays."""
+def _map_floats(value: Any, function: Callable[[float], Any]) -> Any:
+    """Nested inputs with a function applied to each float."""
     if isinstance(value, Mapping):
-        return {key: _mapped(item, function) for key, item in value.items()}
+        return {key: _map_floats(item, function) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_mapped(item, function) for item in value]
+        return [_map_floats(item, function) for item in value]
     return function(value) if isinstance(value, float) else value
 
 
 def _keeps_its_kind(inputs: Any, rounded: Any) -> bool:
-    """Return whether rounding to float32 neither overflows nor ends in subnormals or zero."""
+    """Whether rounding to float32 neither overflows nor ends in subnormals or zero."""
     if isinstance(inputs, Mapping):
         return all(_keeps_its_kind(inputs[key], rounded[key]) for key in inputs)
     if isinstance(inputs, list | tuple):

@@ -1,4 +1,4 @@
-"""The perspective camera: where its formula holds, and that the inverse undoes it."""
+"""Perspective camera: validity, and the round trip through the inverse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from catoptra_protocol.optics.omni_camera import pixel_sample_positions
 CAMERA = PerspectiveCamera(320, 240, math.radians(80.0))
 
 
-def test_axis_is_the_middle_exactly_and_the_picture_is_not_mirrored() -> None:
+def test_axis_is_the_image_centre_exactly_and_the_image_is_not_mirrored() -> None:
     pixel, valid = CAMERA.pixel_from_direction(
         np.array([[2.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.0, 0.1]])
     )
@@ -24,7 +24,7 @@ def test_axis_is_the_middle_exactly_and_the_picture_is_not_mirrored() -> None:
     assert pixel[2, 1] > 120.0, "what is below is below"
 
 
-def test_field_of_view_is_the_picture_width() -> None:
+def test_field_of_view_is_the_image_width() -> None:
     pixel, valid = CAMERA.pixel_from_direction(
         np.array([[math.cos(half), math.sin(half), 0.0] for half in np.radians([-39.999, 39.999])])
     )
@@ -39,9 +39,9 @@ def test_inverse_returns_to_every_pixel(fov_deg: float, size: tuple[int, int]) -
     camera = PerspectiveCamera(*size, math.radians(fov_deg))
     pixel = pixel_sample_positions(camera, 1)[::7, ::7]
     direction, valid = camera.direction_from_pixel(pixel)
-    back, seen = camera.pixel_from_direction(direction)
+    back, is_visible = camera.pixel_from_direction(direction)
     assert valid.all()
-    assert seen.all()
+    assert is_visible.all()
     np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1.0, rtol=1e-14)
     # A unit vector near the border of 179 degrees has an x of a hundredth: eps 733 px / 0.01.
     np.testing.assert_allclose(back, pixel, atol=1e-9)
@@ -61,7 +61,7 @@ def test_inverse_returns_to_every_pixel(fov_deg: float, size: tuple[int, int]) -
         (math.inf, 0.0, 0.0),
     ],
 )
-def test_direction_beside_the_picture_is_invalid_and_has_a_value(
+def test_direction_beside_the_image_is_invalid_and_has_a_value(
     direction: tuple[float, float, float],
 ) -> None:
     pixel, valid = CAMERA.pixel_from_direction(np.array(direction))
@@ -89,7 +89,7 @@ def test_length_of_a_direction_does_not_matter(length: float) -> None:
         ((math.inf, 5.0), False),
     ],
 )
-def test_pixel_is_valid_within_the_picture_borders_included(
+def test_pixel_is_valid_within_the_image_borders_included(
     pixel: tuple[float, float], inside: bool
 ) -> None:
     direction, valid = CAMERA.direction_from_pixel(np.array(pixel))
@@ -98,12 +98,12 @@ def test_pixel_is_valid_within_the_picture_borders_included(
 
 
 @pytest.mark.parametrize("fov_rad", [0.0, -1.0, math.pi, 4.0, math.nan])
-def test_field_of_view_that_no_flat_picture_has_is_refused(fov_rad: float) -> None:
+def test_field_of_view_that_no_flat_image_has_is_rejected(fov_rad: float) -> None:
     with pytest.raises(DomainError, match="field of view"):
         PerspectiveCamera(10, 10, fov_rad)
 
 
-def test_picture_without_pixels_is_refused() -> None:
+def test_image_without_pixels_is_rejected() -> None:
     with pytest.raises(DomainError, match="no pixel"):
         PerspectiveCamera(0, 10, 1.0)
 

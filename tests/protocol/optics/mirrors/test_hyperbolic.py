@@ -1,7 +1,7 @@
-"""The hyperbolic mirror against derived numbers and against geometry in 50 digits.
+"""Hyperbolic mirror against derived numbers and against geometry in 50 digits.
 
-The reference does not use the law: it meets Eq. 1 with a scene ray aimed at the viewpoint and
-projects the mirror point through the pinhole.
+The reference is independent of the product's formulas: it intersects Eq. 1 with a scene ray aimed
+at the viewpoint and projects the mirror point through the pinhole.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def t_from_degrees(degrees: float) -> float:
 
 
 def edge_case_ts(mirror: HyperbolicMirror) -> list[float]:
-    """Return t at the axis, the horizon and its neighbours, the rim, and before the asymptote."""
+    """t at the axis, the horizon and its neighbours, the rim, and before the asymptote."""
     limit = mirror.t_limit
     inside = [0.0, 1e-250, 1e-12, 1e-3, 0.5, math.nextafter(1.0, 0.0), 1.0, t_from_degrees(120.0)]
     outside = [limit * (1.0 - 1e-3), limit * (1.0 - 1e-9), math.nextafter(limit, 0.0)]
@@ -36,7 +36,7 @@ def edge_case_ts(mirror: HyperbolicMirror) -> list[float]:
 
 
 def exact_mirror_point(mirror: HyperbolicMirror, t: float) -> tuple[mpmath.mpf, mpmath.mpf]:
-    """Return (r, z) where a ray of t, aimed at the viewpoint, meets Eq. 1's sheet around it."""
+    """(r, z) where a ray of t, aimed at the viewpoint, meets the sheet of Eq. 1."""
     k, c, tangent = mpmath.mpf(mirror.k), mpmath.mpf(mirror.c_m), mpmath.mpf(t)
     sine, cosine = 2 * tangent / (1 + tangent**2), (1 - tangent**2) / (1 + tangent**2)
     a, b, constant = cosine**2 - sine**2 * (k / 2 - 1), -c * cosine, c**2 / (2 * k)
@@ -45,7 +45,7 @@ def exact_mirror_point(mirror: HyperbolicMirror, t: float) -> tuple[mpmath.mpf, 
 
 
 def exact_ratio(mirror: HyperbolicMirror, t: float) -> mpmath.mpf:
-    """Return r_i / h by projection through the pinhole at (0, c)."""
+    """r_i / h by projection through the pinhole at (0, c)."""
     r, z = exact_mirror_point(mirror, t)
     k = mpmath.mpf(mirror.k)
     return mpmath.sqrt(k * (k - 2)) * r / (mpmath.mpf(mirror.c_m) - z)
@@ -56,7 +56,7 @@ def relative_error(value: float, exact: mpmath.mpf) -> float:
 
 
 def condition_number(mirror: HyperbolicMirror, t: float) -> float:
-    """Return by how much the ratio's relative error may exceed that of t: 1 / (1 - kappa t)."""
+    """Amplification of the relative error of t in the ratio: 1 / (1 - kappa t)."""
     return 1.0 / (1.0 - mirror.kappa * t)
 
 
@@ -131,7 +131,7 @@ def test_eq_2_when_compared_departs_most_below_the_horizon_at_60_degrees() -> No
 
 
 @pytest.mark.parametrize("k", KS)
-def test_ratio_when_at_hard_places_is_that_of_50_digits(k: float) -> None:
+def test_ratio_in_hard_cases_is_that_of_50_digits(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
     with mpmath.workdps(50):
         for t in edge_case_ts(mirror):
@@ -141,7 +141,7 @@ def test_ratio_when_at_hard_places_is_that_of_50_digits(k: float) -> None:
 
 
 @pytest.mark.parametrize("k", KS)
-def test_t_when_read_back_at_hard_places_is_the_same(k: float) -> None:
+def test_t_when_read_back_in_hard_cases_is_the_same(k: float) -> None:
     mirror = HyperbolicMirror(k, 2.321)
     for t in edge_case_ts(mirror):
         back = float(mirror.t_from_radius_ratio(mirror.radius_ratio_from_t(np.array(t))))
@@ -150,7 +150,7 @@ def test_t_when_read_back_at_hard_places_is_the_same(k: float) -> None:
 
 @pytest.mark.parametrize("k", KS)
 @pytest.mark.parametrize("c_m", [1e-6, 2.321, 1e6])
-def test_surface_when_at_hard_places_is_that_of_50_digits(k: float, c_m: float) -> None:
+def test_surface_in_hard_cases_is_that_of_50_digits(k: float, c_m: float) -> None:
     mirror = HyperbolicMirror(k, c_m)
     with mpmath.workdps(50):
         for t in edge_case_ts(mirror)[:-2]:
@@ -225,21 +225,19 @@ def test_image_when_only_c_changes_is_the_same() -> None:
 
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.floats(2.0, 1e12, exclude_min=True), st.floats(0.0, 1e9))
-def test_t_when_of_any_radius_is_finite_and_below_the_limit_of_the_law(
-    k: float, ratio: float
-) -> None:
+def test_t_when_of_any_radius_is_finite_and_below_the_limit(k: float, ratio: float) -> None:
     mirror = HyperbolicMirror(k, 1.0)
     t = float(mirror.t_from_radius_ratio(np.array(ratio)))
     assert 0.0 <= t * mirror.kappa <= 1.0
 
 
 @pytest.mark.parametrize("k", [2.0, 1.0, -11.546, math.nan, math.inf])
-def test_k_when_no_mirror_is_refused(k: float) -> None:
+def test_k_when_no_mirror_is_rejected(k: float) -> None:
     with pytest.raises(DomainError, match="k > 2"):
         HyperbolicMirror(k, 1.0)
 
 
 @pytest.mark.parametrize("c_m", [0.0, -1.0, math.nan, math.inf])
-def test_c_when_no_mirror_is_refused(c_m: float) -> None:
+def test_c_when_no_mirror_is_rejected(c_m: float) -> None:
     with pytest.raises(DomainError, match="c > 0"):
         HyperbolicMirror(11.546, c_m)

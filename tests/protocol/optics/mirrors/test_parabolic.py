@@ -1,4 +1,4 @@
-"""The parabolic mirror: Eq. 2 exactly, and a surface that sends rays along the axis."""
+"""Parabolic mirror: Eq. 2 exactly, and a surface that reflects rays along the axis."""
 
 from __future__ import annotations
 
@@ -50,6 +50,6 @@ def test_camera_is_orthographic_and_sees_all_but_the_antipode() -> None:
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])
-def test_radius_when_no_mirror_is_refused(radius: float) -> None:
+def test_radius_when_no_mirror_is_rejected(radius: float) -> None:
     with pytest.raises(DomainError, match="radius > 0"):
         ParabolicMirror(radius)

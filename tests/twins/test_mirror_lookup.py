@@ -1,4 +1,4 @@
-"""The places that the mirror's shader looks up against the float64 camera law."""
+"""Atlas positions in the mirror's shader against the float64 camera model."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def atlas_by_density(camera: OmniCamera) -> Atlas:
     return pack_atlas(parts, guard_texels=GUARD_TEXELS, max_texels=MAX_TEXELS)
 
 
-def looked_up(
+def sample_directions(
     context: moderngl.Context, camera: OmniCamera, atlas: Atlas, pixels: Floats
 ) -> tuple[Floats, Bools]:
-    """Return (n, 3) directions of the places that a shader reads, and which see the mirror.
+    """Directions (n, 3) of the positions that a shader samples, and a mask of those on the mirror.
 
-    What the sampler makes of a place is the device's own: llvmpipe multiplies by the atlas' size in
-    float32, graphics cards count 256 steps from texel to texel.
+    The rounding of a position by the sampler depends on the device: llvmpipe multiplies by the
+    atlas size in float32, graphics cards resolve 256 steps per texel.
     """
     out = evaluate_shader(
         context,
@@ -65,7 +65,7 @@ def looked_up(
 
 
 def directions_of(atlas: Atlas, texels: Floats) -> Floats:
-    """Return the (n, 3) directions, not unit, of (n, 2) texel positions; zero outside of cells."""
+    """(n, 3) directions, not unit, of (n, 2) texel positions; zero outside of cells."""
     directions = np.zeros((len(texels), 3))
     for cell in atlas.cells:
         low = np.array((cell.x, cell.y))
@@ -80,7 +80,7 @@ def directions_of(atlas: Atlas, texels: Floats) -> Floats:
 
 
 def grid(camera: OmniCamera) -> Floats:
-    """Return some 60 000 pixel centres over the whole image, and the exact image centre."""
+    """Some 60 000 pixel centres over the whole image, and the exact image centre."""
     step = max(1, camera.width_px // 240)
     along = np.arange(0, camera.width_px, step) + 0.5
     pixels = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
@@ -89,7 +89,7 @@ def grid(camera: OmniCamera) -> Floats:
 
 def largest_error_px(context: moderngl.Context, camera: OmniCamera, atlas: Atlas) -> float:
     pixels = grid(camera)
-    direction, valid = looked_up(context, camera, atlas, pixels)
+    direction, valid = sample_directions(context, camera, atlas, pixels)
     back, inside = pixel_from_direction(camera, direction)
     both = valid & inside
     assert both.mean() > 0.7, "a disc fills more of its square"
@@ -98,14 +98,14 @@ def largest_error_px(context: moderngl.Context, camera: OmniCamera, atlas: Atlas
 
 @pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
 @pytest.mark.parametrize("width_px", [360, 1024, 4096])
-def test_place_over_the_image_returns_to_its_pixel(
+def test_lookup_over_the_image_returns_to_its_pixel(
     context: moderngl.Context, mirror: CentralMirror, rim_deg: float, width_px: int
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=width_px, rim_deg=rim_deg)
     assert largest_error_px(context, camera, atlas_by_density(camera)) < TOLERANCE_PX
 
 
-def test_place_next_to_the_asymptote_of_nearly_a_plane_is_known_to_be_coarser(
+def test_lookup_next_to_the_asymptote_of_nearly_a_plane_is_coarser(
     context: moderngl.Context,
 ) -> None:
     # A radian is 45 000 px there, and so is a face: more than float32 tells apart to 1e-3.
@@ -114,7 +114,7 @@ def test_place_next_to_the_asymptote_of_nearly_a_plane_is_known_to_be_coarser(
 
 
 @pytest.mark.parametrize("face_size_px", [64, 512, 2048])
-def test_place_on_faces_of_a_wished_size_returns_to_its_pixel(
+def test_lookup_on_faces_of_an_explicit_size_returns_to_its_pixel(
     context: moderngl.Context, face_size_px: int
 ) -> None:
     camera = make_omni_camera(width_px=1024)
@@ -124,11 +124,11 @@ def test_place_on_faces_of_a_wished_size_returns_to_its_pixel(
 
 
 @pytest.mark.parametrize(("mirror", "rim_deg"), CASES)
-def test_samples_have_a_place_exactly_where_the_law_sees_the_mirror(
+def test_samples_have_coordinates_exactly_where_the_camera_model_sees_the_mirror(
     context: moderngl.Context, mirror: CentralMirror, rim_deg: float
 ) -> None:
     camera = make_omni_camera(mirror=mirror, width_px=360, rim_deg=rim_deg)
-    _, valid = looked_up(context, camera, atlas_by_density(camera), grid(camera))
+    _, valid = sample_directions(context, camera, atlas_by_density(camera), grid(camera))
     _, expected = direction_from_pixel(camera, grid(camera))
     assert np.array_equal(valid, expected)
 
@@ -136,7 +136,7 @@ def test_samples_have_a_place_exactly_where_the_law_sees_the_mirror(
 def test_direction_follows_the_azimuth_that_points_up(context: moderngl.Context) -> None:
     camera = OmniCamera(HyperbolicMirror(11.546, 0.2), 320, 200, (140.25, 96.5), 60.0, 1.9, 0.7)
     pixels = np.random.default_rng(2).uniform((0.0, 0.0), (320.0, 200.0), (5000, 2))
-    direction, valid = looked_up(context, camera, atlas_by_density(camera), pixels)
+    direction, valid = sample_directions(context, camera, atlas_by_density(camera), pixels)
     expected, _ = direction_from_pixel(camera, pixels)
     unit = direction[valid] / np.linalg.norm(direction[valid], axis=-1, keepdims=True)
     # 2^-24 of an atlas of 700 texels, of 1 / 60 radians each where the image is coarsest.
