@@ -15,7 +15,7 @@ PIXELS = {
     "float64": {"abs": 1e-12, "reason": "an ulp of 640 px is 1.1e-13"},
     "float32": {
         "abs": 4e-4,
-        "reason": "an ulp of 640 px is 6e-5, a projection has a dozen roundings",
+        "reason": "an ulp of 640 px is 6e-5, over a dozen roundings",
     },
 }
 UNITS = {
