@@ -122,7 +122,7 @@ def test_every_cited_file_exists() -> None:
     assert dead == {}
 
 
-def test_citation_when_its_file_is_gone_is_found() -> None:
+def test_citation_when_its_file_is_missing_is_found() -> None:
     gone = "measured in tests/measurements/gone.py, see render/trace/gone and README.md"
     assert dead_citations(gone) == ["tests/measurements/gone.py", "render/trace/gone"]
     assert dead_citations("tests/test_citations.py, render/trace, out/cost/steps.png, 1/2") == []
@@ -155,6 +155,6 @@ def test_every_twin_exists() -> None:
     assert dead == {}
 
 
-def test_twin_when_it_is_gone_is_found() -> None:
+def test_twin_when_missing_is_found() -> None:
     assert dead_twins("// Twin: catoptra_server.scene.gone.f.") == ["catoptra_server.scene.gone.f"]
     assert dead_twins("// Twin: catoptra_server.scene.shading.gone.") != []

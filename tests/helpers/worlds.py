@@ -113,5 +113,5 @@ def make_plan(
     face_samples: int = 1,
 ) -> RenderPlan:
     """A plan of explicit numbers for the raster renderer; trace ignores the faces."""
-    wish = RenderSettings(surface, samples, face_size_px, face_samples)
-    return plan_from_settings(wish, camera, kind=RendererKind.RASTER, reason="test")
+    render_settings = RenderSettings(surface, samples, face_size_px, face_samples)
+    return plan_from_settings(render_settings, camera, kind=RendererKind.RASTER, reason="test")

@@ -162,8 +162,10 @@ def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     options = make_options(tmp_path)
-    said = ServerOptions(control_port=0, has_images=False)
-    run_scenario(serve_for(dataclasses.replace(options, server_options=said, stream_port=0), visit))
+    server_options = ServerOptions(control_port=0, has_images=False)
+    run_scenario(
+        serve_for(dataclasses.replace(options, server_options=server_options, stream_port=0), visit)
+    )
 
 
 def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_path: Path) -> None:

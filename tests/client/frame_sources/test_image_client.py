@@ -194,7 +194,7 @@ def test_receive_when_the_server_disconnects_mid_frame_raises() -> None:
 def test_receive_when_the_frame_is_too_large_raises() -> None:
     header = encode_frame_header(ImageType.RAW, MAX_IMAGE_PAYLOAD_BYTES + 1)
     with serve_script(frame_script(header)) as port, ImageClient.connect(port=port) as client:
-        with pytest.raises(RemoteProtocolError, match="more than"):
+        with pytest.raises(RemoteProtocolError, match="the limit is"):
             client.get_frame()
 
 

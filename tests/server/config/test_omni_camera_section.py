@@ -102,7 +102,7 @@ def test_mirror_when_cut_into_polygons_has_the_split(
     )
 
 
-def test_mirror_when_interpolated_by_position_says_so(tmp_path: Path) -> None:
+def test_mirror_when_interpolated_by_position_reports_it(tmp_path: Path) -> None:
     edits = (
         Edit("Polygons=0 ", "Polygons=16 "),
         Edit("Interpolation=uv", "Interpolation=Position"),

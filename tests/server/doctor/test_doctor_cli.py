@@ -71,8 +71,8 @@ def test_name_when_no_file_has_it_is_found(capsys: pytest.CaptureFixture[str]) -
 
 
 def test_port_when_taken_is_found(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = str(listener.getsockname()[1])
         status, (found,) = run_doctor(capsys, *FAST_CHECKS, "--control-port", port)
     assert status == 2
     assert found["topic"] == "ports"
@@ -101,7 +101,7 @@ def test_library_when_it_cannot_be_imported_is_found(
     assert "embreex is broken" in found["message"]
 
 
-def test_server_when_none_answers_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_server_when_none_replies_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = str(unused.getsockname()[1])

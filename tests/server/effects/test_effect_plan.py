@@ -49,7 +49,7 @@ def make_settings(*pairs: tuple[object, EffectMode], threshold: float = 0.5) -> 
         (COARSE, EffectMode.NEVER, False),
     ],
 )
-def test_effect_runs_when_the_scene_or_the_file_says_so(
+def test_effect_runs_when_the_criterion_or_the_file_enables_it(
     effect: Quantisation, mode: EffectMode, is_on: bool
 ) -> None:
     plan = plan_effects(make_settings((effect, mode)), DAYLIGHT, CAMERA)
@@ -57,7 +57,7 @@ def test_effect_runs_when_the_scene_or_the_file_says_so(
     assert plan.image_effects == ((effect,) if is_on else ())
 
 
-def test_reason_when_the_file_decides_says_so_and_the_bound_stays() -> None:
+def test_reason_when_the_file_decides_states_it_and_the_bound_stays() -> None:
     (decision,) = plan_effects(
         make_settings((COARSE, EffectMode.NEVER)), DAYLIGHT, CAMERA
     ).decisions
@@ -87,20 +87,26 @@ def test_threshold_when_in_pixels_decides_on_what_is_bounded_in_pixels() -> None
 
 
 def test_bound_when_an_effect_runs_before_is_that_of_what_reaches_it() -> None:
-    bloom, longer = Blooming(0.1, 8.0), Exposure(0.04, 0.02)
-    alone = plan_effects(make_settings((bloom, EffectMode.AUTO)), DAYLIGHT, CAMERA)
+    blooming, longer = Blooming(0.1, 8.0), Exposure(0.04, 0.02)
+    alone = plan_effects(make_settings((blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA)
     behind = plan_effects(
-        make_settings((longer, EffectMode.AUTO), (bloom, EffectMode.AUTO)), DAYLIGHT, CAMERA
+        make_settings((longer, EffectMode.AUTO), (blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA
     )
     left_out = plan_effects(
-        make_settings((longer, EffectMode.NEVER), (bloom, EffectMode.AUTO)), DAYLIGHT, CAMERA
+        make_settings((longer, EffectMode.NEVER), (blooming, EffectMode.AUTO)), DAYLIGHT, CAMERA
     )
-    assert [plan.image_effects for plan in (alone, behind, left_out)] == [(), (longer, bloom), ()]
+    assert [plan.image_effects for plan in (alone, behind, left_out)] == [
+        (),
+        (longer, blooming),
+        (),
+    ]
 
 
 def test_decision_when_nothing_changed_is_not_made_again() -> None:
-    asked = make_settings((COARSE, EffectMode.AUTO))
-    assert plan_effects(asked, DAYLIGHT, CAMERA) is plan_effects(asked, SceneSummary(1.0), CAMERA)
+    settings = make_settings((COARSE, EffectMode.AUTO))
+    assert plan_effects(settings, DAYLIGHT, CAMERA) is plan_effects(
+        settings, SceneSummary(1.0), CAMERA
+    )
 
 
 def test_radiance_is_enough_until_a_criterion_reads_a_distance() -> None:
@@ -110,7 +116,7 @@ def test_radiance_is_enough_until_a_criterion_reads_a_distance() -> None:
     )
 
 
-def test_plan_when_no_effect_is_named_is_empty_and_says_so() -> None:
+def test_plan_when_no_effect_is_named_is_empty_and_reports_it() -> None:
     assert plan_effects(NO_EFFECT_SETTINGS, DAYLIGHT, CAMERA) == NO_EFFECTS
     assert "no effects" in str(NO_EFFECTS)
 

@@ -85,10 +85,10 @@ def test_view_when_requested_has_the_noise_seed_of_its_camera() -> None:
 
 
 def test_view_when_requested_has_the_ego_body_that_moves_with_the_mirror() -> None:
-    wishes = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
+    effect_settings = EffectSettings((EffectSetting(SelfView(), EffectMode.AUTO),))
     plain = make_p2at(perspective_cameras=(AHEAD,))
     assert plain.omni_camera is not None
-    omni = dataclasses.replace(plain.omni_camera, effects=wishes)
+    omni = dataclasses.replace(plain.omni_camera, effects=effect_settings)
     world = make_walled_world()
     robot = dataclasses.replace(plain, omni_camera=omni)
     fleet, views = (

@@ -234,7 +234,9 @@ def make_budgeted_cache(
     renderer: SlowRenderer, budget_ms: float, published: ErrorBoundTable | None = None
 ) -> tuple[ViewCache, ViewRequest]:
     """Views of a renderer that was measured at 1 ms a sample, and a request for one."""
-    wish = replace(CAMERA.render_settings, accuracy_target=AccuracyTarget(budget_ms=budget_ms))
+    render_settings = replace(
+        CAMERA.render_settings, accuracy_target=AccuracyTarget(budget_ms=budget_ms)
+    )
 
     def measure(
         renderer: object, kind: RendererKind, camera: OmniCamera, surface: MirrorSurface, *_: object
@@ -245,7 +247,7 @@ def make_budgeted_cache(
     choice = RendererChoice(renderer, RendererKind.TRACE, "test")  # type: ignore[arg-type] # enough of one
     planning = RenderPlanner(choice, measure=measure)
     views = ViewCache(planning, renderer, clock=lambda: renderer.now_s, error_bounds=published)
-    return views, ViewRequest(OmniCameraSpec(CAMERA.camera, wish), CAMERA_STATE)
+    return views, ViewRequest(OmniCameraSpec(CAMERA.camera, render_settings), CAMERA_STATE)
 
 
 def render_repeatedly(views: ViewCache, request: ViewRequest, frames: int) -> None:
@@ -306,8 +308,8 @@ def test_view_state_when_requested_prepares_no_view() -> None:
     renderer = SlowRenderer(1.0)
     views, request = make_budgeted_cache(renderer, 10.0)
     assert isinstance(request.camera, OmniCameraSpec)
-    asked = views.view_state(request.camera)
-    assert (asked.choice.plan.samples, asked.median_ms, renderer.plans) == (3, None, [])
+    state = views.view_state(request.camera)
+    assert (state.choice.plan.samples, state.median_ms, renderer.plans) == (3, None, [])
     render_repeatedly(views, request, 30)
     assert views.view_state(request.camera).median_ms == pytest.approx(9.0)
 

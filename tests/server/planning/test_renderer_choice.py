@@ -142,7 +142,7 @@ def names_a_kind(module: Path) -> bool:
     )
 
 
-def test_kinds_of_renderers_are_told_apart_in_four_modules() -> None:
+def test_kinds_of_renderers_are_distinguished_in_four_modules() -> None:
     package = Path(catoptra_server.__file__).parent
     renderers = {package / "render" / kind.value for kind in RendererKind}
     found = {

@@ -28,7 +28,7 @@ def equal_size_regions(camera: OmniCamera, size_px: int) -> tuple[FaceRegion, ..
 
 
 def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Floats]:
-    """Fewest and most texels a pixel at scattered pixels, by finite differences."""
+    """Fewest and largest texels a pixel at scattered pixels, by finite differences."""
     rng = np.random.default_rng(2)
     radius = 0.999 * camera.rim_radius_px * np.sqrt(rng.uniform(0.0, 1.0, 20_000))
     turn = rng.uniform(-math.pi, math.pi, 20_000)
@@ -45,11 +45,13 @@ def numeric_texels_per_px(camera: OmniCamera, size_px: int) -> tuple[Floats, Flo
 
 @pytest.mark.parametrize("camera", MIRROR_CAMERAS, ids=["the paper's", "strong", "parabolic"])
 def test_densities_equal_finite_differences_of_the_camera_model(camera: OmniCamera) -> None:
-    fewest, most = numeric_texels_per_px(camera, 300)
+    fewest, largest = numeric_texels_per_px(camera, 300)
     texels = texel_footprint(camera, equal_size_regions(camera, 300))
     assert texels.min_texels_per_px == pytest.approx(fewest.min(), rel=0.01)
-    assert texels.max_texels_per_px == pytest.approx(most.max(), rel=0.02)
-    assert texels.median_texels_per_px == pytest.approx(np.median(np.sqrt(fewest * most)), rel=0.02)
+    assert texels.max_texels_per_px == pytest.approx(largest.max(), rel=0.02)
+    assert texels.median_texels_per_px == pytest.approx(
+        np.median(np.sqrt(fewest * largest)), rel=0.02
+    )
     assert texels.max_px >= 0.999 * (1.0 / fewest).max()
     assert texels.rms_px == pytest.approx(math.sqrt(np.square(1.0 / fewest).mean()), rel=0.02)
 

@@ -172,7 +172,9 @@ def test_object_beyond_the_scene_is_not_cut_away(make_renderer: RendererFactory)
     assert image[30, 30].tolist() == [255, 0, 0]
 
 
-def test_objects_in_an_empty_world_far_from_zero_are_seen(make_renderer: RendererFactory) -> None:
+def test_objects_in_an_empty_world_far_from_the_origin_are_visible(
+    make_renderer: RendererFactory,
+) -> None:
     # Robots stay within a world's few hundred metres: there float32 resolves a tenth of a mm.
     far = (300.0, -200.0, 5.0)
     image = render_ahead(

@@ -73,8 +73,8 @@ def make_bound_plan(
     samples: int = 1,
 ) -> RenderPlan:
     """A plan with one face sample a texel, and faces of a size, 0 = the plan's own."""
-    wish = RenderSettings(surface, samples, size, 1)
-    return plan_from_settings(wish, camera, kind=kind, reason="test")
+    render_settings = RenderSettings(surface, samples, size, 1)
+    return plan_from_settings(render_settings, camera, kind=kind, reason="test")
 
 
 # Trace: every ray.

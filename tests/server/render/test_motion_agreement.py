@@ -82,9 +82,11 @@ def summarizer(world: str) -> SceneSummarizer:
 
 def with_scene_effects(world: str, camera_state: CameraState, *effects: Effect) -> CameraState:
     """Apply scene effects as the server does."""
-    wishes = EffectSettings(tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects))
+    effect_settings = EffectSettings(
+        tuple(EffectSetting(effect, EffectMode.ALWAYS) for effect in effects)
+    )
     summary = summarizer(world).summarize(camera_state, CAMERA)
-    return apply_scene_effects(camera_state, plan_effects(wishes, summary, CAMERA))
+    return apply_scene_effects(camera_state, plan_effects(effect_settings, summary, CAMERA))
 
 
 def assert_like_frames(world: str, view: OmniView, camera_state: CameraState) -> None:

@@ -136,7 +136,7 @@ def test_triangles_when_thin_as_hairs_are_rendered_or_not_but_harm_nothing(
     [(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), (HEMISPHERE_LIGHT, POINT_LIGHT)],
     ids=["directional light", "point light"],
 )
-def test_world_when_ten_kilometres_from_the_origin_looks_the_same(
+def test_world_when_ten_kilometres_from_the_origin_has_the_same_image(
     render_world: Draw, lights: tuple[object, ...]
 ) -> None:
     camera = make_omni_camera(width_px=96)

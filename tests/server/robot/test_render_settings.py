@@ -23,6 +23,6 @@ def test_accuracy_target_when_invalid_raises_with_the_name(value: float) -> None
 
 
 def test_accuracy_target_when_changed_keeps_the_other_value() -> None:
-    dial = AccuracyTarget(0.5, 20.0)
-    assert dial.with_changes(max_error_px=0.1, budget_ms=None) == AccuracyTarget(0.1, 20.0)
-    assert dial.with_changes(max_error_px=None, budget_ms=0.0) == AccuracyTarget(0.5, 0.0)
+    target = AccuracyTarget(0.5, 20.0)
+    assert target.with_changes(max_error_px=0.1, budget_ms=None) == AccuracyTarget(0.1, 20.0)
+    assert target.with_changes(max_error_px=None, budget_ms=0.0) == AccuracyTarget(0.5, 0.0)

@@ -26,7 +26,7 @@ from catoptra_server.scene.world_description import (
 
 UP, DOWN, NORTH = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 SKY = HemisphereLight((0.8, 0.6, 0.4), (0.2, 0.1, 0.0))
-LAMP = PointLight((0.0, 0.0, -2.0), (4.0, 2.0, 1.0))
+LIGHT = PointLight((0.0, 0.0, -2.0), (4.0, 2.0, 1.0))
 # Four texels: 0 and 1 above, 2 and 3 below, in all channels.
 TEXELS = np.arange(4.0).reshape(2, 2, 1) * np.ones(3)
 
@@ -52,7 +52,7 @@ def test_directional_light_follows_the_cosine(normal: tuple[float, ...], fractio
 
 def test_several_lights_add_up() -> None:
     normals = np.array([UP, NORTH])
-    both = facet_irradiance([SKY, LAMP, SKY], normals)
+    both = facet_irradiance([SKY, LIGHT, SKY], normals)
     np.testing.assert_allclose(both, 2.0 * facet_irradiance([SKY], normals))
 
 
@@ -69,17 +69,17 @@ def test_several_lights_add_up() -> None:
 def test_point_light_follows_cosine_and_inverse_square(
     point: tuple[float, ...], normal: tuple[float, ...], fraction: float
 ) -> None:
-    lit = point_irradiance([LAMP], np.array([point]), np.array([normal]))
+    lit = point_irradiance([LIGHT], np.array([point]), np.array([normal]))
     np.testing.assert_allclose(lit, [[4.0 * fraction, 2.0 * fraction, fraction]], atol=1e-15)
 
 
 def test_point_light_on_a_surface_is_finite() -> None:
-    lit = point_irradiance([LAMP], np.array([LAMP.position_m]), np.array([UP]))
+    lit = point_irradiance([LIGHT], np.array([LIGHT.position_m]), np.array([UP]))
     assert np.isfinite(lit).all()
 
 
 def test_point_lights_are_selected() -> None:
-    assert point_lights([SKY, LAMP]) == (LAMP,)
+    assert point_lights([SKY, LIGHT]) == (LIGHT,)
 
 
 def test_facet_radiance_is_albedo_times_irradiance_or_albedo_if_unlit() -> None:

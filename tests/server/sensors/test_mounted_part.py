@@ -8,7 +8,7 @@ from catoptra_server.sensors.mounted_part import MountedPart
 
 
 def test_part_replies_with_its_configuration_and_mount() -> None:
-    told = Configuration("RFID", (("Name", "R"),))
-    part = MountedPart("RFID", "R", Mount((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt"), told)
-    assert part.configuration() is told
+    expected = Configuration("RFID", (("Name", "R"),))
+    part = MountedPart("RFID", "R", Mount((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt"), expected)
+    assert part.configuration() is expected
     assert part.geometry() == GeometryItem("R", (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), "CameraTilt")

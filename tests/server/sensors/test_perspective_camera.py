@@ -25,11 +25,14 @@ def make_camera() -> PerspectiveCameraSensor:
 
 
 @pytest.mark.parametrize(
-    ("wished", "taken"), [(0.7853, 0.7853), (0.0, 1.3963), (9.0, 2.0944), (0.01, 0.3491)]
+    ("requested_rad", "expected_rad"),
+    [(0.7853, 0.7853), (0.0, 1.3963), (9.0, 2.0944), (0.01, 0.3491)],
 )
-def test_zoom_when_requested_stays_within_the_limits(wished: float, taken: float) -> None:
+def test_zoom_when_requested_stays_within_the_limits(
+    requested_rad: float, expected_rad: float
+) -> None:
     sensor = make_camera()
-    assert sensor.zoom(wished) == taken == sensor.fov_rad
+    assert sensor.zoom(requested_rad) == expected_rad == sensor.fov_rad
 
 
 def test_replies_are_in_degrees_and_of_the_mount() -> None:

@@ -51,8 +51,8 @@ def test_scan_when_without_noise_is_exact() -> None:
 
 def test_scan_when_by_embree_is_exact_to_a_millimetre() -> None:
     caster = EmbreeRayCaster(build_scene(make_room_world()))
-    told = scan(SensorContext(0.0, 0, POSE, SensorEnvironment(caster)))
-    np.testing.assert_allclose(told, exact_ranges(POSE), atol=1e-3)
+    ranges = scan(SensorContext(0.0, 0, POSE, SensorEnvironment(caster)))
+    np.testing.assert_allclose(ranges, exact_ranges(POSE), atol=1e-3)
 
 
 def test_scan_when_a_box_is_on_the_right_is_shorter_in_its_low_half() -> None:
@@ -110,9 +110,9 @@ TILTING = dataclasses.replace(
 
 def test_tilting_scan_goes_from_the_ceiling_to_the_floor() -> None:
     # 1 m above the centre of a room of 4 m in height and 8 m in length; z is down.
-    told = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), make_scanner(TILTING))
+    ranges = scan(context_in_room(pose=Pose.from_rpy((0.0, 0.0, -1.0))), make_scanner(TILTING))
     expected = [1.0, math.sqrt(2.0), 4.0, 3.0 * math.sqrt(2.0), 3.0]
-    np.testing.assert_allclose(told, expected, atol=1e-9)
+    np.testing.assert_allclose(ranges, expected, atol=1e-9)
 
 
 def test_scan_without_panning_and_tilting_is_forward_only() -> None:

@@ -33,14 +33,14 @@ def test_scan_of_a_real_scanner_has_its_beams(
 
 def test_panning_scan_goes_from_right_to_left() -> None:
     angles = scan_angles(math.pi, math.pi / 180.0)
-    told = beam_directions(yaw_rad=angles, pitch_rad=0.0 * angles)
-    np.testing.assert_allclose(told[[0, 90, 180]], [[0, 1, 0], [1, 0, 0], [0, -1, 0]], atol=1e-12)
+    beams = beam_directions(yaw_rad=angles, pitch_rad=0.0 * angles)
+    np.testing.assert_allclose(beams[[0, 90, 180]], [[0, 1, 0], [1, 0, 0], [0, -1, 0]], atol=1e-12)
 
 
 def test_tilting_scan_goes_from_above_to_below() -> None:
     angles = scan_angles(math.pi, math.pi / 180.0)
-    told = beam_directions(yaw_rad=0.0 * angles, pitch_rad=angles)
-    np.testing.assert_allclose(told[[0, 90, 180]], [[0, 0, -1], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    beams = beam_directions(yaw_rad=0.0 * angles, pitch_rad=angles)
+    np.testing.assert_allclose(beams[[0, 90, 180]], [[0, 0, -1], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
 @pytest.mark.parametrize(("rings", "rays"), [(0, 8), (1, 4), (3, 8)])

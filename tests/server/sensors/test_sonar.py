@@ -98,9 +98,9 @@ def test_echo_when_the_surface_is_flatter_than_the_limit_is_lost(
         rays_per_cone=64,
         max_incidence_rad=limit_rad,
     )
-    ((_, told_m),) = make_ring(sonar).read(context_in_room()).items
+    ((_, measured_m),) = make_ring(sonar).read(context_in_room()).items
     # 30 rings and 64 rays sample the angle of incidence to a few milliradians.
-    assert told_m == pytest.approx(range_m, abs=2e-3)
+    assert measured_m == pytest.approx(range_m, abs=2e-3)
 
 
 def test_echo_of_an_oblique_box_is_lost() -> None:

@@ -90,7 +90,7 @@ def test_bundled_p2at_when_run_again_reports_the_same_bytes() -> None:
     assert one == again != other
 
 
-def test_shipped_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
+def test_bundled_p2at_when_at_a_cycle_reports_in_the_order_of_ut2004() -> None:
     _, client = drive_bundled_p2at()
     types = [line_from_report(report).split(b"{Type ")[-1].split(b"}")[0] for report in
              client.batches[0]]  # fmt: skip

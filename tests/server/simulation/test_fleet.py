@@ -236,19 +236,19 @@ def test_sensors_when_none_is_due_cast_no_rays() -> None:
     slow = dataclasses.replace(SCANNER, interval_s=0.4)
     described = make_p2at(sensors=(slow, dataclasses.replace(SONAR, interval_s=0.2)))
     fleet = Fleet([described], world, build_scene(world), seed=1, ray_caster=rays)
-    asked = []
+    queries = []
     for tick in range(1, 6):
         fleet.step(0.02, tick * 0.02)
         fleet.deliver_due_reports(tick * 0.02)
-    asked.append(rays.num_queries)
+    queries.append(rays.num_queries)
     spawn(fleet)
     for tick in range(1, 41):
         fleet.step(0.02, tick * 0.02)
         fleet.deliver_due_reports(tick * 0.02)
         if tick % 10 == 5:
-            asked.append(rays.num_queries)
+            queries.append(rays.num_queries)
     # No robot: none. All at the spawn; then the sonar every 10 ticks, the scanner every 20.
-    assert asked == [0, 2, 3, 5, 6]
+    assert queries == [0, 2, 3, 5, 6]
 
 
 def test_robot_when_driving_at_a_wall_stops_at_the_surface() -> None:

@@ -96,9 +96,9 @@ def test_question_when_nothing_matches_has_the_empty_form() -> None:
 
 def test_omni_camera_when_its_bound_is_known_reports_it_after_the_camera_model() -> None:
     robot = spawn(make_p2at())
-    (law,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"))
+    (in_short,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"))
     (whole,) = execute_get_conf(robot, GetConf("Camera", "OmniCam"), FakeViewProvider().error_bound)
-    line, longer = (line_from_report(conf).decode().strip() for conf in (law, whole))
+    line, longer = (line_from_report(conf).decode().strip() for conf in (in_short, whole))
     assert longer.startswith(line)
     assert longer.removeprefix(line).startswith(" {ErrorBoundPx 0.3535")
     assert "{ErrorRmsPx 0.0000" in longer

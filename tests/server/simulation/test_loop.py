@@ -90,9 +90,9 @@ def make_simulation(
     described = description or make_p2at()
     fleet, views = Fleet([described], world, build_scene(world), seed=seed), FakeViewProvider(view)
 
-    def draw(shot: FrameRequest) -> None:
-        frame = render_frame(shot, views, monotonic=monotonic)
-        simulation.post(FrameRendered(shot.channel))
+    def draw(frame_request: FrameRequest) -> None:
+        frame = render_frame(frame_request, views, monotonic=monotonic)
+        simulation.post(FrameRendered(frame_request.channel))
         put_frame(frame)
 
     simulation = Simulation(
@@ -305,11 +305,11 @@ _BLOCKS = st.lists(
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(sorted(COMMAND_PARSERS)), _BLOCKS), max_size=5))
 def test_arbitrary_commands_have_replies_that_can_be_sent(
-    said: list[tuple[str, list[tuple[str, str]]]],
+    messages: list[tuple[str, list[tuple[str, str]]]],
 ) -> None:
     server, client = ControlServer(), FakeClient()
     server.send(Greeting("BotDeathMatch", "walls"))
-    lines = [f"{word} " + "".join(f"{{{n} {v}}}" for n, v in blocks) for word, blocks in said]
+    lines = [f"{word} " + "".join(f"{{{n} {v}}}" for n, v in blocks) for word, blocks in messages]
     simulation = make_simulation()
     whole = ("INIT {ClassName OmniP2AT} {Location 0,0,0}", *lines, "STEP {Time 0.1}", "")
     for command in server.receive("\r\n".join(whole).encode("latin-1")):
@@ -359,8 +359,8 @@ def test_frame_when_requested_several_times_is_rendered_once() -> None:
 
 def test_frame_after_a_step_shows_the_new_pose() -> None:
     view, client = FakeView(), FakeClient()
-    asked = [CommandReceived(client, c) for c in (INIT, Drive(2.0, 2.0), Step(1.0))]
-    (frame,) = collect_frames(1, *asked, FrameRequested(), view=view)
+    posted = [CommandReceived(client, c) for c in (INIT, Drive(2.0, 2.0), Step(1.0))]
+    (frame,) = collect_frames(1, *posted, FrameRequested(), view=view)
     assert frame.time_s == 1.0
     assert frame.metadata.world_from_robot.translation[0] == pytest.approx(0.26)
 
@@ -495,16 +495,16 @@ def test_realtime_with_frame_skip_limits_the_image_port_alone(
 
 
 def test_landmarks_when_requested_have_the_time_and_none_without_the_camera() -> None:
-    simulation, told = make_simulation(), list[object]()
+    simulation, replies = make_simulation(), list[object]()
     client = FakeClient()
     simulation.post(CommandReceived(client, INIT))
     simulation.post(CommandReceived(client, Step(0.5)))
     for name in ("R", "Other"):
         channel = CameraChannel(name, "")
-        simulation.post(LandmarksRequested(channel, lambda *answer: told.append(answer)))
+        simulation.post(LandmarksRequested(channel, lambda *answer: replies.append(answer)))
     simulation.post(StopRequested())
     simulation.run()
-    assert told == [(0.5, ()), (0.5, None)]
+    assert replies == [(0.5, ()), (0.5, None)]
 
 
 def test_camera_when_another_client_disconnects_keeps_its_count() -> None:

@@ -242,10 +242,10 @@ def test_odometry_named_slip_has_random_numbers_of_its_own(name: str, is_named_a
     step(robot, 1)
     reading = robot.read_all(TICK_S)[0]
     assert isinstance(reading, OdometryReading)
-    way_m = 5.0 * 0.13 * TICK_S
-    drawn = float(RandomSource.from_names(1, "R", name).generator(1).standard_normal(3)[0])
-    told_m = way_m + 0.01 * math.sqrt(way_m) * drawn
-    assert (reading.x_m == pytest.approx(told_m)) is is_named_alike
+    travel_m = 5.0 * 0.13 * TICK_S
+    variate = float(RandomSource.from_names(1, "R", name).generator(1).standard_normal(3)[0])
+    expected_m = travel_m + 0.01 * math.sqrt(travel_m) * variate
+    assert (reading.x_m == pytest.approx(expected_m)) is is_named_alike
 
 
 def test_package_when_commanded_with_gripper_and_sequence_moves_links_only() -> None:

@@ -41,8 +41,8 @@ def test_robots_of_a_class_share_one_mesh_for_ever():
 def test_ego_body_when_configured_has_one_mesh_a_class(mode: EffectMode) -> None:
     omni = make_p2at().omni_camera
     assert omni is not None
-    wishes = EffectSettings((EffectSetting(SelfView(), mode),))
-    description = make_p2at(omni_camera=replace(omni, effects=wishes))
+    effect_settings = EffectSettings((EffectSetting(SelfView(), mode),))
+    description = make_p2at(omni_camera=replace(omni, effects=effect_settings))
     appearance = RobotMeshes([description])
     carrier = Robot(description, PlanarPose(1, 2, 3), name="R", seed=0, time_s=0.0)
     first, second = appearance.ego_body(carrier), appearance.ego_body(carrier)

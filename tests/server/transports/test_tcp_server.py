@@ -28,7 +28,7 @@ def test_connection_when_its_peer_disconnects_ends_after_all_bytes_are_sent() ->
     run_scenario(scenario())
 
 
-def test_block_when_left_ends_connections_that_are_silent(
+def test_block_when_left_ends_idle_connections(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def scenario() -> None:

@@ -93,7 +93,7 @@ def single_particle() -> tuple[ContaminantCells, Floats]:
     return cells, projected @ np.array([[cosine, sine], [-sine, cosine]]) + 180.0
 
 
-def test_particle_when_seen_is_the_disc_on_the_surface_in_perspective() -> None:
+def test_image_of_a_particle_is_the_disc_on_the_surface_in_perspective() -> None:
     cells, projected = single_particle()
     places = np.stack((cells.u, cells.v), axis=-1)
     # To the first order in the particle's size: a twentieth of the mirror.
@@ -130,7 +130,7 @@ def test_particles_when_many_lie_all_over_the_surface_alike() -> None:
     assert right == pytest.approx(0.5, abs=0.02)
 
 
-def test_scratch_when_seen_is_as_long_and_wide_as_it_is() -> None:
+def test_image_of_a_scratch_has_its_length_and_width() -> None:
     one = Contaminants(0.0, 2e-4, 1, 0.01, 3e-4)
     cells = scratch_cells(
         one, CAMERA, SURFACE_TABLE, camera_noise_key(NoiseSeed((3, 5)), "scratches")

@@ -85,6 +85,6 @@ def test_reason_when_something_moves_names_speed_range_turn_and_time() -> None:
         assert part in reason
 
 
-def test_reason_when_nothing_moves_says_so() -> None:
+def test_reason_when_nothing_moves_states_it() -> None:
     bound = max_displacement(SceneSummary(1.0, (1.0,) * NUM_RINGS), CAMERAS["paper"], 1.0)
     assert (bound.value, bound.reason) == (0.0, "nothing moves")

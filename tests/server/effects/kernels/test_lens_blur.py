@@ -175,12 +175,12 @@ def test_largest_disc_of_all_is_that_of_what_touches_the_mirror(camera: OmniCame
         assert circle.diameter_px(np.array(range_m)).max() <= max_diameter_px(lens(2.0), camera)
 
 
-def test_range_within_the_mirror_when_asked_gives_a_finite_disc() -> None:
+def test_range_within_the_mirror_has_a_finite_disc() -> None:
     circle = circle_of_confusion(lens(2.0), CAMERA, sample_radii_px(CAMERA))
     assert np.isfinite(circle.diameter_px(np.array(0.0))).all()
 
 
-def test_pixels_law_is_that_of_their_radius_and_beyond_the_rim_the_rims() -> None:
+def test_discs_of_pixels_are_those_of_their_radius_and_beyond_the_rim_the_rims() -> None:
     circle = circle_of_confusion_map(lens(2.0), CAMERA)
     at_rim = circle_of_confusion(
         lens(2.0), CAMERA, np.array([CAMERA.rim_radius_px])
@@ -192,7 +192,7 @@ def test_pixels_law_is_that_of_their_radius_and_beyond_the_rim_the_rims() -> Non
     assert circle.infinity_diameter_px[180, 280] == pytest.approx(there, rel=1e-12)
 
 
-def test_whole_pixels_when_their_corners_are_asked_are_all_on_the_mirror() -> None:
+def test_corners_of_whole_pixels_are_all_on_the_mirror() -> None:
     whole = interior_mask(CAMERA)
     v, u = np.nonzero(whole)
     corners = [np.hypot(u + a - 180.0, v + b - 180.0).max() for a in (0, 1) for b in (0, 1)]

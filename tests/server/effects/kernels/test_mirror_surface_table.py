@@ -22,7 +22,7 @@ def test_paraboloid_when_measured_has_its_closed_form_s_area() -> None:
     np.testing.assert_allclose(surface_table.area_fraction, area / area[-1], atol=1e-6)
 
 
-def test_paraboloid_when_seen_from_afar_is_foreshortened_by_its_slope() -> None:
+def test_paraboloid_from_afar_is_foreshortened_by_its_slope() -> None:
     surface_table = mirror_surface_table(PARABOLIC)
     px_per_m = PARABOLIC.horizon_radius_px / P_M
     r_m = np.linspace(0.0, surface_table.r_m[-1], 37)
@@ -33,7 +33,7 @@ def test_paraboloid_when_seen_from_afar_is_foreshortened_by_its_slope() -> None:
     np.testing.assert_allclose(radial, px_per_m / np.hypot(1.0, r_m / P_M), rtol=1e-4)
 
 
-def test_hyperboloid_when_seen_by_the_pinhole_is_as_its_perspective_says() -> None:
+def test_hyperboloid_from_the_pinhole_is_scaled_as_in_perspective() -> None:
     surface_table = mirror_surface_table(PAPER)
     # 1 m at the vertex, 221.6 mm from a pinhole of 1086 px; the rim is 85 mm wide.
     assert surface_table.tangential_px_per_m[0] == pytest.approx(

@@ -33,7 +33,7 @@ def test_light_beyond_the_border_is_the_last_pixels() -> None:
     np.testing.assert_allclose(sample_bilinear(LIGHT, u, v), expected, rtol=1e-14)
 
 
-def test_float32_when_given_as_an_offset_loses_nothing_to_the_width() -> None:
+def test_offset_when_in_float32_is_as_exact_in_wide_images() -> None:
     wide = np.zeros((1, 4096, 3), dtype=np.float32)
     wide[0, 1::2] = 1.0
     pixel = np.array([4000]), np.array([0])

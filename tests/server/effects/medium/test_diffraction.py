@@ -52,7 +52,7 @@ def test_kernel_of_each_colour_keeps_all_light_and_loses_little_before(f_number:
     assert 0.0 < truncated_fraction(effect).max() < 0.031
 
 
-def test_pattern_when_added_up_encloses_what_rayleighs_formula_says() -> None:
+def test_encircled_energy_of_the_pattern_is_that_of_rayleighs_formula() -> None:
     """At an f-number so large that pixels resolve the rings."""
     effect = make_diffraction(64.0)
     half_width = kernel_half_width_px(effect)

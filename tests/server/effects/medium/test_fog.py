@@ -39,7 +39,7 @@ def test_light_when_arriving_from_afar_is_mixed_with_the_fogs() -> None:
     np.testing.assert_allclose(fogged[48, 48], expected, rtol=1e-12)
 
 
-def test_white_and_black_when_the_eye_loses_contrast_differ_by_5_percent() -> None:
+def test_white_and_black_at_the_visual_range_differ_by_5_percent() -> None:
     # Koschmieder: the visibility is ln(20) / beta.
     capture = context_at_range(math.log(20.0) / GREY_FOG.density_per_m)
     white, black = np.ones((*SHAPE, 3)), np.zeros((*SHAPE, 3))
@@ -47,7 +47,7 @@ def test_white_and_black_when_the_eye_loses_contrast_differ_by_5_percent() -> No
     np.testing.assert_allclose(left[ON_MIRROR], 0.05, rtol=1e-6)
 
 
-def test_nothing_when_it_is_seen_has_the_fogs_own_light() -> None:
+def test_background_at_infinity_has_the_fogs_own_light() -> None:
     fogged = GREY_FOG.apply(make_test_pattern(), CAMERA, context_at_range(math.inf))
     np.testing.assert_array_equal(fogged[ON_MIRROR], 0.5)
 
@@ -80,7 +80,7 @@ CASES = [
 
 
 def test_criterion_over_a_grid_of_scenes_is_on_the_right_side_each_time() -> None:
-    verdicts = set()
+    decisions = set()
     for density, range_m, airlight, largest in CASES:
         fog = Fog(density, airlight, airlight, airlight)
         bound = fog.bound(SceneSummary(largest, max_distance_m=range_m), CAMERA).value
@@ -93,8 +93,8 @@ def test_criterion_over_a_grid_of_scenes_is_on_the_right_side_each_time() -> Non
         assert measured <= bound * (1.0 + 1e-6) + 1e-9, (density, range_m, airlight, largest)
         if bound > THRESHOLD:
             assert measured > 0.5 * THRESHOLD, (density, range_m, airlight, largest)
-        verdicts.add(bound > THRESHOLD)
-    assert verdicts == {True, False}
+        decisions.add(bound > THRESHOLD)
+    assert decisions == {True, False}
 
 
 def test_criterion_when_things_are_nearer_than_the_farthest_bounds_them_too() -> None:
@@ -106,7 +106,7 @@ def test_criterion_when_things_are_nearer_than_the_farthest_bounds_them_too() ->
 
 
 @pytest.mark.parametrize("airlight", [0.2, 3.0])
-def test_summary_when_fog_is_brighter_than_the_scene_says_so(airlight: float) -> None:
+def test_summary_when_fog_is_brighter_than_the_scene_has_its_radiance(airlight: float) -> None:
     fog = replace(GREY_FOG, green=airlight)
     fogged = fog.apply(make_test_pattern(0.8), CAMERA, context_at_range(4.0))
     assert fogged.max() <= fog.update_summary(SceneSummary(0.8)).max_radiance
@@ -127,7 +127,7 @@ def test_background_when_it_is_behind_fog_is_fog() -> None:
     assert behind.background_radiance == (0.5, 0.5, 0.5)
 
 
-def test_reason_says_what_the_bound_comes_from() -> None:
+def test_reason_states_the_source_of_the_bound() -> None:
     assert Fog(0.0, 0.5, 0.5, 0.5).bound(SceneSummary(1.0), CAMERA).reason == "the air is clear"
     dark = SceneSummary(0.5, max_distance_m=0.01, background_radiance=(0.0, 0.0, 0.0))
     assert "background" in GREY_FOG.bound(dark, CAMERA).reason

@@ -29,7 +29,7 @@ def max_blur_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.02, 0.1, 0.13, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 2.0, 10.0, 60.0])
 @pytest.mark.parametrize("range_m", [0.4, 2.0])
-def test_criterion_when_a_robot_moves_is_a_bound_and_enables_what_is_seen(
+def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
     speed_m_s: float, turn_deg_s: float, range_m: float
 ) -> None:
     twist = Twist((speed_m_s, 0.0, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))

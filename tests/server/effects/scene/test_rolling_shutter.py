@@ -30,7 +30,7 @@ def max_displacement_px(twist: Twist, range_m: float) -> float:
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.2, 0.5, 2.0])
 @pytest.mark.parametrize("turn_deg_s", [0.0, 10.0, 60.0, 150.0])
 @pytest.mark.parametrize("range_m", [0.3, 1.5])
-def test_criterion_when_a_robot_moves_is_a_bound_and_enables_what_is_seen(
+def test_criterion_when_a_robot_moves_is_a_bound_and_enables_visible_motion(
     speed_m_s: float, turn_deg_s: float, range_m: float
 ) -> None:
     twist = Twist((0.0, speed_m_s, 0.0), (0.0, 0.0, math.radians(turn_deg_s)))

@@ -47,11 +47,11 @@ def test_robot_when_it_is_less_than_the_threshold_is_disabled(
     assert plan.image_effects == ()
 
 
-def test_reason_when_nothing_of_the_robot_is_seen_says_so() -> None:
+def test_reason_when_nothing_of_the_robot_is_visible_states_it() -> None:
     assert SelfView().bound(SceneSummary(1.0), CAMERA).reason == ("no part of the robot is in view")
 
 
-def test_summary_when_the_robot_is_shown_knows_that_it_is_near_and_does_not_pass_by() -> None:
+def test_summary_when_the_robot_is_visible_has_it_near_and_not_passing_by() -> None:
     own = (0.2, 0.3, *[math.inf] * (NUM_RINGS - 2))
     scene = (0.6, 0.25, *[0.7] * (NUM_RINGS - 2))
     behind = SelfView().update_summary(SceneSummary(1.0, scene, ego_body_min_distances_m=own))

@@ -57,13 +57,13 @@ def world_with_lights(*lights: DirectionalLight | PointLight | HemisphereLight) 
     return make_world(floor_item(), BOX_ON_FLOOR, lights=lights)
 
 
-def dim_sun_world(irradiance: float) -> World:
+def dim_directional_world(irradiance: float) -> World:
     return world_with_lights(
         DIM_HEMISPHERE_LIGHT, DirectionalLight((0.6, 0.0, 0.8), (irradiance,) * 3)
     )
 
 
-def lamp_world(intensity: float) -> World:
+def point_light_world(intensity: float) -> World:
     return world_with_lights(PointLight((-1.4, 0.3, -1.3), (intensity,) * 3))
 
 
@@ -89,8 +89,8 @@ WORLDS_WITHOUT_SHADOWS = {
     "a box alone": make_world(BOX_ON_FLOOR),
     "a sky": world_with_lights(DIM_HEMISPHERE_LIGHT),
     "a night": world_with_lights(),
-    "a dim sun": dim_sun_world(0.003),
-    "a dim lamp": lamp_world(1e-4),
+    "a dim sun": dim_directional_world(0.003),
+    "a dim lamp": point_light_world(1e-4),
     "glass": make_world(floor_item(), dataclasses.replace(BOX_ON_FLOOR, casts_shadows=False)),
     "nothing": World("empty", (), lights=(DIRECTIONAL_LIGHT,)),
 }
@@ -116,8 +116,8 @@ WORLDS_WITH_SHADOWS = {
         make_inward_facing_room(PointLight((-1.3, 0.2, -1.5), (0.9, 0.9, 0.9))),
         items=(*make_inward_facing_room(DIRECTIONAL_LIGHT).items, BOX_ON_FLOOR),
     ),
-    "a sun just bright enough": dim_sun_world(0.012),
-    "a lamp just bright enough": lamp_world(1e-3),
+    "a sun just bright enough": dim_directional_world(0.012),
+    "a lamp just bright enough": point_light_world(1e-3),
     "the field": bundled_world("four_legged_2006"),
     "the corridor": bundled_world("corridor"),
 }
@@ -142,7 +142,7 @@ def test_shadows_change_the_scene_not_the_image() -> None:
     assert plan.scene_effects == (Shadows(),)
 
 
-def test_reason_says_how_much_light_can_be_hidden_or_why_none() -> None:
+def test_reason_states_how_much_light_can_be_occluded_or_why_none() -> None:
     reason = (
         Shadows().bound(SceneSummary(1.0, max_shadow_loss=ShadowLoss(0.25, 0.5)), CAMERA).reason
     )

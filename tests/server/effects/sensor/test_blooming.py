@@ -33,7 +33,7 @@ def test_charge_when_it_overflows_stays_in_its_column_and_colour() -> None:
     assert bloom_row(10)[9, 3, 1] == bloom_row(10)[9, 3, 2] == 0.0
 
 
-def test_charge_when_it_leaves_the_image_is_gone() -> None:
+def test_charge_when_it_leaves_the_image_is_lost() -> None:
     assert bloom_row(0)[1:, 3, 0].sum() == pytest.approx(0.5 * 0.3 * 3.0)
 
 

@@ -23,7 +23,7 @@ def test_spread_in_electrons_is_the_amplifiers_whatever_the_light(level: float) 
     )
 
 
-def test_quiet_amplifier_is_disabled_by_the_criterion() -> None:
+def test_noiseless_amplifier_is_disabled_by_the_criterion() -> None:
     assert_effect_negligible(ReadNoise(0.4, 18000.0))
 
 

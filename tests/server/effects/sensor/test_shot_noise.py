@@ -43,7 +43,7 @@ def test_frame_when_drawn_twice_has_the_same_bytes() -> None:
     assert measure_flat_field(0.5).tobytes() == measure_flat_field(0.5).tobytes()
 
 
-def test_well_when_full_is_not_exceeded_and_the_dark_is_silent() -> None:
+def test_well_when_full_is_not_exceeded_and_the_dark_is_noiseless() -> None:
     assert measure_flat_field(3.0).min() == measure_flat_field(3.0).max() == 1.0
     assert not measure_flat_field(0.0).any()
 

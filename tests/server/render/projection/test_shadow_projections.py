@@ -16,11 +16,11 @@ from catoptra_server.scene.world_description import DirectionalLight, PointLight
 from helpers.dynamic_objects import TWO_ROBOTS
 
 ORIGIN = np.array((100.0, -50.0, 2.0))
-LAMP_AT = np.array((0.3, -0.2, -1.4))
-LAMP = PointLight((100.3, -50.2, 0.6), (1.0, 1.0, 1.0))
+LIGHT_AT = np.array((0.3, -0.2, -1.4))
+LIGHT = PointLight((100.3, -50.2, 0.6), (1.0, 1.0, 1.0))
 RNG = np.random.default_rng(4)
 CORNERS = RNG.uniform(-2.0, 2.0, (200, 3, 3))
-CASTERS = ShadowCasters.from_triangles(CORNERS, np.zeros((200, 3)), light_positions=(LAMP_AT,))
+CASTERS = ShadowCasters.from_triangles(CORNERS, np.zeros((200, 3)), light_positions=(LIGHT_AT,))
 
 
 def fit(
@@ -60,13 +60,13 @@ def test_directional_light_when_fitted_projects_all_casters_square_and_in_parall
 def test_point_light_when_fitted_projects_each_caster_into_the_face_that_the_shader_samples() -> (
     None
 ):
-    six = fit(LAMP)
+    six = fit(LIGHT)
     points = CORNERS.reshape(-1, 3)
-    from_lamp = points - LAMP_AT
-    axis = np.abs(from_lamp).argmax(axis=1)
-    forward = np.take_along_axis(from_lamp, axis[:, None], axis=1)[:, 0]
+    from_light = points - LIGHT_AT
+    axis = np.abs(from_light).argmax(axis=1)
+    forward = np.take_along_axis(from_light, axis[:, None], axis=1)[:, 0]
     face = 2 * axis + (forward < 0.0)
-    across = np.stack([from_lamp[np.arange(len(points)), (axis + k) % 3] for k in (1, 2)], axis=-1)
+    across = np.stack([from_light[np.arange(len(points)), (axis + k) % 3] for k in (1, 2)], axis=-1)
     for index, frame in enumerate(six):
         own = face == index
         at = project(frame, points[own], np.zeros(3))
@@ -80,7 +80,7 @@ def test_point_light_when_fitted_projects_each_caster_into_the_face_that_the_sha
 
 
 def test_objects_when_fitted_lie_within_their_map() -> None:
-    casters = ShadowCasters.from_objects(TWO_ROBOTS, origin=ORIGIN, light_positions=(LAMP_AT,))
+    casters = ShadowCasters.from_objects(TWO_ROBOTS, origin=ORIGIN, light_positions=(LIGHT_AT,))
     (frame,) = fit(DirectionalLight((0.6, 0.0, 0.8), (1.0, 1.0, 1.0)), casters)
     for dynamic_object in TWO_ROBOTS:
         corners = (

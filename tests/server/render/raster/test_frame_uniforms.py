@@ -8,7 +8,7 @@ from catoptra_server.render.raster.gl_device import GlDevice
 from catoptra_server.render.raster.shader_programs import ProgramSpec, ShaderPrograms
 from catoptra_server.scene.world_description import PointLight
 
-LAMPS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
+LIGHTS = (PointLight((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),)
 
 
 def make_uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
@@ -17,11 +17,11 @@ def make_uniforms(lights: tuple[PointLight, ...]) -> FrameUniforms:
 
 
 def test_light_positions_are_relative_to_the_viewpoint() -> None:
-    assert make_uniforms(LAMPS).light_positions.tolist() == [[0.5, 1.0, 3.0]]
+    assert make_uniforms(LIGHTS).light_positions.tolist() == [[0.5, 1.0, 3.0]]
     assert make_uniforms(()).light_positions.shape == (0, 3)
 
 
-@pytest.mark.parametrize("lights", [(), LAMPS])
+@pytest.mark.parametrize("lights", [(), LIGHTS])
 def test_programs_with_and_without_lights_accept_their_uniforms(
     device: GlDevice, lights: tuple[PointLight, ...]
 ) -> None:

@@ -128,7 +128,7 @@ def test_polygons_of_an_orthographic_camera_are_rejected(renderer: RasterRendere
         renderer.prepare(camera, make_plan(camera, Tessellation(8, 8)))
 
 
-def test_world_far_from_the_origin_looks_the_same(device: GlDevice) -> None:
+def test_world_far_from_the_origin_has_the_same_image(device: GlDevice) -> None:
     away = (2.0e6, -1.0e6, 300.0)
     there = CameraState(Pose.from_rpy(away) @ CAMERA_STATE.world_from_mirror)
     near, far = (

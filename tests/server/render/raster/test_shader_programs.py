@@ -21,7 +21,7 @@ IDS = [str(path.relative_to(ROOT)) for path in SHADERS]
 
 
 @pytest.mark.parametrize("path", SHADERS, ids=IDS)
-def test_shader_file_says_what_it_provides_and_names_its_twin(path: Path) -> None:
+def test_shader_file_states_its_output_and_names_its_twin(path: Path) -> None:
     provides, twin, *_ = path.read_text(encoding="utf-8").splitlines()
     assert provides.startswith("// Provides ")
     assert twin.startswith("// Twin: ")

@@ -40,7 +40,7 @@ def test_scene_without_shadow_casting_lights_has_one_set_of_batches(device: GlDe
     buffers.close()
 
 
-def test_objects_when_shadowed_are_rendered_by_a_program_that_knows_shadows(
+def test_objects_when_shadowed_are_rendered_by_a_program_with_shadows(
     device: GlDevice,
 ) -> None:
     programs = ShaderPrograms(device.context)

@@ -21,7 +21,7 @@ from helpers.shadows import GREY, box_item, floor_item, make_world
 from helpers.worlds import translate_world
 
 NOON = DirectionalLight((0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
-LAMP = PointLight((0.0, 0.0, -1.0), (0.5, 0.5, 0.5))
+LIGHT = PointLight((0.0, 0.0, -1.0), (0.5, 0.5, 0.5))
 TABLE = box_item(0.0, 0.0, -0.5, (0.4, 0.4, 0.02))
 PLACES = np.array(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
 UP = np.tile((0.0, 0.0, -1.0), (2, 1))
@@ -42,10 +42,10 @@ def test_point_under_a_table_is_shadowed_and_another_is_not() -> None:
 
 def test_point_when_the_table_is_beyond_the_point_light_is_lit() -> None:
     above = box_item(0.0, 0.0, -1.5, (0.4, 0.4, 0.02))
-    assert irradiance(make_world(floor_item(), above, lights=(LAMP,)))[0] == pytest.approx(
+    assert irradiance(make_world(floor_item(), above, lights=(LIGHT,)))[0] == pytest.approx(
         0.5, rel=1e-4
     )
-    assert irradiance(make_world(floor_item(), TABLE, lights=(LAMP,)))[0] == 0.0
+    assert irradiance(make_world(floor_item(), TABLE, lights=(LIGHT,)))[0] == 0.0
 
 
 def test_point_under_an_item_without_shadow_is_lit() -> None:

@@ -15,7 +15,7 @@ from catoptra_server.render.trace.silhouette_edges import SilhouetteEdges
 from helpers.worlds import make_omni_camera, make_plan
 
 CAMERA = make_omni_camera(width_px=200)
-LAW = ProjectionTable.from_camera(CAMERA)
+TABLE = ProjectionTable.from_camera(CAMERA)
 POSE = Pose.from_rpy((0.5, -1.0, 2.0), (0.3, -0.2, 1.0))
 
 
@@ -27,9 +27,9 @@ def find_crossed(
     ends: Floats, grid: CellGrid, *, plane: tuple[float, float, float] = (0, 0, 0)
 ) -> set:
     """Cells that edges, given in the mirror frame, cross in front of m . d = 1 / far."""
-    outlines = SilhouetteEdges(POSE.transform_points(ends), LAW, grid)
+    silhouettes = SilhouetteEdges(POSE.transform_points(ends), TABLE, grid)
     vectors = np.tile(np.float32(plane), (grid.rows * grid.columns, 1))
-    return set(outlines.find_cells(POSE, vectors).tolist())
+    return set(silhouettes.find_cells(POSE, vectors).tolist())
 
 
 def sample_cells(ends: Floats, grid: CellGrid) -> set[int]:
