@@ -1,14 +1,15 @@
 """ARCHITECTURE.md is true: its recipes and journeys name what exists, and its tables are guarded.
 
-A guard is a plain function from a table to the entries that some part of the repository does not
-know yet: specification, vectors, configuration, dispatch. Each finds nothing in the real table, and
+A guard is a plain function from a table to the entries that some part of the repository
+lacks: specification, vectors, configuration, dispatch. Each finds nothing in the real table, and
 a dummy entry, added in memory, in every part that its recipe names.
 """
 
 from __future__ import annotations
 
+import ast
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -70,9 +71,27 @@ ROOTS = [
 
 
 def is_defined(name: str, source: str) -> bool:
-    """Whether every part of a dotted name is a function, class, constant or field of a module."""
-    forms = (rf"(?m)\b(def|class) {part}\b|^ *{part} *[:=]" for part in name.split("."))
-    return all(re.search(form, source) for form in forms)
+    """Whether a dotted name is a function, class, constant or field of a module."""
+    scope: Sequence[ast.stmt] = ast.parse(source).body
+    for part in name.split("."):
+        found = [node for node in scope if part in defined_names(node)]
+        if not found:
+            return False
+        scope = getattr(found[0], "body", ())
+    return True
+
+
+def defined_names(node: ast.stmt) -> list[str]:
+    """Names that a statement of a module or class defines."""
+    match node:
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            return [name]
+        case ast.Assign(targets=targets):
+            return [target.id for target in targets if isinstance(target, ast.Name)]
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return [name]
+        case _:
+            return []
 
 
 def find_cited(path: str) -> list[Path]:
@@ -100,8 +119,11 @@ def test_chapter_when_read_names_files_and_names_that_exist(title: str) -> None:
 def test_citation_when_dead_is_found() -> None:
     alive = "`frames/mailbox.py:Mailbox`, `sensors/<name>.py`, `configs/robots/p2at_omni.ini`"
     assert dead_citations(alive) == []
-    dead = "`frames/gone.py`, `frames/mailbox.py:Gone`, `gone/<name>.py`"
-    assert len(dead_citations(dead)) == 3
+    dead = (
+        "`frames/missing.py`, `frames/mailbox.py:Missing`, `missing/<name>.py`, "
+        "`frames/mailbox.py:Mailbox.capture_s`, `landmarks/detector.py:Detector.detect`"
+    )
+    assert len(dead_citations(dead)) == 5
 
 
 def test_recipes_when_read_have_three_columns_each() -> None:
@@ -127,7 +149,7 @@ def words_without_vector(channel: str, words: Iterable[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class DummyCommand:
-    """A command that nothing but the table knows."""
+    """A command that is in its table alone."""
 
     WORD: ClassVar[str] = "DUMMY"
 
@@ -198,7 +220,7 @@ def test_sensor_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @dataclass(frozen=True)
 class DummyMessage:
-    """A message of the stream that nothing but its table knows."""
+    """A message of the stream that is in its table alone."""
 
     KIND: ClassVar[str] = DUMMY
 
