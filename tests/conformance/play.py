@@ -63,7 +63,7 @@ def play_all(
     conversations: Iterable[Conversation],
     addresses: dict[str, Address],
     robot_class: str,
-    placement_blocks: str,
+    spawn_pose: str,
 ) -> list[ConversationResult]:
     """Play conversations one after the other.
 
@@ -71,9 +71,9 @@ def play_all(
         conversations: Conversations of ports in `addresses`.
         addresses: Address of each port.
         robot_class: Class to spawn.
-        placement_blocks: Blocks of INIT with the pose to spawn at.
+        spawn_pose: Blocks of INIT with the pose to spawn at.
     """
-    variables = {"class": robot_class, "placement": placement_blocks}
+    variables = {"class": robot_class, "spawn_pose": spawn_pose}
     return [
         ConversationResult(one, PLAYERS[one.port](one, addresses[one.port], variables))
         for one in conversations
@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--robot-class", default="USARBot.OmniP2AT")
     parser.add_argument(
-        "--placement", help="blocks of INIT, {Location 1,2,0}; default: a start pose"
+        "--spawn-pose", help="blocks of INIT, {Location 1,2,0}; default: a start pose"
     )
     options = parser.parse_args(arguments)
     ports = {"control": options.control, "image": options.image, "stream": options.stream}
@@ -130,8 +130,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for one in read_conversations()
         if one.applies_to(options.dialect, image_mode) and one.port in addresses
     ]
-    placement = options.placement or find_start_pose(options.control)
-    results = play_all(applicable, addresses, options.robot_class, placement)
+    spawn_pose = options.spawn_pose or find_start_pose(options.control)
+    results = play_all(applicable, addresses, options.robot_class, spawn_pose)
     Console().print(results_table(results))
     failed = sum(result.is_failure for result in results)
     print(f"{len(results) - failed} of {len(results)} passed or not required")

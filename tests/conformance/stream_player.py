@@ -184,7 +184,7 @@ def _complete_request(session: StreamSession, fields: FieldMap) -> FieldMap:
 
 def _spawn_fields(variables: dict[str, str]) -> FieldMap:
     """Fields of a spawn request in the variables: the class, and the pose as blocks of INIT."""
-    blocks = parse_message(Template("INIT $placement").substitute(variables))
+    blocks = parse_message(Template("INIT $spawn_pose").substitute(variables))
     location, rotation = blocks.get("Location"), blocks.get("Rotation")
     return {
         "class_name": variables["class"],

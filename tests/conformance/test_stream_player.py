@@ -30,7 +30,7 @@ def play_steps(script: Script, *steps: StepSpec) -> str:
     """Outcome of these steps with a scripted server."""
     with serve_stream_script(script) as port:
         conversation = Conversation("c", "", "stream", True, steps)
-        variables = {"class": "C", "placement": "{Start S}"}
+        variables = {"class": "C", "spawn_pose": "{Start S}"}
         return play_conversation(conversation, ("127.0.0.1", port), variables)
 
 

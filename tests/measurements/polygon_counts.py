@@ -31,7 +31,7 @@ def main() -> None:
     world = make_worlds()["field"]
     renderer = create_renderer(RendererKind.RASTER, build_scene(world), world)
     surfaces = {str(count): tessellation_from_polygon_count(count) for count in POLYGONS} | {
-        "exact law": PerPixel()
+        "exact model": PerPixel()
     }
     views = {}
     for name, surface in surfaces.items():

@@ -1,4 +1,4 @@
-"""Containers that end in the middle: the client reports it and fails, the server goes on.
+"""Containers that end during a run: the client reports it and fails, the server goes on.
 
 Needs a container engine and the images, which `make compose` builds. CATOPTRA_COMPOSE names another
 command than `docker compose`.

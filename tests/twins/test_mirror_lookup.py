@@ -108,7 +108,7 @@ def test_lookup_over_the_image_returns_to_its_pixel(
 def test_lookup_next_to_the_asymptote_of_nearly_a_plane_is_coarser(
     context: moderngl.Context,
 ) -> None:
-    # A radian is 45 000 px there, and so is a face: more than float32 tells apart to 1e-3.
+    # A radian is 45 000 px there, and so is a face: more than float32 resolves to 1e-3.
     camera = make_omni_camera(mirror=HyperbolicMirror(2.001, 0.2), width_px=4096, rim_deg=90.0)
     assert largest_error_px(context, camera, atlas_by_density(camera)) < 2e-3
 

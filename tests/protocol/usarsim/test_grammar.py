@@ -84,7 +84,7 @@ PARSED = [
     ("SET {} { }", Message("SET")),
     # Spaces are trimmed, tabs are not.
     ("SET {A \tb }", Message("SET", (("A", "\tb"),))),
-    # A block that is not closed, or closed twice, says nothing more than its sound neighbours.
+    # A block that is not closed, or closed twice, adds nothing to its sound neighbours.
     ("DRIVE {Left 1.0} {Right 2", Message("DRIVE", (("Left", "1.0"),))),
     ("DRIVE {Left {Right 2}} stray", Message("DRIVE", (("Right", "2"),))),
     # The word ends at a space, as in GameBots, or at a brace, as in UDK.

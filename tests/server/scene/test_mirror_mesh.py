@@ -1,4 +1,4 @@
-"""The polygon mirror: on Eq. 1's surface, of the right area, looked up where its corners look.
+"""Mirror meshes: on Eq. 1's surface, of the right area, with the directions of their corners.
 
 The effect on the image is measured in tests/studies/camera_figures.
 """
@@ -101,8 +101,8 @@ def test_directions_by_uv_lie_on_the_plane_of_one_face(
 
 def test_face_of_a_polygon_is_the_one_around_its_centre() -> None:
     mesh = build_mirror_mesh(CAMERA, Tessellation(64, 64))
-    middle = mesh.directions.sum(axis=1)
-    face = face_from_direction(middle)
+    mean = mesh.directions.sum(axis=1)
+    face = face_from_direction(mean)
     coordinates = face_coordinates(mesh.directions.reshape(-1, 3), np.repeat(face, 3))
     # A polygon may reach over its face's edge by what its size is.
     assert np.abs(coordinates).max() < 1.2

@@ -160,5 +160,5 @@ def test_mesh_with_a_material_has_that_material(tmp_path: Path) -> None:
 def test_mesh_is_transformed_by_its_pose(tmp_path: Path) -> None:
     path = export_mesh(make_plain_square(), tmp_path / "m.stl")
     scene = build_scene(World("w", (make_item(MeshFile(path), x_m=7.0),)))
-    middle = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
-    np.testing.assert_allclose(middle, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32
+    centre = 0.5 * (scene.corners.min(axis=(0, 1)) + scene.corners.max(axis=(0, 1)))
+    np.testing.assert_allclose(centre, (7.0, 0.0, 0.0), atol=1e-6)  # STL keeps float32

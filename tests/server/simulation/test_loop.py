@@ -369,7 +369,7 @@ def test_frame_when_requested_during_rendering_is_rendered_once() -> None:
     view, drawn = FakeView(), []
 
     def wanted_meanwhile(frame: Frame) -> None:
-        """Stand for a client that asks for frame 1 while it is drawn."""
+        """Request frame 1 while it is rendered, as a client would."""
         drawn.append(frame)
         simulation.post(FrameRequested(newer_than=0))
         simulation.post(FrameRequested(newer_than=0))

@@ -29,7 +29,7 @@ def open_frame_source(
     """Connect to `tcp://host:port` (image port) or `zmq://host:port` (stream).
 
     Args:
-            url: Address; default ports 5003 and 5005. Over the stream a camera may be selected,
+        url: Address; default ports 5003 and 5005. Over the stream a camera may be selected,
             `zmq://host:port?robot=A&camera=Rear&encoding=png`.
         timeout_s: Timeout of the connection and of each frame.
         robot: Name of the robot, in place of that in the URL.

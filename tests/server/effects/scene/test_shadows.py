@@ -83,14 +83,14 @@ def bound_and_measured_change(world: World, *objects: DynamicObject) -> tuple[fl
 
 WORLDS_WITHOUT_SHADOWS = {
     "a floor alone": make_world(floor_item()),
-    "an empty room with a lamp": make_inward_facing_room(
+    "an empty room with a point light": make_inward_facing_room(
         PointLight((0.3, 0.2, -1.1), (0.9, 0.9, 0.9))
     ),
     "a box alone": make_world(BOX_ON_FLOOR),
     "a sky": world_with_lights(DIM_HEMISPHERE_LIGHT),
     "a night": world_with_lights(),
-    "a dim sun": dim_directional_world(0.003),
-    "a dim lamp": point_light_world(1e-4),
+    "a dim directional light": dim_directional_world(0.003),
+    "a dim point light": point_light_world(1e-4),
     "glass": make_world(floor_item(), dataclasses.replace(BOX_ON_FLOOR, casts_shadows=False)),
     "nothing": World("empty", (), lights=(DIRECTIONAL_LIGHT,)),
 }
@@ -112,12 +112,12 @@ def bundled_world(name: str) -> World:
 
 WORLDS_WITH_SHADOWS = {
     "a box on a floor": make_world(floor_item(), BOX_ON_FLOOR),
-    "a box in a room with a lamp": dataclasses.replace(
+    "a box in a room with a point light": dataclasses.replace(
         make_inward_facing_room(PointLight((-1.3, 0.2, -1.5), (0.9, 0.9, 0.9))),
         items=(*make_inward_facing_room(DIRECTIONAL_LIGHT).items, BOX_ON_FLOOR),
     ),
-    "a sun just bright enough": dim_directional_world(0.012),
-    "a lamp just bright enough": point_light_world(1e-3),
+    "a directional light just bright enough": dim_directional_world(0.012),
+    "a point light just bright enough": point_light_world(1e-3),
     "the field": bundled_world("four_legged_2006"),
     "the corridor": bundled_world("corridor"),
 }

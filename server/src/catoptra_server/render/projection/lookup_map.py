@@ -18,7 +18,7 @@ from catoptra_server.render.projection.atlas import Atlas
 
 # Coordinate of a sample that does not see the mirror; shaders test for a negative value.
 OUTSIDE_MIRROR = -1.0
-# Rows of one batch: intermediate float64 values stay in the processor's cache.
+# Samples of one batch: intermediate float64 values stay in the processor's cache.
 _SAMPLES_PER_BATCH = 2**16
 
 
