@@ -39,7 +39,7 @@ class ControlServer:
         """Encode a report; empty for a report that the dialect does not have.
 
         Raises:
-                LocalProtocolError: The first report is not the greeting, or a later one is; or the
+            LocalProtocolError: The first report is not the greeting, or a later one is; or the
                 report has no valid line.
         """
         if isinstance(report, Greeting) is not (self._state is ControlState.ACCEPTED):
@@ -105,7 +105,7 @@ class ControlClient:
         """Known reports of these bytes, in order; unknown ones are skipped.
 
         Raises:
-                RemoteProtocolError: A report is malformed. The reports before it are returned
+            RemoteProtocolError: A report is malformed. The reports before it are returned
                 first: then the next call, even without bytes, raises, and the one after it
                 continues behind the malformed line.
         """

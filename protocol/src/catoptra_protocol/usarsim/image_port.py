@@ -134,7 +134,7 @@ class ImageFrameReader:
         """Frames completed by these bytes.
 
         Raises:
-                RemoteProtocolError: A header has an unknown type or a payload beyond the limit.
+            RemoteProtocolError: A header has an unknown type or a payload beyond the limit.
                 Raised before the payload arrives; the connection is unusable afterwards.
         """
         self._buffer += data

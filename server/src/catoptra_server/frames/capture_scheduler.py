@@ -37,6 +37,7 @@ class ChannelState:
         """Record the capture of a frame, and number it.
 
         Args:
+            time_s: Simulation time of the exposure.
             interval_s: Simulation time until the channel may capture the next frame.
 
         Returns:

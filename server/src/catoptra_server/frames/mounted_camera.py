@@ -27,9 +27,12 @@ def mounted_camera_state(
     """State of a camera for one exposure, given the state of the robot that carries the camera.
 
     Args:
+        world_from_robot: Pose of the chassis.
+        robot_from_camera: Pose of the viewpoint or pinhole on the robot.
         twist: Motion of the robot, referred to the chassis origin, in world axes.
         objects: Other dynamic objects in the scene.
         ego_body: The robot itself, where the camera may show the robot's own body.
+        noise_seed: Seed of the noise of this exposure.
     """
     world_from_camera = world_from_robot @ robot_from_camera
     # A turning chassis carries the camera around: v_camera = v_robot + omega x offset.

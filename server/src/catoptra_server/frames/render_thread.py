@@ -113,6 +113,7 @@ class RenderThread:
 
         Args:
             create_views: Called in this thread; None from a server without cameras.
+            on_ready: Called in this thread once the views exist.
         """
         views = None
         try:

@@ -84,6 +84,7 @@ class Fleet:
 
         Args:
             descriptions: Classes that INIT may name.
+            world: Start poses, tags, victims, GPS origin and landmarks.
             scene: The world as triangles, for collisions.
             seed: Seed of all random numbers.
             ray_caster: The world as sensors measure it; None for an empty one.

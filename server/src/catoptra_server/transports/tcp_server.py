@@ -29,7 +29,7 @@ async def serve_tcp(
         host: Host name or address of the interface.
         port: TCP port; 0 = a free one.
         handler: Coroutine of one connection.
-            max_connections: Limit of concurrent connections; further ones are closed at once. None
+        max_connections: Limit of concurrent connections; further ones are closed at once. None
             = unlimited.
 
     Raises:
