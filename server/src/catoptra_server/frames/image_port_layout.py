@@ -57,7 +57,7 @@ class ImagePortLayout:
 
         Args:
             robots: All robots, the one that was spawned first in front.
-            visible_objects_of: Dynamic objects in view of a robot's cameras: the other robots.
+            visible_objects_of: Objects that a robot's cameras can show: other robots, ego body.
             tile: Index of the tile; ignored without a multi-view, which has no tiles.
         """
         if self._layout is None:

@@ -203,7 +203,7 @@ def write_cost_results(results: CostResults, path: Path) -> None:
 
 
 def _replace_non_finite(value: Any) -> Any:
-    # JSON knows neither: Python would write words that no other reader accepts.
+    # JSON has neither: Python would write words that no other reader accepts.
     if isinstance(value, dict):
         return {key: _replace_non_finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

@@ -59,7 +59,7 @@ def _describe_conditions(localization: LocalizationAccuracy) -> str:
 
 def _describe_sufficient_level(localization: LocalizationAccuracy) -> str:
     """Sentence about the coarsest level that localizes as well as the best, to a centimetre."""
-    # Judged by the consistent filter, since its R is nearer the real errors of the measurements.
+    # Evaluated by the consistent filter, since its R is nearer the real errors of the measurements.
     best_m = min(row.consistent_ekf_mean_m for row in localization.rows)
     sufficient = next(
         row for row in localization.rows if row.consistent_ekf_mean_m <= best_m + 0.01

@@ -1,6 +1,6 @@
 """Localization by frames of the key levels: the paper's simulated drive through server processes.
 
-Each level has a server of its own that renders as the level says. The same seeds drive round the
+Each level has a server of its own that renders at the level. The same seeds drive round the
 field, a detector finds landmarks in the frames received over TCP, and filters localize by them.
 """
 
@@ -44,7 +44,7 @@ def measure_localization(
         progress: Display of the drives.
     """
     advance = progress.add_task("train: labelled frames", _NUM_TRAINING_FRAMES)
-    # One classifier, from the best frames: else a level would be judged by its training as well.
+    # One classifier, from the best frames: else a level would be evaluated by its training as well.
     classifier, _ = train_classifier(_level_config(config, levels[-1]), lambda _: advance())
     rows, results = [], []
     for level in levels:

@@ -82,7 +82,7 @@ class EffectScene:
     robot: RobotDescription
 
     def camera_state(self, case: EffectCase) -> CameraState:
-        """State of the robot's camera while the robot moves as the case says."""
+        """State of the robot's camera in the motion of the case."""
         omni, ego_mesh = self.robot.omni_camera, build_ego_mesh(self.robot)
         assert omni is not None, "p2at_omni_real has a mirror camera"
         assert ego_mesh is not None, "p2at_omni_real describes its own body"
