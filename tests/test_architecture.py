@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import pytest
 
@@ -23,13 +23,16 @@ from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.stream.messages import request_from_bytes
 from catoptra_protocol.stream.replies import REPLIES
 from catoptra_protocol.stream.requests import REQUESTS
-from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, command_from_message
+from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, Command, command_from_message
+from catoptra_protocol.usarsim.control_states import TRANSITIONS
 from catoptra_protocol.usarsim.grammar import Message, parse_message
 from catoptra_protocol.usarsim.readings import READING_PARSERS
 from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_message
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_server.effects.effect import EffectType
 from catoptra_server.effects.medium.vignetting import Vignetting
+from catoptra_server.planning.renderer_choice import RENDERER_FACTORIES
+from catoptra_server.render.renderer_kind import RendererKind
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.sensors import SENSOR_KINDS, SensorKind
 from catoptra_server.simulation import Fleet
@@ -40,6 +43,7 @@ from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS
 
 ARCHITECTURE = REPOSITORY / "ARCHITECTURE.md"
 SPECIFICATION = REPOSITORY / "protocol/SPEC.md"
+README = REPOSITORY / "README.md"
 EFFECTS_PAGE = REPOSITORY / "docs/EFFECTS.md"
 CONFIGURATIONS_PAGE = REPOSITORY / "configs/README.md"
 SERVER = REPOSITORY / "server/src/catoptra_server"
@@ -158,9 +162,16 @@ class DummyCommand:
         return cls()
 
 
-def test_commands_are_specified_and_have_vectors() -> None:
+def commands_without_state(commands: Iterable[type]) -> list[str]:
+    """Classes of commands that no state of a connection accepts."""
+    accepted = {command for commands in TRANSITIONS.values() for command in commands}
+    return [command.__name__ for command in commands if command not in accepted]
+
+
+def test_commands_are_specified_accepted_and_have_vectors() -> None:
     assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == []
     assert words_without_vector("commands", COMMAND_PARSERS) == []
+    assert commands_without_state(get_args(Command)) == []
 
 
 def test_command_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,6 +180,7 @@ def test_command_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(command, DummyCommand)
     assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == ["DUMMY"]
     assert words_without_vector("commands", COMMAND_PARSERS) == ["DUMMY"]
+    assert commands_without_state((*get_args(Command), DummyCommand)) == ["DummyCommand"]
     fleet = Fleet([make_p2at()], (world := make_walled_world()), build_scene(world), seed=1)
     with pytest.raises(AssertionError, match="DummyCommand"):
         fleet.execute(FakeClient(), command, 0.0)
@@ -331,3 +343,24 @@ def test_lens_when_added_is_noticed() -> None:
     assert models_without_hard_cases(LENSES) == []
     assert missing_in(SPECIFICATION, [*LENSES, DUMMY]) == [DUMMY]
     assert models_without_hard_cases([*LENSES, DUMMY]) == [DUMMY]
+
+
+def renderers_without_factory(names: Iterable[str]) -> list[str]:
+    """Renderers that no function creates."""
+    known = {kind.value for kind in RENDERER_FACTORIES}
+    return [name for name in names if name not in known]
+
+
+def renderers_without_folder(names: Iterable[str]) -> list[str]:
+    """Renderers without a package of their own."""
+    return [name for name in names if not (SERVER / "render" / name).is_dir()]
+
+
+def test_renderer_when_added_is_noticed() -> None:
+    names = [kind.value for kind in RendererKind]
+    assert missing_in(README, names, "{}") == []
+    assert renderers_without_factory(names) == []
+    assert renderers_without_folder(names) == []
+    assert missing_in(README, [*names, DUMMY], "{}") == [DUMMY]
+    assert renderers_without_factory([*names, DUMMY]) == [DUMMY]
+    assert renderers_without_folder([*names, DUMMY]) == [DUMMY]

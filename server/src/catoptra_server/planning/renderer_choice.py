@@ -77,14 +77,14 @@ def choose_renderer(
     if requested == AUTO:
         return _choose_automatically(inputs, samples)
     kind = RendererKind(requested)
-    return RendererChoice(_FACTORIES[kind](inputs), kind, "requested")
+    return RendererChoice(RENDERER_FACTORIES[kind](inputs), kind, "requested")
 
 
 def create_renderer(
     kind: RendererKind, scene: SceneMesh, world: World, *, threads: int = 0
 ) -> Renderer:
     """Create a renderer of one kind, with the lights that the server would give it."""
-    return _FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
+    return RENDERER_FACTORIES[kind](_Scene(scene, world, cull_lights(scene, world.lights), threads))
 
 
 def _create_trace(inputs: _Scene) -> Renderer:
@@ -101,7 +101,7 @@ def _create_raster(inputs: _Scene) -> Renderer:
     return RasterRenderer(inputs.mesh, inputs.world, scene_lights=inputs.lights)
 
 
-_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
+RENDERER_FACTORIES: Mapping[RendererKind, Callable[[_Scene], Renderer]] = {
     RendererKind.TRACE: _create_trace,
     RendererKind.RASTER: _create_raster,
 }
