@@ -48,7 +48,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Naive:
+class MutantResult:
     """Worst case of a mutant, the product on the same case, and the number of failing cases."""
 
     mutation: Mutation
@@ -68,15 +68,15 @@ def evaluate_group(group: str) -> list[Outcome]:
     return [evaluate_case(case, subjects) for case in load(group)]
 
 
-def naive_forms() -> Iterator[Naive]:
+def evaluate_mutants() -> Iterator[MutantResult]:
     """Yield every mutant with its worst case, among cases with a value if possible."""
     for mutation in all_mutations():
         ours = evaluate_group(mutation.group)
-        with patch(mutation.target, mutation.naive):
-            naive = evaluate_group(mutation.group)
-        failing = [pair for pair in zip(naive, ours, strict=True) if pair[0].error_fraction > 1.0]
+        with patch(mutation.target, mutation.mutant):
+            mutant = evaluate_group(mutation.group)
+        failing = [pair for pair in zip(mutant, ours, strict=True) if pair[0].error_fraction > 1.0]
         if failing:
-            yield Naive(mutation, *max(failing, key=_showing), len(failing))
+            yield MutantResult(mutation, *max(failing, key=_showing), len(failing))
 
 
 def _showing(pair: tuple[Outcome, Outcome]) -> tuple[bool, bool, float]:
@@ -84,9 +84,9 @@ def _showing(pair: tuple[Outcome, Outcome]) -> tuple[bool, bool, float]:
 
     Cases with a reference near 0, where the product is only absolutely exact, come last.
     """
-    naive, ours = pair
-    finite = naive.case.expect == "value" and math.isfinite(naive.relative_error)
-    return finite, ours.relative_error < 1e-3, naive.relative_error if finite else 0.0
+    mutant, ours = pair
+    finite = mutant.case.expect == "value" and math.isfinite(mutant.relative_error)
+    return finite, ours.relative_error < 1e-3, mutant.relative_error if finite else 0.0
 
 
 def evaluate_case(case: Case, subjects: Mapping[str, Subject]) -> Outcome:

@@ -1,4 +1,4 @@
-"""Mutants of the client's formulas: naive forms, as a textbook or a first attempt has them.
+"""Mutants of the client's formulas: forms as a textbook or a first attempt has them.
 
 Each mutant replaces a function of the client and must fail a case of its group.
 """

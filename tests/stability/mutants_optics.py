@@ -1,4 +1,4 @@
-"""Mutants of the camera models, the number formats and the light sums: naive forms of each.
+"""Mutants of the camera models, the number formats and the light sums.
 
 Each mutant replaces a function of the product and must fail a case of its group.
 """

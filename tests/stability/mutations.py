@@ -1,6 +1,6 @@
-"""`python -m stability.mutations`: replace each formula by a naive form; a case must fail.
+"""`python -m stability.mutations`: replace each formula by a mutant; a case must fail.
 
-A catalogue that a naive form passes would prove nothing. Each mutation names the function to
+A catalogue that a mutant passes would prove nothing. Each mutation names the function to
 replace, in the module that looks the function up, and the group whose cases must fail. The lists
 are in `mutants_<half>.py`.
 """
@@ -23,12 +23,12 @@ LISTS = ("stability.mutants_client", "stability.mutants_optics")
 
 @dataclass(frozen=True, slots=True)
 class Mutation:
-    """Naive form that replaces `target`, a dotted name; a case of `group` must fail."""
+    """Mutant that replaces `target`, a dotted name; a case of `group` must fail."""
 
     name: str
     group: str
     target: str
-    naive: Callable[..., Any]
+    mutant: Callable[..., Any]
 
 
 def all_mutations() -> list[Mutation]:
@@ -44,7 +44,7 @@ def subjects_of(group: str) -> Mapping[str, Subject]:
 
 def failing_cases(mutation: Mutation) -> list[str]:
     """Messages of the cases that fail with a mutation; empty if no case detects the mutation."""
-    with patch(mutation.target, mutation.naive):
+    with patch(mutation.target, mutation.mutant):
         return failing_messages(mutation.group, subjects_of(mutation.group))
 
 

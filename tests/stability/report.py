@@ -16,10 +16,10 @@ from string import Template
 
 from stability.charts import line_chart
 from stability.consistency import RUNS, STEPS, Consistency, consistency
-from stability.measuring import Naive, Outcome, evaluate_group, groups, naive_forms
+from stability.measuring import MutantResult, Outcome, evaluate_group, evaluate_mutants, groups
 
 PAGE = Path(__file__).with_name("report.html")
-# The scale of the naive forms' errors runs from 1e-20 to 10.
+# The scale of the mutants' errors runs from 1e-20 to 10.
 _LOWEST, _HIGHEST = -20.0, 1.0
 _DIGITS = 22
 
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     of_group = {group: evaluate_group(group) for group in groups()}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "report.html"
-    path.write_text(page(of_group, list(naive_forms()), consistency()), encoding="utf-8")
+    path.write_text(page(of_group, list(evaluate_mutants()), consistency()), encoding="utf-8")
     failing = [o for of in of_group.values() for o in of if o.error_fraction > 1.0]
     for outcome in failing:
         print(f"{outcome.case}: {outcome.got}, but {outcome.reference or outcome.case.expect}")
@@ -41,13 +41,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def page(
-    of_group: dict[str, list[Outcome]], naive: list[Naive], filters: Iterable[Consistency]
+    of_group: dict[str, list[Outcome]], mutant: list[MutantResult], filters: Iterable[Consistency]
 ) -> str:
     """Report as HTML."""
     return Template(PAGE.read_text(encoding="utf-8")).substitute(
-        tiles=_tiles(of_group, naive),
+        tiles=_tiles(of_group, mutant),
         worst="".join(_worst_row(group, of) for group, of in of_group.items()),
-        naive="".join(map(_naive_row, sorted(naive, key=lambda form: form.mutation.group))),
+        mutant="".join(map(_mutant_row, sorted(mutant, key=lambda form: form.mutation.group))),
         runs=RUNS,
         steps=STEPS,
         charts="".join(map(_chart, filters)),
@@ -55,7 +55,7 @@ def page(
     )
 
 
-def _tiles(of_group: dict[str, list[Outcome]], naive: list[Naive]) -> str:
+def _tiles(of_group: dict[str, list[Outcome]], mutant: list[MutantResult]) -> str:
     every = [outcome for of in of_group.values() for outcome in of]
     double = [outcome for outcome in every if outcome.case.float_type == "float64"]
     tiles = [
@@ -63,7 +63,7 @@ def _tiles(of_group: dict[str, list[Outcome]], naive: list[Naive]) -> str:
         (len(every) - len(double), "of them in float32 too"),
         (len({(o.case.group, o.case.formula) for o in every}), f"formulas, {len(of_group)} groups"),
         (sum(outcome.error_fraction > 1.0 for outcome in every), "cases that fail"),
-        (len(naive), "mutants, all detected"),
+        (len(mutant), "mutants, all detected"),
     ]
     return "".join(f'<div class="tile"><b>{n}</b><span>{text}</span></div>' for n, text in tiles)
 
@@ -79,25 +79,25 @@ def _worst_row(group: str, of: list[Outcome]) -> str:
     )
 
 
-def _naive_row(naive: Naive) -> str:
-    case = naive.worst.case
-    ours, theirs = naive.ours.relative_error, naive.worst.relative_error
+def _mutant_row(mutant: MutantResult) -> str:
+    case = mutant.worst.case
+    ours, theirs = mutant.ours.relative_error, mutant.worst.relative_error
     left, right = _scale_percent(ours), _scale_percent(theirs)
     scale = (
         f'<div class="scale"><i class="span" style="left:{left:.1f}%;width:{right - left:.1f}%">'
         f'</i><i class="ours" style="left:{left:.1f}%"></i>'
-        f'<i class="naive" style="left:{right:.1f}%"></i></div>'
+        f'<i class="mutant" style="left:{right:.1f}%"></i></div>'
     )
     return (
-        f"<tr><td>{escape(naive.mutation.group)}</td><td><b>{escape(naive.mutation.name)}</b></td>"
+        f"<tr><td>{escape(mutant.mutation.group)}</td><td><b>{escape(mutant.mutation.name)}</b></td>"
         f"<td>{escape(case.name)}<br><code>{escape(case.formula)}</code> {_chip(case.float_type)}"
-        f"</td><td>{scale}</td><td class=n>{_short(ours) if naive.ours.reference else 'refused'}"
-        f"</td><td class=n>{_format_naive_error(naive.worst)}</td>"
-        f"<td class=n>{naive.failing}</td></tr>"
+        f"</td><td>{scale}</td><td class=n>{_short(ours) if mutant.ours.reference else 'rejected'}"
+        f"</td><td class=n>{_format_mutant_error(mutant.worst)}</td>"
+        f"<td class=n>{mutant.failing}</td></tr>"
     )
 
 
-def _format_naive_error(outcome: Outcome) -> str:
+def _format_mutant_error(outcome: Outcome) -> str:
     """Relative error of a mutant, or the kind of result instead of a number."""
     if math.isfinite(outcome.relative_error):
         return _short(outcome.relative_error)
@@ -112,7 +112,7 @@ def _chart(of: Consistency) -> str:
         f'<div class="card"><h3>{of.name}, expected {of.size}</h3>'
         f"<p>95 % between {low:.2f} and {high:.2f}; {inside}.</p>"
         + line_chart(
-            {"var(--naive)": of.overconfident, "var(--ours)": of.matched},
+            {"var(--mutant)": of.overconfident, "var(--ours)": of.matched},
             band=of.interval,
             expected=of.size,
         )
@@ -127,9 +127,9 @@ def _group(group: str, of: list[Outcome]) -> str:
         for formula, members in groupby(of, key=lambda outcome: outcome.case.formula)
     )
     failing = sum(outcome.error_fraction > 1.0 for outcome in of)
-    verdict = f"{failing} fail" if failing else "all hold"
+    outcome = f"{failing} fail" if failing else "all pass"
     return (
-        f"<details><summary>{escape(group)}<span>{len(of)} cases, {verdict}</span></summary>"
+        f"<details><summary>{escape(group)}<span>{len(of)} cases, {outcome}</span></summary>"
         '<div class="wide"><table><thead><tr><th>case</th><th>type</th><th>reference</th>'
         "<th>ours</th><th class=n>error</th><th class=n>allowed</th><th>used</th></tr></thead>"
         f"<tbody>{rows}</tbody></table></div></details>"
