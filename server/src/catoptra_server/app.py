@@ -198,7 +198,9 @@ class _ServerProcess:
         # Prefetching renders the next frame before a viewer requests one. Not under lockstep, where
         # frames follow from commands alone, so that the same commands give the same bytes.
         self.mailboxes = Mailboxes(self._post, prefetch=is_realtime)
-        self.render_thread = render_thread = RenderThread(self.mailboxes.put)
+        self.render_thread = render_thread = RenderThread(
+            self.mailboxes, retries_at_once=not is_realtime
+        )
         self.simulation = Simulation(
             self._create_fleet(),
             clock=options.clock,
@@ -221,8 +223,8 @@ class _ServerProcess:
             ),
         )
 
-    def _post(self, request: SimulationEvent) -> None:
-        self.simulation.post(request)
+    def _post(self, event: SimulationEvent) -> None:
+        self.simulation.post(event)
 
     @asynccontextmanager
     async def run(self) -> AsyncIterator[None]:

@@ -21,7 +21,14 @@ from catoptra_server.frames.frame_request import Channel
 
 
 class ChannelUnavailableError(Exception):
-    """No robot or camera belongs to the channel (any more)."""
+    """The channel has no frame: its argument is the reason.
+
+    The reason is empty where no robot or camera belongs to the channel (any more).
+    """
+
+    def __init__(self, reason: str = "") -> None:
+        super().__init__(reason)
+        self.reason = reason
 
 
 class Mailbox:
@@ -56,12 +63,12 @@ class Mailbox:
         waiting, self._arrival = self._arrival, self._loop.create_future()
         waiting.set_result(frame)
 
-    def fail(self) -> None:
-        """Raise ChannelUnavailableError in all waiting coroutines."""
+    def fail(self, reason: str) -> None:
+        """Raise ChannelUnavailableError with a reason in all waiting coroutines."""
         self._newest = None
         self._is_frame_requested = False
         waiting, self._arrival = self._arrival, self._loop.create_future()
-        waiting.set_exception(ChannelUnavailableError())
+        waiting.set_exception(ChannelUnavailableError(reason))
         # Retrieved here, too: asyncio logs exceptions of futures without any waiting coroutine.
         waiting.exception()
 
@@ -69,7 +76,7 @@ class Mailbox:
         """Wait for a fresh frame with a larger sequence number.
 
         Raises:
-            ChannelUnavailableError: No robot or camera belongs to the channel.
+            ChannelUnavailableError: The channel has no frame.
         """
         frame = self._fresh_frame(sequence)
         if frame is None:
@@ -104,7 +111,7 @@ class Mailbox:
 class Mailboxes:
     """Mailboxes of all channels that a connection displays."""
 
-    def __init__(self, post: Callable[[FrameEvent], None], *, prefetch: bool) -> None:
+    def __init__(self, post: Callable[[FrameEvent], object], *, prefetch: bool) -> None:
         """Create no mailbox yet.
 
         Args:
@@ -138,16 +145,26 @@ class Mailboxes:
         self._post(FrameRendered(frame.channel))
         self._loop.call_soon_threadsafe(self._put_on_loop, frame)
 
-    def fail(self, channel: Channel) -> None:
-        """Reject all requests for a channel; called by the simulation thread."""
-        self._loop.call_soon_threadsafe(self._fail_on_loop, channel)
+    def fail(self, channel: Channel, reason: str) -> None:
+        """Reject all requests for a channel, from any thread.
+
+        Args:
+            channel: The channel.
+            reason: Text for clients; empty where robot or camera does not exist.
+        """
+        self._loop.call_soon_threadsafe(self._fail_on_loop, channel, reason)
+
+    def fail_frame(self, channel: Channel, reason: str) -> None:
+        """Reject all requests for a channel whose frame could not be rendered."""
+        self._post(FrameRendered(channel))
+        self.fail(channel, reason)
 
     def _put_on_loop(self, frame: Frame) -> None:
         mailbox = self._mailboxes.get(frame.channel)
         if mailbox is not None:
             mailbox.put(frame)
 
-    def _fail_on_loop(self, channel: Channel) -> None:
+    def _fail_on_loop(self, channel: Channel, reason: str) -> None:
         mailbox = self._mailboxes.get(channel)
         if mailbox is not None:
-            mailbox.fail()
+            mailbox.fail(reason)

@@ -1,30 +1,55 @@
-"""The render thread: frame requests become frames, one after the other, in the order of arrival.
+"""The render thread: frame requests become frames, one after the other.
 
 It owns renderers and views, because an OpenGL context belongs to the thread that made it. The
-simulation goes on while a frame is rendered.
+simulation goes on while a frame is rendered. Channels share the time of the thread: one whose
+frames take long waits behind the others. A channel whose frame cannot be rendered is rejected with
+the reason, and the others go on.
 """
 
 from __future__ import annotations
 
-import queue
+import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
+from catoptra_server.fair_queue import FairQueue
+from catoptra_server.fault_log import log_fault
+from catoptra_server.frames.channel_backoff import ChannelBackoff
 from catoptra_server.frames.frame import Frame
-from catoptra_server.frames.frame_request import FrameComposition, FrameRequest, ViewRequest
+from catoptra_server.frames.frame_request import (
+    Channel,
+    FrameComposition,
+    FrameRequest,
+    ViewRequest,
+)
 from catoptra_server.frames.multi_view import compose_tiles
-from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
 from catoptra_server.render.renderer import Image
 
+log = logging.getLogger(__name__)
+
+# Part of the thread's time that one channel may use before others come first.
+_CHANNEL_SHARE = 0.1
+
 _RenderFuture = Future[None]
-# Receives None from a server without cameras, which renders nothing.
-PlanCallback = Callable[[ViewState | None], None]
+_PendingFrame = tuple[FrameRequest, _RenderFuture]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFailure:
+    """Reply to a plan query without a plan."""
+
+    reason: str
+    """Text for the client."""
+
+
+PlanCallback = Callable[[ViewState | PlanFailure], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,63 +73,90 @@ class ViewProvider(Protocol):
         """Close all views and renderers."""
 
 
+class FrameSink(Protocol):
+    """Destination of frames and rejections, in the render thread; the server's is `Mailboxes`."""
+
+    def put(self, frame: Frame) -> None:
+        """Receive a finished frame."""
+
+    def fail_frame(self, channel: Channel, reason: str) -> None:
+        """Receive the rejection of a request, with a reason for clients."""
+
+
 class RenderThread:
     """A queue of frame requests; `run` is the main function of the thread that renders them."""
 
     def __init__(
-        self, put: Callable[[Frame], None], *, monotonic: Callable[[], float] = time.monotonic
+        self,
+        sink: FrameSink,
+        *,
+        retries_at_once: bool = False,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the queue.
 
         Args:
-            put: Receives each finished frame, in the render thread.
+            sink: Receives the frame or the rejection of each request.
+            retries_at_once: Render a channel again right after a failure, as lockstep needs, whose
+                frames must not depend on the time; otherwise the channel is rejected for a while.
             monotonic: Clock that frames are timed by.
         """
-        self._put = put
+        self._sink = sink
         self._monotonic = monotonic
-        self._queue: queue.SimpleQueue[tuple[FrameRequest, _RenderFuture] | _PlanQuery | None]
-        self._queue = queue.SimpleQueue()
-        self._end_lock = threading.Lock()
+        self._backoff = None if retries_at_once else ChannelBackoff(monotonic)
+        # Guards all below.
+        self._changed = threading.Condition()
+        self._frames: FairQueue[Channel, _PendingFrame] = FairQueue(
+            share=_CHANNEL_SHARE, monotonic=monotonic
+        )
+        self._plans: dict[Hashable, _PlanQuery] = {}
+        self._is_stopping = False
         self._has_ended = False
 
     def submit(self, request: FrameRequest) -> _RenderFuture:
         """Queue a request, from any thread.
 
         Returns:
-            A future that is set after the frame was put; cancelled once the thread has ended.
+            A future that is set after the frame was put or rejected; cancelled once the thread
+            has ended.
         """
         future: _RenderFuture = Future()
-        # Under the lock an entry is either cancelled here or found by `_cancel_pending`.
-        with self._end_lock:
+        with self._changed:
+            # Under the lock a request is either cancelled here or found by `_cancel_pending`.
             if self._has_ended:
                 future.cancel()
             else:
-                self._queue.put((request, future))
+                self._frames.put(request.channel, (request, future))
+                self._changed.notify()
         return future
 
     def submit_and_wait(self, request: FrameRequest) -> None:
-        """Queue a request and wait until the frame is put: the form that lockstep needs.
+        """Queue a request and wait until it is answered: the form that lockstep needs.
 
         Raises:
-            CancelledError: The thread had ended before.
-            Exception: Whatever the renderer raised.
+            CancelledError: The thread has ended.
         """
         self.submit(request).result()
 
-    def query_plan(self, camera: OmniCameraSpec, reply: PlanCallback) -> None:
+    def query_plan(self, client: Hashable, camera: OmniCameraSpec, reply: PlanCallback) -> None:
         """Have `reply` called in the render thread with the plan of a camera.
 
-        The queue orders the query behind the frames requested earlier, whose times may change the
-        plan.
+        A newer query of the same client supersedes one that is waiting, which gets a PlanFailure.
         """
-        with self._end_lock:
-            if not self._has_ended:
-                self._queue.put(_PlanQuery(camera, reply))
+        with self._changed:
+            if self._has_ended:
+                return
+            superseded = self._plans.pop(client, None)
+            self._plans[client] = _PlanQuery(camera, reply)
+            self._changed.notify()
+        if superseded is not None:
+            superseded.reply(PlanFailure("superseded by a newer request"))
 
     def stop(self) -> None:
-        """End the thread after the requests already queued."""
-        # A sentinel behind the queued requests, which are still rendered.
-        self._queue.put(None)
+        """End the thread after the frame that is being rendered; others are cancelled."""
+        with self._changed:
+            self._is_stopping = True
+            self._changed.notify()
 
     def run(
         self, create_views: Callable[[], ViewProvider | None], on_ready: Callable[[], None]
@@ -119,36 +171,79 @@ class RenderThread:
         try:
             views = create_views()
             on_ready()
-            while (entry := self._queue.get()) is not None:
-                if isinstance(entry, _PlanQuery):
-                    entry.reply(views.view_state(entry.camera) if views is not None else None)
-                else:
-                    self._render_request(*entry, views)
+            self._run_until_stopped(views)
         finally:
             # Also after an error: the simulation may be blocked in `submit_and_wait`.
             self._cancel_pending()
             if views is not None:
                 views.close()
 
-    def _render_request(
+    def _run_until_stopped(self, views: ViewProvider | None) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(
+                    lambda: self._is_stopping or len(self._frames) or self._plans
+                )
+                if self._is_stopping:
+                    return
+                pending = self._frames.take()
+                query = self._plans.pop(next(iter(self._plans))) if self._plans else None
+            # At most one plan a frame: neither a flood of one kind keeps the other waiting.
+            if pending is not None:
+                self._answer_frame(*pending[1], views)
+            if query is not None:
+                query.reply(_find_plan(query.camera, views))
+
+    def _answer_frame(
         self, request: FrameRequest, future: _RenderFuture, views: ViewProvider | None
     ) -> None:
-        try:
-            self._put(render_frame(request, views, monotonic=self._monotonic))
-        except Exception as error:
-            # To both threads: a simulation waiting under lockstep raises the error, this one ends.
-            future.set_exception(error)
-            raise
+        """Put the frame of a request, or reject its channel."""
+        begin_s = self._monotonic()
+        reason = self._render_or_fail(request, views)
+        if reason:
+            self._sink.fail_frame(request.channel, reason)
         future.set_result(None)
+        with self._changed:
+            self._frames.charge(request.channel, self._monotonic() - begin_s)
+
+    def _render_or_fail(self, request: FrameRequest, views: ViewProvider | None) -> str:
+        """Render a frame and put it; the reason of a failure, empty after success."""
+        channel, backoff = request.channel, self._backoff
+        reason = backoff.find_reason(channel) if backoff else ""
+        if reason:
+            return reason
+        try:
+            self._sink.put(render_frame(request, views, monotonic=self._monotonic))
+        except Exception as error:
+            if isinstance(error, ViewFailedError):
+                reason = str(error)  # logged where it was raised
+            else:
+                log_fault(log, "the frame of %s could not be rendered", channel)
+                reason = "the frame could not be rendered: see the server's log"
+            if backoff:
+                backoff.record_failure(channel, reason)
+            return reason
+        if backoff:
+            backoff.record_success(channel)
+        return ""
 
     def _cancel_pending(self) -> None:
         """Cancel all queued requests and every later one."""
-        with self._end_lock:
+        with self._changed:
             self._has_ended = True
-        while not self._queue.empty():
-            entry = self._queue.get()
-            if isinstance(entry, tuple):
-                entry[1].cancel()
+            pending, self._plans = self._frames.clear(), {}
+        for _, future in pending:
+            future.cancel()
+
+
+def _find_plan(camera: OmniCameraSpec, views: ViewProvider | None) -> ViewState | PlanFailure:
+    if views is None:
+        return PlanFailure("this server has no camera")
+    try:
+        return views.view_state(camera)
+    except Exception:
+        log_fault(log, "no plan was found for a camera")
+        return PlanFailure("an internal fault ended the planning: see the server's log")
 
 
 def render_frame(

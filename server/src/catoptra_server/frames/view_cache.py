@@ -44,6 +44,10 @@ _DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 Plan = RenderPlan | PerspectivePlan
 
 
+class ViewFailedError(Exception):
+    """No renderer could draw the view; the text is for clients, the log has the traceback."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedView:
     """Image of one camera, with everything that a frame reports of the rendering."""

@@ -10,8 +10,12 @@ from catoptra_server.simulation.simulation_events import (
     Client,
     ClientDisconnected,
     CommandReceived,
+    Fault,
     LandmarksRequested,
+    ResetRequested,
     SimulationEvent,
+    StepRequested,
+    StepResult,
     StopRequested,
 )
 
@@ -21,9 +25,13 @@ __all__ = [
     "ClientDisconnected",
     "ClockMode",
     "CommandReceived",
+    "Fault",
     "Fleet",
     "LandmarksRequested",
+    "ResetRequested",
     "Simulation",
     "SimulationEvent",
+    "StepRequested",
+    "StepResult",
     "StopRequested",
 ]

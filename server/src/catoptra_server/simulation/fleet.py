@@ -23,6 +23,7 @@ from catoptra_protocol.usarsim.commands import (
     Trace,
 )
 from catoptra_protocol.usarsim.reports import Report, StartPose, StartPoses
+from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.frame_request import (
     CameraChannel,
     Channel,
@@ -62,6 +63,9 @@ log = logging.getLogger(__name__)
 # Width and height of the black image of a server whose robots have no omnidirectional camera.
 _DEFAULT_BLANK_SIZE_PX = (320, 240)
 
+# More than any program has spawned; each costs its share of every tick.
+MAX_ROBOTS = 64
+
 # Commands that need a robot with power; the others are executed without, as in USARSim.
 _ControlCommand = Drive | DriveJoints | MultiDrive | MisPkg | Set | SetViewports | Trace
 
@@ -98,6 +102,8 @@ class Fleet:
         self._ray_caster = ray_caster or EmptyScene()
         # In the order of spawning, which decides the displayed robot and which robot moves first.
         self._robots: dict[Client, Robot] = {}
+        # Clients whose robots raised in the present tick.
+        self._faulty: list[Client] = []
         self._collision_index = CollisionIndex(scene, self._classes)
         self._robot_meshes = RobotMeshes(self._classes)
         self._image_port_layout = ImagePortLayout(
@@ -178,20 +184,15 @@ class Fleet:
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
         description = find_class(self._classes, init.class_name)
         pose = spawn_pose(init, self._world.starts)
-        if description is None or pose is None:
-            log.warning(
-                "INIT of class %r at %r rejected: known classes %s, known starts %s",
-                init.class_name,
-                init.start or init.location_m,
-                ", ".join(known.class_name for known in self._classes),
-                [start.name for start in self._world.starts],
-            )
-            client.reject_init()
+        if description is None or pose is None or len(self._robots) >= MAX_ROBOTS:
+            reason = self._spawn_error(init, is_known=description is not None)
+            self._reject_init(client, init, reason)
             return
         existing = {robot.name for robot in self._robots.values()}
         name = unique_name(init.name or description.model_name, existing)
         robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
+        client.confirm_spawn(name, None)
         # Before the first CONF of the cameras, which names their tiles.
         self._image_port_layout.assign_tiles(robot)
         log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
@@ -199,6 +200,20 @@ class Fleet:
         # CONF of the cameras which tile of the image is theirs.
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
         client.deliver([*robot.read_due(time_s, partial(self.sense, robot)), *tiled])
+
+    def _spawn_error(self, init: Init, *, is_known: bool) -> str:
+        """Reason against a spawn, in words."""
+        if len(self._robots) >= MAX_ROBOTS:
+            return f"the limit of {MAX_ROBOTS} robots is reached"
+        if not is_known:
+            known = ", ".join(each.class_name for each in self._classes)
+            return f"there is no class {init.class_name!r}: this server has {known}"
+        starts = ", ".join(start.name for start in self._world.starts) or "none"
+        return f"there is no start {init.start!r}: this world has {starts}; or give a Location"
+
+    def _reject_init(self, client: Client, init: Init, reason: str) -> None:
+        log.warning("INIT of class %r rejected: %s", init.class_name, reason)
+        client.reject_init(reason)
 
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]
@@ -238,25 +253,48 @@ class Fleet:
     def read_sensors(self, client: Client, time_s: float) -> list[Report]:
         """Reports of a whole cycle of a client's robot; empty without one."""
         robot = self._robots.get(client)
-        # A function for the environment: computed only if a sensor is due.
-        return robot.read_all(time_s, partial(self.sense, robot)) if robot else []
+        if robot is None:
+            return []
+        try:
+            # A function for the environment: computed only if a sensor is due.
+            return robot.read_all(time_s, partial(self.sense, robot))
+        except Exception:
+            self._mark_faulty(client, robot)
+            return []
 
     def step(self, duration_s: float, time_s: float) -> None:
         """Move all robots by one tick that ends at a time."""
         # One after the other, each against the present poses of the others: in one pass no two
         # robots can enter the same gap.
-        for robot in self._robots.values():
-            obstacles = self._collision_index.obstacles_near(robot, self._robots.values())
-            robot.step(duration_s, time_s, obstacles)
+        for client, robot in self._robots.items():
+            try:
+                obstacles = self._collision_index.obstacles_near(robot, self._robots.values())
+                robot.step(duration_s, time_s, obstacles)
+            except Exception:
+                self._mark_faulty(client, robot)
             if robot.is_rolling:
                 self._collision_index.invalidate(robot)
 
     def deliver_due_reports(self, time_s: float) -> None:
         """Deliver the reports that are due at a time, one batch a client."""
         for client, robot in self._robots.items():
-            reports = robot.read_due(time_s, partial(self.sense, robot))
+            try:
+                reports = robot.read_due(time_s, partial(self.sense, robot))
+            except Exception:
+                self._mark_faulty(client, robot)
+                continue
             if reports:
                 client.deliver(reports)
+
+    def _mark_faulty(self, client: Client, robot: Robot) -> None:
+        """Have the robot removed after this tick; called while its exception is handled."""
+        log_fault(log, "robot %s failed and is removed", robot.name)
+        self._faulty.append(client)
+
+    def pop_faulty_clients(self) -> list[Client]:
+        """Clients whose robots raised since the last call; the caller removes the robots."""
+        faulty, self._faulty = self._faulty, []
+        return faulty
 
     def compose_frame(self, channel: Channel) -> FrameComposition | None:
         """Compose the frame of a channel; None without such a robot or camera."""

@@ -1,22 +1,24 @@
 """The simulation thread: owner of the clock and of all robots.
 
-Other threads post events; the simulation replies by methods of `Client` and hands over frame
-requests to be rendered elsewhere. A camera that no client requested is not captured. Time advances
-in ticks of fixed length: with the wall clock (realtime), or only by STEP (lockstep), where equal
-seeds and commands give equal bytes.
+Other threads post events; the simulation replies by methods of `Client` and callbacks, and hands
+over frame requests to be rendered elsewhere. A camera that no client requested is not captured.
+Time advances in ticks of fixed length: with the wall clock (realtime), or only by steps (lockstep),
+where equal seeds and commands give equal bytes. A fault in the work of a client ends that work, a
+fault in a robot removes the robot; the others go on.
 """
 
 from __future__ import annotations
 
 import logging
-import queue
 import time
 from collections.abc import Callable
 from enum import Enum
 from typing import assert_never
 
-from catoptra_protocol.usarsim.commands import Step
-from catoptra_protocol.usarsim.reports import CommandResult, Report
+from catoptra_protocol.usarsim.command_results import STATUS_FAILED
+from catoptra_protocol.usarsim.commands import Init, Set
+from catoptra_protocol.usarsim.reports import CommandResult
+from catoptra_server.fault_log import log_fault
 from catoptra_server.frames.capture_scheduler import (
     NS_PER_S,
     TICK_NS,
@@ -32,14 +34,21 @@ from catoptra_server.frames.frame_request import (
     ImagePortChannel,
 )
 from catoptra_server.simulation.fleet import Fleet
+from catoptra_server.simulation.inbox import Inbox
 from catoptra_server.simulation.simulation_events import (
     AccuracyTargetChanged,
     Client,
     ClientDisconnected,
+    ClientWork,
     CommandReceived,
+    Fault,
     LandmarksRequested,
+    ResetRequested,
     SimulationEvent,
+    StepRequested,
+    StepResult,
     StopRequested,
+    UrgentEvent,
 )
 
 log = logging.getLogger(__name__)
@@ -47,8 +56,13 @@ log = logging.getLogger(__name__)
 # A server that lags by more, such as a suspended laptop, continues from the present instead of
 # simulating all missed ticks at once.
 _MAX_LAG_S = 0.5
-# One STEP advances at most this far: no client occupies the simulation for longer.
+# One step advances at most this far: no client occupies the simulation for longer.
 MAX_STEP_S = 60.0
+# Wall time for the work of clients between two ticks of 20 ms: a quarter, which leaves the rest to
+# robots and sensors, and to the other threads, which share the interpreter with this one.
+WORK_BUDGET_S = 0.005
+# Text for clients whose work raised; the traceback is in the log.
+_FAULT_REASON = "an internal fault ended this request: see the server's log"
 
 
 class ClockMode(Enum):
@@ -67,7 +81,7 @@ class Simulation:
         *,
         clock: ClockMode,
         render: Callable[[FrameRequest], object],
-        reject: Callable[[Channel], None],
+        reject: Callable[[Channel, str], None],
         frame_skip: int = 1,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -78,7 +92,8 @@ class Simulation:
             clock: Source of simulation time.
             render: Receives frame requests; FrameRendered is to be posted after each. Returns
                 after the rendering under lockstep, at once otherwise.
-            reject: Receives channels whose robot or camera does not exist.
+            reject: Receives channels without a frame, and the reason; an empty one where robot
+                or camera does not exist.
             frame_skip: Ticks between two frames of the image port, in real time.
             monotonic: Wall clock.
         """
@@ -88,91 +103,160 @@ class Simulation:
         self._reject = reject
         self._image_port_interval_s = frame_skip * TICK_S if frame_skip > 1 else 0.0
         self._monotonic = monotonic
-        self._events: queue.SimpleQueue[SimulationEvent] = queue.SimpleQueue()
+        self._inbox = Inbox(keep_order=clock is ClockMode.LOCKSTEP, monotonic=monotonic)
+        self._work_left_s = WORK_BUDGET_S
         self._time_ns = 0
         self._started_s = 0.0
         self._scheduler = CaptureScheduler()
         self._is_stopped = False
+        # Client of the step in progress.
+        self._stepping: Client | None = None
 
     @property
     def _time_s(self) -> float:
         """Simulation time as the nearest float."""
         return self._time_ns / NS_PER_S
 
-    def post(self, event: SimulationEvent) -> None:
-        """Queue an event; from any thread."""
-        self._events.put(event)
+    def post(self, event: SimulationEvent) -> bool:
+        """Queue an event; from any thread.
+
+        Returns:
+            False if the queue of the event's client is full: nothing more of that client is to be
+            posted before its `resume_reading` is called.
+        """
+        return self._inbox.post(event)
 
     def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Call `on_ready`, then handle events and advance time until StopRequested."""
         on_ready()
         self._started_s = self._monotonic()
         while True:
-            for event in self._next_events():
-                self._handle(event)
-                if self._is_stopped:
-                    frames = self._scheduler.count_frames()
-                    log.info("%d frames captured in %.1f s", frames, self._time_s)
-                    return
+            self._inbox.wait(self._wait_timeout_s(), for_work=self._work_left_s > 0.0)
+            self._handle_urgent_events()
+            self._serve_waiting_work()
+            if self._is_stopped:
+                frames = self._scheduler.count_frames()
+                log.info("%d frames captured in %.1f s", frames, self._time_s)
+                return
             if self._clock is ClockMode.REALTIME:
                 self._catch_up()
             # Captured after all events: a frame shows the effect of the commands before it.
             for channel, state in self._scheduler.due_channels(self._time_s):
                 self._capture(channel, state)
 
-    def _next_events(self) -> list[SimulationEvent]:
-        """All queued events; waits for one until the next tick."""
-        try:
-            events = [self._events.get(timeout=self._wait_timeout_s())]
-        except queue.Empty:
-            return []
-        # All of them: events that arrived during a long tick are handled before the next.
-        while not self._events.empty():
-            events.append(self._events.get())
-        return events
-
     def _wait_timeout_s(self) -> float | None:
         if self._clock is ClockMode.LOCKSTEP:
             return None  # time stands still, and all due channels are captured
         return max(0.0, self._started_s + self._time_s + TICK_S - self._monotonic())
 
-    def _handle(self, event: SimulationEvent) -> None:
-        # Without a default, as in `Fleet.execute`: a new event fails the type check here.
+    def _handle_urgent_events(self) -> None:
+        for event in self._inbox.take_urgent():
+            self._handle_urgent(event)
+
+    def _handle_urgent(self, event: UrgentEvent) -> None:
         match event:
-            case CommandReceived(client, Step(time_s)):
-                client.deliver(self._step(client, time_s))
-            case CommandReceived(client, command):
-                self._fleet.execute(client, command, self._time_s)
             case ClientDisconnected(client):
-                name = self._fleet.remove(client)
-                if name is not None:
-                    self._scheduler.remove_idle(name)
+                self._remove_robot(client)
+                if client is self._stepping:
+                    self._stepping = None
             case FrameRequested(newer_than, channel):
                 self._scheduler.request_frame(channel, newer_than)
             case FrameRendered(channel):
                 self._scheduler.finish_frame(channel)
-            case AccuracyTargetChanged():
-                event.reply(*self._fleet.set_accuracy_target(event))
-            case LandmarksRequested(camera_channel, reply):
-                reply(self._time_s, self._fleet.compute_landmark_visibility(camera_channel))
             case StopRequested():
                 self._is_stopped = True
             case _:
                 assert_never(event)
 
-    def _step(self, client: Client, time_s: float) -> list[Report]:
-        """Advance a lockstep clock.
+    def _serve_waiting_work(self) -> None:
+        """Serve the work that is waiting now: all under lockstep, else within the budget."""
+        # By the mark a flood does not prolong the turn: what arrives meanwhile waits for the next,
+        # and a frame requested after some commands shows their effect.
+        mark = self._inbox.newest_arrival
+        while not self._is_stopped and self._has_budget():
+            event = self._inbox.take_work(arrived_by=mark)
+            if event is None:
+                return
+            begin_s = self._monotonic()
+            self._serve(event)
+            duration_s = self._monotonic() - begin_s
+            self._inbox.charge(event.client, duration_s)
+            self._work_left_s -= duration_s
+            if self._inbox.has_urgent:
+                self._handle_urgent_events()
 
-        Returns:
-            The client's whole sensor cycle, and a RES that marks the end of the reply.
-        """
+    def _has_budget(self) -> bool:
+        return self._work_left_s > 0.0 or self._clock is ClockMode.LOCKSTEP
+
+    def _serve(self, event: ClientWork) -> None:
+        """Execute the work of a client; a fault ends this work only."""
+        try:
+            self._execute(event)
+        except Exception:
+            log_fault(log, "%s of a client failed and was dropped", type(event).__name__)
+            self._reply_fault(event)
+
+    def _execute(self, event: ClientWork) -> None:
+        # Without a default, as in `Fleet.execute`: a new event fails the type check here.
+        match event:
+            case CommandReceived(client, command):
+                self._fleet.execute(client, command, self._time_s)
+            case StepRequested():
+                event.reply(self._step(event))
+            case ResetRequested(client, reset_reply):
+                self._remove_robot(client)
+                reset_reply()
+            case AccuracyTargetChanged():
+                event.reply(*self._fleet.set_accuracy_target(event))
+            case LandmarksRequested(_, channel, landmarks_reply):
+                landmarks = self._fleet.compute_landmark_visibility(channel)
+                landmarks_reply(self._time_s, landmarks)
+            case _:
+                assert_never(event)
+
+    def _reply_fault(self, event: ClientWork) -> None:
+        """Reply to work that raised, wherever its client waits for a reply."""
+        match event:
+            case CommandReceived(client, Init()):
+                client.reject_init(_FAULT_REASON)
+            case CommandReceived(client, Set() as command):
+                name = command.name or ""
+                result = CommandResult(self._time_s, command.type, name, STATUS_FAILED)
+                client.deliver([result])
+            case CommandReceived():
+                pass  # no other command has a reply
+            case StepRequested():
+                event.reply(StepResult(self._time_s, failure=_FAULT_REASON))
+            case ResetRequested(_, reply):
+                reply()
+            case AccuracyTargetChanged():
+                event.reply(Fault(_FAULT_REASON), event.camera)
+            case LandmarksRequested():
+                event.reply(self._time_s, Fault(_FAULT_REASON))
+            case _:
+                assert_never(event)
+
+    def _remove_robot(self, client: Client) -> None:
+        name = self._fleet.remove(client)
+        if name is not None:
+            self._scheduler.remove_idle(name)
+
+    def _step(self, step: StepRequested) -> StepResult:
+        """Advance a lockstep clock, and read the client's whole sensor cycle."""
+        failure = step.refusal or self._find_step_error(step.duration_s)
+        if failure:
+            return StepResult(self._time_s, failure=failure)
+        self._advance(step)
+        readings = self._fleet.read_sensors(step.client, self._time_s)
+        return StepResult(self._time_s, tuple(readings))
+
+    def _find_step_error(self, duration_s: float) -> str:
+        if self._clock is not ClockMode.LOCKSTEP:
+            return "no step: the server's clock is real time; run it with --clock lockstep"
         # A chained comparison is false for NaN, too.
-        is_possible = self._clock is ClockMode.LOCKSTEP and 0.0 <= time_s <= MAX_STEP_S
-        if is_possible:
-            self._advance(time_s)
-        status = "OK" if is_possible else "Failed"
-        readings = self._fleet.read_sensors(client, self._time_s) if is_possible else []
-        return [*readings, CommandResult(self._time_s, "Step", "Clock", status)]
+        if not 0.0 <= duration_s <= MAX_STEP_S:
+            return f"no step: a step is 0 s to {MAX_STEP_S:g} s, not {duration_s:g} s"
+        return ""
 
     def _catch_up(self) -> None:
         """Advance to the wall clock by whole ticks."""
@@ -185,24 +269,40 @@ class Simulation:
         for _ in range(int(lag_s / TICK_S)):
             self._tick(TICK_NS)
 
-    def _advance(self, duration_s: float) -> None:
+    def _advance(self, step: StepRequested) -> None:
         """Advance by ticks, the last one shorter where the duration is no multiple."""
         # Rounded, not truncated: 2.01 s are 2009999999.9999998 ns.
-        end_ns = self._time_ns + round(duration_s * NS_PER_S)
-        while self._time_ns < end_ns:
+        end_ns = self._time_ns + round(step.duration_s * NS_PER_S)
+        self._stepping = step.client
+        # A step ends early if its client leaves or the server stops.
+        while self._time_ns < end_ns and self._stepping is not None and not self._is_stopped:
             self._tick(min(TICK_NS, end_ns - self._time_ns))
+            if self._inbox.has_urgent:
+                self._handle_urgent_events()
+        self._stepping = None
 
     def _tick(self, duration_ns: int) -> None:
         self._time_ns += duration_ns
+        self._work_left_s = WORK_BUDGET_S
         self._fleet.step(duration_ns / NS_PER_S, self._time_s)
         self._fleet.deliver_due_reports(self._time_s)
+        for client in self._fleet.pop_faulty_clients():
+            # A second fault of the same robot in this tick finds no robot any more.
+            self._remove_robot(client)
+            client.disconnect("an internal fault of the server removed the robot: see its log")
 
     def _capture(self, channel: Channel, state: ChannelState) -> None:
         """Capture the frame of a due channel and hand it over to be rendered."""
-        composition = self._fleet.compose_frame(channel)
+        try:
+            composition = self._fleet.compose_frame(channel)
+        except Exception:
+            log_fault(log, "the frame of %s could not be composed", channel)
+            self._scheduler.remove(channel)
+            self._reject(channel, _FAULT_REASON)
+            return
         if composition is None:
             self._scheduler.remove(channel)
-            self._reject(channel)
+            self._reject(channel, "")
             return
         interval_s = self._min_interval_s(channel, composition)
         sequence = state.start_frame(self._time_s, interval_s=interval_s)

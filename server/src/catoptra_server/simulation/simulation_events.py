@@ -1,6 +1,4 @@
-"""Events that other threads post to the simulation, and the control connection as the simulation
-sees it.
-"""
+"""Events that other threads post to the simulation, and a connection as the simulation sees it."""
 
 from __future__ import annotations
 
@@ -17,40 +15,90 @@ from catoptra_server.simulation.landmark_visibility import LandmarkVisibility
 
 
 class Client(Protocol):
-    """One control connection. Methods return at once: the simulation does not wait for sockets."""
+    """One connection that may have a robot.
+
+    Methods may be called from any thread, and return at once: the simulation waits for no socket.
+    """
 
     def deliver(self, reports: Sequence[Report]) -> None:
         """Send reports, in order and in one piece."""
 
-    def reject_init(self) -> None:
-        """Record that INIT named an unknown class or start and spawned no robot."""
+    def confirm_spawn(self, name: str, moved_to: tuple[float, float, float] | None) -> None:
+        """Record that INIT spawned a robot, before its first reports.
+
+        Args:
+            name: Name of the robot.
+            moved_to: Location in metres if the requested one was not free, else None.
+        """
+
+    def reject_init(self, reason: str) -> None:
+        """Record that INIT spawned no robot, for a reason in words."""
+
+    def disconnect(self, reason: str) -> None:
+        """End the connection: a fault has removed its robot."""
+
+    def resume_reading(self) -> None:
+        """Continue to post, after `post` returned False."""
 
 
 @dataclass(frozen=True, slots=True)
+class Fault:
+    """Reply to a request whose work raised an exception."""
+
+    reason: str
+    """Text for the client; the log has the traceback."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """Reply to a step."""
+
+    time_s: float
+    """Simulation time after the step."""
+    readings: tuple[Report, ...] = ()
+    """Whole sensor cycle of the client's robot; empty without a robot or a step."""
+    failure: str = ""
+    """Reason why time did not advance; empty after a step."""
+
+
+# Replies by callback, not by future: the simulation has no event loop, and each transport has
+# its own way back to its thread. Callbacks return at once.
+@dataclass(frozen=True, slots=True)
 class CommandReceived:
-    """A client sent a command."""
+    """A client sent a command other than STEP."""
 
     client: Client
     command: Command
 
 
 @dataclass(frozen=True, slots=True)
-class ClientDisconnected:
-    """A client disconnected; its robot is to be removed."""
+class StepRequested:
+    """A client advances the clock under lockstep."""
 
     client: Client
+    duration_s: float
+    reply: Callable[[StepResult], None]
+    refusal: str = ""
+    """Reason why the step is not to be executed, found while it was queued; empty for none."""
 
 
-# Replies by callback, not by future: the simulation has no event loop, and each transport has
-# its own way back to its thread.
+@dataclass(frozen=True, slots=True)
+class ResetRequested:
+    """A client gives its robot back and stays connected."""
+
+    client: Client
+    reply: Callable[[], None]
+    """Called after the removal."""
+
+
 @dataclass(frozen=True, slots=True)
 class LandmarksRequested:
     """A connection requests the landmarks in view of a camera."""
 
+    client: Client
     channel: CameraChannel
-    reply: Callable[[float, tuple[LandmarkVisibility, ...] | None], None]
-    """Receives the simulation time and the landmarks, None without such a camera; returns at
-    once."""
+    reply: Callable[[float, tuple[LandmarkVisibility, ...] | Fault | None], None]
+    """Receives the simulation time and the landmarks, None without such a camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +112,16 @@ class AccuracyTargetChanged:
     """New tolerance; None leaves the present one."""
     budget_ms: float | None
     """New time budget of a frame; None leaves the present one."""
-    reply: Callable[[OmniCameraSpec | None, str], None]
+    reply: Callable[[OmniCameraSpec | Fault | None, str], None]
     """Receives the camera with the settings of the next frames, None without such a camera, and
-    the camera's name; returns at once."""
+    the camera's name."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClientDisconnected:
+    """A client is gone: its waiting work is dropped and its robot removed, ahead of all work."""
+
+    client: Client
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +129,11 @@ class StopRequested:
     """The server shuts down."""
 
 
-# To add an event: its class, its line here, and its case in `Simulation._handle`, which the type
-# check demands.
-SimulationEvent = (
-    CommandReceived
-    | ClientDisconnected
-    | FrameRequested
-    | FrameRendered
-    | LandmarksRequested
-    | AccuracyTargetChanged
-    | StopRequested
+# Work waits in a queue by client. To add an event: its class, its line in one of the unions, and
+# its case in `Simulation`, which the type check demands.
+ClientWork = (
+    CommandReceived | StepRequested | ResetRequested | LandmarksRequested | AccuracyTargetChanged
 )
+# Handled ahead of all work; at most one of each kind a client or channel.
+UrgentEvent = ClientDisconnected | FrameRequested | FrameRendered | StopRequested
+SimulationEvent = ClientWork | UrgentEvent

@@ -1,0 +1,135 @@
+"""Work of many clients in one queue, ordered so that heavy use of one delays no other.
+
+Within a share of the time that a client may use, work is taken in the order of arrival. Work of
+clients above their share waits behind all other work, the least used client first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
+Item = TypeVar("Item")
+
+# Use that a client may have at once before its work waits behind that of others.
+_BURST_S = 0.005
+# Idle accounts above which those without use are removed: keys such as names of channels come
+# from clients, and are not removed by anyone else.
+_MAX_IDLE_ACCOUNTS = 256
+
+
+@dataclass(slots=True, eq=False)
+class _Account(Generic[Item]):
+    """Waiting work of one client, and its use of the time above its share."""
+
+    items: deque[tuple[int, Item]] = field(default_factory=deque)
+    """Work with the number of its arrival."""
+    used_s: float = 0.0
+    updated_s: float = 0.0
+
+
+class FairQueue(Generic[Key, Item]):
+    """A queue by client. Not thread-safe: the owner holds a lock."""
+
+    def __init__(
+        self, *, share: float | None, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Create an empty queue.
+
+        Args:
+            share: Part of the time, 0 to 1, that a client may use before its work waits behind
+                that of others; None keeps the order of arrival whatever is used.
+            monotonic: Clock, seconds.
+        """
+        self._share = share
+        self._monotonic = monotonic
+        self._accounts: dict[Key, _Account[Item]] = {}
+        self._num_waiting = 0
+        self._num_arrived = 0
+
+    def __len__(self) -> int:
+        """Number of waiting items."""
+        return self._num_waiting
+
+    @property
+    def num_arrived(self) -> int:
+        """Number of all items so far, taken and dropped ones included."""
+        return self._num_arrived
+
+    def count(self, key: Key) -> int:
+        """Number of waiting items of a client."""
+        account = self._accounts.get(key)
+        return len(account.items) if account else 0
+
+    def newest(self, key: Key) -> Item | None:
+        """Newest waiting item of a client."""
+        account = self._accounts.get(key)
+        return account.items[-1][1] if account and account.items else None
+
+    def put(self, key: Key, item: Item) -> None:
+        """Append an item to the work of a client."""
+        self._num_arrived += 1
+        self._num_waiting += 1
+        self._accounts.setdefault(key, _Account()).items.append((self._num_arrived, item))
+
+    def replace_newest(self, key: Key, item: Item) -> None:
+        """Put an item in place of the newest waiting one of a client."""
+        items = self._accounts[key].items
+        items[-1] = (items[-1][0], item)
+
+    def take(self, *, arrived_by: int | None = None) -> tuple[Key, Item] | None:
+        """Remove and return the next item with its client; None if none is waiting.
+
+        Args:
+            arrived_by: Newest arrival to take, see `num_arrived`; None takes any.
+        """
+        waiting = [(key, account) for key, account in self._accounts.items() if account.items]
+        if not waiting:
+            return None
+        now_s = self._monotonic()
+        key, account = min(waiting, key=lambda entry: self._rank(entry[1], now_s))
+        if arrived_by is not None and account.items[0][0] > arrived_by:
+            return None
+        self._num_waiting -= 1
+        return key, account.items.popleft()[1]
+
+    def charge(self, key: Key, duration_s: float) -> None:
+        """Record that work of a client took some time."""
+        now_s = self._monotonic()
+        account = self._accounts.get(key)
+        if account is None:
+            return
+        account.used_s = self._present_use_s(account, now_s) + duration_s
+        account.updated_s = now_s
+        if len(self._accounts) > len(self) + _MAX_IDLE_ACCOUNTS:
+            self._remove_idle(now_s)
+
+    def drop(self, key: Key) -> list[Item]:
+        """Remove a client, and return its waiting items."""
+        account = self._accounts.pop(key, None)
+        items = [item for _, item in account.items] if account else []
+        self._num_waiting -= len(items)
+        return items
+
+    def clear(self) -> list[Item]:
+        """Remove all clients, and return all waiting items."""
+        return [item for key in list(self._accounts) for item in self.drop(key)]
+
+    def _rank(self, account: _Account[Item], now_s: float) -> tuple[float, int]:
+        used_s = 0.0 if self._share is None else self._present_use_s(account, now_s)
+        # Equal for all clients within their share, so that the arrival decides among them.
+        return (used_s if used_s > _BURST_S else 0.0, account.items[0][0])
+
+    def _present_use_s(self, account: _Account[Item], now_s: float) -> float:
+        """Use so far, less the share of the time that has passed since."""
+        return max(0.0, account.used_s - (self._share or 0.0) * (now_s - account.updated_s))
+
+    def _remove_idle(self, now_s: float) -> None:
+        """Remove accounts that say nothing: without work, and with all use paid back."""
+        for key, account in list(self._accounts.items()):
+            if not account.items and not self._present_use_s(account, now_s):
+                del self._accounts[key]
