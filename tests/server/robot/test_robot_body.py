@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from catoptra_server.random_sources import RandomSource
@@ -42,6 +43,12 @@ def make_body(
     return RobotBody(BASE, PlanarPose(x_m, 0.0, yaw_rad), WheelSpin(left, right))
 
 
+def touches(obstacles: ObstacleGrid, x_m: float, yaw_rad: float) -> bool:
+    half = (HALF_LENGTH_M, 0.5 * BASE.dimensions_m[1])
+    near = obstacles.find_near((x_m, 0.0), 1.0)
+    return rectangle_intersects(near, (x_m, 0.0), yaw_rad, half_size_m=half)
+
+
 @pytest.mark.parametrize("spin", [0.1, 1.0, 5.385])
 def test_base_at_a_wall_stops_within_a_millimetre(spin: float) -> None:
     body = drive_for(make_body(0.7, left=spin, right=spin), 200, make_walls(1.0))
@@ -69,9 +76,52 @@ def test_base_when_stopped_can_back_off() -> None:
     )
 
 
-def test_base_when_spawned_inside_a_wall_can_leave() -> None:
-    body = make_body(1.05)
-    assert drive_for(body, 100, make_walls(1.0)).pose.x_m == pytest.approx(1.05 + 1.3, abs=1e-9)
+def test_base_past_the_middle_of_a_wall_can_leave_ahead() -> None:
+    body = make_body(1.2)
+    assert drive_for(body, 100, make_walls(1.0)).pose.x_m == pytest.approx(1.2 + 1.3, abs=1e-9)
+
+
+def test_base_in_contact_with_a_wall_leaves_backwards_but_not_through() -> None:
+    walls = make_walls(1.0)
+    start_m = 1.0 - HALF_LENGTH_M + 0.05
+    ahead = drive_for(make_body(start_m), 200, walls)
+    assert ahead.pose.x_m == pytest.approx(start_m, abs=1e-6)
+    back = drive_for(make_body(start_m, left=-5.0, right=-5.0), 100, walls)
+    assert back.pose.x_m == pytest.approx(start_m - 1.3, abs=1e-9)
+
+
+def test_base_in_contact_with_one_wall_stops_at_the_next() -> None:
+    # The rear is 0.2 m deep in the wall behind; that frees the base of no contact ahead.
+    walls = make_walls(1.0, 1.6)
+    start_m = 1.1 + HALF_LENGTH_M - 0.2
+    body = drive_for(make_body(start_m), 200, walls)
+    assert 1.6 - 1e-3 < body.pose.x_m + HALF_LENGTH_M <= 1.6
+
+
+def test_base_on_a_large_obstacle_does_not_drive_through_plywood() -> None:
+    # A ramp of 4 m that the base stands on, deeper than any wall is thick.
+    ramp = np.array([[[0.0, -2.0], [4.0, -2.0], [0.0, 2.0]], [[4.0, -2.0], [4.0, 2.0], [0.0, 2.0]]])
+    plywood = np.array([[[3.0, -2.0], [3.0, 2.0], [3.0, -2.0]]])
+    obstacles = ObstacleGrid(9.0, {}, np.concatenate((ramp, plywood)))
+    for yaw_rad in (0.0, 0.3, -1.0):
+        for x_m in (1.0, 2.0, 2.6, 2.7):
+            body = drive_for(make_body(x_m, yaw_rad), 150, obstacles)
+            assert body.pose.x_m < 3.0
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.5 * math.pi, 0.3])
+def test_base_in_contact_by_rounding_slides_turns_and_leaves(yaw_rad: float) -> None:
+    walls = make_walls(1.0)
+    reach_m = HALF_LENGTH_M * math.cos(yaw_rad) + 0.5 * BASE.dimensions_m[1] * math.sin(yaw_rad)
+    x_m = 1.0 - reach_m + 1e-12
+    assert touches(walls, x_m, yaw_rad)
+    back = drive_for(make_body(x_m, yaw_rad, left=-5.0, right=-5.0), 10, walls)
+    moved_m = math.hypot(back.pose.x_m - x_m, back.pose.y_m)
+    assert moved_m == pytest.approx(10 * 5.0 * 0.13 * TICK_S)
+    ahead = drive_for(make_body(x_m, yaw_rad), 10, walls)
+    assert ahead.pose.x_m <= x_m + 2e-6
+    slides = yaw_rad == 0.5 * math.pi
+    assert ahead.pose.y_m == pytest.approx(10 * 5.0 * 0.13 * TICK_S if slides else 0.0, abs=1e-3)
 
 
 def test_base_when_turning_in_a_corridor_stops_at_the_wall() -> None:

@@ -13,7 +13,9 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.scene.obstacle_grid import (
     ObstacleGrid,
     build_obstacle_grid,
+    penetration_depths,
     rectangle_intersects,
+    rectangles_intersect,
 )
 from catoptra_server.scene.scene_mesh import build_scene
 from catoptra_server.scene.world_description import Box, Item, Material, Rectangle, Shape, World
@@ -104,3 +106,71 @@ def test_rectangle_intersects_as_sampled_points_do(x: float, y: float, yaw: floa
 def test_distant_point_has_no_triangles_near() -> None:
     assert len(BLOCK.find_near((9.0, 9.0), 1.0)) == 0
     assert len(BLOCK.find_near((2.0, 0.0), 1.0)) >= 12
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.2, 3.2))
+def test_many_rectangles_intersect_as_each_alone(x: float, y: float, yaw: float) -> None:
+    triangles = BLOCK.triangles_near((2.0, 0.0), 3.0)
+    centres = np.array([(2.0 + x, y), (2.0 - x, y), (1.0, 0.0)])
+    together = rectangles_intersect(triangles, centres, yaw, half_size_m=HALF_SIZE_M)
+    alone = [
+        rectangle_intersects(triangles.tolist(), (cx, cy), yaw, half_size_m=HALF_SIZE_M)
+        for cx, cy in centres.tolist()
+    ]
+    assert together.tolist() == alone
+
+
+def test_rectangles_among_many_triangles_intersect_what_each_meets() -> None:
+    corner = np.array([(0.0, 0.0), (0.01, 0.0), (0.0, 0.01)])
+    triangles = np.concatenate([corner[None] + (10.0 * column, 0.0) for column in range(1000)])
+    triangles = triangles.reshape(-1, 3, 2)
+    centres = np.array([(10.0 * column, 0.0) for column in range(1000)] + [(5.0, 0.0), (0.0, 5.0)])
+    hit = rectangles_intersect(triangles, centres, 0.3, half_size_m=HALF_SIZE_M)
+    assert hit.tolist() == [True] * 1000 + [False, False]
+
+
+def test_rectangles_without_triangles_intersect_nothing() -> None:
+    none = np.zeros((0, 3, 2))
+    assert not rectangles_intersect(none, np.zeros((3, 2)), 0.0, half_size_m=HALF_SIZE_M).any()
+
+
+# A wall seen from above: a segment of no width along x = 1.
+WALL = [[[1.0, -9.0], [1.0, 9.0], [1.0, -9.0]]]
+
+
+@pytest.mark.parametrize(
+    ("x", "yaw", "depth_m"),
+    [
+        (0.4, 0.0, 0.0),
+        (0.5, 0.0, 0.0),
+        (0.6, 0.0, 0.1),
+        (1.0, 0.0, 0.5),  # in the middle either way out is as long
+        (1.4, 0.0, 0.1),  # the way out is ahead
+        (0.8, 0.5 * math.pi, 0.05),
+    ],
+)
+def test_depth_in_a_wall_is_the_way_to_the_nearer_side(
+    x: float, yaw: float, depth_m: float
+) -> None:
+    (depth,) = penetration_depths(WALL, (x, 0.0), yaw, half_size_m=HALF_SIZE_M)
+    assert depth == pytest.approx(depth_m, abs=1e-12)
+
+
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.2, 3.2))
+def test_translation_by_less_than_the_depth_never_separates(x: float, y: float, yaw: float) -> None:
+    triangle = [[[0.0, 0.0], [0.8, 0.1], [0.2, 0.7]]]
+    (depth,) = penetration_depths(triangle, (x, y), yaw, half_size_m=HALF_SIZE_M)
+    assert (depth > 0.0) <= rectangle_intersects(triangle, (x, y), yaw, half_size_m=HALF_SIZE_M)
+
+    def separated_by(length_m: float) -> list[bool]:
+        angles = np.linspace(-math.pi, math.pi, 720)
+        places = np.array((x, y)) + length_m * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        hit = rectangles_intersect(np.array(triangle), places, yaw, half_size_m=HALF_SIZE_M)
+        return (~hit).tolist()
+
+    if depth > 1e-6:
+        assert not any(separated_by(0.999 * depth))
+        # One of 720 directions is within 0.25 degrees of the shortest way out.
+        assert any(separated_by(1.001 * depth))

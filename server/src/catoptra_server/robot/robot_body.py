@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from catoptra_server.random_sources import RandomSource
 from catoptra_server.robot.planar_pose import PlanarPose
@@ -17,10 +18,18 @@ from catoptra_server.robot.skid_steer import (
     integrate_arc,
     wheel_travel,
 )
-from catoptra_server.scene.obstacle_grid import ObstacleGrid, Triangle2D, rectangle_intersects
+from catoptra_server.scene.obstacle_grid import (
+    ObstacleGrid,
+    Triangle2D,
+    penetration_depths,
+    rectangle_intersects,
+)
 
 # Halvings of a tick's motion towards the wall: 2^-7 of at most 14 mm is a tenth of a millimetre.
 _BISECTION_STEPS = 7
+# Depth up to which a base only touches: two robots compute their contact in axes of their own, and
+# coordinates of 1e5 m round to 1.5e-11 m. A hundredth of the distance that bisection leaves.
+_TOUCH_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +49,8 @@ def step_body(
     """Move a base by one tick.
 
     At an obstacle the base stops within a tenth of a millimetre while the wheels roll on, as
-    encoders of a blocked robot measure.
+    encoders of a blocked robot measure. A base that starts in contact only moves to where the
+    contact is less deep: never through an obstacle, and never into another one.
 
     Args:
         random_source: Source of the random slip.
@@ -65,20 +75,21 @@ def _move_until_contact(
     if not (travel.left_m or travel.right_m):  # most robots stand most of the time
         return body.pose
     nearby = _NearbyObstacles.around_body(body, abs(travel.distance_m), obstacles)
-    # A base in contact already, spawned there or pushed by rounding, moves freely: otherwise the
-    # robot could never leave.
-    if nearby.has_contact_at(body.pose):
-        return integrate_arc(body.pose, travel.distance_m, turn_rad)
+    is_blocked = nearby.blocking_rule(body.pose)
     # No step is longer than half the base: the base cannot jump over a wall.
     steps = math.ceil(abs(travel.distance_m) / (0.5 * min(body.base.collision_size_m[:2]))) or 1
     arc = (travel.distance_m / steps, turn_rad / steps)
     pose = body.pose
     for _ in range(steps):
         goal = integrate_arc(pose, *arc)
-        if nearby.has_contact_at(goal):
-            return _last_free_pose(pose, arc, nearby)
+        if is_blocked(goal):
+            return _last_free_pose(pose, arc, is_blocked)
         pose = goal
     return pose
+
+
+# Whether obstacles keep a base from a pose.
+_BlockingRule = Callable[[PlanarPose], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,24 +107,42 @@ class _NearbyObstacles:
         centre = (body.pose.x_m, body.pose.y_m)
         return cls(obstacles.find_near(centre, math.hypot(*half) + distance_m), half)
 
+    def blocking_rule(self, start: PlanarPose) -> _BlockingRule:
+        """Rule for a base that starts at a pose: no contact, or no deeper contact than there."""
+        if not self.has_contact_at(start):
+            return self.has_contact_at
+        return partial(self._is_deeper_than, self._depths_at(start))
+
     def has_contact_at(self, pose: PlanarPose) -> bool:
         centre = (pose.x_m, pose.y_m)
         return rectangle_intersects(
             self.outlines, centre, pose.yaw_rad, half_size_m=self.half_size_m
         )
 
+    def _is_deeper_than(self, before_m: Sequence[float], pose: PlanarPose) -> bool:
+        """Whether a pose leaves a base no less deep in obstacles, or deeper in any of them."""
+        depths_m = self._depths_at(pose)
+        if max(depths_m) <= _TOUCH_M:
+            return False
+        # For each obstacle alone, too: on the way out of a deep one no other is entered.
+        return max(depths_m) >= max(before_m) or any(
+            after > max(before, _TOUCH_M) for before, after in zip(before_m, depths_m, strict=True)
+        )
+
+    def _depths_at(self, pose: PlanarPose) -> list[float]:
+        centre = (pose.x_m, pose.y_m)
+        return penetration_depths(self.outlines, centre, pose.yaw_rad, half_size_m=self.half_size_m)
+
 
 def _last_free_pose(
-    pose: PlanarPose, arc: tuple[float, float], obstacles: _NearbyObstacles
+    pose: PlanarPose, arc: tuple[float, float], is_blocked: _BlockingRule
 ) -> PlanarPose:
-    """Last pose without contact on an arc (metres, radians) that ends in an obstacle."""
+    """Last pose that is not blocked on an arc (metres, radians) whose end is."""
     distance_m, turn_rad = arc
     free, blocked = 0.0, 1.0
     for _ in range(_BISECTION_STEPS):
         fraction = 0.5 * (free + blocked)
-        if obstacles.has_contact_at(
-            integrate_arc(pose, fraction * distance_m, fraction * turn_rad)
-        ):
+        if is_blocked(integrate_arc(pose, fraction * distance_m, fraction * turn_rad)):
             blocked = fraction
         else:
             free = fraction

@@ -7,13 +7,13 @@ exactly if the normal of some edge separates them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
-from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
 
@@ -27,8 +27,12 @@ _CELLS_PER_SIDE = 64
 _MIN_CELL_M = 0.5
 # Three corners (x, y).
 Triangle2D = list[list[float]]
+# Both corners of each edge, and the third.
+_TRIANGLE_EDGES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
 _NO_TRIANGLES: Floats = np.zeros((0, 3, 2))
+# Triangles that many rectangles are compared with in one operation: 1300 rectangles take 13 MB.
+_TRIANGLES_PER_PORTION = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,18 +45,23 @@ class ObstacleGrid:
 
     def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
         """Triangles that reach into a square about a point; some occur several times."""
+        near: list[Triangle2D] = self.triangles_near(centre, radius_m).tolist()
+        return near
+
+    def triangles_near(self, centre: tuple[float, float], radius_m: float) -> Floats:
+        """(n, 3, 2) triangles of `find_near`, as an array."""
         columns, rows = (self._cell_range(coordinate, radius_m) for coordinate in centre)
         found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
         triangles = (
             np.concatenate((*found, self.dynamic_triangles)) if found else self.dynamic_triangles
         )
         if not len(triangles):
-            return []
+            return triangles
         # Most triangles of the same cells are out of reach, and this test is cheap.
         low, high = triangles.min(axis=1), triangles.max(axis=1)
         point = np.array(centre)
         within = ((low <= point + radius_m) & (high >= point - radius_m)).all(axis=1)
-        near: list[Triangle2D] = triangles[within].tolist()
+        near: Floats = triangles[within]
         return near
 
     def _cell_range(self, centre_m: float, radius_m: float) -> range:
@@ -110,15 +119,10 @@ def rectangle_intersects(
         yaw_rad: Of the rectangle's length.
         half_size_m: Half length, half width.
     """
-    # Plain floats: a handful of triangles is near, for which arrays take ten times as long.
-    x, y = centre
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    for outline in triangles:
-        along = [(u - x) * cos + (v - y) * sin for u, v in outline]
-        across = [(v - y) * cos - (u - x) * sin for u, v in outline]
-        if not _has_separating_axis(along, across, half_size_m):
-            return True
-    return False
+    return any(
+        not _has_separating_axis(along, across, half_size_m)
+        for along, across in _corners_in_rectangle(triangles, centre, yaw_rad)
+    )
 
 
 def _has_separating_axis(
@@ -132,7 +136,7 @@ def _has_separating_axis(
     # The rectangle's own sides first: they separate most pairs, without a product.
     if min(along) > length or max(along) < -length or min(across) > width or max(across) < -width:
         return True
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    for i, j, k in _TRIANGLE_EDGES:
         normal = (across[j] - across[i], along[i] - along[j])
         reach = length * abs(normal[0]) + width * abs(normal[1])
         edge = along[i] * normal[0] + across[i] * normal[1]
@@ -140,3 +144,114 @@ def _has_separating_axis(
         if min(edge, corner) > reach or max(edge, corner) < -reach:
             return True
     return False
+
+
+def penetration_depths(
+    triangles: Iterable[Triangle2D],
+    centre: tuple[float, float],
+    yaw_rad: float,
+    *,
+    half_size_m: tuple[float, float],
+) -> list[float]:
+    """Least translation that separates a rectangle from each of some triangles, metres.
+
+    0 for a triangle that the rectangle does not intersect. The arguments are those of
+    `rectangle_intersects`.
+    """
+    return [
+        _penetration_depth(along, across, half_size_m)
+        for along, across in _corners_in_rectangle(triangles, centre, yaw_rad)
+    ]
+
+
+def _corners_in_rectangle(
+    triangles: Iterable[Triangle2D], centre: tuple[float, float], yaw_rad: float
+) -> Iterator[tuple[list[float], list[float]]]:
+    """Yield the corners of each triangle along and across a rectangle."""
+    # Plain floats: a handful of triangles is near, for which arrays take ten times as long.
+    x, y = centre
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    for outline in triangles:
+        along = [(u - x) * cos + (v - y) * sin for u, v in outline]
+        across = [(v - y) * cos - (u - x) * sin for u, v in outline]
+        yield along, across
+
+
+def _penetration_depth(
+    along: list[float], across: list[float], half_size_m: tuple[float, float]
+) -> float:
+    """Smallest overlap of rectangle and triangle over the axes of `_has_separating_axis`."""
+    length, width = half_size_m
+    # The rectangle leaves each axis by the nearer end.
+    depth = min(max(along), -min(along)) + length
+    depth = min(depth, min(max(across), -min(across)) + width)
+    for i, j, k in _TRIANGLE_EDGES:
+        normal = (across[j] - across[i], along[i] - along[j])
+        norm = math.hypot(*normal)
+        if norm > 0.0:  # an edge of no length separates nothing
+            reach = length * abs(normal[0]) + width * abs(normal[1])
+            edge = along[i] * normal[0] + across[i] * normal[1]
+            corner = along[k] * normal[0] + across[k] * normal[1]
+            depth = min(depth, (reach + min(max(edge, corner), -min(edge, corner))) / norm)
+    return max(depth, 0.0)
+
+
+def rectangles_intersect(
+    triangles: Floats, centres: Floats, yaw_rad: float, *, half_size_m: tuple[float, float]
+) -> Bools:
+    """Which of many rectangles of one heading intersect any of some triangles.
+
+    Args:
+        triangles: (t, 3, 2) corners, metres, world frame.
+        centres: (n, 2) centres of the rectangles, metres, world frame.
+        yaw_rad: Of the rectangles' length.
+        half_size_m: Half length, half width.
+
+    Returns:
+        (n,) True for a rectangle in contact.
+    """
+    corners, points = (_rectangle_frame(array, yaw_rad) for array in (triangles, centres))
+    hit = np.zeros(len(points), dtype=bool)
+    # Every portion is spread over all triangles, which lie in the order of the scene's parts: in
+    # dense surroundings the first portion already meets nearly every rectangle.
+    num_portions = math.ceil(len(corners) / _TRIANGLES_PER_PORTION)
+    for first in range(num_portions):
+        candidates = np.flatnonzero(~hit)
+        if not len(candidates):
+            break
+        portion = corners[first::num_portions]
+        hit[candidates] = _intersect_any(portion, points[candidates], half_size_m)
+    return hit
+
+
+def _intersect_any(corners: Floats, points: Floats, half_size_m: tuple[float, float]) -> Bools:
+    """(n,) whether rectangles at (n, 2) points intersect any of (t, 3, 2) triangles."""
+    low, high, normals = _contact_intervals(corners, half_size_m)
+    offsets = (points @ normals.reshape(-1, 2).T).reshape(len(points), *low.shape)
+    hit: Bools = ((low <= offsets) & (offsets <= high)).all(axis=-1).any(axis=-1)
+    return hit
+
+
+def _rectangle_frame(points: Floats, yaw_rad: float) -> Floats:
+    """(..., 2) points turned from the world into the axes of a rectangle, about the origin."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    return points @ np.array([[cos, -sin], [sin, cos]])
+
+
+def _contact_intervals(
+    corners: Floats, half_size_m: tuple[float, float]
+) -> tuple[Floats, Floats, Floats]:
+    """Positions of a rectangle that touch each of (t, 3, 2) triangles, in the rectangle's axes.
+
+    A rectangle at p touches a triangle exactly if low <= normal . p <= high for five normals: of
+    the rectangle's two directions and the triangle's three edges.
+
+    Returns:
+        (t, 5) low and high ends, and the (t, 5, 2) normals, not of unit length.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    own = np.broadcast_to(np.eye(2), (len(corners), 2, 2))
+    normals = np.concatenate((own, edges[..., ::-1] * (-1.0, 1.0)), axis=1)
+    reach = np.abs(normals) @ np.array(half_size_m)
+    projected = normals @ corners.swapaxes(1, 2)
+    return projected.min(axis=-1) - reach, projected.max(axis=-1) + reach, normals
