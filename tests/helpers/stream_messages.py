@@ -65,7 +65,7 @@ LANDMARK = LandmarkRecord("a", "beacon", 1.0, 2.0, 0.1, 0.0, 0.2, 0.4, "cyan", "
 
 SAMPLE_REQUESTS: list[Request] = [
     GetFrameRequest(1, "OmniP2AT", "", ImageEncoding.PNG),
-    SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), (0.0, 0.0, 0.5), None),
+    SpawnRequest(2, "USARBot.OmniP2AT", None, (1.0, 2.0, 3.0), None, (0.0, 0.0, 0.5)),
     DriveRequest(3, 1.0, None, True),
     StepRequest(4, 0.2),
     ResetRequest(5),

@@ -6,6 +6,7 @@ CatoptraError
 ├── ProtocolError
 │   ├── LocalProtocolError   this side tried to send a message that the protocol forbids
 │   └── RemoteProtocolError  the peer sent a message that the protocol forbids
+│       └── InvalidRequestError  a request of the stream with a readable id; carries the id
 ├── ConnectionLostError      the peer disconnected or sends nothing
 ├── DeadlineExceededError    the peer is connected, but its reply did not arrive in time
 └── RendererUnavailableError a renderer cannot run on this machine; names the missing part
@@ -67,6 +68,14 @@ class LocalProtocolError(ProtocolError):
 
 class RemoteProtocolError(ProtocolError):
     """The peer sent a message that the protocol forbids."""
+
+
+class InvalidRequestError(RemoteProtocolError):
+    """A request of the stream whose id is readable and whose kind or another field is wrong."""
+
+    def __init__(self, message: str, request_id: int) -> None:
+        super().__init__(message)
+        self.request_id = request_id
 
 
 class ConnectionLostError(CatoptraError):

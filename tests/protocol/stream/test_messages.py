@@ -8,14 +8,22 @@ from typing import get_args
 import msgpack
 import pytest
 
-from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.errors import (
+    InvalidRequestError,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
     reply_from_bytes,
     request_from_bytes,
 )
-from catoptra_protocol.stream.msgpack_codec import MAX_REPLY_BYTES, MAX_REQUEST_BYTES
+from catoptra_protocol.stream.msgpack_codec import (
+    MAX_REPLY_BYTES,
+    MAX_REQUEST_BYTES,
+    FieldMap,
+)
 from catoptra_protocol.stream.replies import REPLIES, Reply
 from catoptra_protocol.stream.requests import REQUESTS, Request
 from helpers.stream_messages import SAMPLE_REPLIES, SAMPLE_REQUESTS
@@ -66,6 +74,23 @@ def test_field_when_missing_is_rejected_with_its_name(message: Request | Reply, 
 def test_request_when_its_kind_is_unknown_lists_the_known_kinds() -> None:
     with pytest.raises(RemoteProtocolError, match=r"'fly'.*get_frame"):
         request_from_bytes(msgpack.packb({"kind": "fly"}))
+
+
+@pytest.mark.parametrize("fields", [{"kind": "fly"}, {"kind": "step"}, {}, {"kind": 1}])
+def test_request_when_another_field_is_wrong_is_rejected_with_its_id(fields: FieldMap) -> None:
+    with pytest.raises(InvalidRequestError) as caught:
+        request_from_bytes(msgpack.packb({**fields, "id": 7}))
+    assert caught.value.request_id == 7
+
+
+@pytest.mark.parametrize("id_", [0, -1, 1.0, True, 2**63, None, "1"])
+@pytest.mark.parametrize("kind", ["get_status", "fly"])
+def test_request_when_its_id_is_no_int_above_0_is_rejected_without_an_id(
+    kind: str, id_: object
+) -> None:
+    with pytest.raises(RemoteProtocolError, match=r"id|kind") as caught:
+        request_from_bytes(msgpack.packb({"kind": kind, "id": id_}))
+    assert not isinstance(caught.value, InvalidRequestError)
 
 
 def test_reply_when_its_kind_is_unknown_is_none() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.stream.msgpack_codec import (
     MAX_REPLY_BYTES,
     MAX_REQUEST_BYTES,
+    FieldMap,
     dataclass_from_fields,
     pack,
+    read_int_field,
     read_str_field,
     unpack,
 )
@@ -32,9 +34,30 @@ def request_from_bytes(data: bytes) -> Request:
     """Decode a request of a client.
 
     Raises:
-        RemoteProtocolError: The bytes are no request; names the missing or wrong field.
+        InvalidRequestError: The id is readable; the kind or another field is wrong.
+        RemoteProtocolError: The bytes are no request with an id above 0.
     """
     fields = unpack(data, MAX_REQUEST_BYTES)
+    id_ = _readable_id(fields)
+    try:
+        request = _request_from_fields(fields)
+    except RemoteProtocolError as error:
+        # With the id the client relates the error to its request; 0 would fit any.
+        raise (InvalidRequestError(str(error), id_) if id_ else error) from error
+    if not id_:
+        raise RemoteProtocolError(f"id: {request.id}: expected an int above 0")
+    return request
+
+
+def _readable_id(fields: FieldMap) -> int:
+    """Id of a request; 0 if it is missing, wrong or below 1."""
+    try:
+        return max(0, read_int_field(fields, "id"))
+    except RemoteProtocolError:
+        return 0
+
+
+def _request_from_fields(fields: FieldMap) -> Request:
     kind = read_str_field(fields, "kind")
     # An error, unlike an unknown reply: the client waits for the outcome of its request.
     if kind not in REQUESTS:

@@ -104,9 +104,22 @@ def read_str_field(fields: FieldMap, name: str) -> str:
     Raises:
         RemoteProtocolError: The field is missing or not a str.
     """
+    return _read_str(_require_field(fields, name), name)
+
+
+def read_int_field(fields: FieldMap, name: str) -> int:
+    """Integer field of a map whose dataclass is not known yet.
+
+    Raises:
+        RemoteProtocolError: The field is missing or not an int.
+    """
+    return _read_int(_require_field(fields, name), name)
+
+
+def _require_field(fields: FieldMap, name: str) -> Any:
     if name not in fields:
         raise RemoteProtocolError(f"a message without the field {name!r}")
-    return _read_str(fields[name], name)
+    return fields[name]
 
 
 # Resolved once per class: get_type_hints evaluates every annotation, which would cost more than

@@ -117,7 +117,7 @@ class Error:
     KIND: ClassVar[str] = "error"
 
     id: int
-    """Id of the request; 0 for a message that is not readable up to its id."""
+    """Id of the request; 0 for a message without a readable id above 0."""
     reason: str
 
 
@@ -129,6 +129,10 @@ class SensorReports:
 
     id: int
     reports: tuple[str, ...]
+    # A default: servers of an earlier release do not send this field.
+    moved_to: Vector3 | None = None
+    """Location of a spawned robot in the world frame, in metres, where the requested place was not
+    free; otherwise None."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,10 +57,11 @@ class SpawnRequest:
     """Requested name; the server appends a number to a name in use."""
     location_m: Vector3 | None
     """Position in the world frame."""
-    rotation_rad: Vector3
-    """Roll, pitch, yaw in the world frame; with a location only."""
     start: str | None
     """Name of a start pose."""
+    # Of no effect with a start pose, so that a request may leave it out.
+    rotation_rad: Vector3 | None = None
+    """Roll, pitch, yaw in the world frame; with a location only. None = 0, 0, 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,11 @@ class GetReadingsRequest:
 
 @dataclass(frozen=True, slots=True)
 class GetCameraRequest:
-    """Request the model of a camera; an empty name selects the first one."""
+    """Request the model of a camera of either kind.
+
+    An empty name selects the first camera of the client's robot; without a robot, that of the first
+    class with a camera.
+    """
 
     KIND: ClassVar[str] = "get_camera"
 

@@ -160,7 +160,7 @@ class StreamClient:
         """
         # Arguments by keyword and defaults as in INIT; the message has every field.
         id_ = next(self._ids)
-        request = SpawnRequest(id_, class_name, name, location_m, rotation_rad, start_pose)
+        request = SpawnRequest(id_, class_name, name, location_m, start_pose, rotation_rad)
         return _parse_reports(self._call(request, SensorReports))
 
     def drive(self, left: float | None, right: float | None, *, normalized: bool = False) -> None:

@@ -135,7 +135,7 @@ class StreamPeer:
     def _spawn(self, request: SpawnRequest) -> None:
         init = Init(
             *(request.class_name, request.name, request.location_m),
-            *(request.rotation_rad, request.start),
+            *(request.rotation_rad or (0.0, 0.0, 0.0), request.start),
         )
         # Reasons known here go to the client; the simulation can only reject.
         reason = self._find_spawn_error(init)

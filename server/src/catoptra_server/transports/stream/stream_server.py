@@ -11,7 +11,7 @@ import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.errors import InvalidRequestError, RemoteProtocolError
 from catoptra_protocol.stream.messages import (
     SCHEMA_VERSION,
     bytes_from_message,
@@ -139,7 +139,8 @@ class StreamServer:
             request = _parse_request(parts)
         except RemoteProtocolError as error:
             log.debug("from stream client %s: %s", identity.hex(), error)
-            self._send(identity, [bytes_from_message(Error(0, str(error)))])
+            id_ = error.request_id if isinstance(error, InvalidRequestError) else 0
+            self._send(identity, [bytes_from_message(Error(id_, str(error)))])
             return
         log.debug("from stream client %s: %s", identity.hex(), request)
         # A client exists from its first valid request on; malformed messages add none.
