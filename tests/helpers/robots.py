@@ -132,7 +132,10 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.batches: list[tuple[Report, ...]] = []
-        self.num_rejections = 0
+        self.rejections: list[str] = []
+        self.spawns: list[tuple[str, tuple[float, float, float] | None]] = []
+        self.disconnections: list[str] = []
+        self.num_resumes = 0
 
     @property
     def reports(self) -> list[Report]:
@@ -143,9 +146,21 @@ class FakeClient:
         """Store a batch of reports."""
         self.batches.append(tuple(reports))
 
-    def reject_init(self) -> None:
-        """Count a rejected INIT."""
-        self.num_rejections += 1
+    def confirm_spawn(self, name: str, moved_to: tuple[float, float, float] | None) -> None:
+        """Store the name and the location of a spawn."""
+        self.spawns.append((name, moved_to))
+
+    def reject_init(self, reason: str) -> None:
+        """Store the reason of a rejected INIT."""
+        self.rejections.append(reason)
+
+    def disconnect(self, reason: str) -> None:
+        """Store the reason of a disconnection."""
+        self.disconnections.append(reason)
+
+    def resume_reading(self) -> None:
+        """Count the calls."""
+        self.num_resumes += 1
 
 
 class FakeView:

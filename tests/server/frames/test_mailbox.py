@@ -178,7 +178,7 @@ def test_mailboxes_when_a_channel_fails_raise_for_that_channel_alone() -> None:
         waiting = asyncio.create_task(boxes.get(lost).wait_for_newer(0))
         other = asyncio.create_task(boxes.get(kept).wait_for_newer(0))
         await let_it_wait(waiting)
-        boxes.fail(lost)
+        boxes.fail(lost, "")
         with pytest.raises(ChannelUnavailableError):
             await waiting
         boxes.put(frame(1))

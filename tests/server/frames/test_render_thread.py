@@ -1,4 +1,4 @@
-"""Requests become frames in another thread: in order, composed, cancelled after a failure."""
+"""Requests become frames in another thread: in order, composed; a failure ends one channel."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import (
     IMAGE_PORT,
+    CameraChannel,
+    Channel,
     FrameComposition,
     FrameRequest,
     ViewRequest,
 )
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
-from catoptra_server.frames.render_thread import RenderThread, max_bounds, render_frame
-from catoptra_server.frames.view_cache import RenderedView, ViewState
+from catoptra_server.frames.render_thread import PlanFailure, RenderThread, max_bounds, render_frame
+from catoptra_server.frames.view_cache import RenderedView, ViewFailedError, ViewState
 from catoptra_server.planning.camera_spec import OmniCameraSpec
-from catoptra_server.render.renderer import RenderedImage
 from catoptra_server.robot.render_settings import RenderSettings
-from helpers.robots import CAMERA, FakeView, FakeViewProvider
+from helpers.robots import CAMERA, FakeViewProvider
 
 VIEW = ViewRequest(PerspectiveCamera(4, 3, 1.0), CameraState(Pose.identity()))
 BLOOMING = EffectDecision("Blooming", False, 0.0, 0.5, "grey levels", "dim")
@@ -38,19 +39,41 @@ def make_request(
     return FrameRequest(IMAGE_PORT, sequence, 0.5, 2.0, FrameComposition(layout, views))
 
 
-class _BrokenView(FakeView):
-    def render(self, camera_state: CameraState) -> RenderedImage:
-        raise ValueError("the lamp is broken")
+class FrameStore:
+    """Stores frames and rejections; stops the render thread after some of both."""
+
+    def __init__(self, stop_after: int = -1) -> None:
+        self.frames: list[Frame] = []
+        self.rejections: list[tuple[Channel, str]] = []
+        self.render_thread: RenderThread | None = None
+        self._stop_after = stop_after
+
+    def put(self, frame: Frame) -> None:
+        self.frames.append(frame)
+        self._count()
+
+    def fail_frame(self, channel: Channel, reason: str) -> None:
+        self.rejections.append((channel, reason))
+        self._count()
+
+    def _count(self) -> None:
+        if len(self.frames) + len(self.rejections) == self._stop_after:
+            assert self.render_thread is not None
+            self.render_thread.stop()
+
+
+def make_render_thread(
+    stop_after: int = -1, *, retries_at_once: bool = False
+) -> tuple[RenderThread, FrameStore]:
+    store = FrameStore(stop_after)
+    store.render_thread = RenderThread(
+        store, retries_at_once=retries_at_once, monotonic=lambda: 0.0
+    )
+    return store.render_thread, store
 
 
 def start_render_thread(render_thread: RenderThread, views: FakeViewProvider) -> threading.Thread:
-    def main() -> None:
-        try:
-            render_thread.run(lambda: views, lambda: None)
-        except ValueError:
-            pass  # the server's worker hands it on
-
-    thread = threading.Thread(target=main)
+    thread = threading.Thread(target=render_thread.run, args=(lambda: views, lambda: None))
     thread.start()
     return thread
 
@@ -97,40 +120,83 @@ def test_frame_without_views_is_black() -> None:
     assert (frame.rgb.shape, frame.rgb.any(), frame.plan) == ((3, 4, 3), False, None)
 
 
-def test_render_thread_when_stopped_first_renders_the_queued_requests() -> None:
-    frames = list[Frame]()
-    render_thread, views = RenderThread(frames.append), FakeViewProvider()
+def test_render_thread_renders_the_queued_requests_in_order() -> None:
+    (render_thread, store), views = make_render_thread(stop_after=3), FakeViewProvider()
     for sequence in (1, 2, 3):
         render_thread.submit(make_request(VIEW, sequence=sequence))
-    render_thread.stop()
-    start_render_thread(render_thread, views).join()
-    assert [frame.sequence for frame in frames] == [1, 2, 3]
+    render_thread.run(lambda: views, lambda: None)
+    assert [frame.sequence for frame in store.frames] == [1, 2, 3]
     assert views.view.is_closed
+
+
+def test_render_thread_when_stopped_cancels_what_waits() -> None:
+    render_thread, views = make_render_thread(stop_after=1)[0], FakeViewProvider()
+    futures = [render_thread.submit(make_request(VIEW, sequence=i)) for i in (1, 2)]
+    render_thread.run(lambda: views, lambda: None)
+    assert [future.cancelled() for future in futures] == [False, True]
+    with pytest.raises(CancelledError):
+        render_thread.submit_and_wait(make_request(VIEW))
 
 
 def test_request_when_waited_for_puts_the_frame_before_the_wait_ends() -> None:
-    frames = list[Frame]()
-    render_thread = RenderThread(frames.append)
+    render_thread, store = make_render_thread()
     thread = start_render_thread(render_thread, FakeViewProvider())
     render_thread.submit_and_wait(make_request(VIEW))
-    assert len(frames) == 1
+    assert len(store.frames) == 1
     render_thread.stop()
     thread.join()
 
 
-def test_request_when_rendering_fails_raises_and_later_ones_are_cancelled() -> None:
-    render_thread, views = RenderThread(lambda frame: None), FakeViewProvider(_BrokenView())
-    thread = start_render_thread(render_thread, views)
-    with pytest.raises(ValueError, match="the lamp is broken"):
-        render_thread.submit_and_wait(make_request(VIEW))
-    thread.join()
-    with pytest.raises(CancelledError):
-        render_thread.submit_and_wait(make_request(VIEW))
-    assert views.view.is_closed
+class _FailingViews(FakeViewProvider):
+    """Views that raise for one camera."""
+
+    num_attempts = 0
+
+    def render(self, request: ViewRequest) -> RenderedView:
+        if request is BROKEN:
+            self.num_attempts += 1
+            raise ValueError("the lamp is broken")
+        return super().render(request)
+
+
+BROKEN = ViewRequest(PerspectiveCamera(4, 3, 2.0), CameraState(Pose.identity()))
+BROKEN_CHANNEL = CameraChannel("R", "Broken")
+
+
+@pytest.mark.parametrize("retries_at_once", [False, True])
+def test_channel_when_rendering_fails_is_rejected_and_others_go_on(
+    retries_at_once: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    render_thread, store = make_render_thread(stop_after=4, retries_at_once=retries_at_once)
+    broken = dataclasses.replace(make_request(BROKEN), channel=BROKEN_CHANNEL)
+    views = _FailingViews()
+    futures = [
+        render_thread.submit(request)
+        for request in (broken, make_request(VIEW), broken, make_request(VIEW, sequence=2))
+    ]
+    render_thread.run(lambda: views, lambda: None)
+    assert [channel for channel, _ in store.rejections] == [BROKEN_CHANNEL, BROKEN_CHANNEL]
+    assert [frame.sequence for frame in store.frames] == [1, 2]
+    assert all(future.result() is None for future in futures)
+    # In real time a failing channel rests for a while; lockstep does not depend on the time.
+    assert views.num_attempts == (2 if retries_at_once else 1)
+    assert sum(bool(record.exc_info) for record in caplog.records) <= 1
+
+
+class _RefusingViews(FakeViewProvider):
+    def render(self, request: ViewRequest) -> RenderedView:
+        raise ViewFailedError("neither renderer draws this camera")
+
+
+def test_channel_when_its_view_is_refused_has_the_reason() -> None:
+    render_thread, store = make_render_thread(stop_after=1)
+    render_thread.submit(make_request(VIEW))
+    render_thread.run(_RefusingViews, lambda: None)
+    assert store.rejections == [(IMAGE_PORT, "neither renderer draws this camera")]
 
 
 def test_requests_when_the_renderer_cannot_start_are_cancelled() -> None:
-    render_thread = RenderThread(lambda frame: None)
+    render_thread, _ = make_render_thread()
     waiting = render_thread.submit(make_request(VIEW))
 
     def refuse() -> FakeViewProvider:
@@ -183,17 +249,71 @@ def test_bounds_of_several_views_are_the_largest_of_each() -> None:
     assert max_bounds([four.as_dict(), one.as_dict()]) == one.as_dict()
 
 
+SPEC = OmniCameraSpec(CAMERA.camera, CAMERA.render_settings)
+
+
+def query_plans(render_thread: RenderThread, *clients: str) -> list[ViewState | PlanFailure]:
+    """Replies to plan queries; the last one stops the thread."""
+    replies = list[ViewState | PlanFailure]()
+
+    def reply(state: ViewState | PlanFailure) -> None:
+        replies.append(state)
+        if len(replies) == len(clients):
+            render_thread.stop()
+
+    for client in clients:
+        render_thread.query_plan(client, SPEC, reply)
+    return replies
+
+
 def test_plan_query_is_answered_by_the_render_thread() -> None:
-    render_thread, replies = RenderThread(lambda frame: None), list[ViewState | None]()
-    render_thread.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), replies.append)
-    render_thread.stop()
-    start_render_thread(render_thread, FakeViewProvider()).join()
-    assert [state and state.median_ms for state in replies] == [12.5]
+    render_thread, _ = make_render_thread()
+    replies = query_plans(render_thread, "a")
+    render_thread.run(FakeViewProvider, lambda: None)
+    assert [isinstance(state, ViewState) and state.median_ms for state in replies] == [12.5]
 
 
-def test_plan_query_without_a_renderer_is_answered_by_none() -> None:
-    render_thread, replies = RenderThread(lambda frame: None), list[ViewState | None]()
-    render_thread.query_plan(OmniCameraSpec(CAMERA.camera, CAMERA.render_settings), replies.append)
-    render_thread.stop()
+def test_plan_query_of_the_same_client_supersedes_the_older() -> None:
+    render_thread, _ = make_render_thread()
+    replies = query_plans(render_thread, "a", "b", "a")
+    assert replies == [PlanFailure("superseded by a newer request")]
+    render_thread.run(FakeViewProvider, lambda: None)
+    assert [type(state) for state in replies] == [PlanFailure, ViewState, ViewState]
+
+
+def test_plan_query_without_a_renderer_fails_in_words() -> None:
+    render_thread, _ = make_render_thread()
+    replies = query_plans(render_thread, "a")
     render_thread.run(lambda: None, lambda: None)
-    assert replies == [None]
+    assert replies == [PlanFailure("this server has no camera")]
+
+
+class _RaisingPlans(FakeViewProvider):
+    def view_state(self, camera: OmniCameraSpec) -> ViewState:
+        raise ZeroDivisionError("plan")
+
+
+def test_plan_query_when_planning_raises_fails_in_words() -> None:
+    render_thread, _ = make_render_thread()
+    replies = query_plans(render_thread, "a")
+    render_thread.run(_RaisingPlans, lambda: None)
+    assert [type(state) for state in replies] == [PlanFailure]
+
+
+def test_plans_do_not_keep_frames_waiting() -> None:
+    render_thread, store = make_render_thread()
+    order = list[str]()
+
+    class _RecordingViews(FakeViewProvider):
+        def render(self, request: ViewRequest) -> RenderedView:
+            order.append("frame")
+            return super().render(request)
+
+    for sequence in (1, 2):
+        render_thread.submit(make_request(VIEW, sequence=sequence))
+    for client in range(4):
+        render_thread.query_plan(client, SPEC, lambda state: order.append("plan"))
+    render_thread.query_plan("last", SPEC, lambda state: render_thread.stop())
+    render_thread.run(_RecordingViews, lambda: None)
+    assert order == ["frame", "plan", "frame", "plan", "plan", "plan"]
+    assert len(store.frames) == 2

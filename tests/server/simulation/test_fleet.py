@@ -81,7 +81,7 @@ def test_init_when_accepted_has_a_whole_cycle_as_reply() -> None:
 
 @pytest.mark.parametrize("name", ["USARBot.OmniP2AT", "usarbot.omnip2at", "OmniP2AT", "OMNIP2AT"])
 def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
-    assert spawn(make_fleet(), dataclasses.replace(INIT, class_name=name)).num_rejections == 0
+    assert spawn(make_fleet(), dataclasses.replace(INIT, class_name=name)).rejections == []
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_init_when_the_class_is_known_in_any_case_spawns(name: str) -> None:
 def test_init_when_class_or_start_is_unknown_is_rejected_without_a_reply(init: Init) -> None:
     fleet = make_fleet()
     client = spawn(fleet, init)
-    assert (client.num_rejections, client.reports) == (1, [])
+    assert (len(client.rejections), client.reports) == (1, [])
     assert fleet.find_robot(client) is None
 
 

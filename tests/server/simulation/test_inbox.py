@@ -1,0 +1,170 @@
+"""The inbox: bounded work of each client, departures first, newest wins where only it counts."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import pytest
+
+from catoptra_protocol.usarsim.commands import Command, Drive, GetStartPoses
+from catoptra_server.frames.frame_events import FrameRequested
+from catoptra_server.frames.frame_request import IMAGE_PORT, CameraChannel
+from catoptra_server.simulation.inbox import MAX_ALL_WAITING_STEP_S, MAX_WAITING, Inbox
+from catoptra_server.simulation.simulation_events import (
+    AccuracyTargetChanged,
+    ClientDisconnected,
+    CommandReceived,
+    Fault,
+    StepRequested,
+)
+from helpers.robots import FakeClient
+
+
+def make_inbox(*, keep_order: bool = True) -> Inbox:
+    return Inbox(keep_order=keep_order, monotonic=lambda: 0.0)
+
+
+def take_commands(inbox: Inbox) -> list[Command]:
+    commands = []
+    while (event := inbox.take_work()) is not None:
+        assert isinstance(event, CommandReceived)
+        commands.append(event.command)
+    return commands
+
+
+def test_queue_when_full_says_so_and_resumes_once_half_empty() -> None:
+    inbox, client, other = make_inbox(), FakeClient(), FakeClient()
+    event = CommandReceived(client, GetStartPoses())
+    assert [inbox.post(event) for _ in range(MAX_WAITING)] == [True] * (MAX_WAITING - 1) + [False]
+    assert inbox.post(CommandReceived(other, GetStartPoses()))
+    for taken in range(1, MAX_WAITING + 1):
+        inbox.take_work()
+        assert client.num_resumes == (taken >= MAX_WAITING // 2)
+    assert other.num_resumes == 0
+
+
+def test_work_of_a_departed_client_is_dropped() -> None:
+    inbox, gone, other = make_inbox(), FakeClient(), FakeClient()
+    for client in (gone, other, gone):
+        inbox.post(CommandReceived(client, GetStartPoses()))
+    inbox.post(ClientDisconnected(gone))
+    assert inbox.has_urgent
+    assert inbox.take_urgent() == [ClientDisconnected(gone)]
+    assert inbox.take_work() == CommandReceived(other, GetStartPoses())
+    assert inbox.take_work() is None
+
+
+@pytest.mark.parametrize(
+    ("older", "newer", "is_superseded"),
+    [
+        (Drive(1.0, 1.0), Drive(2.0, 2.0), True),
+        (Drive(1.0, None), Drive(2.0, 2.0), True),
+        (Drive(1.0, 1.0), Drive(2.0, None), False),
+        (Drive(1.0, 1.0, light=True), Drive(2.0, 2.0), False),
+        (Drive(1.0, 1.0, normalized=True), Drive(2.0, 2.0), True),
+        (GetStartPoses(), Drive(2.0, 2.0), False),
+    ],
+)
+def test_drive_is_superseded_by_one_that_sets_as_much(
+    older: Command, newer: Command, is_superseded: bool
+) -> None:
+    inbox, client, other = make_inbox(), FakeClient(), FakeClient()
+    inbox.post(CommandReceived(client, older))
+    inbox.post(CommandReceived(other, GetStartPoses()))
+    inbox.post(CommandReceived(client, newer))
+    assert (older not in take_commands(inbox)) is is_superseded
+
+
+def test_target_when_superseded_is_answered() -> None:
+    inbox, client, replies = make_inbox(), FakeClient(), list[object]()
+    for budget_ms in (1.0, 2.0):
+        reply = partial(lambda ms, *reply: replies.append((ms, reply)), budget_ms)
+        inbox.post(AccuracyTargetChanged(client, "", None, budget_ms, reply))
+    assert replies == [(1.0, (Fault("superseded by a newer request"), ""))]
+    event = inbox.take_work()
+    assert isinstance(event, AccuracyTargetChanged)
+    assert event.budget_ms == 2.0
+    assert inbox.take_work() is None
+
+
+def test_target_of_another_value_waits_beside_the_older() -> None:
+    inbox, client = make_inbox(), FakeClient()
+    inbox.post(AccuracyTargetChanged(client, "", 1.0, None, lambda *reply: None))
+    inbox.post(AccuracyTargetChanged(client, "", None, 5.0, lambda *reply: None))
+    assert inbox.take_work() is not None
+    assert inbox.take_work() is not None
+
+
+def step(client: FakeClient, duration_s: float) -> StepRequested:
+    return StepRequested(client, duration_s, lambda result: None)
+
+
+def take_refusals(inbox: Inbox) -> list[bool]:
+    refusals = []
+    while (event := inbox.take_work()) is not None:
+        assert isinstance(event, StepRequested)
+        refusals.append(bool(event.refusal))
+    return refusals
+
+
+def test_steps_when_too_long_in_all_are_refused_in_their_turn() -> None:
+    inbox, clients = make_inbox(), [FakeClient() for _ in range(5)]
+    assert inbox.post(step(clients[0], 40.0))
+    for duration_s in (40.0, 20.0, 1.0, 0.0):
+        inbox.post(step(clients[0], duration_s))
+    assert take_refusals(inbox) == [False, True, False, True, False]
+    # Taken steps wait no longer; the limit of all holds beside that of each.
+    for client in clients:
+        inbox.post(step(client, 59.0))
+    num_admitted = math.floor(MAX_ALL_WAITING_STEP_S / 59.0)
+    assert take_refusals(inbox).count(False) == num_admitted
+
+
+def test_steps_of_a_departed_client_wait_no_longer() -> None:
+    inbox, gone, other = make_inbox(), FakeClient(), FakeClient()
+    inbox.post(step(gone, 60.0))
+    inbox.post(step(FakeClient(), 60.0))
+    inbox.post(ClientDisconnected(gone))
+    inbox.post(step(other, 60.0))
+    assert take_refusals(inbox) == [False, False]
+
+
+@pytest.mark.parametrize("duration_s", [math.nan, -1.0, math.inf])
+def test_step_without_a_duration_does_not_count(duration_s: float) -> None:
+    inbox, client = make_inbox(), FakeClient()
+    inbox.post(step(client, duration_s))
+    inbox.post(step(client, 60.0))
+    refusals = take_refusals(inbox)
+    assert refusals[1] is False
+
+
+def test_frame_requests_of_a_channel_are_one() -> None:
+    inbox, camera = make_inbox(), CameraChannel("R", "")
+    for number in (3.0, 5.0, 4.0):
+        inbox.post(FrameRequested(number, camera))
+    inbox.post(FrameRequested(math.inf, IMAGE_PORT))
+    assert inbox.take_urgent() == [FrameRequested(5.0, camera), FrameRequested(math.inf)]
+    assert inbox.take_urgent() == []
+
+
+def test_work_that_arrives_after_a_mark_is_left() -> None:
+    inbox, client = make_inbox(), FakeClient()
+    inbox.post(CommandReceived(client, GetStartPoses()))
+    mark = inbox.newest_arrival
+    inbox.post(CommandReceived(client, GetStartPoses()))
+    assert inbox.take_work(arrived_by=mark) is not None
+    assert inbox.take_work(arrived_by=mark) is None
+    assert inbox.take_work() is not None
+
+
+def test_client_above_its_share_waits_behind_the_others() -> None:
+    for keep_order in (False, True):
+        inbox, heavy, light = make_inbox(keep_order=keep_order), FakeClient(), FakeClient()
+        for client in (heavy, heavy, light):
+            inbox.post(CommandReceived(client, GetStartPoses()))
+        inbox.take_work()
+        inbox.charge(heavy, 1.0)
+        event = inbox.take_work()
+        assert event is not None
+        assert event.client is (heavy if keep_order else light)

@@ -1,0 +1,75 @@
+"""The order of work in a fair queue."""
+
+from __future__ import annotations
+
+from catoptra_server.fair_queue import FairQueue
+
+
+class _Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def take_all(queue: FairQueue[str, int]) -> list[int]:
+    taken = []
+    while (entry := queue.take()) is not None:
+        taken.append(entry[1])
+    return taken
+
+
+def test_queue_within_the_shares_keeps_the_order_of_arrival() -> None:
+    queue = FairQueue[str, int](share=0.1, monotonic=_Clock())
+    for number, key in enumerate("abcabca"):
+        queue.put(key, number)
+    queue.charge("a", 0.004)
+    assert take_all(queue) == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_client_above_its_share_is_last_until_it_is_paid_back() -> None:
+    clock = _Clock()
+    queue = FairQueue[str, int](share=0.1, monotonic=clock)
+    for number, key in enumerate("aabbc"):
+        queue.put(key, number)
+    assert queue.take() == ("a", 0)
+    queue.charge("a", 0.5)
+    assert queue.take() == ("b", 2)
+    queue.charge("b", 0.2)
+    assert take_all(queue) == [4, 3, 1]
+    clock.now_s = 6.0
+    for number, key in enumerate("ab"):
+        queue.put(key, number)
+    assert take_all(queue) == [0, 1]
+
+
+def test_queue_without_shares_ignores_all_use() -> None:
+    queue = FairQueue[str, int](share=None, monotonic=_Clock())
+    for number, key in enumerate("abab"):
+        queue.put(key, number)
+    queue.charge("a", 100.0)
+    assert take_all(queue) == [0, 1, 2, 3]
+
+
+def test_queue_counts_replaces_and_drops_the_work_of_a_client() -> None:
+    queue = FairQueue[str, int](share=0.1, monotonic=_Clock())
+    for number, key in enumerate("aab"):
+        queue.put(key, number)
+    queue.replace_newest("a", 7)
+    assert (len(queue), queue.count("a"), queue.newest("a"), queue.num_arrived) == (3, 2, 7, 3)
+    assert queue.drop("a") == [0, 7]
+    assert (len(queue), queue.count("a"), queue.newest("a")) == (1, 0, None)
+    assert queue.drop("nobody") == []
+    assert queue.clear() == [2]
+    assert len(queue) == 0
+
+
+def test_accounts_without_work_and_use_are_forgotten() -> None:
+    clock = _Clock()
+    queue = FairQueue[str, int](share=0.5, monotonic=clock)
+    for number in range(2000):
+        clock.now_s += 1.0
+        queue.put(str(number), number)
+        queue.take()
+        queue.charge(str(number), 0.01)
+    assert len(queue._accounts) < 300
