@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import pytest
 
@@ -23,8 +23,7 @@ from catoptra_protocol.optics.mirrors import MIRRORS
 from catoptra_protocol.stream.messages import request_from_bytes
 from catoptra_protocol.stream.replies import REPLIES
 from catoptra_protocol.stream.requests import REQUESTS
-from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, Command, command_from_message
-from catoptra_protocol.usarsim.control_states import TRANSITIONS
+from catoptra_protocol.usarsim.commands import COMMAND_PARSERS, command_from_message
 from catoptra_protocol.usarsim.grammar import Message, parse_message
 from catoptra_protocol.usarsim.readings import READING_PARSERS
 from catoptra_protocol.usarsim.reports import REPORT_PARSERS, report_from_message
@@ -162,16 +161,9 @@ class DummyCommand:
         return cls()
 
 
-def commands_without_state(commands: Iterable[type]) -> list[str]:
-    """Classes of commands that no state of a connection accepts."""
-    accepted = {command for commands in TRANSITIONS.values() for command in commands}
-    return [command.__name__ for command in commands if command not in accepted]
-
-
-def test_commands_are_specified_accepted_and_have_vectors() -> None:
+def test_commands_are_specified_and_have_vectors() -> None:
     assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == []
     assert words_without_vector("commands", COMMAND_PARSERS) == []
-    assert commands_without_state(get_args(Command)) == []
 
 
 def test_command_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,7 +172,6 @@ def test_command_when_added_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(command, DummyCommand)
     assert missing_in(SPECIFICATION, COMMAND_PARSERS, "{}") == ["DUMMY"]
     assert words_without_vector("commands", COMMAND_PARSERS) == ["DUMMY"]
-    assert commands_without_state((*get_args(Command), DummyCommand)) == ["DummyCommand"]
     fleet = Fleet([make_p2at()], (world := make_walled_world()), build_scene(world), seed=1)
     with pytest.raises(AssertionError, match="DummyCommand"):
         fleet.execute(FakeClient(), command, 0.0)

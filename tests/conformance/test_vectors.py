@@ -12,7 +12,7 @@ import pytest
 
 from catoptra_protocol.usarsim import reports
 from catoptra_protocol.usarsim.commands import Command, command_from_message
-from catoptra_protocol.usarsim.control_connection import ControlClient, ControlServer
+from catoptra_protocol.usarsim.control_connection import ControlClient
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import LineReader, parse_message
 from catoptra_protocol.usarsim.image_port import (
@@ -20,7 +20,7 @@ from catoptra_protocol.usarsim.image_port import (
     ImageRequestReader,
     encode_frame_header,
 )
-from catoptra_protocol.usarsim.reports import Greeting, Report, line_from_report
+from catoptra_protocol.usarsim.reports import Report, line_from_report
 
 DATA = Path(__file__).parent / "data"
 _DOCUMENT_KEYS = {"description", "meaning", "canonical", "complete", "dialect", "reports"}
@@ -72,17 +72,9 @@ def make_command_reader() -> EventReader:
     return receive
 
 
-def make_session_reader() -> EventReader:
-    """Server end of a connection after the greeting."""
-    server = ControlServer()
-    server.send(Greeting("BotDeathMatch", "field"))
-    return server.receive
-
-
 # Receiver of each channel, and bytes that begin a message without completing it.
 CHANNELS: dict[str, tuple[Callable[[], EventReader], bytes]] = {
     "commands": (make_command_reader, b"DRIVE {Left 9} {Ri"),
-    "sessions": (make_session_reader, b"DRIVE {Left 9} {Ri"),
     "reports": (lambda: ControlClient().receive, b"SEN {Type Odometry} {Na"),
     "image_requests": (lambda: ImageRequestReader().receive, b"UOKOKOKOK"),
     "image_frames": (lambda: ImageFrameReader().receive, encode_frame_header(2, 9)),  # type: ignore[arg-type] # an int, as a foreign server would have it

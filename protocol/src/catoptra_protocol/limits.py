@@ -14,6 +14,17 @@ MAX_SERVER_LINE_BYTES = 4095
 # smallest buffers has tokens of 1024 bytes.
 MAX_NAME_CHARS = 256
 
+# Blocks of a line: a parser's time grows with them. A line of 4095 bytes, the longest that a server
+# sends, holds 680 blocks of a name and a value.
+MAX_LINE_BLOCKS = 1024
+
+# Joints or links of one motion command: four times the joints of any robot, and 0.1 ms to execute.
+MAX_COMMAND_JOINTS = 256
+
+# Magnitude of a number in a motion command, in any unit: above every speed, angle and torque, and
+# far below the numbers at which sums of products overflow.
+MAX_COMMAND_NUMBER = 1e9
+
 # A client accepts a RAW image of 4096 x 4096 px, with its header.
 MAX_IMAGE_PAYLOAD_BYTES = 64 * 1024 * 1024
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.limits import MAX_COMMAND_NUMBER, MAX_NAME_CHARS
 from catoptra_protocol.usarsim.commands import (
     COMMAND_PARSERS,
     Command,
@@ -28,6 +28,7 @@ from catoptra_protocol.usarsim.grammar import LineReader, parse_message
 DETERMINISTIC = settings(derandomize=True, max_examples=200, deadline=None)
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
+SET_POINTS = st.floats(-MAX_COMMAND_NUMBER, MAX_COMMAND_NUMBER)
 VECTORS = st.tuples(FINITE, FINITE, FINITE)
 NAMES = st.text(st.characters(codec="ascii", categories=["L", "N"]), min_size=1, max_size=9)
 OPTIONAL_NAMES = st.none() | NAMES
@@ -37,8 +38,8 @@ ANY_COMMAND = st.one_of(
     st.builds(Init, NAMES, OPTIONAL_NAMES, st.none() | VECTORS, VECTORS, OPTIONAL_NAMES),
     st.builds(
         Drive,
-        st.none() | FINITE,
-        st.none() | FINITE,
+        st.none() | SET_POINTS,
+        st.none() | SET_POINTS,
         st.booleans(),
         OPTIONAL_BOOLEANS,
         OPTIONAL_BOOLEANS,

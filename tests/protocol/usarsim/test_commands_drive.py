@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.limits import MAX_COMMAND_NUMBER, MAX_NAME_CHARS
 from catoptra_protocol.usarsim.commands import command_from_message, line_from_command
 from catoptra_protocol.usarsim.commands_drive import (
     ControlOrder,
@@ -83,7 +85,7 @@ def test_multi_drive_when_a_joint_has_two_words_is_rejected() -> None:
 
 
 NAMES = st.text("abcXYZ_09", min_size=1, max_size=9)
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+NUMBERS = st.floats(-MAX_COMMAND_NUMBER, MAX_COMMAND_NUMBER)
 LINKS = st.builds(LinkCommand, st.integers(-9, 99), st.none() | NUMBERS, st.integers(-3, 12))
 JOINTS = st.builds(
     JointCommand, NAMES, st.none() | NUMBERS, st.integers(-3, 12), st.none() | NUMBERS
@@ -99,3 +101,36 @@ DRIVE_COMMANDS = (
 @given(DRIVE_COMMANDS)
 def test_motion_when_any_is_written_and_read_is_the_same(command: DriveCommand) -> None:
     assert read(line_from_command(command).decode("latin-1").rstrip()) == command
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "DRIVE {Left 1} {Right -1e10}",
+        "DRIVE {Name J} {Value 1e10}",
+        "DRIVE {Name J} {Value 1} {Order 1e300}",
+        "DRIVE {Name J} {Steer 1e999}",
+        "MULTIDRIVE {A 1} {B 1e10}",
+        "MISPKG {Name P} {Link 1e300} {Value 1}",
+        "MISPKG {Name P} {Link 1} {Value 1e300}",
+        "MISPKG {Name P} {Gripper 1e300}",
+        "MULTIDRIVE " + 257 * "{A 1}",
+        "DRIVE " + 257 * "{Name J} {Value 1}",
+        "MISPKG {Name P} " + 257 * "{Link 1} {Value 1}",
+    ],
+    ids=lambda line: line[:40],
+)
+def test_motion_command_when_beyond_a_limit_is_no_command(line: str) -> None:
+    assert command_from_message(parse_message(line)) is None
+
+
+@pytest.mark.parametrize(
+    "block", ["{a}", "{a 1}", "{Name J}", "{Name J} {Value 1}", "{Link 1}", "{", "}", "{ab 12345}"]
+)
+@pytest.mark.parametrize("word", ["DRIVE", "MULTIDRIVE", "MISPKG", "INIT", "SET"])
+def test_line_of_64_kb_when_parsed_costs_less_than_5_ms(word: str, block: str) -> None:
+    line = word + " " + block * (65_000 // len(block))
+    started_s = time.process_time()
+    command_from_message(parse_message(line))
+    # 1 to 3 ms on an idle core; the loop of all connections stands still for as long.
+    assert time.process_time() - started_s < 0.025

@@ -64,3 +64,9 @@ def test_camera_when_written_has_its_region_in_udk_only_and_its_model_in_both() 
 def test_configuration_when_empty_has_no_line_in_udk(empty: Configuration) -> None:
     assert line_from_report(empty).startswith(b"CONF {Type A}")
     assert line_from_report(empty, Dialect.UDK) == b""
+
+
+def test_scan_interval_has_two_decimals_in_ut2004_and_four_in_udk() -> None:
+    ins = ScanIntervalConfiguration("INS", "INS", 0.2)
+    assert b"{ScanInterval 0.20}" in line_from_report(ins)
+    assert b"{ScanInterval 0.2000}" in line_from_report(ins, Dialect.UDK)

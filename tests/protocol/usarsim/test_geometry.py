@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
+from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.geometry import (
     Geometry,
     GeometryItem,
@@ -87,3 +88,11 @@ def test_item_when_name_or_mount_is_not_one_word_is_rejected(name: str, mount: s
 def test_geo_with_an_odd_name_is_an_empty_reply(name: str) -> None:
     line = f"GEO {{Type Sonar}} {{Name {name}}}"
     assert geometry_from_message(parse_message(line)) == Geometry("Sonar", name=name)
+
+
+def test_mount_on_the_chassis_in_udk_is_the_model_of_the_robot() -> None:
+    on_link = GeometryItem("C", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "CameraTilt")
+    for item, mount in [(F2, "P2AT"), (on_link, "CameraTilt")]:
+        line = line_from_report(Geometry("X", (item,), model="P2AT"), Dialect.UDK).decode()
+        assert line.endswith(f"}}{{Mount {mount}}}\r\n")
+        assert "P2AT" not in line_from_report(Geometry("X", (item,), model="P2AT")).decode()

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import LineReader, parse_message
 from catoptra_protocol.usarsim.readings import (
     GroundTruthReading,
+    InsReading,
     OdometryReading,
     Reading,
     reading_from_message,
@@ -111,3 +113,10 @@ def test_odometry_when_written_and_read_loses_less_than_the_last_decimal(
     assert isinstance(reading, OdometryReading)
     read = (reading.x_m, reading.y_m, reading.yaw_rad)
     assert read == pytest.approx((x_m, y_m, yaw_rad), rel=0, abs=1.0001e-4)  # 4 decimals
+
+
+def test_ins_in_udk_is_rounded_and_in_ut2004_truncated() -> None:
+    reading = InsReading("I", (0.2085, -0.0001, -0.338), (0.0, 0.0, -0.127))
+    udk = line_from_report(reading, Dialect.UDK)
+    assert b"{Location 0.21,-0.00,-0.34} {Orientation 0.00,0.00,-0.13}" in udk
+    assert b"{Location 0.20,-0.00,-0.33}" in line_from_report(reading)

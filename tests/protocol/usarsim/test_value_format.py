@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
+import time
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +17,7 @@ from catoptra_protocol.usarsim.value_format import (
     format_boolean,
     format_exact,
     format_fixed_point,
+    format_rounded_vector,
     format_vector,
     is_number,
     number_from_text,
@@ -80,6 +84,22 @@ def test_vector_when_printed_has_no_spaces() -> None:
     assert format_vector((4.5, 1.9, 1.85), 2) == "4.50,1.90,1.85"
 
 
+@pytest.mark.parametrize(
+    ("values", "text"),
+    # The first two are a configured position and its line in a capture of UDK.
+    [((0.2085, -0.0, -0.2), "0.21,-0.00,-0.20"), ((0.145, 0.005, -3.14159), "0.14,0.00,-3.14")],
+)
+def test_rounded_vector_when_printed_equals_the_captures(
+    values: tuple[float, ...], text: str
+) -> None:
+    assert format_rounded_vector(values) == text
+
+
+def test_rounded_vector_when_not_finite_raises() -> None:
+    with pytest.raises(LocalProtocolError, match="finite"):
+        format_rounded_vector((0.0, math.inf))
+
+
 def test_boolean_when_printed_is_capitalized() -> None:
     assert (format_boolean(True), format_boolean(False)) == ("True", "False")
 
@@ -101,8 +121,10 @@ NUMBERS = [
     ("nan", 0.0),
     ("inf", 0.0),
     ("-infinity", 0.0),
-    ("1e999", 0.0),
-    ("9" * 400, 0.0),
+    ("1e999", sys.float_info.max),
+    ("-1e999", -sys.float_info.max),
+    ("9" * 400, sys.float_info.max),
+    ("9" * 60_000, sys.float_info.max),
     ("0x10", 0.0),
     ("1_000", 1.0),
     ("٣", 0.0),
@@ -180,3 +202,28 @@ def test_numbers_from_text_has_any_count(text: str, numbers: tuple[float, ...]) 
 )
 def test_is_number_requires_the_full_text(text: str, expected: bool) -> None:
     assert is_number(text) is expected
+
+
+LONG_TEXTS = [
+    65_000 * "1",
+    65_000 * "1" + "x",
+    "1." + 65_000 * "1" + "x",
+    65_000 * " " + "x",
+    "1e" + 65_000 * "9" + "x",
+    32_000 * ". ",
+    32_000 * ", ",
+    32_000 * " ,",
+    640 * ("a" + 100 * " "),
+]
+READERS = [number_from_text, is_number, vector_from_text, numbers_from_text, boolean_from_text]
+
+
+@pytest.mark.parametrize("read", READERS, ids=lambda read: read.__name__)
+@pytest.mark.parametrize("text", LONG_TEXTS, ids=lambda text: text[:4].replace(" ", "_"))
+def test_reader_of_a_line_of_64_kb_takes_linear_time(
+    read: Callable[[str], object], text: str
+) -> None:
+    started_s = time.process_time()
+    read(text)
+    # Linear: below 1 ms. A pattern with two ways to match took a minute.
+    assert time.process_time() - started_s < 0.2

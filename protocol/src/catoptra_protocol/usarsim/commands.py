@@ -1,12 +1,12 @@
 """The commands of a control client: one frozen dataclass each, and their table COMMAND_PARSERS.
 
 This module holds spawning, queries and STEP; `commands_drive` the motion commands, `commands_set`
-the settings. Parsing is total: a missing or malformed field becomes None, 0 or an empty text, never
-an error.
+the settings. A missing or malformed field becomes None, 0 or an empty text, never an error; only a
+motion command beyond the limits of `commands_drive` is no command.
 
 To add a command: its class beside similar ones (WORD, fields, `from_message`, `to_pairs`), its
-entries in the `Command` union and in COMMAND_PARSERS, its row in `control_states`, a vector in
-tests/conformance/data/commands, its row in SPEC.md; then its case in the simulation.
+entries in the `Command` union and in COMMAND_PARSERS, a vector in tests/conformance/data/commands,
+its row in SPEC.md; then its case in the simulation.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from catoptra_protocol.errors import RemoteProtocolError
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.commands_drive import (
     ControlOrder,
@@ -186,9 +187,15 @@ COMMAND_PARSERS: dict[str, Callable[[Message], Command]] = {
 
 
 def command_from_message(message: Message) -> Command | None:
-    """Command of a message; None for an unknown word, which the server ignores."""
+    """Command of a message; None for one that the server ignores.
+
+    These are an unknown word, and a motion command with a number or a count beyond all limits.
+    """
     reader = COMMAND_PARSERS.get(message.word)
-    return reader(message) if reader else None
+    try:
+        return reader(message) if reader else None
+    except RemoteProtocolError:
+        return None
 
 
 def line_from_command(command: Command) -> bytes:

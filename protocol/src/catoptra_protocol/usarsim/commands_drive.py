@@ -1,15 +1,21 @@
-"""Motion commands: DRIVE, MULTIDRIVE, MISPKG. For the table see `commands`."""
+"""Motion commands: DRIVE, MULTIDRIVE, MISPKG. For the table see `commands`.
+
+Parsers raise RemoteProtocolError for a number beyond MAX_COMMAND_NUMBER and for more than
+MAX_COMMAND_JOINTS joints or links: such a command is ignored whole.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import ClassVar
 
-from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.limits import MAX_COMMAND_JOINTS
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs, split_groups
-from catoptra_protocol.usarsim.value_format import format_exact, number_from_text
+from catoptra_protocol.usarsim.value_format import format_exact
 
 
 class ControlOrder(IntEnum):
@@ -43,8 +49,8 @@ class Drive:
     def from_message(cls, message: Message) -> Drive:
         """Parse the message of a line."""
         return cls(
-            left=lenient_fields.read_number(message, "Left"),
-            right=lenient_fields.read_number(message, "Right"),
+            left=lenient_fields.read_set_point(message, "Left"),
+            right=lenient_fields.read_set_point(message, "Right"),
             normalized=lenient_fields.read_boolean(message, "Normalized") or False,
             light=lenient_fields.read_boolean(message, "Light"),
             flip=lenient_fields.read_boolean(message, "Flip"),
@@ -87,6 +93,7 @@ class DriveJoints:
         """Parse a line; the blocks of a single joint may precede its name."""
         groups = split_groups(message, "Name")
         runs = [message] if len(groups) == 1 else groups
+        _check_count(runs)
         return cls(tuple(map(_read_joint, runs)))
 
     def to_pairs(self) -> Pairs:
@@ -106,9 +113,14 @@ class MultiDrive:
     @classmethod
     def from_message(cls, message: Message) -> MultiDrive:
         """Parse a line; a block without a name is no joint."""
-        joints = (pair for pair in message.pairs if pair[0])
-        # Truncated as in every command: a name has at most 256 characters (SPEC.md 3).
-        return cls(tuple((name[:MAX_NAME_CHARS], number_from_text(text)) for name, text in joints))
+        joints = [pair for pair in message.pairs if pair[0]]
+        _check_count(joints)
+        return cls(
+            tuple(
+                (lenient_fields.printable_name(name), lenient_fields.set_point_from_text(text))
+                for name, text in joints
+            )
+        )
 
     def to_pairs(self) -> Pairs:
         """Name and value of each block of the line."""
@@ -139,14 +151,15 @@ class MisPkg:
     @classmethod
     def from_message(cls, message: Message) -> MisPkg:
         """Parse a line; UDK writes `Sequence` in full."""
-        sequence = lenient_fields.read_number(message, "Seq")
+        sequence = lenient_fields.read_set_point(message, "Seq")
+        # split_groups ignores the blocks before the first Link, the package's own name among them.
+        groups = split_groups(message, "Link")
+        _check_count(groups)
         return cls(
             name=lenient_fields.read_name(message, "Name") or "",
-            # split_groups ignores the blocks before the first Link, the package's own name among
-            # them.
-            links=tuple(_read_link(group) for group in split_groups(message, "Link")),
-            gripper=lenient_fields.read_number(message, "Gripper"),
-            sequence=lenient_fields.read_number(message, "Sequence")
+            links=tuple(map(_read_link, groups)),
+            gripper=lenient_fields.read_set_point(message, "Gripper"),
+            sequence=lenient_fields.read_set_point(message, "Sequence")
             if sequence is None
             else sequence,
         )
@@ -171,12 +184,19 @@ def drive_from_message(message: Message) -> Drive | DriveJoints:
     return Drive.from_message(message)
 
 
+def _check_count(joints: Sequence[object]) -> None:
+    if len(joints) > MAX_COMMAND_JOINTS:
+        raise RemoteProtocolError(
+            f"{len(joints)} joints in one command: the limit is {MAX_COMMAND_JOINTS}"
+        )
+
+
 def _read_joint(group: Message) -> JointCommand:
     return JointCommand(
         name=lenient_fields.read_name(group, "Name") or "",
-        value=lenient_fields.read_number(group, "Value"),
+        value=lenient_fields.read_set_point(group, "Value"),
         order=lenient_fields.read_integer(group, "Order") or 0,
-        steer=lenient_fields.read_number(group, "Steer"),
+        steer=lenient_fields.read_set_point(group, "Steer"),
     )
 
 
@@ -191,7 +211,7 @@ def _joint_pairs(joint: JointCommand) -> Pairs:
 def _read_link(group: Message) -> LinkCommand:
     return LinkCommand(
         link=lenient_fields.read_integer(group, "Link") or 0,
-        value=lenient_fields.read_number(group, "Value"),
+        value=lenient_fields.read_set_point(group, "Value"),
         order=lenient_fields.read_integer(group, "Order") or 0,
     )
 

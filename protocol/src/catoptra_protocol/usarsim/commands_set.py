@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from catoptra_protocol.limits import MAX_COMMAND_NUMBER
 from catoptra_protocol.usarsim import lenient_fields
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.value_format import number_from_text, numbers_from_text
@@ -51,9 +52,13 @@ class Set:
 
     @property
     def numeric_params(self) -> tuple[float, ...]:
-        """Parameters as numbers: x,y,z,roll,pitch,yaw of POSE for an INS."""
+        """Parameters as numbers: x,y,z,roll,pitch,yaw of POSE for an INS.
+
+        Empty if one of them exceeds MAX_COMMAND_NUMBER, so that SET reports Failed.
+        """
         # Separated like vectors (SPEC.md 3), of which POSE has two.
-        return numbers_from_text(self.params or "")
+        numbers = numbers_from_text(self.params or "")
+        return numbers if all(abs(x) <= MAX_COMMAND_NUMBER for x in numbers) else ()
 
     def parse_fov_rad(self) -> float | None:
         """Field of view in either form: 0 means the default, None no field of view."""

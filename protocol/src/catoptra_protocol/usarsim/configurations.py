@@ -214,11 +214,11 @@ class ScanIntervalConfiguration:
     scan_interval_s: float
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line of the report, the same in both dialects."""
-        # Two decimals, though an odometry sensor has four (vector configuration_sensors).
-        return _conf_messages(
-            self.type, self.name, ("ScanInterval", format_fixed_point(self.scan_interval_s, 2))
-        )
+        """Line of the report in a dialect."""
+        # Two decimals in UT2004, though an odometry sensor has four (vector configuration_sensors).
+        decimals = 4 if dialect is Dialect.UDK else 2
+        interval = ("ScanInterval", format_fixed_point(self.scan_interval_s, decimals))
+        return _conf_messages(self.type, self.name, interval)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from collections import deque
 
 from catoptra_protocol.errors import LocalProtocolError, RemoteProtocolError
 from catoptra_protocol.usarsim.commands import Command, command_from_message, line_from_command
-from catoptra_protocol.usarsim.control_states import TRANSITIONS, ControlState
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import LineReader, parse_message
 from catoptra_protocol.usarsim.reports import (
@@ -22,18 +21,17 @@ from catoptra_protocol.usarsim.reports import (
 
 
 class ControlServer:
-    """Server end of one connection, which is one robot."""
+    """Server end of one connection.
+
+    Commands are not checked against the state of the robot, which the simulation alone knows: a
+    command that needs a robot before there is one, or a second INIT, has no effect there.
+    """
 
     def __init__(self, dialect: Dialect = Dialect.UT2004) -> None:
         self._reader = LineReader()
-        self._state = ControlState.ACCEPTED
+        self._is_greeted = False
         # Of the reports only: commands are the same in both dialects.
         self._dialect = dialect
-
-    @property
-    def state(self) -> ControlState:
-        """State of the connection."""
-        return self._state
 
     def send(self, report: Report) -> bytes:
         """Encode a report; empty for a report that the dialect does not have.
@@ -42,48 +40,26 @@ class ControlServer:
             LocalProtocolError: The first report is not the greeting, or a later one is; or the
                 report has no valid line.
         """
-        if isinstance(report, Greeting) is not (self._state is ControlState.ACCEPTED):
+        if isinstance(report, Greeting) is self._is_greeted:
+            state = "after" if self._is_greeted else "before"
             raise LocalProtocolError(
-                f"{type(report).__name__} in state {self._state.name}: the greeting comes first, "
-                "and once"
+                f"{type(report).__name__} {state} the greeting: this comes first, and once"
             )
-        # Encoded before the state changes: a greeting that has no valid line leaves the state
-        # ACCEPTED.
+        # Encoded before the state changes: a greeting without a valid line has not been sent.
         line = line_from_report(report, self._dialect)
-        if self._state is ControlState.ACCEPTED:
-            self._state = ControlState.GREETED
+        self._is_greeted = True
         return line
 
     def receive(self, data: bytes) -> list[Command]:
-        """Commands to execute, in order; all others are dropped silently.
+        """Commands of these bytes, in order; lines that are none are dropped silently.
 
         Raises:
             LocalProtocolError: The greeting was not sent yet.
         """
-        if self._state is ControlState.ACCEPTED:
+        if not self._is_greeted:
             raise LocalProtocolError("greet the client before reading from it")
-        # A generator: each command is checked against the state that its predecessor left, so that
-        # commands in the segment of an INIT find the robot.
         commands = (command_from_message(parse_message(x)) for x in self._reader.receive(data))
-        return [
-            command for command in commands if command is not None and self._advance_state(command)
-        ]
-
-    def reject_init(self) -> None:
-        """Record that no robot was spawned, so that the client may INIT again.
-
-        Raises:
-            LocalProtocolError: No INIT is pending.
-        """
-        if self._state is not ControlState.SPAWNED:
-            raise LocalProtocolError(f"there is no pending INIT in state {self._state.name}")
-        self._state = ControlState.GREETED
-
-    def _advance_state(self, command: Command) -> bool:
-        """Enter the state that follows a command; False if the command is not accepted now."""
-        after = TRANSITIONS[self._state].get(type(command))
-        self._state = after or self._state
-        return after is not None
+        return [command for command in commands if command is not None]
 
 
 class ControlClient:

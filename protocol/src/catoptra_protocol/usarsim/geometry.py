@@ -6,7 +6,7 @@ Positions are in the frame of the mount.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from catoptra_protocol.usarsim import strict_fields
@@ -14,8 +14,15 @@ from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.grammar import Message, Pairs
 from catoptra_protocol.usarsim.mission_package import MissionPackageGeometry
 from catoptra_protocol.usarsim.report_items import items_from_message, messages_from_items
-from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.usarsim.value_format import (
+    format_fixed_point,
+    format_rounded_vector,
+    format_vector,
+)
 from catoptra_protocol.vectors import Vector3
+
+# Mount of items on the chassis itself, in UT2004.
+CHASSIS_MOUNT = "HARD"
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +33,8 @@ class GeometryItem:
     location_m: Vector3
     rotation_rad: Vector3
     """Roll, pitch, yaw."""
-    mount: str = "HARD"
-    """Name of the part that carries the sensor; HARD is the chassis."""
+    mount: str = CHASSIS_MOUNT
+    """Name of the part that carries the sensor; CHASSIS_MOUNT for the chassis."""
 
     @classmethod
     def from_message(cls, message: Message) -> GeometryItem:
@@ -39,13 +46,23 @@ class GeometryItem:
             mount=strict_fields.read_text(message, "Mount"),
         )
 
-    def to_pairs(self, decimals: int) -> Pairs:
-        """The four pairs of the item."""
+    def to_pairs(self) -> Pairs:
+        """The four pairs of the item in UT2004."""
         return (
             ("Name", self.name),
-            ("Location", format_vector(self.location_m, decimals)),
-            ("Orientation", format_vector(self.rotation_rad, decimals)),
+            ("Location", format_vector(self.location_m)),
+            ("Orientation", format_vector(self.rotation_rad)),
             ("Mount", self.mount),
+        )
+
+    def to_udk_pairs(self, model: str) -> Pairs:
+        """The four pairs of the item in UDK, where the chassis is named as the robot's model."""
+        # Rounded to centimetres: a capture has 0.21 for a configured 0.2085.
+        return (
+            ("Name", self.name),
+            ("Location", format_rounded_vector(self.location_m)),
+            ("Orientation", format_rounded_vector(self.rotation_rad)),
+            ("Mount", model if self.mount == CHASSIS_MOUNT and model else self.mount),
         )
 
 
@@ -59,18 +76,20 @@ class Geometry:
     items: tuple[GeometryItem, ...] = ()
     name: str | None = None
     """Name in the request of an empty reply."""
+    model: str = field(default="", compare=False)
+    """Name of the robot's model, the mount of items on the chassis in UDK; not in the line
+    otherwise."""
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
         """Line: in UDK to the centimetre, and none without items."""
         type_ = ("Type", self.type)
         if dialect is Dialect.UDK:
-            # Centimetres: captures of UDK have 2 decimals in GEO, those of UT2004 have 4.
-            pairs = tuple(pair for item in self.items for pair in item.to_pairs(2))
+            pairs = tuple(pair for item in self.items for pair in item.to_udk_pairs(self.model))
             return (Message(self.WORD, (type_, *pairs)),) if pairs else ()
         if not self.items:
             name_pairs = () if self.name is None else (("Name", self.name),)
             return (Message(self.WORD, (type_, *name_pairs)),)
-        items = (item.to_pairs(4) for item in self.items)
+        items = (item.to_pairs() for item in self.items)
         return messages_from_items(self.WORD, (type_,), items, dialect)
 
 

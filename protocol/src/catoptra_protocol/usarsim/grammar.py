@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from catoptra_protocol.errors import LocalProtocolError
-from catoptra_protocol.limits import MAX_LINE_BYTES
+from catoptra_protocol.limits import MAX_LINE_BLOCKS, MAX_LINE_BYTES
 
 Pairs = tuple[tuple[str, str], ...]
 
@@ -23,9 +23,11 @@ ENCODING = "latin-1"
 _LINE_END = re.compile(rb"[\r\n]")
 # No braces inside: no source nests blocks, and a block that is never closed matches nothing.
 _BLOCK = re.compile(r"\{([^{}]*)\}")
+# Control characters of Latin-1, line ends among them: they end lines and drive terminals.
+CONTROL_CHARACTERS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 # Characters that would end a block or a line inside a value; a space ends a name, too.
-_UNSAFE_IN_VALUE = re.compile(r"[{}\r\n]")
-_UNSAFE_IN_NAME = re.compile(r"[{}\r\n ]")
+_UNSAFE_IN_VALUE = re.compile(rf"[{{}}]|{CONTROL_CHARACTERS.pattern}")
+_UNSAFE_IN_NAME = re.compile(rf"[{{}} ]|{CONTROL_CHARACTERS.pattern}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +56,15 @@ def parse_message(line: str) -> Message:
 
     The word ends at the first space (GameBots) or brace (UDK). A block is `{...}` without braces
     inside; an unclosed block is ignored, so that half a number is never executed. `{Text}` has an
-    empty name and the value `Text`, as in UnrealScript; `{}` is ignored.
+    empty name and the value `Text`, as in UnrealScript; `{}` is ignored. A line of more than
+    MAX_LINE_BLOCKS blocks is its word alone.
     """
     word = line.partition("{")[0].strip(" ").partition(" ")[0].upper()
-    blocks = (block.strip(" ") for block in _BLOCK.findall(line))
+    texts = _BLOCK.findall(line)
+    # All or none: the first blocks alone would be another command.
+    if len(texts) > MAX_LINE_BLOCKS:
+        return Message(word)
+    blocks = (text.strip(" ") for text in texts)
     return Message(word, tuple(_parse_block(block) for block in blocks if block))
 
 
@@ -80,7 +87,7 @@ def format_line(
         if _UNSAFE_IN_NAME.search(name) or _UNSAFE_IN_VALUE.search(value):
             raise LocalProtocolError(
                 f"{word}: {{{name} {value}}} cannot be sent: names must be free of spaces, "
-                "names and values of braces and line ends"
+                "names and values of braces, line ends and other control characters"
             )
     blocks = (("" if pair[0] in without_space else " ") + _format_block(pair) for pair in pairs)
     text = "".join((word, *blocks)) + "\r\n"

@@ -1,13 +1,15 @@
 """Lenient readers and the writer of command fields.
 
 The counterpart of `strict_fields`, for the server's side: a missing field is None, a malformed one
-0 or an empty text, since the protocol has no message for a malformed command.
+0 or an empty text, since the protocol has no message for a malformed command. Only a set point
+beyond all limits is an error, for which the command is ignored.
 """
 
 from __future__ import annotations
 
-from catoptra_protocol.limits import MAX_NAME_CHARS
-from catoptra_protocol.usarsim.grammar import Message, Pairs
+from catoptra_protocol.errors import RemoteProtocolError
+from catoptra_protocol.limits import MAX_COMMAND_NUMBER, MAX_NAME_CHARS
+from catoptra_protocol.usarsim.grammar import CONTROL_CHARACTERS, Message, Pairs
 from catoptra_protocol.usarsim.value_format import (
     boolean_from_text,
     format_exact,
@@ -18,9 +20,14 @@ from catoptra_protocol.vectors import Vector3
 
 
 def read_name(message: Message, key: str) -> str | None:
-    """Name truncated to a length that fits into a reply; None if missing or empty."""
-    # Names are echoed in replies, whose lines have a limited length.
-    return (message.get(key) or "")[:MAX_NAME_CHARS] or None
+    """Printable name, of a length that fits into a reply; None if missing or empty."""
+    return printable_name(message.get(key) or "") or None
+
+
+def printable_name(text: str) -> str:
+    """Name truncated to MAX_NAME_CHARS, with `?` in place of each control character."""
+    # Names are echoed: in replies, whose lines have a limited length, in logs and on terminals.
+    return CONTROL_CHARACTERS.sub("?", text[:MAX_NAME_CHARS])
 
 
 def read_number(message: Message, key: str) -> float | None:
@@ -29,9 +36,37 @@ def read_number(message: Message, key: str) -> float | None:
     return None if text is None else number_from_text(text)
 
 
+def read_set_point(message: Message, key: str) -> float | None:
+    """Number that a motion command sets; None if missing.
+
+    Raises:
+        RemoteProtocolError: The number exceeds MAX_COMMAND_NUMBER.
+    """
+    text = message.get(key)
+    return None if text is None else set_point_from_text(text)
+
+
+def set_point_from_text(text: str) -> float:
+    """Number that a motion command sets, or 0.
+
+    Raises:
+        RemoteProtocolError: The number exceeds MAX_COMMAND_NUMBER.
+    """
+    value = number_from_text(text)
+    if abs(value) > MAX_COMMAND_NUMBER:
+        raise RemoteProtocolError(
+            f"{value:g} in a motion command: the limit is +-{MAX_COMMAND_NUMBER:g}"
+        )
+    return value
+
+
 def read_integer(message: Message, key: str) -> int | None:
-    """Number truncated to an integer; None if missing."""
-    value = read_number(message, key)
+    """Set point truncated to an integer; None if missing.
+
+    Raises:
+        RemoteProtocolError: The number exceeds MAX_COMMAND_NUMBER.
+    """
+    value = read_set_point(message, key)
     return None if value is None else int(value)
 
 

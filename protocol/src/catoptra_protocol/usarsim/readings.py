@@ -28,7 +28,11 @@ from catoptra_protocol.usarsim.readings_encoders_and_tags import (
 )
 from catoptra_protocol.usarsim.readings_gps import GpsReading
 from catoptra_protocol.usarsim.readings_range import RangeScanReading, SonarReadings
-from catoptra_protocol.usarsim.value_format import format_fixed_point, format_vector
+from catoptra_protocol.usarsim.value_format import (
+    format_fixed_point,
+    format_rounded_vector,
+    format_vector,
+)
 from catoptra_protocol.vectors import Vector3
 
 _TWO_PI = 2.0 * math.pi
@@ -87,13 +91,19 @@ class InsReading:
         )
 
     def to_messages(self, dialect: Dialect) -> tuple[Message, ...]:
-        """Line, the same in both dialects except for time and the range of the angles."""
+        """Line of the report: in UDK with its time if known, rounded, with unwrapped angles."""
+        if dialect is Dialect.UDK:
+            location = format_rounded_vector(self.location_m)
+            orientation = format_rounded_vector(self.rotation_rad)
+        else:
+            location = format_vector(self.location_m, 2)
+            orientation = _format_angles(self.rotation_rad, 2, dialect)
         pairs = (
             *udk_time_pairs(self.time_s, dialect),
             ("Type", "INS"),
             ("Name", self.name),
-            ("Location", format_vector(self.location_m, 2)),
-            ("Orientation", _format_angles(self.rotation_rad, 2, dialect)),
+            ("Location", location),
+            ("Orientation", orientation),
         )
         return (Message(self.WORD, pairs),)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterable
 from decimal import Decimal
 
@@ -15,7 +16,12 @@ from catoptra_protocol.errors import LocalProtocolError
 from catoptra_protocol.vectors import Vector3
 
 # The prefix that C's atof, behind float(text) of UnrealScript, accepts; without inf and nan.
-_NUMBER = re.compile(r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)")
+# Possessive: no second way to match the same digits, so a match takes linear time.
+_NUMBER = re.compile(r" *+([+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)")
+# Longer than the longest double without an exponent; float() of 64 000 digits takes 8 ms.
+_MAX_NUMBER_CHARS = 1100
+# Numbers of one setting: more than any has. Of a line of 64 kB, all would take 27 ms.
+_MAX_NUMBERS = 16
 _SEPARATOR = re.compile(r" *, *| +")
 # The rounded constant of UnitsConverter.uc: 65536 / (2 pi) would truncate other angles.
 _UU_PER_RADIAN = 10430.3783505
@@ -65,6 +71,16 @@ def format_vector(values: Iterable[float], decimals: int = 4) -> str:
     return ",".join(format_fixed_point(value, decimals) for value in values)
 
 
+def format_rounded_vector(values: Iterable[float]) -> str:
+    """Numbers with 2 decimals, rounded as in a string conversion of UnrealScript: 0.2085 is 0.21.
+
+    Raises:
+        LocalProtocolError: A number is not finite.
+    """
+    # Of the shortest decimal, as in format_fixed_point; format_exact refuses what is not finite.
+    return ",".join(f"{Decimal(format_exact(value)):.2f}" for value in values)
+
+
 def format_boolean(value: bool) -> str:
     """True or False, as servers print booleans."""
     return "True" if value else "False"
@@ -72,10 +88,10 @@ def format_boolean(value: bool) -> str:
 
 def number_from_text(text: str) -> float:
     """Number at the start of the text, or 0: always finite."""
-    found = _NUMBER.match(text)
+    found = _NUMBER.match(text, 0, _MAX_NUMBER_CHARS)
     value = float(found.group(1)) if found else 0.0
-    # An overflow such as 1e999 is 0: a robot is never sent to infinity.
-    return value if math.isfinite(value) else 0.0
+    # An overflow such as 1e999 is the largest double: still beyond every limit of a command.
+    return value if math.isfinite(value) else math.copysign(sys.float_info.max, value)
 
 
 def is_number(text: str) -> bool:
@@ -95,8 +111,11 @@ def vector_from_text(text: str) -> Vector3:
 
 
 def numbers_from_text(text: str) -> tuple[float, ...]:
-    """All numbers of a text, separated as those of a vector; none of an empty text."""
-    parts = _SEPARATOR.split(text.strip(" "))
+    """Numbers of a text, separated as those of a vector; none of an empty text.
+
+    Of more than 16 numbers the first 17 are returned, too many for any setting.
+    """
+    parts = _SEPARATOR.split(text.strip(" "), maxsplit=_MAX_NUMBERS)
     return () if parts == [""] else tuple(number_from_text(part) for part in parts)
 
 
