@@ -77,6 +77,27 @@ def test_pose_when_set_is_reported_from_then_on() -> None:
     assert reading.rotation_rad[2] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("is_drifting", [True, False])
+def test_pose_when_set_includes_height_roll_and_pitch(is_drifting: bool) -> None:
+    sensor = make_sensor(is_drifting=is_drifting)
+    sensor.set_pose((5.0, 6.0, -1.8), (0.3, -0.2, 3.0), POSE)
+    sensor.update(MotionStep(WheelTravel(0.0, 0.0), 1, 0.02, PlanarPose(0.0, 0.0, 0.0)))
+    reading = sensor.read(SensorContext(0.0, 1, POSE))
+    assert reading.location_m == pytest.approx((5.0, 6.0, -1.8))
+    assert reading.rotation_rad == pytest.approx((0.3, -0.2, 3.0))
+
+
+def test_pose_when_set_stays_relative_to_a_robot_that_is_lifted_and_tilted() -> None:
+    sensor = make_sensor()
+    sensor.set_pose((0.0, 0.0, 2.0), (0.5, 0.0, 0.0), Pose.identity())
+    mounted_at_m = sensor.read(SensorContext(0.0, 1, Pose.identity())).location_m
+    lifted = Pose.from_rpy((0.0, 0.0, -0.5), (0.1, 0.0, 0.0))
+    reading = sensor.read(SensorContext(0.0, 1, lifted))
+    assert mounted_at_m[2] == pytest.approx(2.0)
+    assert reading.location_m[2] == pytest.approx(1.5, abs=0.02)  # the mount leans with the robot
+    assert reading.rotation_rad[0] == pytest.approx(0.6)
+
+
 def error_after_driving(
     sensor: InsSensor, distance_m: float, turn_rad: float, *, ticks: int
 ) -> tuple[float, ...]:

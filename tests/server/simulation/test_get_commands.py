@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.usarsim.commands import GetConf, GetGeo
+from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.reports import line_from_report
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.robot.planar_pose import PlanarPose
@@ -102,3 +103,23 @@ def test_omni_camera_when_its_bound_is_known_reports_it_after_the_camera_model()
     assert longer.startswith(line)
     assert longer.removeprefix(line).startswith(" {ErrorBoundPx 0.3535")
     assert "{ErrorRmsPx 0.0000" in longer
+
+
+# Lines of a capture of UDK, for the robot whose configuration `p3at_udk.ini` holds.
+UDK_CAPTURE = [
+    (
+        GetGeo("RangeScanner"),
+        b"GEO {Type RangeScanner} {Name lms200} {Location 0.21,0.00,-0.20} "
+        b"{Orientation 0.00,0.00,0.00}{Mount P3AT}\r\n",
+    ),
+    (GetConf("INS"), b"CONF {Type INS} {Name InsTest} {ScanInterval 0.2000}\r\n"),
+    (GetConf("GroundTruth"), b"CONF {Type GroundTruth} {Name GndTruth} {ScanInterval 0.1000}\r\n"),
+]
+
+
+@pytest.mark.parametrize(("command", "line"), UDK_CAPTURE)
+def test_reply_in_udk_equals_the_capture(command: GetConf | GetGeo, line: bytes) -> None:
+    (description,) = (robot for file, robot in bundled_robots() if file == "p3at_udk.ini")
+    execute = execute_get_geo if isinstance(command, GetGeo) else execute_get_conf
+    (report,) = execute(spawn(description), command)  # type: ignore[operator] # chosen by its type
+    assert line_from_report(report, Dialect.UDK) == line

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
 from catoptra_server.config.section_reader import SectionReader
-from catoptra_server.robot.mount import CHASSIS, Mount
+from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
+from catoptra_server.robot.mount import Mount
 
 
 def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position") -> Mount:
@@ -24,4 +25,5 @@ def read_mount(robot: SectionReader, item: SectionReader, key: str = "Position")
         x, y, z = (metres_from_uu(value) for value in position)
         roll, pitch, yaw = (radians_from_uu(value) for value in direction)
         position, direction = (x, y, z), (roll, pitch, yaw)
-    return Mount(position, direction, item.get_wire_name("Parent", CHASSIS) or CHASSIS)
+    parent = item.get_wire_name("Parent", CHASSIS_MOUNT) or CHASSIS_MOUNT
+    return Mount(position, direction, parent)

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
 from catoptra_protocol.vectors import Vector3
-
-# Parent that GEO names for items on the chassis itself.
-CHASSIS = "HARD"
-
 
 @dataclass(frozen=True, slots=True)
 class Mount:
@@ -18,8 +15,8 @@ class Mount:
     position_m: Vector3 = (0.0, 0.0, 0.0)
     rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw."""
-    parent: str = CHASSIS
-    """Link that carries the item, or HARD for the chassis."""
+    parent: str = CHASSIS_MOUNT
+    """Link that carries the item, or CHASSIS_MOUNT."""
 
     def parent_from_item(self) -> Pose:
         """Transform from the item's frame to the parent's."""

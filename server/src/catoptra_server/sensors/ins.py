@@ -58,6 +58,9 @@ class InsSensor:
         self._random_source = random_source
         self._robot_from_ins = description.mount.parent_from_item()
         self._error = (0.0, 0.0, 0.0)  # x, y in metres, yaw in radians
+        # Set by SET POSE alone; neither noise nor drift adds to them.
+        self._height_error_m = 0.0
+        self._tilt_error_rad = (0.0, 0.0)  # roll, pitch
         self._bias = _sample_bias(description, random_source)  # m/m, m/m, rad/rad
         self._previous_pose: PlanarPose | None = None
 
@@ -97,15 +100,20 @@ class InsSensor:
         """Set the pose that the sensor reports: SET POSE.
 
         Args:
-            location_m: Reported location; height is measured without error and ignored.
-            rotation_rad: Reported roll, pitch, yaw; only yaw has an error.
+            location_m: Reported location.
+            rotation_rad: Reported roll, pitch, yaw.
             world_from_robot: True pose of the robot.
         """
         pose = world_from_robot @ self._robot_from_ins
-        x, y = float(pose.translation[0]), float(pose.translation[1])
-        # An error, not a pose, is stored: the estimate moves with the robot afterwards.
-        yaw = wrap_angle(rotation_rad[2] - pose.to_rpy()[2])
-        self._error = (location_m[0] - x, location_m[1] - y, yaw)
+        x, y, z = (float(value) for value in pose.translation)
+        roll, pitch, yaw = pose.to_rpy()
+        # Errors, not a pose, are stored: the estimate moves with the robot afterwards.
+        self._error = (location_m[0] - x, location_m[1] - y, wrap_angle(rotation_rad[2] - yaw))
+        self._height_error_m = location_m[2] - z
+        self._tilt_error_rad = (
+            wrap_angle(rotation_rad[0] - roll),
+            wrap_angle(rotation_rad[1] - pitch),
+        )
 
     def read(self, context: SensorContext) -> InsReading:
         """Estimated pose."""
@@ -114,11 +122,17 @@ class InsSensor:
         roll, pitch, yaw = pose.to_rpy()
         is_drifting = self._description.is_drifting
         error_x, error_y, error_yaw = self._error if is_drifting else self._reading_error(context)
-        # Errors along world axes; none of z, roll and pitch, as the base stays on its floor.
+        error_roll, error_pitch = self._tilt_error_rad
+        # Errors along world axes; those of z, roll and pitch are constant between two SET POSE, as
+        # the base stays on its floor.
         return InsReading(
             self.name,
-            (x + error_x, y + error_y, z),
-            (roll, pitch, wrap_angle(yaw + error_yaw)),
+            (x + error_x, y + error_y, z + self._height_error_m),
+            (
+                wrap_angle(roll + error_roll),
+                wrap_angle(pitch + error_pitch),
+                wrap_angle(yaw + error_yaw),
+            ),
             context.time_s if self._description.has_timestamp else None,
         )
 

@@ -96,4 +96,4 @@ class OmniCameraSensor:
         """GEO: pose of the effective viewpoint on the chassis."""
         pose = self._description.robot_from_mirror
         x, y, z = (float(value) for value in pose.translation)
-        return GeometryItem(self.name, (x, y, z), pose.to_rpy(), "HARD")
+        return GeometryItem(self.name, (x, y, z), pose.to_rpy())

@@ -80,7 +80,8 @@ def execute_get_geo(robot: Robot, command: GetGeo) -> list[Report]:
     if packages and not items:
         return [*packages]
     # The name is echoed only in an empty reply: items carry their own names.
-    return [Geometry(command.type, items, name=None if items else command.name)]
+    name = None if items else command.name
+    return [Geometry(command.type, items, name, robot.description.model_name)]
 
 
 def _vehicle_geometry(description: RobotDescription) -> VehicleGeometry:
