@@ -1,10 +1,9 @@
-"""The server in this process: start, signals, and the failure of a thread."""
+"""The server in this process: start, end, and the failure of a thread."""
 
 from __future__ import annotations
 
 import asyncio
 import dataclasses
-import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -35,28 +34,31 @@ def make_options(folder: Path, *, clock: ClockMode = ClockMode.LOCKSTEP) -> Opti
     )
 
 
-async def serve_for(options: Options, visit: Callable[[ListeningAddress], Awaitable[None]]) -> None:
-    """Serve until a visitor has returned and a signal has ended the server."""
+Visitor = Callable[[ListeningAddress, asyncio.Event], Awaitable[None]]
+
+
+async def serve_for(options: Options, visit: Visitor) -> None:
+    """Serve until a visitor has returned and has set the event that ends the server."""
     listening: asyncio.Future[ListeningAddress] = asyncio.get_running_loop().create_future()
-    server = asyncio.create_task(serve(options, listening.set_result))
+    stop = asyncio.Event()
+    server = asyncio.create_task(serve(options, listening.set_result, stop))
     await asyncio.wait({server, listening}, return_when=asyncio.FIRST_COMPLETED)
     if listening.done():
-        await visit(listening.result())
+        await visit(listening.result(), stop)
     await server
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("clock", ClockMode)
-def test_server_when_signalled_ends_also_with_clients_connected(
-    tmp_path: Path, number: signal.Signals, clock: ClockMode
+def test_server_when_stopped_ends_also_with_clients_connected(
+    tmp_path: Path, clock: ClockMode
 ) -> None:
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         reader, writer = await asyncio.open_connection(HOST, address.control_port)
         viewer, requests = await asyncio.open_connection(HOST, address.image_port)
         writer.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
         requests.write(100 * b"OK")
         await viewer.readexactly(5)
-        signal.raise_signal(number)
+        stop.set()
         while await reader.read(1000):
             pass  # until the server closes the connection
         writer.close()
@@ -97,7 +99,7 @@ def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRender
 def test_server_when_its_renderer_fails_ends_with_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         _, controller = await asyncio.open_connection(HOST, address.control_port)
         controller.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
         viewer, requests = await asyncio.open_connection(HOST, address.image_port)
@@ -116,8 +118,8 @@ def test_server_when_its_renderer_fails_ends_with_the_error(
 def test_renderer_when_the_server_ends_is_closed_with_its_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(address: ListeningAddress) -> None:
-        signal.raise_signal(signal.SIGTERM)
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        stop.set()
 
     renderer = use_renderer(monkeypatch, FakeView())
     run_scenario(serve_for(make_options(tmp_path), visit))
@@ -131,7 +133,7 @@ def test_server_when_no_renderer_can_run_does_not_start(
     def reject(*args: object, **kwargs: object) -> RendererChoice:
         raise DomainError("no renderer today")
 
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         raise AssertionError("the server listens without a renderer")
 
     monkeypatch.setattr(app, "choose_renderer", reject)
@@ -140,12 +142,12 @@ def test_server_when_no_renderer_can_run_does_not_start(
 
 
 def test_robot_when_it_has_no_camera_is_served_with_black_frames(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         viewer, requests = await asyncio.open_connection(HOST, address.image_port)
         requests.write(b"OK")
         assert (await viewer.readexactly(5))[:1] == b"\x02"
         requests.close()
-        signal.raise_signal(signal.SIGTERM)
+        stop.set()
 
     options = make_options(tmp_path)
     blind = write_edited_copy(
@@ -156,10 +158,10 @@ def test_robot_when_it_has_no_camera_is_served_with_black_frames(tmp_path: Path)
 
 
 def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         assert address.image_port is None
         assert address.control_port
-        signal.raise_signal(signal.SIGTERM)
+        stop.set()
 
     options = make_options(tmp_path)
     server_options = ServerOptions(control_port=0, has_images=False)
@@ -169,7 +171,7 @@ def test_images_when_switched_off_are_not_served(tmp_path: Path) -> None:
 
 
 def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_path: Path) -> None:
-    async def visit(address: ListeningAddress) -> None:
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         first = await asyncio.open_connection(HOST, address.control_port)
         assert (await first[0].readline()).startswith(b"NFO ")
         second = await asyncio.open_connection(HOST, address.control_port)
@@ -179,7 +181,7 @@ def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_p
         while not await receives_greeting(address.control_port):
             deadline.check()
         second[1].close()
-        signal.raise_signal(signal.SIGTERM)
+        stop.set()
 
     ini = tmp_path / "server.ini"
     ini.write_text("[USARBotAPI.BotServer]\nListenPort=3000\nMaxConnections=1\n")

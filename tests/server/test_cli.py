@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import signal
+import asyncio
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server import cli as module
-from catoptra_server.app import ListeningAddress, Options
+from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.cli import main
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.frames.multi_view import multi_view_layout
 from catoptra_server.render.raster import gl_device
+from catoptra_server.termination import Termination
+from catoptra_server.worker_thread import ThreadFailedError
 from helpers.configs import (
     FIELD,
     OMNI_ROBOT,
@@ -28,10 +31,15 @@ from helpers.server_process import write_small_robot
 FREE_PORTS = ("--control-port", "0", "--image-port", "0")
 
 
-def start_error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def serve_words(*arguments: str) -> int:
+    """Exit status of the server for a command line; signals are left to pytest."""
+    return main(arguments, Termination())
+
+
+def start_error(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The one line on stderr of a server that does not start."""
-    assert main([*arguments]) == 2
-    output = capsys.readouterr()
+    assert serve_words(*arguments) == 2
+    output = capfd.readouterr()
     assert output.out == ""
     line, end, rest = output.err.partition("\n")
     assert (end, rest) == ("\n", "")
@@ -40,10 +48,10 @@ def start_error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 def test_robot_when_broken_is_rejected_with_its_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = write_edited_copy(OMNI_ROBOT, tmp_path, Edit("C=2.321", "C=two"))
-    line = start_error(capsys, "--robot", str(path), "--world", str(FIELD))
+    line = start_error(capfd, "--robot", str(path), "--world", str(FIELD))
     assert (
         line
         == f"{path}:{find_line_number(path, 'C=two')}: C='two': expected a number of at least 0"
@@ -61,12 +69,12 @@ def test_robot_when_broken_is_rejected_with_its_line(
     ids=["missing", "empty", "garbage", "cut off"],
 )
 def test_mesh_when_unreadable_is_rejected(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, expected: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes | None, expected: str
 ) -> None:
     if content is not None:
         (tmp_path / "m.glb").write_bytes(content)
     world = write_small_world(tmp_path, "Meshes=(File=m.glb)")
-    line = start_error(capsys, "--robot", str(OMNI_ROBOT), "--world", str(world))
+    line = start_error(capfd, "--robot", str(OMNI_ROBOT), "--world", str(world))
     assert str(tmp_path) in line
     assert "m.glb" in line
     assert f"expected {expected}" in line
@@ -74,23 +82,23 @@ def test_mesh_when_unreadable_is_rejected(
 
 @pytest.mark.parametrize("option", ["--robot", "--world"])
 def test_file_when_missing_is_rejected(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str
 ) -> None:
     files = {"--robot": str(OMNI_ROBOT), "--world": str(FIELD), option: str(tmp_path / "no.ini")}
-    line = start_error(capsys, *(part for pair in files.items() for part in pair))
+    line = start_error(capfd, *(part for pair in files.items() for part in pair))
     assert line.startswith(f"{tmp_path / 'no.ini'}: file=")
     assert "a readable ini file" in line
 
 
 @pytest.mark.parametrize("option", ["--control-port", "--image-port"])
 def test_port_when_in_use_is_rejected_with_a_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as occupied:
         port = str(occupied.getsockname()[1])
         ports = {"--control-port": "0", "--image-port": "0", option: port}
         line = start_error(
-            capsys,
+            capfd,
             *(
                 "--robot",
                 str(write_small_robot(tmp_path)),
@@ -106,11 +114,11 @@ def test_port_when_in_use_is_rejected_with_a_remedy(
 
 
 def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gl_device, "EGL_LIBRARY", "libabsent.so.1")
     line = start_error(
-        capsys,
+        capfd,
         *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
         *("--renderer", "raster", *FREE_PORTS),
     )
@@ -138,47 +146,70 @@ def test_raster_when_there_is_no_opengl_is_rejected_with_the_packages(
     ],
 )
 def test_arguments_when_wrong_are_rejected_with_usage(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+    capfd: pytest.CaptureFixture[str], arguments: tuple[str, ...]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(arguments)
+        serve_words(*arguments)
     assert ended.value.code == 2
-    assert "usage: catoptra-server" in capsys.readouterr().err
+    assert "usage: catoptra-server" in capfd.readouterr().err
 
 
-def test_help_when_printed_names_every_option(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_when_printed_names_every_option(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["--help"])
+        serve_words("--help")
     assert ended.value.code == 0
-    text = capsys.readouterr().out
+    text = capfd.readouterr().out
     for option in ("--robot", "--world", "--host", "--renderer", "--clock", "--seed"):
         assert option in text
 
 
 def test_server_when_it_listens_prints_its_addresses_and_ends_with_0(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def print_and_end(address: ListeningAddress) -> None:
-        print_addresses(address)
-        signal.raise_signal(signal.SIGTERM)
+    async def serve_and_end(
+        options: Options, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
+    ) -> None:
+        def announce_and_end(address: ListeningAddress) -> None:
+            announce(address)
+            stop.set()
 
-    print_addresses = module._print_addresses
-    monkeypatch.setattr(module, "_print_addresses", print_and_end)
-    status = main(
-        [
-            *(
-                "--robot",
-                str(write_small_robot(tmp_path)),
-                "--world",
-                str(write_small_world(tmp_path)),
-            ),
-            *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
-        ]
+        await serve(options, announce_and_end, stop)
+
+    monkeypatch.setattr(module, "serve", serve_and_end)
+    status = serve_words(
+        *("--robot", str(write_small_robot(tmp_path)), "--world", str(write_small_world(tmp_path))),
+        *("--renderer", "trace", "--threads", "1", *FREE_PORTS),
     )
-    text = capsys.readouterr().out
+    text = capfd.readouterr().out
     assert status == 0
     assert text.startswith("listening control=127.0.0.1:")
     assert text.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (ThreadFailedError("the simulation thread failed"), 1, "the simulation thread failed"),
+        (OSError("too many open files"), 2, "cannot listen: too many open files"),
+        (UnicodeError("label empty"), 2, "cannot listen: label empty"),
+        (ZeroDivisionError(), 1, "CRITICAL catoptra_server.cli: the server ends: a bug"),
+    ],
+    ids=["thread", "port", "host", "bug"],
+)
+def test_error_that_ends_the_server_has_its_status_and_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    error: Exception,
+    status: int,
+    line: str,
+) -> None:
+    async def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(module, "serve", fail)
+    assert serve_words("--robot", "p2at_omni", "--world", "four_legged_2006") == status
+    assert line in capfd.readouterr().err
 
 
 def parse_options(*arguments: str) -> Options:
@@ -214,9 +245,9 @@ def test_command_line_with_an_accuracy_target_is_read() -> None:
 
 
 def test_image_port_when_there_is_none_is_announced_as_off(
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     module._print_addresses(ListeningAddress("127.0.0.1", 1, None, 2))
-    assert capsys.readouterr().out == (
+    assert capfd.readouterr().out == (
         "listening control=127.0.0.1:1 image=off stream=127.0.0.1:2\n"
     )

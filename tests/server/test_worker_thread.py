@@ -8,12 +8,13 @@ from collections.abc import Callable
 
 import pytest
 
-from catoptra_server.worker_thread import WorkerThread
+from catoptra_protocol.errors import DomainError
+from catoptra_server.worker_thread import ThreadFailedError, WorkerThread
 from helpers.loopback import DEADLINE_S, run_scenario
 
 
 class Work:
-    """Work that runs until stopped, or fails before or after it is ready."""
+    """Work that runs until stopped, or fails before or after it is ready, by a bug or in words."""
 
     def __init__(self, *, fails: str = "") -> None:
         self._fails = fails
@@ -23,6 +24,8 @@ class Work:
     def run(self, ready: Callable[[], None]) -> None:
         if self._fails == "before":
             raise ValueError("broken")
+        if self._fails == "in words":
+            raise DomainError("no renderer")
         ready()
         if self._fails == "after":
             raise ValueError("broken")
@@ -48,20 +51,34 @@ def test_worker_when_its_start_fails_raises_the_error() -> None:
     async def scenario() -> None:
         work = Work(fails="before")
         worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
-        with pytest.raises(ValueError, match="broken"):
+        with pytest.raises(ThreadFailedError, match="the w thread failed: ValueError: broken"):
             await worker.start()
 
     run_scenario(scenario())
 
 
-def test_worker_when_it_fails_later_reports_at_once_and_when_stopped() -> None:
+def test_worker_that_cannot_start_raises_the_reason() -> None:
+    async def scenario() -> None:
+        work = Work(fails="in words")
+        worker = WorkerThread("w", work.run, stop=work.stop, on_failure=lambda: None)
+        with pytest.raises(DomainError, match="no renderer"):
+            await worker.start()
+
+    run_scenario(scenario())
+
+
+def test_worker_when_it_fails_later_reports_at_once_and_when_stopped(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async def scenario() -> None:
         failed = asyncio.Event()
         work = Work(fails="after")
         worker = WorkerThread("w", work.run, stop=work.stop, on_failure=failed.set)
         await worker.start()
         await failed.wait()
-        with pytest.raises(ValueError, match="broken"):
+        with pytest.raises(ThreadFailedError, match="the w thread failed: ValueError: broken"):
             await worker.stop()
 
     run_scenario(scenario())
+    assert "the w thread failed: the server ends" in caplog.text
+    assert "ValueError: broken" in caplog.text

@@ -1,7 +1,8 @@
 """Entry point of `catoptra-server`: the server, or one of its subcommands `doctor` and `explain`.
 
-No other module is imported before the subcommand is known, so that the doctor runs where the
-server's libraries cannot be loaded. To add a subcommand, write its `main` and a case.
+No module with libraries is imported before the subcommand is known: the doctor runs where the
+server's libraries cannot be loaded, and signals end the server already while they are loaded. To
+add a subcommand, write its `main` and a case.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+
+from catoptra_server.termination import Termination
 
 EXIT_USAGE = 2
 
@@ -32,9 +35,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             return explain(rest)
         case _:
-            from catoptra_server.cli import main as serve
+            return _serve(words)
 
-            return serve(words)
+
+def _serve(words: Sequence[str]) -> int:
+    termination = Termination()
+    with termination.handle_signals():
+        from catoptra_server.cli import main as serve
+
+        return serve(words, termination)
 
 
 if __name__ == "__main__":

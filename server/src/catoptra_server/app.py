@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import signal
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field, replace
@@ -33,6 +32,7 @@ from catoptra_server.planning.renderer_choice import choose_renderer
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
 from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.transports.network_exposure import warn_of_exposure
 from catoptra_server.transports.stream.server_info import build_server_info
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_control import serve_control
@@ -91,22 +91,20 @@ class ListeningAddress:
     """TCP port of the ZeroMQ stream."""
 
 
-async def serve(options: Options, announce: Callable[[ListeningAddress], None]) -> None:
-    """Serve until SIGINT or SIGTERM.
+async def serve(
+    options: Options, announce: Callable[[ListeningAddress], None], stop: asyncio.Event
+) -> None:
+    """Serve until an event is set.
 
     Args:
         options: the options of the server.
         announce: called once with the addresses, when all ports are open.
+        stop: ends the server, also while it starts.
 
     Raises:
         CatoptraError: if the configuration is wrong, no renderer can run, or a thread failed.
         OSError: if a port cannot be opened.
     """
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    # Before the files are read: a signal during a long start ends the server in the same way.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
     startup = await asyncio.to_thread(
         read_startup_config, options.robot_files, options.world_file, options.server_file
     )
@@ -120,6 +118,7 @@ async def _open_ports(
 ) -> None:
     """Keep all ports open until the stop event is set."""
     host = server.options.host
+    await warn_of_exposure(host)
     async with AsyncExitStack() as open_ports:
         control = await open_ports.enter_async_context(_serve_control_port(server))
         image_port = None

@@ -7,8 +7,8 @@ import asyncio
 import logging
 import math
 import re
-import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -18,30 +18,75 @@ from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.bundled_files import FileKind, find_configuration
 from catoptra_server.config.server_file import MAX_FRAME_SKIP, ServerOptions
+from catoptra_server.descriptor_limit import raise_descriptor_limit
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
+from catoptra_server.logs.log_writer import LogWriter, write_log
 from catoptra_server.render.renderer_kind import AUTO, RENDERER_NAMES
 from catoptra_server.simulation import ClockMode
+from catoptra_server.termination import Termination
+from catoptra_server.worker_thread import ThreadFailedError
 
+log = logging.getLogger(__name__)
+
+EXIT_FAULT = 1
 EXIT_CANNOT_START = 2
+# With the grace of `termination` less than the promised second.
+_FLUSH_TIMEOUT_S = 0.1
 _PORT_REMEDY = ". Is another server running there? --control-port 0 --image-port 0 take free ones"
 _MULTI_VIEW = re.compile(r"(\d+)x(\d+):(\d+)x(\d+)", re.ASCII)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the server; exit status 0 after a signal, 2 if the server could not start."""
+def main(arguments: Sequence[str], termination: Termination) -> int:
+    """Run the server.
+
+    Args:
+        arguments: words of the command line, without the program.
+        termination: signals that end the process.
+
+    Returns:
+        Exit status: 0 after a signal, 2 if the server could not start, 1 after a fault.
+    """
     options, level = _make_options(_build_parser().parse_args(arguments))
-    logging.basicConfig(
-        level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
-    )
-    try:
-        asyncio.run(serve(options, _print_addresses))
-    except CatoptraError as error:
-        print(f"catoptra-server: {error}", file=sys.stderr)
-        return EXIT_CANNOT_START
-    except OSError as error:
-        print(f"catoptra-server: cannot listen: {error}{_PORT_REMEDY}", file=sys.stderr)
-        return EXIT_CANNOT_START
-    return 0
+    raise_descriptor_limit()
+    with write_log(level) as writer:
+        try:
+            asyncio.run(_serve_until_signalled(options, termination, writer))
+        except ThreadFailedError as error:
+            # The log has the traceback.
+            return _report(writer, error, EXIT_FAULT)
+        except CatoptraError as error:
+            return _report(writer, error, EXIT_CANNOT_START)
+        # UnicodeError: a host name that cannot be one, such as a..b.
+        except (OSError, UnicodeError) as error:
+            reason = f"cannot listen: {error}{_PORT_REMEDY}"
+            return _report(writer, reason, EXIT_CANNOT_START)
+        except Exception:
+            # Not left to the interpreter, whose print waits for standard error.
+            log.critical("the server ends: a bug", exc_info=True)
+            return EXIT_FAULT
+        return 0
+
+
+async def _serve_until_signalled(
+    options: Options, termination: Termination, writer: LogWriter
+) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    # Before the files are read: a signal during a long start ends the server in the same way.
+    with termination.call_on_signal(
+        partial(loop.call_soon_threadsafe, stop.set), flush=partial(_end_log, writer)
+    ):
+        await serve(options, _print_addresses, stop)
+
+
+def _end_log(writer: LogWriter) -> None:
+    log.warning("the process ends at once: its work was not stopped in time, or a second signal")
+    writer.flush(_FLUSH_TIMEOUT_S)
+
+
+def _report(writer: LogWriter, reason: object, status: int) -> int:
+    writer.write_line(f"catoptra-server: {reason}")
+    return status
 
 
 def _print_addresses(address: ListeningAddress) -> None:

@@ -7,7 +7,13 @@ import logging
 import threading
 from collections.abc import Callable
 
+from catoptra_protocol.errors import CatoptraError
+
 log = logging.getLogger(__name__)
+
+
+class ThreadFailedError(CatoptraError):
+    """A fault in a worker thread that nothing there could contain; its cause is the fault."""
 
 
 class WorkerThread:
@@ -33,11 +39,16 @@ class WorkerThread:
         self._stop = stop
         self._on_failure = on_failure
         self._ready: asyncio.Future[None] = self._loop.create_future()
-        self._error: Exception | None = None
+        self._error: ThreadFailedError | None = None
         self._thread = threading.Thread(target=self._main, name=name)
 
     async def start(self) -> None:
-        """Start the thread, and wait until the work is ready; raise the error of a failed start."""
+        """Start the thread, and wait until the work is ready.
+
+        Raises:
+            CatoptraError: the work cannot start, for a reason in words.
+            ThreadFailedError: a fault of the start.
+        """
         self._thread.start()
         try:
             await self._ready
@@ -48,7 +59,11 @@ class WorkerThread:
             raise
 
     async def stop(self) -> None:
-        """Stop the work, and wait for the thread; raise the error of an earlier failure."""
+        """Stop the work, and wait for the thread.
+
+        Raises:
+            ThreadFailedError: an earlier fault.
+        """
         self._stop()
         await asyncio.to_thread(self._thread.join)
         if self._error is not None:
@@ -71,8 +86,16 @@ class WorkerThread:
 
     def _handle_failure(self, error: Exception) -> None:
         if self._ready.done():
-            log.critical("the %s thread failed: %s", self._thread.name, error)
-            self._error = error
+            self._error = self._describe(error)
             self._on_failure()
-        else:
+        elif isinstance(error, CatoptraError):
             self._ready.set_exception(error)
+        else:
+            self._ready.set_exception(self._describe(error))
+
+    def _describe(self, error: Exception) -> ThreadFailedError:
+        name = self._thread.name
+        log.critical("the %s thread failed: the server ends", name, exc_info=error)
+        failure = ThreadFailedError(f"the {name} thread failed: {type(error).__name__}: {error}")
+        failure.__cause__ = error
+        return failure

@@ -1,0 +1,185 @@
+"""Writer of the log: a thread that alone waits for standard error.
+
+A pipe that nobody reads blocks every writer once its 64 KiB are full. The server's threads only
+append to a queue, which is bounded; lines beyond the bound are dropped and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import select
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from catoptra_server.logs.line_limiter import LineLimiter
+from catoptra_server.logs.log_formatter import LogFormatter, escape_controls
+
+log = logging.getLogger(__name__)
+
+STDERR = 2
+# Forty thousand lines of usual length: a pipe that is read again after some minutes lacks none.
+MAX_QUEUED_BYTES = 4 * 1024 * 1024
+# Of an end without a signal; after a signal the process ends earlier (termination.GRACE_S).
+_CLOSE_TIMEOUT_S = 2.0
+# Lines that are written at once; a pipe takes 64 KiB.
+_MAX_WRITTEN_LINES = 256
+
+
+class LogWriter(logging.Handler):
+    """A handler that writes records to a descriptor, and never waits for the descriptor.
+
+    Args:
+        descriptor: open file that receives UTF-8.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__()
+        self.setFormatter(LogFormatter())
+        self._descriptor = descriptor
+        # Reentrant, as Condition's own lock is: a finalizer may log while a line is appended.
+        self._changed = threading.Condition()
+        self._limiter = LineLimiter()
+        self._queue: deque[bytes] = deque()
+        self._num_bytes = 0
+        self._num_dropped = 0
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Queue a record, or count the record where its like are frequent."""
+        try:
+            if self._is_admitted(record):
+                self._append(self.format(record))
+        # Arguments that do not fit the template, or whose text raises: a bug in the server, which
+        # must not reach the caller.
+        except Exception:
+            where = f"{record.pathname}:{record.lineno}"
+            self.write_line(f"{where}: the arguments of {record.msg!r} cannot be logged")
+
+    def write_line(self, line: str) -> None:
+        """Queue a line without time and level."""
+        self._append(escape_controls(line))
+
+    def flush(self, timeout_s: float = 0.0) -> None:
+        """Wait until all lines are written, for a time at most.
+
+        Args:
+            timeout_s: limit of the wait, seconds.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._num_bytes == 0, timeout_s)
+
+    def close(self) -> None:
+        """Write the queued lines, within a bounded time, and end the thread."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+        self._thread.join(_CLOSE_TIMEOUT_S)
+        super().close()
+
+    def _is_admitted(self, record: logging.LogRecord) -> bool:
+        # Wire traffic, logged at DEBUG on request, is complete.
+        if record.levelno <= logging.DEBUG:
+            return True
+        with self._changed:
+            return self._limiter.admit(record, time.monotonic())
+
+    def _append(self, line: str) -> None:
+        data = line.encode("utf-8", "backslashreplace") + b"\n"
+        with self._changed:
+            if self._num_bytes + len(data) > MAX_QUEUED_BYTES:
+                self._num_dropped += 1
+                return
+            self._queue.append(data)
+            self._num_bytes += len(data)
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        """Write lines until the handler is closed and all are written."""
+        while data := self._wait_for_data():
+            _write_all(self._descriptor, data)
+            with self._changed:
+                self._num_bytes -= len(data)
+                self._changed.notify_all()
+
+    def _wait_for_data(self) -> bytes:
+        """Lines to be written; empty at the end."""
+        with self._changed:
+            while True:
+                self._append_counts()
+                if self._queue:
+                    return self._pop_lines()
+                if self._is_closed:
+                    return b""
+                self._changed.wait(self._limiter.remaining_s(time.monotonic()))
+
+    def _append_counts(self) -> None:
+        """Queue the counts of suppressed and of dropped lines that are due."""
+        end_s = math.inf if self._is_closed else time.monotonic()
+        for record in self._limiter.end_windows(end_s):
+            self._append(self.format(record))
+        if self._num_dropped and self._num_bytes < MAX_QUEUED_BYTES // 2:
+            num, self._num_dropped = self._num_dropped, 0
+            self.write_line(f"{num} lines of the log dropped: standard error is read too slowly")
+
+    def _pop_lines(self) -> bytes:
+        num = min(len(self._queue), _MAX_WRITTEN_LINES)
+        return b"".join(self._queue.popleft() for _ in range(num))
+
+
+@contextmanager
+def write_log(level: int) -> Iterator[LogWriter]:
+    """Write the log of the process to standard error, for the length of a block.
+
+    Warnings and exceptions that Python itself would print become lines of the log, because a print
+    waits for standard error.
+
+    Args:
+        level: least level that is written.
+    """
+    writer, root = LogWriter(STDERR), logging.getLogger()
+    previous = root.level, threading.excepthook, sys.unraisablehook
+    root.addHandler(writer)
+    root.setLevel(level)
+    logging.captureWarnings(True)
+    threading.excepthook, sys.unraisablehook = _log_thread_exception, _log_unraisable
+    try:
+        yield writer
+    finally:
+        logging.captureWarnings(False)
+        threading.excepthook, sys.unraisablehook = previous[1:]
+        root.setLevel(previous[0])
+        root.removeHandler(writer)
+        writer.close()
+
+
+def _log_thread_exception(arguments: threading.ExceptHookArgs) -> None:
+    name = arguments.thread.name if arguments.thread else "a finished thread"
+    log.error("exception in thread %s", name, exc_info=arguments.exc_value)
+
+
+def _log_unraisable(arguments: sys.UnraisableHookArgs) -> None:
+    message = arguments.err_msg or "exception ignored in"
+    log.error("%s: %r", message, arguments.object, exc_info=arguments.exc_value)
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    """Write bytes; without effect where nothing reads any more."""
+    rest = memoryview(data)
+    while rest:
+        try:
+            # A wait of its own: another process may have made the shared pipe non-blocking.
+            select.select([], [descriptor], [])
+            rest = rest[os.write(descriptor, rest[: select.PIPE_BUF]) :]
+        except BlockingIOError:
+            continue
+        except OSError:
+            # Closed: there is no place left to report this.
+            return
