@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from catoptra_protocol.usarsim.commands import Drive, DriveJoints, Init, MisPkg, MultiDrive, Trace
@@ -17,9 +20,11 @@ from catoptra_protocol.usarsim.reports import (
     line_from_report,
 )
 from catoptra_server.config.robot_file import read_robots
+from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.ray_caster import EmbreeRayCaster
 from catoptra_server.robot.joint_chain import STANDARD_PACKAGES
 from catoptra_server.scene.scene_mesh import build_scene
+from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.fleet import Fleet
 from helpers.configs import ROBOTS
 from helpers.robots import BASE, GROUND_TRUTH, SCANNER, FakeClient, make_p2at, make_walled_world
@@ -172,3 +177,103 @@ def test_package_when_commanded_by_either_command_moves() -> None:
     status = last_report(client, MissionPackageStatus)
     assert isinstance(status, MissionPackageStatus)
     assert [link.value for link in status.links] == pytest.approx([0.1, -0.05])
+
+
+def assert_apart(fleet: Fleet, clients: list[FakeClient]) -> None:
+    """Assert that no two robots touch, nor a robot the scene."""
+    robots = [robot for client in clients if (robot := fleet.find_robot(client))]
+    assert len(robots) == len(clients)
+    index = CollisionIndex(build_scene(make_walled_world()), CLASSES)
+    for robot in robots:
+        others = [other for other in robots if other is not robot]
+        pose = robot.world_from_robot
+        yaw_rad = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
+        here = pose.translation[None, :2]
+        assert index.are_free(robot.description, here, 0.0, yaw_rad=yaw_rad, robots=others).all()
+
+
+def test_sixteen_robots_at_one_location_stand_apart_and_drive_off() -> None:
+    fleet = make_fleet()
+    clients = [spawn(fleet, "P2AT", 0.0) for _ in range(16)]
+    assert_apart(fleet, clients)
+    assert clients[0].spawns == [("P2AT", None)]
+    moved = [location for client in clients[1:] for _, location in client.spawns]
+    assert all(location and math.hypot(*location[:2]) <= 2.0 for location in moved)
+    for client in clients:
+        fleet.execute(client, Drive(1.0, 0.8), 0.0)
+    before = [true_x_m(client) for client in clients if not run(fleet, 0.0)]
+    run(fleet, 0.6)
+    assert_apart(fleet, clients)
+    assert max(true_x_m(client) for client in clients) > max(before) + 0.05
+
+
+@pytest.mark.parametrize("class_", ["P2AT", "Small"])
+def test_robot_when_spawned_into_a_wall_is_moved_out_of_it(class_: str) -> None:
+    fleet = make_fleet()
+    client = spawn(fleet, class_, 50.0)
+    assert_apart(fleet, [client])
+    ((_, location),) = client.spawns
+    assert location is not None
+    robot = fleet.find_robot(client)
+    assert robot is not None
+    assert location == pytest.approx(tuple(robot.world_from_robot.translation))
+    fleet.execute(client, Drive(-5.0, -5.0), 0.0)
+    run(fleet, 1.0)
+    assert true_x_m(client) == pytest.approx(location[0] - 0.65, abs=1e-6)
+
+
+def test_robot_without_a_free_place_is_refused_in_words() -> None:
+    fleet = make_fleet()
+    clients = [spawn(fleet, "P2AT", 0.0) for _ in range(60)]
+    refused = [client for client in clients if client.rejections]
+    assert len(refused) > 10
+    assert refused[0].rejections == ["there is no free place within 2 m of 0,0"]
+    assert not refused[0].spawns
+    assert not refused[0].reports
+    assert fleet.find_robot(refused[0]) is None
+    assert_apart(fleet, [client for client in clients if client.spawns])
+
+
+@pytest.mark.parametrize("x_m", [1e308, -1e19, 1.01e5])
+def test_robot_out_of_limits_is_refused_and_nothing_overflows(x_m: float) -> None:
+    client = spawn(make_fleet(), "P2AT", x_m)
+    assert "out of limits" in client.rejections[0]
+
+
+@pytest.mark.parametrize("x_m", [1e5, -1e5])
+def test_robot_at_the_limit_drives_and_measures(x_m: float) -> None:
+    fleet = make_fleet()
+    client = spawn(fleet, "P2AT", x_m, -x_m)
+    fleet.execute(client, Drive(5.0, 5.0), 0.0)
+    run(fleet, 0.2)
+    assert true_x_m(client) == pytest.approx(x_m + 0.13)
+
+
+WORLD_FILES = sorted((ROBOTS.parent / "worlds").glob("*.ini"))
+
+
+@pytest.mark.parametrize("file", WORLD_FILES, ids=lambda file: file.stem)
+def test_start_poses_of_bundled_worlds_are_free_for_all_bundled_robots(file: Path) -> None:
+    world = read_world(file)[0]
+    robots = [robot for each in sorted(ROBOTS.glob("*.ini")) for robot in read_robots(each)[0]]
+    index = CollisionIndex(build_scene(world), robots)
+    for start in world.starts:
+        here, yaw_rad = np.array([start.location_m[:2]]), start.rotation_rad[2]
+        for robot in robots:
+            free = index.are_free(robot, here, 0.0, yaw_rad=yaw_rad, robots=())
+            assert free.all(), f"{start.name} of {file.name} for {robot.class_name}"
+
+
+# Places in INIT lines of old clients: UvA's, MATLAB's, Player's and ROS's.
+LEGACY_LOCATIONS = [(4.5, 1.9), (0.4, -0.4), (0.5, 0.5), (1.5, 1.0), (0.0, 0.0), (2.2, 1.8)]
+
+
+@pytest.mark.parametrize("file", WORLD_FILES, ids=lambda file: file.stem)
+def test_init_lines_of_old_clients_spawn_in_every_bundled_world(file: Path) -> None:
+    world = read_world(file)[0]
+    classes, scene = read_robots(ROBOTS / "p2at.ini")[0], build_scene(world)
+    for x_m, y_m in LEGACY_LOCATIONS:
+        fleet = Fleet(classes, world, scene, seed=1)
+        client = spawn(fleet, "P2AT", x_m, y_m)
+        assert not client.rejections
+        assert client.reports

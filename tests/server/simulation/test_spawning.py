@@ -1,28 +1,116 @@
-"""Class, pose and name of INIT."""
+"""Class, place and name of INIT."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.usarsim.commands import Init
 from catoptra_server.robot.planar_pose import PlanarPose
-from catoptra_server.simulation.spawning import find_class, spawn_pose, unique_name
+from catoptra_server.simulation.spawning import (
+    MAX_COORDINATE_M,
+    SEARCH_RADIUS_M,
+    PlaceTest,
+    SpawnError,
+    find_class,
+    find_free_pose,
+    spawn_pose,
+    unique_name,
+)
 from helpers.robots import make_p2at, make_walled_world
 
 CLASSES = (make_p2at(class_name="USARBot.P2AT"), make_p2at(class_name="USARBot.P2DX"))
+STARTS = make_walled_world().starts
 
 
-@pytest.mark.parametrize(
-    ("name", "index"), [("P2DX", 1), ("usarbot.p2at", 0), ("P2", None), ("", None)]
-)
-def test_class_when_named_is_found_in_any_case(name: str, index: int | None) -> None:
-    assert find_class(CLASSES, name) is (None if index is None else CLASSES[index])
+@pytest.mark.parametrize(("name", "index"), [("P2DX", 1), ("usarbot.p2at", 0)])
+def test_class_when_named_is_found_in_any_case(name: str, index: int) -> None:
+    assert find_class(CLASSES, name) is CLASSES[index]
+
+
+@pytest.mark.parametrize("name", ["P2", ""])
+def test_class_when_unknown_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(SpawnError, match=r"no class '.*': this server has USARBot.P2AT, USARBot"):
+        find_class(CLASSES, name)
 
 
 def test_pose_at_a_named_start_is_the_start_s() -> None:
-    pose = spawn_pose(Init("X", start="aside"), make_walled_world().starts)
-    assert pose == PlanarPose(1.0, -2.0, 1.5)
-    assert spawn_pose(Init("X", start="nowhere"), make_walled_world().starts) is None
+    assert spawn_pose(Init("X", start="aside"), STARTS) == PlanarPose(1.0, -2.0, 1.5)
+
+
+def test_start_when_unknown_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(SpawnError, match="no start 'nowhere': this world has Centre, Aside"):
+        spawn_pose(Init("X", start="nowhere"), STARTS)
+    with pytest.raises(SpawnError, match="this world has none; or give a Location"):
+        spawn_pose(Init("X"), ())
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("value", [1.1 * MAX_COORDINATE_M, -1e19, 1e308, math.inf, math.nan])
+def test_location_out_of_limits_is_refused_in_words(axis: int, value: float) -> None:
+    location = tuple(value if i == axis else 0.0 for i in range(3))
+    with pytest.raises(SpawnError, match=r"Location .* is out of limits: each number is at most"):
+        spawn_pose(Init("X", location_m=(location[0], location[1], location[2])), STARTS)
+
+
+@pytest.mark.parametrize("value", [1e7, -1e300, math.inf, math.nan])
+def test_rotation_out_of_limits_is_refused_in_words(value: float) -> None:
+    init = Init("X", location_m=(0.0, 0.0, 0.0), rotation_rad=(0.0, 0.0, value))
+    with pytest.raises(SpawnError, match=r"Rotation .* is out of limits"):
+        spawn_pose(init, STARTS)
+
+
+def nothing_within(radius_m: float) -> tuple[list[int], PlaceTest]:
+    """Test of places that refuses all nearer to (3, 4) than a radius; and the numbers tested."""
+    counts: list[int] = []
+
+    def are_free(places: Floats, clearance_m: float) -> Bools:
+        counts.append(len(places))
+        free: Bools = np.hypot(*(places - (3.0, 4.0)).T) >= radius_m
+        return free
+
+    return counts, are_free
+
+
+REQUESTED = PlanarPose(3.0, 4.0, 0.7)
+
+
+def test_free_pose_is_kept_to_the_last_bit_after_one_test() -> None:
+    counts, are_free = nothing_within(0.0)
+    assert find_free_pose(REQUESTED, are_free) == REQUESTED
+    assert counts == [1]
+
+
+@pytest.mark.parametrize("radius_m", [0.05, 0.3, 1.0, 1.95, 2.0])
+def test_pose_that_is_not_free_moves_to_the_nearest_place(radius_m: float) -> None:
+    _, are_free = nothing_within(radius_m - 1e-9)
+    pose = find_free_pose(REQUESTED, are_free)
+    moved_m = math.hypot(pose.x_m - 3.0, pose.y_m - 4.0)
+    # The grid has steps of 0.1 m.
+    assert radius_m - 1e-9 <= moved_m <= min(radius_m + 0.1, SEARCH_RADIUS_M + 1e-9)
+    assert pose.yaw_rad == REQUESTED.yaw_rad
+    assert pose == find_free_pose(REQUESTED, are_free)
+
+
+def test_pose_without_a_free_place_within_2_m_is_refused() -> None:
+    _, are_free = nothing_within(SEARCH_RADIUS_M + 0.01)
+    with pytest.raises(SpawnError, match="no free place within 2 m of 3,4"):
+        find_free_pose(REQUESTED, are_free)
+
+
+def test_places_have_clearance_that_the_requested_one_need_not_have() -> None:
+    clearances: list[float] = []
+
+    def are_free(places: Floats, clearance_m: float) -> Bools:
+        clearances.append(clearance_m)
+        return np.full(len(places), clearance_m > 0.0)
+
+    find_free_pose(REQUESTED, are_free)
+    assert clearances[0] == 0.0
+    assert min(clearances[1:]) > 0.01
 
 
 def test_name_in_use_gets_the_first_free_number() -> None:

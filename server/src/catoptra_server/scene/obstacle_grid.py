@@ -16,6 +16,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
+from catoptra_server.scene.triangle_clusters import Indices
 
 # Obstacles lower than this are driven over: carpets, lines, sills.
 GROUND_CLEARANCE_M = 0.03
@@ -40,11 +41,15 @@ class ObstacleGrid:
     """Triangles from above, in the cells of a square grid."""
 
     cell_m: float
-    cells: Mapping[tuple[int, int], Floats]
+    static_triangles: Floats
+    """(n, 3, 2) triangles that are in the cells."""
+    cells: Mapping[tuple[int, int], Indices]
+    """Indices of the triangles that reach into each cell."""
     dynamic_triangles: Floats = field(default_factory=lambda: _NO_TRIANGLES)
+    """(m, 3, 2) further triangles, in no cell."""
 
     def find_near(self, centre: tuple[float, float], radius_m: float) -> list[Triangle2D]:
-        """Triangles that reach into a square about a point; some occur several times."""
+        """Triangles that reach into a square about a point."""
         near: list[Triangle2D] = self.triangles_near(centre, radius_m).tolist()
         return near
 
@@ -52,9 +57,11 @@ class ObstacleGrid:
         """(n, 3, 2) triangles of `find_near`, as an array."""
         columns, rows = (self._cell_range(coordinate, radius_m) for coordinate in centre)
         found = [self.cells[cell] for cell in product(columns, rows) if cell in self.cells]
-        triangles = (
-            np.concatenate((*found, self.dynamic_triangles)) if found else self.dynamic_triangles
-        )
+        triangles = self.dynamic_triangles
+        if found:
+            # A large triangle is in several cells.
+            static = self.static_triangles[np.unique(np.concatenate(found))]
+            triangles = np.concatenate((static, triangles))
         if not len(triangles):
             return triangles
         # Most triangles of the same cells are out of reach, and this test is cheap.
@@ -87,13 +94,15 @@ def build_obstacle_grid(scene: SceneMesh, *, low_m: float, high_m: float) -> Obs
     """Grid of the triangles that reach into a band of heights above the floor z = 0."""
     heights = -scene.corners[..., 2]
     inside = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
-    return _build_grid(np.ascontiguousarray(scene.corners[inside][..., :2]))
+    # From above many triangles of a scene are one: a third of those of the football field remain.
+    outlines = np.unique(scene.corners[inside][..., :2].reshape(-1, 6), axis=0)
+    return _build_grid(outlines.reshape(-1, 3, 2))
 
 
 def _build_grid(corners: Floats) -> ObstacleGrid:
     """Grid of (n, 3, 2) triangles, with cells of a size that suits their extent."""
     if not len(corners):
-        return ObstacleGrid(_MIN_CELL_M, {})
+        return ObstacleGrid(_MIN_CELL_M, corners, {})
     extent = float(np.ptp(corners, axis=(0, 1)).max())
     cell_m = max(_MIN_CELL_M, extent / _CELLS_PER_SIDE)
     first = np.floor(corners.min(axis=1) / cell_m).astype(int).tolist()
@@ -102,7 +111,8 @@ def _build_grid(corners: Floats) -> ObstacleGrid:
     for index, ((c0, r0), (c1, r1)) in enumerate(zip(first, last, strict=True)):
         for cell in product(range(c0, c1 + 1), range(r0, r1 + 1)):
             members.setdefault(cell, []).append(index)
-    return ObstacleGrid(cell_m, {cell: corners[indices] for cell, indices in members.items()})
+    cells = {cell: np.array(indices) for cell, indices in members.items()}
+    return ObstacleGrid(cell_m, corners, cells)
 
 
 def rectangle_intersects(
@@ -226,32 +236,24 @@ def rectangles_intersect(
 
 def _intersect_any(corners: Floats, points: Floats, half_size_m: tuple[float, float]) -> Bools:
     """(n,) whether rectangles at (n, 2) points intersect any of (t, 3, 2) triangles."""
-    low, high, normals = _contact_intervals(corners, half_size_m)
-    offsets = (points @ normals.reshape(-1, 2).T).reshape(len(points), *low.shape)
-    hit: Bools = ((low <= offsets) & (offsets <= high)).all(axis=-1).any(axis=-1)
+    # The rectangle's own directions first, for all pairs: few are left for the triangles' edges.
+    low, high = corners.min(axis=1) - half_size_m, corners.max(axis=1) + half_size_m
+    x, y = points[:, :1], points[:, 1:]
+    near = (low[:, 0] <= x) & (x <= high[:, 0]) & (low[:, 1] <= y) & (y <= high[:, 1])
+    point, triangle = np.nonzero(near)
+    edges = np.roll(corners, -1, axis=1) - corners
+    normals = edges[..., ::-1] * (-1.0, 1.0)
+    reach = np.abs(normals) @ np.array(half_size_m)
+    projected = normals @ corners.swapaxes(1, 2)
+    low, high = projected.min(axis=-1) - reach, projected.max(axis=-1) + reach
+    offset = np.einsum("nij,nj->ni", normals[triangle], points[point])
+    hit = np.zeros(len(points), dtype=bool)
+    hit[point[((low[triangle] <= offset) & (offset <= high[triangle])).all(axis=-1)]] = True
     return hit
 
 
 def _rectangle_frame(points: Floats, yaw_rad: float) -> Floats:
     """(..., 2) points turned from the world into the axes of a rectangle, about the origin."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    return points @ np.array([[cos, -sin], [sin, cos]])
-
-
-def _contact_intervals(
-    corners: Floats, half_size_m: tuple[float, float]
-) -> tuple[Floats, Floats, Floats]:
-    """Positions of a rectangle that touch each of (t, 3, 2) triangles, in the rectangle's axes.
-
-    A rectangle at p touches a triangle exactly if low <= normal . p <= high for five normals: of
-    the rectangle's two directions and the triangle's three edges.
-
-    Returns:
-        (t, 5) low and high ends, and the (t, 5, 2) normals, not of unit length.
-    """
-    edges = np.roll(corners, -1, axis=1) - corners
-    own = np.broadcast_to(np.eye(2), (len(corners), 2, 2))
-    normals = np.concatenate((own, edges[..., ::-1] * (-1.0, 1.0)), axis=1)
-    reach = np.abs(normals) @ np.array(half_size_m)
-    projected = normals @ corners.swapaxes(1, 2)
-    return projected.min(axis=-1) - reach, projected.max(axis=-1) + reach, normals
+    turned: Floats = points @ np.array([[cos, -sin], [sin, cos]])
+    return turned

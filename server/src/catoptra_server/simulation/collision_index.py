@@ -6,13 +6,16 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from catoptra_protocol.optics.numerics import Floats
+import numpy as np
+
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.obstacle_grid import (
     GROUND_CLEARANCE_M,
     ObstacleGrid,
     box_footprint,
     build_obstacle_grid,
+    rectangles_intersect,
 )
 from catoptra_server.scene.oriented_box import OrientedBox
 from catoptra_server.scene.scene_mesh import SceneMesh
@@ -67,6 +70,38 @@ class CollisionIndex:
     def invalidate(self, robot: Robot) -> None:
         """Discard the footprint of a robot that moved or was removed."""
         self._footprints.pop(robot, None)
+
+    def are_free(
+        self,
+        description: RobotDescription,
+        places: Floats,
+        clearance_m: float,
+        *,
+        yaw_rad: float,
+        robots: Iterable[Robot],
+    ) -> Bools:
+        """Whether the base of a class would touch neither the scene nor a robot at places.
+
+        Args:
+            description: Class of the base.
+            places: (n, 2) centres of the base, metres, world frame.
+            clearance_m: Distance that must be free around the base.
+            yaw_rad: Heading of the base.
+            robots: Robots to be avoided.
+
+        Returns:
+            (n,) True for a free place.
+        """
+        length_m, width_m = description.drive.collision_size_m[:2]
+        half_m = (0.5 * length_m + clearance_m, 0.5 * width_m + clearance_m)
+        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        reach_m = float(np.abs(places - middle).max()) + math.hypot(*half_m)
+        x, y = middle.tolist()
+        obstacles = self._static_obstacles[description.class_name].with_dynamic_triangles(
+            [self._footprint(robot).outline for robot in robots]
+        )
+        triangles = obstacles.triangles_near((x, y), reach_m)
+        return ~rectangles_intersect(triangles, places, yaw_rad, half_size_m=half_m)
 
     def obstacles_near(self, robot: Robot, robots: Iterable[Robot]) -> ObstacleGrid:
         """Obstacles that a robot may touch in the next tick: the scene, and robots in reach."""

@@ -38,6 +38,7 @@ from catoptra_server.frames.image_port_layout import (
 from catoptra_server.frames.multi_view import TileLayout
 from catoptra_server.frames.robot_camera import CameraRobot, VisibleObjects
 from catoptra_server.planning.camera_spec import OmniCameraSpec
+from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.robot.robot_description import RobotDescription
 from catoptra_server.scene.scene_mesh import SceneMesh
 from catoptra_server.scene.world_description import World
@@ -56,7 +57,13 @@ from catoptra_server.simulation.robot import CameraSensor, Robot
 from catoptra_server.simulation.robot_meshes import RobotMeshes
 from catoptra_server.simulation.set_commands import execute_set
 from catoptra_server.simulation.simulation_events import AccuracyTargetChanged, Client
-from catoptra_server.simulation.spawning import find_class, spawn_pose, unique_name
+from catoptra_server.simulation.spawning import (
+    SpawnError,
+    find_class,
+    find_free_pose,
+    spawn_pose,
+    unique_name,
+)
 
 log = logging.getLogger(__name__)
 
@@ -182,38 +189,47 @@ class Fleet:
                 assert_never(command)
 
     def _spawn(self, client: Client, init: Init, time_s: float) -> None:
-        description = find_class(self._classes, init.class_name)
-        pose = spawn_pose(init, self._world.starts)
-        if description is None or pose is None or len(self._robots) >= MAX_ROBOTS:
-            reason = self._spawn_error(init, is_known=description is not None)
-            self._reject_init(client, init, reason)
+        """Spawn the robot of a client, or reject INIT with the reason."""
+        try:
+            description, requested, pose = self._place_robot(init)
+        except SpawnError as error:
+            log.warning("INIT of class %r rejected: %s", init.class_name, error)
+            client.reject_init(str(error))
             return
         existing = {robot.name for robot in self._robots.values()}
         name = unique_name(init.name or description.model_name, existing)
         robot = Robot(description, pose, name=name, seed=self._seed, time_s=time_s)
         self._robots[client] = robot
-        client.confirm_spawn(name, None)
+        log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
+        moved_to = None
+        if pose != requested:
+            log.info("robot %s moved there from %s, which is not free", name, requested)
+            moved_to = robot.location_m
+        client.confirm_spawn(name, moved_to)
         # Before the first CONF of the cameras, which names their tiles.
         self._image_port_layout.assign_tiles(robot)
-        log.info("robot %s of class %s spawned at %s", name, description.class_name, pose)
         # The first cycle confirms the spawn, there is no other reply; UDK's clients learn from
         # CONF of the cameras which tile of the image is theirs.
         tiled = [camera.configuration() for camera in robot.all_cameras if camera.tile]
         client.deliver([*robot.read_due(time_s, partial(self.sense, robot)), *tiled])
 
-    def _spawn_error(self, init: Init, *, is_known: bool) -> str:
-        """Reason against a spawn, in words."""
-        if len(self._robots) >= MAX_ROBOTS:
-            return f"the limit of {MAX_ROBOTS} robots is reached"
-        if not is_known:
-            known = ", ".join(each.class_name for each in self._classes)
-            return f"there is no class {init.class_name!r}: this server has {known}"
-        starts = ", ".join(start.name for start in self._world.starts) or "none"
-        return f"there is no start {init.start!r}: this world has {starts}; or give a Location"
+    def _place_robot(self, init: Init) -> tuple[RobotDescription, PlanarPose, PlanarPose]:
+        """Class of a new robot, requested pose, and the nearest pose that is free.
 
-    def _reject_init(self, client: Client, init: Init, reason: str) -> None:
-        log.warning("INIT of class %r rejected: %s", init.class_name, reason)
-        client.reject_init(reason)
+        Raises:
+            SpawnError: No class, start or free place answers to INIT.
+        """
+        if len(self._robots) >= MAX_ROBOTS:
+            raise SpawnError(f"the limit of {MAX_ROBOTS} robots is reached")
+        description = find_class(self._classes, init.class_name)
+        requested = spawn_pose(init, self._world.starts)
+        are_free = partial(
+            self._collision_index.are_free,
+            description,
+            yaw_rad=requested.yaw_rad,
+            robots=self._robots.values(),
+        )
+        return description, requested, find_free_pose(requested, are_free)
 
     def _start_poses(self) -> StartPoses:
         poses = [StartPose(s.name, s.location_m, s.rotation_rad) for s in self._world.starts]

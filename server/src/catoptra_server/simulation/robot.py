@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.commands import Drive, MisPkg
 from catoptra_protocol.usarsim.reports import Report, VehicleStatus
+from catoptra_protocol.vectors import Vector3
 from catoptra_server.capture.noise_seed import NoiseSeed
 from catoptra_server.frames.viewports import Viewports
 from catoptra_server.random_sources import RandomSource
@@ -99,6 +100,12 @@ class Robot:
     def world_from_robot(self) -> Pose:
         """Pose of the chassis frame."""
         return self._body.pose.at_height(self.description.drive.ride_height_m)
+
+    @property
+    def location_m(self) -> Vector3:
+        """Origin of the chassis frame in the world."""
+        x, y, z = self.world_from_robot.translation.tolist()
+        return x, y, z
 
     @property
     def twist(self) -> Twist:
