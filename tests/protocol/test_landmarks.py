@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.landmarks import Landmark, landmarks_from_lines, read_landmarks
+from catoptra_protocol.limits import MAX_LANDMARKS
 from helpers.configs import REPOSITORY
 
 HEADER = "name,kind,x_m,y_m,width_m,depth_m,band_bottom_m,band_top_m,lower_colour,upper_colour"
@@ -104,5 +107,36 @@ def test_file_when_unreadable_is_named(tmp_path: Path, content: bytes | None) ->
     path = tmp_path / "x.csv"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"x\.csv: landmarks=.*a readable CSV"):
+    with pytest.raises(ConfigError, match=r"x\.csv.*: file=.*(a CSV file|UTF-8)"):
         read_landmarks(path)
+
+
+def test_file_of_40_gb_is_rejected_by_size(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    with path.open("wb") as file:
+        file.truncate(40 * 10**9)  # sparse: takes no space on the disk
+    with pytest.raises(ConfigError, match=r"x\.csv: file=.*at most 262144 bytes"):
+        read_landmarks(path)
+
+
+def test_row_beyond_the_largest_number_is_rejected_by_line() -> None:
+    rows = [BEACON.replace("b1", f"b{n}") for n in range(MAX_LANDMARKS + 1)]
+    assert len(parse_landmark(*rows[:-1])) == MAX_LANDMARKS
+    with pytest.raises(ConfigError, match=rf"x\.csv:{MAX_LANDMARKS + 2}: .*at most 1024 landmarks"):
+        parse_landmark(*rows)
+
+
+def landmarks_or_error(lines: list[str]) -> tuple[tuple[Landmark, ...], ConfigError | None]:
+    try:
+        return landmarks_from_lines(lines, file="x.csv"), None
+    except ConfigError as error:
+        return (), error
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(st.text(alphabet=st.sampled_from("beacongl,.-+\"'#e10nif \n\r\0\u00e9"), max_size=80))
+def test_text_when_arbitrary_is_read_or_rejected_with_a_line(text: str) -> None:
+    lines = [HEADER, *text.split("\n")]
+    landmarks, error = landmarks_or_error(lines)
+    assert all(landmark.name for landmark in landmarks)
+    assert error is None or 1 <= error.location.line <= len(lines)

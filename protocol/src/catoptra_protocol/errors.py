@@ -39,11 +39,22 @@ class ConfigError(CatoptraError):
     """A wrong value in a configuration file: its location, key, value and the expectation."""
 
     def __init__(self, location: SourceLocation, *, key: str, value: str, expected: str) -> None:
-        super().__init__(f"{location}: {key}={value!r}: expected {expected}")
+        super().__init__(f"{location}: {key}={_quote(value)}: expected {expected}")
         self.location = location
         self.key = key
         self.value = value
         self.expected = expected
+
+
+# A line of a real file; longer values, such as a mistaken binary file's, would hide the message.
+_MAX_QUOTED_CHARS = 200
+
+
+def _quote(value: str) -> str:
+    """Value in quotes, shortened to what fits into a message."""
+    if len(value) <= _MAX_QUOTED_CHARS:
+        return repr(value)
+    return f"{value[:_MAX_QUOTED_CHARS]!r}... ({len(value)} characters)"
 
 
 class DomainError(CatoptraError):

@@ -15,6 +15,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.limits import MAX_LANDMARK_FILE_BYTES, MAX_LANDMARKS
+from catoptra_protocol.text_files import read_text_file
 
 BAND_COLOURS = ("cyan", "magenta", "yellow")
 LANDMARK_KINDS = ("beacon", "goal")
@@ -55,17 +57,9 @@ def read_landmarks(path: Path) -> tuple[Landmark, ...]:
     """Read the landmarks of a CSV file.
 
     Raises:
-        ConfigError: The file is unreadable or wrong; names line, column and value.
+        ConfigError: The file is unreadable, too large or wrong; names line, column and value.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            SourceLocation(str(path)),
-            key="landmarks",
-            value=str(path),
-            expected=f"a readable CSV ({error})",
-        ) from error
+    text = read_text_file(path, kind="a CSV file", max_bytes=MAX_LANDMARK_FILE_BYTES)
     # Split at LF only: splitlines would also split at form feeds, and shift the line numbers.
     return landmarks_from_lines(text.split("\n"), file=str(path))
 
@@ -82,6 +76,10 @@ def landmarks_from_lines(lines: Iterable[str], *, file: str) -> tuple[Landmark, 
     """
     # Numbered before comments and blank lines are dropped, so that errors name lines of the file.
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
+    if len(numbered) > MAX_LANDMARKS + 1:
+        number, line = numbered[MAX_LANDMARKS + 1]
+        expected = f"at most {MAX_LANDMARKS} landmarks"
+        raise ConfigError(SourceLocation(file, number), key="row", value=line, expected=expected)
     names = [field.name for field in fields(Landmark)]
     if (
         not numbered

@@ -33,3 +33,10 @@ MAX_IMAGE_SIDE_PX = 0xFFFF
 
 # A small JPEG can announce a huge image, so a client checks this before decoding: 96 MiB of RGB.
 MAX_IMAGE_PIXELS = 32 * 1024 * 1024
+
+# A field has six landmarks, a large building some hundred. Each is a few hundred triangles of the
+# scene and an entry of a reply: 1024 are 0.3 million triangles.
+MAX_LANDMARKS = 1024
+
+# 256 bytes for each of MAX_LANDMARKS; rows of real files have 60.
+MAX_LANDMARK_FILE_BYTES = 256 * 1024

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catoptra_protocol.errors import ConfigError
-from catoptra_server.config.ini_file import IniFile
+from catoptra_server.config.ini_file import MAX_BASE_FILES, IniFile
 
 
 def write_file(folder: Path, name: str, *lines: str) -> Path:
@@ -51,6 +51,29 @@ def test_file_when_based_on_itself_in_a_loop_is_rejected(tmp_path: Path, second:
     write_file(tmp_path, "y.ini", "[Configuration]", "BasedOn=x.ini")
     path = write_file(tmp_path, "x.ini", "[Configuration]", f"BasedOn={second}")
     with pytest.raises(ConfigError, match=r":2: Configuration\.BasedOn=.*not based on this"):
+        IniFile(path)
+
+
+def write_chain(folder: Path, num_bases: int) -> Path:
+    """File 0, based on file 1 and so on; each has the key K of its number."""
+    for n in range(num_bases + 1):
+        based_on = (f"BasedOn={n + 1}.ini",) if n < num_bases else ()
+        write_file(folder, f"{n}.ini", "[Configuration]", *based_on, "[A]", f"K{n}={n}", f"K={n}")
+    return folder / "0.ini"
+
+
+def test_file_based_on_as_many_files_as_allowed_has_the_keys_of_all(tmp_path: Path) -> None:
+    section = IniFile(write_chain(tmp_path, MAX_BASE_FILES)).get_section("A")
+    assert [section.get_int(f"K{n}") for n in range(17)] == list(range(17))
+    assert section.get_int("K") == 0
+
+
+@pytest.mark.parametrize("num_bases", [MAX_BASE_FILES + 1, 1000])
+def test_file_based_on_more_files_is_rejected_at_the_last_allowed(
+    tmp_path: Path, num_bases: int
+) -> None:
+    path = write_chain(tmp_path, num_bases)
+    with pytest.raises(ConfigError, match=r"16\.ini:2: .*BasedOn.*at most 16 files"):
         IniFile(path)
 
 

@@ -9,7 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from catoptra_protocol.errors import ConfigError
+from catoptra_server.config import unreal_ini
 from catoptra_server.config.unreal_ini import (
+    MAX_FILE_LINES,
+    Section,
     parse_sections,
     parse_struct,
     read_sections,
@@ -145,14 +148,41 @@ def test_file_when_not_utf_8_names_the_line_of_the_byte(tmp_path: Path) -> None:
 def test_file_when_of_5_mb_is_rejected_unread(tmp_path: Path) -> None:
     path = tmp_path / "x.ini"
     path.write_bytes(b";" * 5_000_000)
-    with pytest.raises(ConfigError, match=r"5000000 bytes.*at most 4 MiB"):
+    with pytest.raises(ConfigError, match="an ini file of at most 4194304 bytes"):
         read_sections(path)
 
 
 @pytest.mark.parametrize("name", ["missing.ini", ".", "a\0b"])
 def test_file_when_unreadable_is_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match="a readable ini file"):
+    with pytest.raises(ConfigError, match="an ini file that can be read"):
         read_sections(tmp_path / name)
+
+
+def test_section_of_2000_lines_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def make_section(*arguments: object) -> Section:
+        made.append(arguments)
+        return Section(*arguments)  # type: ignore[arg-type] # as given by the module
+
+    monkeypatch.setattr(unreal_ini, "Section", make_section)
+    (section,) = parse_sections("[A]\n" + 2000 * "K=1\n", file="x.ini")
+    assert len(section.entries) == 2000
+    # A section that is copied for each line takes time with the square of its length.
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\n\n  "])
+def test_text_of_just_the_largest_number_of_lines_is_read(end: str) -> None:
+    lines = ["[A]", *(MAX_FILE_LINES - 1) * ["K=1"]]
+    (section,) = parse_sections("\n".join(lines) + end, file="x.ini")
+    assert len(section.entries) == MAX_FILE_LINES - 1
+
+
+def test_text_of_more_lines_is_rejected_at_the_next() -> None:
+    lines = ["[A]", *MAX_FILE_LINES * ["K=1"]]
+    with pytest.raises(ConfigError, match=r"x\.ini:65537: .*at most 65536 lines"):
+        parse_sections("\n".join(lines), file="x.ini")
 
 
 def keys_or_error(text: str) -> tuple[list[str], ConfigError | None]:

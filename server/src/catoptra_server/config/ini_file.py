@@ -8,27 +8,29 @@ from catoptra_protocol.errors import SourceLocation
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.unreal_ini import Entry, Section, read_sections
 
+# Robots of UDK are five files deep. Each further file is read at start as a whole.
+MAX_BASE_FILES = 16
+
+_Sections = dict[str, SectionReader]  # by lower-case name
+
 
 class IniFile:
     """Sections of a file and of the files it is based on, merged by name regardless of case."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._sections: dict[str, SectionReader] = {}
-        self._load(path, ancestors=())
+        """Read the file and the files it is based on ([Configuration] BasedOn=, as in UDK).
 
-    def _load(self, path: Path, ancestors: tuple[Path, ...]) -> None:
-        """Load the base file ([Configuration] BasedOn=, as in UDK), then apply this file to it."""
-        sections = _merge_sections(read_sections(path))
-        configuration = sections.get("configuration")
-        if configuration is not None and configuration.has_key("BasedOn"):
-            base = configuration.get_path("BasedOn", path.parent)
-            # Resolved, since a link or a relative path would hide a cycle.
-            if base.resolve() in ancestors or base.resolve() == path.resolve():
-                raise configuration.make_error(
-                    "BasedOn", expected="a file that is not based on this"
-                )
-            self._load(base, (*ancestors, path.resolve()))
+        Raises:
+            ConfigError: for an unreadable file, a line outside the grammar, files that are based on
+                each other, or more than MAX_BASE_FILES of them.
+        """
+        self.path = path
+        self._sections: _Sections = {}
+        # Bases first: each file overrides those it is based on.
+        for sections in reversed(_read_chain(path)):
+            self._apply(sections)
+
+    def _apply(self, sections: _Sections) -> None:
         for key, settings in sections.items():
             if key in self._sections:
                 self._sections[key].apply_overrides(settings)
@@ -61,8 +63,26 @@ class IniFile:
         ]
 
 
-def _merge_sections(sections: tuple[Section, ...]) -> dict[str, SectionReader]:
-    merged: dict[str, SectionReader] = {}
+def _read_chain(path: Path) -> list[_Sections]:
+    """Sections of a file, then those of each file that the one before is based on."""
+    chain = [_merge_sections(read_sections(path))]
+    # Resolved, since a link or a relative path would hide a cycle.
+    seen = {path.resolve()}
+    while (configuration := chain[-1].get("configuration")) and configuration.has_key("BasedOn"):
+        path = configuration.get_path("BasedOn", path.parent)
+        if path.resolve() in seen:
+            raise configuration.make_error("BasedOn", expected="a file that is not based on this")
+        if len(chain) > MAX_BASE_FILES:
+            raise configuration.make_error(
+                "BasedOn", expected=f"at most {MAX_BASE_FILES} files, each based on the next"
+            )
+        seen.add(path.resolve())
+        chain.append(_merge_sections(read_sections(path)))
+    return chain
+
+
+def _merge_sections(sections: tuple[Section, ...]) -> _Sections:
+    merged: _Sections = {}
     for section in sections:
         # A section may occur twice in Unreal's grammar: the lines of both form one.
         known = merged.get(section.name.lower())

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
 from catoptra_protocol.limits import MAX_NAME_CHARS
+from catoptra_server.config.entry_list import EntryList
 from catoptra_server.config.unreal_ini import Entry, parse_struct, unquote
 
 Vector = tuple[float, float, float]
@@ -32,7 +33,7 @@ class SectionReader:
         # The lines as written: a derived section is replayed line by line over its base, operators
         # included, which the resulting values alone would no longer show.
         self._lines: list[Entry] = []
-        self._entries: dict[str, list[Entry]] = {}
+        self._entries: dict[str, EntryList] = {}
         # Parsed once, so that all readers of a struct record their keys in the same object.
         self._structs: dict[str, list[SectionReader]] = {}
         self._used_keys: set[str] = set()
@@ -42,16 +43,7 @@ class SectionReader:
     def apply(self, entry: Entry) -> None:
         """Apply a line: a repeated key and . append, + appends if new, - removes, ! clears."""
         self._lines.append(entry)
-        values = self._entries.setdefault(entry.key.lower(), [])
-        match entry.operator:
-            case "!":
-                values.clear()
-            case "-":
-                values[:] = [v for v in values if v.value != entry.value]
-            case "+" if any(v.value == entry.value for v in values):
-                pass
-            case _:
-                values.append(entry)
+        self._entries.setdefault(entry.key.lower(), EntryList()).apply(entry)
 
     def apply_overrides(self, derived: SectionReader) -> None:
         """Apply a derived section: plain keys replace this one's, + . - ! lines modify them."""
@@ -97,11 +89,11 @@ class SectionReader:
                 value="",
                 expected=f"{expected}; it is missing",
             )
-        return entries[-1]
+        return entries.last
 
-    def _use_entries(self, key: str) -> list[Entry]:
+    def _use_entries(self, key: str) -> EntryList:
         self._used_keys.add(key.lower())
-        return self._entries.get(key.lower(), [])
+        return self._entries.get(key.lower(), EntryList())
 
     def get_str(self, key: str, default: str | None = None) -> str:
         """Text without quotes or class'...'; a missing key without a default is a ConfigError."""
@@ -231,8 +223,8 @@ class SectionReader:
             expected: an acceptable value, as a phrase.
         """
         entries = self._use_entries(key)
-        where = entries[-1].where if entries else self.where
-        value = entries[-1].value if entries else ""
+        where = entries.last.where if entries else self.where
+        value = entries.last.value if entries else ""
         return ConfigError(where, key=f"{self.name}.{key}", value=value, expected=expected)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from catoptra_protocol.errors import ConfigError, SourceLocation
+from catoptra_protocol.text_files import read_text_file
 
 _OPERATORS = "+.-!"
 # Not str.splitlines, which also ends a line at form feeds and U+2028: the line numbers of error
@@ -22,6 +23,9 @@ _LINE_END = re.compile(r"\r\n|\r|\n")
 # The largest real file, UT2004's, has 60 kB. The limit keeps a mistaken path, such as a mesh's or a
 # video's, from being read into memory.
 _MAX_FILE_BYTES = 4 * 1024 * 1024
+# The largest real file has 1500 lines. A line takes up to 350 bytes as an entry, so that a file
+# takes 23 MB at most, and 16 files that are based on each other 370 MB.
+MAX_FILE_LINES = 2**16
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,47 +57,35 @@ def read_sections(path: Path) -> tuple[Section, ...]:
     Raises:
         ConfigError: for an unreadable or oversized file, or a line outside the grammar.
     """
-    where = SourceLocation(str(path))
-    try:
-        size = path.stat().st_size
-        # Checked before reading: sizes are limited before memory is taken.
-        data = path.read_bytes() if size <= _MAX_FILE_BYTES else None
-    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
-        raise ConfigError(
-            where, key="file", value=str(path), expected=f"a readable ini file ({error})"
-        ) from error
-    if data is None:
-        raise ConfigError(where, key="file", value=f"{size} bytes", expected="at most 4 MiB")
-    return parse_sections(_decode(data, file=str(path)), file=str(path))
-
-
-def _decode(data: bytes, *, file: str) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        where = SourceLocation(file, data.count(b"\n", 0, error.start) + 1)
-        byte = repr(data[error.start : error.end])
-        raise ConfigError(where, key="file", value=byte, expected="UTF-8 text") from error
+    text = read_text_file(path, kind="an ini file", max_bytes=_MAX_FILE_BYTES)
+    return parse_sections(text, file=str(path))
 
 
 def parse_sections(text: str, *, file: str) -> tuple[Section, ...]:
-    """Sections of ini text; `file` is the name for error messages."""
-    sections: list[Section] = []
-    entries: list[Entry] = []
-    for number, raw in enumerate(_LINE_END.split(text), 1):
+    """Sections of ini text; `file` is the name for error messages.
+
+    Raises:
+        ConfigError: for a line outside the grammar, or more than MAX_FILE_LINES lines.
+    """
+    # Name, location and entries of each section; a section without entries counts, since
+    # [..MultiView] is a switch.
+    found: list[tuple[str, SourceLocation, list[Entry]]] = []
+    # One split beyond the limit: the rest of an oversized text stays one string.
+    for number, raw in enumerate(_LINE_END.split(text, MAX_FILE_LINES), 1):
         where, line = SourceLocation(file, number), strip_comment(raw).strip()
+        if number > MAX_FILE_LINES and raw.strip():
+            raise ConfigError(
+                where, key="file", value="further lines", expected=f"at most {MAX_FILE_LINES} lines"
+            )
         if not line:
             continue
         if line.startswith("["):
-            # Appended at once, since a section without entries counts: [..MultiView] is a switch.
-            entries = []
-            sections.append(_parse_section(line, where, entries))
-        elif not sections:
+            found.append((_parse_section_name(line, where), where, []))
+        elif not found:
             raise ConfigError(where, key="line", value=line, expected="a [Package.Class] first")
         else:
-            entries.append(_parse_entry(line, where))
-            sections[-1] = Section(sections[-1].name, sections[-1].where, tuple(entries))
-    return tuple(sections)
+            found[-1][2].append(_parse_entry(line, where))
+    return tuple(Section(name, where, tuple(entries)) for name, where, entries in found)
 
 
 def strip_comment(line: str) -> str:
@@ -107,11 +99,11 @@ def strip_comment(line: str) -> str:
     return line
 
 
-def _parse_section(line: str, where: SourceLocation, entries: list[Entry]) -> Section:
+def _parse_section_name(line: str, where: SourceLocation) -> str:
     name = line[1:-1].strip()
     if not line.endswith("]") or not name:
         raise ConfigError(where, key="section", value=line, expected="[Package.Class]")
-    return Section(name, where, tuple(entries))
+    return name
 
 
 def _parse_entry(line: str, where: SourceLocation) -> Entry:
