@@ -66,8 +66,8 @@ fuzz: $(READY) ## Feed the parsers a million malformed inputs, and send garbage 
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_parsers --cases 1000000 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m conformance.fuzz_server --seconds 30 --seed 1
 
-soak: $(READY) ## Load test: 64 robots and 36 viewers on one server for ten minutes; writes out/soak/report.md
-	$(BIN)/python tests/load/run.py
+soak: $(READY) ## Attack a server for ten minutes beside honest clients, after a control run; writes out/soak: [SECONDS=600]
+	$(BIN)/python tests/load/run.py $(if $(SECONDS),--seconds $(SECONDS))
 
 wheels: $(READY) ## Build the four distributions into out/wheels, and test them in virtual environments
 	rm -rf out/wheels protocol/build server/build client/build studies/build

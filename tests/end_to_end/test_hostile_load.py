@@ -1,0 +1,25 @@
+"""Twenty seconds of all attacks at once beside an honest robot and two honest viewers.
+
+A file of its own, so that its control run and its attack share the machine with the same tests.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from load.attacks import SOAK_ATTACKS
+from load.soak import run_load
+from load.soak_limits import SoakLimits, evaluate_soak
+
+_CONTROL_S = 5.0
+_ATTACK_S = 20.0
+# Other tests take the processors meanwhile: three times the limits of `make soak`.
+_LIMITS = SoakLimits().relax(3.0)
+
+
+def test_honest_clients_under_attack_keep_a_third_of_the_required_service(tmp_path: Path) -> None:
+    control = asyncio.run(run_load(tmp_path / "control", _CONTROL_S))
+    attacked = asyncio.run(run_load(tmp_path / "attacked", _ATTACK_S, attacks=SOAK_ATTACKS))
+    results = evaluate_soak(control, attacked, _LIMITS, num_attacks=len(SOAK_ATTACKS))
+    assert not [result for result in results if not result.is_met]

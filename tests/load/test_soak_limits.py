@@ -1,0 +1,73 @@
+"""Requirements of the soak: met by an undisturbed run, each missed by a run with one fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from load.attacker_process import AttackerLoad
+from load.process_sample import ProcessSample
+from load.soak import LoadResult
+from load.soak_limits import SoakLimits, evaluate_soak
+
+_SAMPLE = ProcessSample(0.0, 100.0, 20.0, 10.0)
+UNDISTURBED = LoadResult(
+    duration_s=60.0,
+    late_fraction=0.0,
+    longest_gap_s=0.22,
+    rates_hz={"image port": 20.0, "stream": 18.0},
+    settled=_SAMPLE,
+    final=_SAMPLE,
+    stop_s=0.2,
+    faults=(),
+    attackers=AttackerLoad(3, 50.0),
+    samples=(),
+)
+
+
+def find_missed(attacked: LoadResult, *, relaxed_by: float = 1.0) -> list[str]:
+    """Requirements that a run under three attacks misses."""
+    results = evaluate_soak(UNDISTURBED, attacked, SoakLimits().relax(relaxed_by), num_attacks=3)
+    return [result.requirement for result in results if not result.is_met]
+
+
+def test_undisturbed_run_misses_nothing() -> None:
+    assert not find_missed(UNDISTURBED)
+
+
+@pytest.mark.parametrize(
+    ("fault", "requirement"),
+    [
+        ({"late_fraction": 0.06}, "of the reports are over 20 % late"),
+        ({"longest_gap_s": 1.3}, "no report is over 1 s later"),
+        ({"rates_hz": {"image port": 9.0, "stream": 18.0}}, "viewer of the image port"),
+        ({"rates_hz": {"image port": 20.0, "stream": 8.0}}, "viewer of the stream"),
+        ({"final": replace(_SAMPLE, resident_mb=106.0)}, "resident_mb grows"),
+        ({"final": replace(_SAMPLE, descriptors=22.0)}, "descriptors grows"),
+        ({"final": replace(_SAMPLE, threads=11.0)}, "threads grows"),
+        ({"stop_s": 1.1}, "within 1 s of SIGTERM"),
+        ({"stop_s": float("inf")}, "within 1 s of SIGTERM"),
+        ({"faults": ("robot: gone",)}, "no honest client"),
+        ({"attackers": AttackerLoad(2, 50.0)}, "3 attackers run"),
+        ({"attackers": AttackerLoad(3, 0.0)}, "3 attackers run"),
+        ({"attackers": AttackerLoad(3, 90.0)}, "3 attackers run"),
+    ],
+)
+def test_run_with_a_fault_misses_its_requirement(
+    fault: dict[str, object], requirement: str
+) -> None:
+    (missed,) = find_missed(replace(UNDISTURBED, **fault))
+    assert requirement in missed
+
+
+def test_limits_when_relaxed_admit_three_times_the_disturbance() -> None:
+    disturbed = replace(
+        UNDISTURBED,
+        late_fraction=0.14,
+        longest_gap_s=3.1,
+        rates_hz={"image port": 3.4, "stream": 3.1},
+        final=replace(_SAMPLE, resident_mb=114.0),
+        stop_s=2.9,
+    )
+    assert not find_missed(disturbed, relaxed_by=3.0)
