@@ -3,17 +3,23 @@
 The parent holds the other end of standard input, a pipe, and writes nothing to it. The pipe closes
 when the parent closes it or ends, by whatever signal, and the server then ends at once. No timer is
 involved: a slow machine cannot end a healthy server, and a killed test run leaves none behind.
+
+With `--report-modules FILE` before the server's arguments, the server writes at its end the names
+of the modules that it loaded after its ports listened, as a JSON list.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import threading
+from pathlib import Path
 
 from catoptra_server.__main__ import main
 
 EXIT_PARENT_GONE = 70
+REPORT_OPTION = "--report-modules"
 
 
 def _exit_with_parent() -> None:
@@ -24,6 +30,38 @@ def _exit_with_parent() -> None:
     os._exit(EXIT_PARENT_GONE)
 
 
+def _serve_and_report_modules(report: Path, arguments: list[str]) -> int:
+    from catoptra_server import cli
+    from catoptra_server.app import ListeningAddress
+
+    loaded: list[str] | None = None
+    announce = cli._print_addresses
+
+    def record(event: str, details: tuple[object, ...]) -> None:
+        if event == "import" and loaded is not None:
+            loaded.append(str(details[0]))
+
+    def announce_and_record(address: ListeningAddress) -> None:
+        nonlocal loaded
+        loaded = []
+        announce(address)
+
+    cli._print_addresses = announce_and_record
+    # The event occurs for modules that are not loaded yet, also where none is found.
+    sys.addaudithook(record)
+    status = main(arguments)
+    report.write_text(json.dumps(loaded))
+    return status
+
+
+def _serve(arguments: list[str]) -> int:
+    match arguments:
+        case [option, report, *rest] if option == REPORT_OPTION:
+            return _serve_and_report_modules(Path(report), rest)
+        case _:
+            return main(arguments)
+
+
 if __name__ == "__main__":
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(_serve(sys.argv[1:]))

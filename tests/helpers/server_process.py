@@ -78,6 +78,7 @@ def start_server(
     *arguments: str,
     robot: Path | None = None,
     world: Path = FIELD,
+    report_modules: Path | None = None,
 ) -> Iterator[RunningServer]:
     """Serve with a small camera for the length of a block.
 
@@ -86,9 +87,13 @@ def start_server(
         arguments: further options of the command line.
         robot: the robot file; without one, that of `write_small_robot`.
         world: the world file.
+        report_modules: receives a JSON list of the modules that the server loads once it listens,
+            at its end.
     """
     command = [
-        *(sys.executable, "-P", str(CHILD_SERVER), "--world", str(world)),
+        *(sys.executable, "-P", str(CHILD_SERVER)),
+        *(("--report-modules", str(report_modules)) if report_modules else ()),
+        *("--world", str(world)),
         *("--robot", str(robot or write_small_robot(folder))),
         *("--control-port", "0", "--image-port", "0"),
         *("--renderer", "trace", "--threads", "1", *arguments),

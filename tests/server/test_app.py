@@ -15,7 +15,8 @@ from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.server_file import ServerOptions
 from catoptra_server.planning.renderer_choice import RendererChoice
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.simulation import ClockMode
+from catoptra_server.simulation import ClockMode, Simulation
+from catoptra_server.worker_thread import ThreadFailedError
 from helpers.configs import Edit, write_edited_copy, write_small_world
 from helpers.deadline import Deadline
 from helpers.loopback import DEADLINE_S, HOST, run_scenario
@@ -67,11 +68,6 @@ def test_server_when_stopped_ends_also_with_clients_connected(
     run_scenario(serve_for(make_options(tmp_path, clock=clock), visit))
 
 
-class _FailingView(FakeView):
-    def render(self, camera_state: object) -> object:  # type: ignore[override] # never returns
-        raise DomainError("the lamp is broken")
-
-
 class _FakeRenderer:
     """A renderer of one view, which records its end."""
 
@@ -96,21 +92,21 @@ def use_renderer(monkeypatch: pytest.MonkeyPatch, view: FakeView) -> _FakeRender
     return renderer
 
 
-def test_server_when_its_renderer_fails_ends_with_the_error(
+def test_server_when_a_thread_fails_ends_with_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
-        _, controller = await asyncio.open_connection(HOST, address.control_port)
-        controller.write(b"INIT {ClassName OmniP2AT} {Location 0,0,0}\r\n")
-        viewer, requests = await asyncio.open_connection(HOST, address.image_port)
-        requests.write(b"OK")
-        while await viewer.read(100):
-            requests.write(b"OK")  # black frames until the robot is spawned
-        requests.close()
-        controller.close()
+    def fail(_: Simulation, on_ready: Callable[[], None]) -> None:
+        on_ready()
+        raise ZeroDivisionError("the clock stands still")
 
-    renderer = use_renderer(monkeypatch, _FailingView())
-    with pytest.raises(DomainError, match="the lamp is broken"):
+    async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
+        await stop.wait()
+
+    renderer = use_renderer(monkeypatch, FakeView())
+    monkeypatch.setattr(Simulation, "run", fail)
+    with pytest.raises(
+        ThreadFailedError, match=r"simulation thread failed: .*the clock stands still"
+    ):
         run_scenario(serve_for(make_options(tmp_path), visit))
     assert renderer.closed
 

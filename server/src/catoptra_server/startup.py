@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +21,9 @@ from catoptra_server.sensors import casts_rays
 from catoptra_server.sensors.sensor_environment import RayCaster
 
 log = logging.getLogger(__name__)
+
+# NumPy imports these at their first use; `ma` in its own `unique`.
+_LAZY_NUMPY_MODULES = ("numpy.ma", "numpy.polynomial", "numpy.random")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +65,19 @@ def read_startup_config(
         _warn_unknown_keys(file)
     descriptions = tuple(description for robot, _ in contents for description in robot)
     return StartupConfig(descriptions, world_description, build_scene(world_description), options)
+
+
+def load_request_modules() -> None:
+    """Load the modules that a request may need and that no start imports.
+
+    An import opens files: with all file descriptors taken by connections, the first request that
+    needs the module would fail. tests/end_to_end/test_loaded_modules.py finds modules that lack.
+    """
+    for name in _LAZY_NUMPY_MODULES:
+        importlib.import_module(name)
+    # For the rays of GetLandmarks and of sensors; a server without them runs without embree.
+    with suppress(ImportError):
+        importlib.import_module("catoptra_server.render.trace.ray_caster")
 
 
 def _read_server_file(path: Path) -> IniFile:
