@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from catoptra_protocol.optics.cube_map import MIRROR_FROM_FACE_ROTATIONS, Face
 from catoptra_protocol.optics.lenses import PerspectiveCamera
 from catoptra_protocol.optics.omni_camera import direction_from_pixel, pixel_sample_positions
 from catoptra_server.render.renderer import FaceCamera
+from catoptra_server.render.trace import ray_samples
 from catoptra_server.render.trace.ray_samples import face_rays, lens_rays, omni_rays
+from catoptra_server.robot.render_settings import PerPixel
 from catoptra_server.scene.mirror_mesh import tessellation_from_polygon_count
 from helpers.worlds import make_omni_camera, make_plan
 
@@ -65,3 +69,32 @@ def test_rays_of_a_lens_are_the_lens_model_s_at_every_pixel() -> None:
     expected, _ = camera.direction_from_pixel(pixel_sample_positions(camera, 2))
     np.testing.assert_allclose(rays.directions, expected.reshape(-1, 3), atol=1e-7)  # float32
     assert rays.on_mirror.all()
+
+
+@pytest.mark.parametrize("polygons", [None, 64])
+@pytest.mark.parametrize("samples", [1, 3])
+def test_rays_when_computed_in_batches_are_those_of_one_batch(
+    monkeypatch: pytest.MonkeyPatch, samples: int, polygons: int | None
+) -> None:
+    surface = tessellation_from_polygon_count(polygons) if polygons else PerPixel()
+    plan = make_plan(CAMERA, surface, samples=samples)
+    whole = omni_rays(CAMERA, plan)
+    # Three rows a batch: 40 rows leave a batch of one.
+    monkeypatch.setattr(ray_samples, "_SAMPLES_PER_BATCH", 3 * 40 * samples**2)
+    rays = omni_rays(CAMERA, plan)
+    assert rays.height_px == 40
+    assert rays.directions.tobytes() == whole.directions.tobytes()
+    np.testing.assert_array_equal(rays.pixels, whole.pixels)
+    np.testing.assert_array_equal(rays.on_mirror, whole.on_mirror)
+
+
+def test_rays_of_two_million_samples_take_half_as_much_memory_as_their_float64_form() -> None:
+    camera = make_omni_camera(width_px=720)
+    tracemalloc.start()
+    try:
+        omni_rays(camera, make_plan(camera, samples=2))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # 24 bytes each for positions and directions alone, in float64; all at once took 269 MB.
+    assert peak < 60 * 720 * 720 * 4

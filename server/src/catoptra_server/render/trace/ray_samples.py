@@ -5,7 +5,9 @@ Computed once per view in float64, from the camera model or from the mirror mesh
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,7 @@ import numpy.typing as npt
 from catoptra_protocol.optics.lenses import Lens
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import (
+    ImageSize,
     OmniCamera,
     direction_from_pixel,
     pixel_sample_positions,
@@ -21,6 +24,10 @@ from catoptra_server.render.render_plan import RenderPlan
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.mirror_mesh_rays import mirror_mesh_directions
 from catoptra_server.robot.render_settings import PerPixel
+
+# Float64 directions and what they are computed from take 130 bytes a sample, the result 13: a batch
+# takes 70 MB, where a whole image of 8192 px took 8 GB.
+_SAMPLES_PER_BATCH = 2**19
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,21 +61,24 @@ class RaySamples:
 
 def omni_rays(camera: OmniCamera, plan: RenderPlan) -> RaySamples:
     """Rays of an omnidirectional camera, by the camera model or by the plan's mirror mesh."""
-    grid = pixel_sample_positions(camera, plan.samples)
     if isinstance(plan.surface, PerPixel):
-        directions, valid = direction_from_pixel(camera, grid)
-    else:
-        directions, valid = mirror_mesh_directions(camera, plan.surface, grid)
-    return _make_samples(directions, valid)
+        return _make_samples(camera, plan.samples, partial(direction_from_pixel, camera))
+    look_up = partial(mirror_mesh_directions, camera, plan.surface)
+    return _make_samples(camera, plan.samples, look_up)
 
 
 def lens_rays(camera: Lens, samples: int, mirror_from_camera: Floats | None = None) -> RaySamples:
     """Rays of a perspective camera, rotated by a (3, 3) rotation if there is one."""
-    directions, valid = camera.direction_from_pixel(pixel_sample_positions(camera, samples))
-    if mirror_from_camera is not None:
+
+    def look_up(pixels: Floats) -> tuple[Floats, Bools]:
+        directions, valid = camera.direction_from_pixel(pixels)
         # Rotated here, in float64, so that a face's rays need no rotation of their own per frame.
-        directions = directions @ mirror_from_camera.T
-    return _make_samples(directions, valid)
+        return (
+            directions if mirror_from_camera is None else directions @ mirror_from_camera.T,
+            valid,
+        )
+
+    return _make_samples(camera, samples, look_up)
 
 
 def face_rays(camera: FaceCamera, samples: int) -> RaySamples:
@@ -76,17 +86,47 @@ def face_rays(camera: FaceCamera, samples: int) -> RaySamples:
     return lens_rays(camera.perspective_camera, samples, camera.mirror_from_camera)
 
 
-def _make_samples(directions: Floats, valid: Bools) -> RaySamples:
-    """Samples of (h, w, per_pixel, 3) directions and (h, w, per_pixel) validity."""
-    height, width, per_pixel = valid.shape
-    # Pixels off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed rim.
-    pixels = np.flatnonzero(valid.any(axis=-1))
-    directions_of_pixels = directions.reshape(height * width, per_pixel, 3)[pixels]
+def _make_samples(
+    camera: ImageSize,
+    samples_per_side: int,
+    look_up: Callable[[Floats], tuple[Floats, Bools]],
+) -> RaySamples:
+    """Samples of an image, computed in batches of rows.
+
+    Args:
+        camera: size of the image.
+        samples_per_side: samples along a pixel's side.
+        look_up: (..., 3) directions of (..., 2) pixel positions, and their (...,) validity.
+    """
+    per_pixel = samples_per_side**2
+    num_pixels = camera.width_px * camera.height_px
+    # Zeros of the whole image, filled from the front: pages beyond the last valid pixel are never
+    # resident, and joining the batches would take twice the memory.
+    pixels = np.zeros(num_pixels, dtype=np.intp)
+    directions = np.zeros((num_pixels, per_pixel, 3), dtype=np.float32)
+    on_mirror = np.zeros((num_pixels, per_pixel), dtype=bool)
+    end = 0
+    for rows in _split_rows(camera, per_pixel):
+        found, valid = look_up(pixel_sample_positions(camera, samples_per_side, rows=rows))
+        found, valid = found.reshape(-1, per_pixel, 3), valid.reshape(-1, per_pixel)
+        # Pixels off the mirror stay black without a ray: 1 - pi/4 of a square image with inscribed
+        # rim.
+        shown = np.flatnonzero(valid.any(axis=-1))
+        batch = slice(end, end := end + len(shown))
+        pixels[batch] = shown + rows.start * camera.width_px
+        directions[batch], on_mirror[batch] = found[shown], valid[shown]
     return RaySamples(
-        width_px=width,
-        height_px=height,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
         samples_per_pixel=per_pixel,
-        pixels=pixels,
-        directions=np.ascontiguousarray(directions_of_pixels.reshape(-1, 3), dtype=np.float32),
-        on_mirror=valid.reshape(height * width, per_pixel)[pixels].reshape(-1),
+        pixels=pixels[:end],
+        directions=directions[:end].reshape(-1, 3),
+        on_mirror=on_mirror[:end].reshape(-1),
     )
+
+
+def _split_rows(camera: ImageSize, samples_per_pixel: int) -> Iterator[range]:
+    """Yield the rows of an image in batches of at most _SAMPLES_PER_BATCH samples."""
+    num_rows = max(1, _SAMPLES_PER_BATCH // (camera.width_px * samples_per_pixel))
+    for first in range(0, camera.height_px, num_rows):
+        yield range(first, min(first + num_rows, camera.height_px))
