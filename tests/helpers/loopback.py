@@ -10,9 +10,10 @@ from __future__ import annotations
 import asyncio
 import linecache
 import socket
+import struct
 from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
 
@@ -84,20 +85,30 @@ def listening_port(server: asyncio.Server) -> int:
     return port
 
 
-async def connect(server: asyncio.Server) -> Streams:
+class ListeningServer(Protocol):
+    """A server of this project."""
+
+    @property
+    def port(self) -> int:
+        """TCP port on which it listens."""
+
+
+async def connect(server: ListeningServer) -> Streams:
     """Connect to a server."""
-    return await asyncio.open_connection(HOST, listening_port(server))
+    return await asyncio.open_connection(HOST, server.port)
 
 
-async def connect_without_reading(server: asyncio.Server) -> socket.socket:
+async def connect_without_reading(server: ListeningServer) -> socket.socket:
     """Connect with a socket that reads nothing and has a small receive buffer."""
     end = socket.socket()
     end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER_BYTES)
     end.setblocking(False)
-    await asyncio.get_running_loop().sock_connect(end, (HOST, listening_port(server)))
+    await asyncio.get_running_loop().sock_connect(end, (HOST, server.port))
     return end
 
 
 def abort(writer: asyncio.StreamWriter) -> None:
-    """Reset a connection, as the kernel does for a killed process."""
+    """Reset a connection, as the kernel does for a killed process with unread bytes."""
+    end = writer.get_extra_info("socket")
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     writer.transport.abort()

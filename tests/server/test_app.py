@@ -170,6 +170,9 @@ def test_controllers_beyond_the_maximum_are_rejected_until_one_disconnects(tmp_p
     async def visit(address: ListeningAddress, stop: asyncio.Event) -> None:
         first = await asyncio.open_connection(HOST, address.control_port)
         assert (await first[0].readline()).startswith(b"NFO ")
+        # Without a command it would make room for the second.
+        first[1].write(b"GETSTARTPOSES\r\n")
+        assert (await first[0].readline()).startswith(b"NFO {StartPoses")
         second = await asyncio.open_connection(HOST, address.control_port)
         assert await second[0].read() == b""
         first[1].close()

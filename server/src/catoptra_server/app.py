@@ -29,14 +29,22 @@ from catoptra_server.planning.cost_cache import CostCache, default_cache_folder
 from catoptra_server.planning.explicit_plan import requested_samples
 from catoptra_server.planning.render_planner import RenderPlanner
 from catoptra_server.planning.renderer_choice import choose_renderer
+from catoptra_server.planning.renderer_pool import RendererPool
 from catoptra_server.robot.planar_pose import PlanarPose
 from catoptra_server.simulation import ClockMode, Fleet, Simulation, SimulationEvent, StopRequested
-from catoptra_server.startup import StartupConfig, create_ray_caster, read_startup_config
+from catoptra_server.startup import (
+    StartupConfig,
+    create_ray_caster,
+    load_request_modules,
+    read_startup_config,
+)
+from catoptra_server.transports.connection_budget import fit_connections
 from catoptra_server.transports.network_exposure import warn_of_exposure
 from catoptra_server.transports.stream.server_info import build_server_info
 from catoptra_server.transports.stream.stream_server import StreamServer, serve_stream
 from catoptra_server.transports.tcp_control import serve_control
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
+from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer
 from catoptra_server.worker_thread import WorkerThread
 
 log = logging.getLogger(__name__)
@@ -108,6 +116,7 @@ async def serve(
     startup = await asyncio.to_thread(
         read_startup_config, options.robot_files, options.world_file, options.server_file
     )
+    await asyncio.to_thread(load_request_modules)
     server = _ServerProcess(_apply_accuracy_target(startup, options), options, on_failure=stop.set)
     async with server.run():
         await _open_ports(server, announce, stop)
@@ -123,35 +132,44 @@ async def _open_ports(
         control = await open_ports.enter_async_context(_serve_control_port(server))
         image_port = None
         if server.settings.has_images:
-            image_port = _bound_port(
-                await open_ports.enter_async_context(_serve_image_port(server))
-            )
+            images = await open_ports.enter_async_context(_serve_image_port(server))
+            image_port = images.port
         stream = await open_ports.enter_async_context(_serve_stream_port(server))
         # After the last port: a program that reads the line may connect to any of them at once.
-        announce(ListeningAddress(host, _bound_port(control), image_port, stream.port))
+        announce(ListeningAddress(host, control.port, image_port, stream.port))
         await stop.wait()
         log.info("stopping")
 
 
-def _serve_control_port(server: _ServerProcess) -> AbstractAsyncContextManager[asyncio.Server]:
+# Parts of the process's descriptors for control and image connections; the rest is the stream's.
+_TCP_DESCRIPTOR_SHARE = 0.25
+
+
+def _serve_control_port(server: _ServerProcess) -> AbstractAsyncContextManager[TcpServer]:
     return serve_control(
         server.options.host,
         server.settings.control_port,
         greeting=Greeting("BotDeathMatch", server.startup.world.name),
         dialect=server.options.dialect,
         post=server.simulation.post,
-        max_connections=server.settings.max_connections,
+        limits=_make_limits(server.settings, server.settings.max_connections, "control"),
     )
 
 
-def _serve_image_port(server: _ServerProcess) -> AbstractAsyncContextManager[asyncio.Server]:
+def _serve_image_port(server: _ServerProcess) -> AbstractAsyncContextManager[TcpServer]:
     settings = server.settings
     return serve_images(
         server.options.host,
         settings.image_port,
         mailboxes=server.mailboxes,
         options=ImageOptions(settings.image_type, settings.legacy_images, settings.multi_view),
+        limits=_make_limits(settings, settings.max_image_connections, "image"),
     )
+
+
+def _make_limits(settings: ServerSettings, max_connections: int, name: str) -> ConnectionLimits:
+    fitting = fit_connections(max_connections, share=_TCP_DESCRIPTOR_SHARE, name=name)
+    return ConnectionLimits(fitting, settings.handshake_timeout_s, settings.idle_timeout_s)
 
 
 def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[StreamServer]:
@@ -172,11 +190,6 @@ def _serve_stream_port(server: _ServerProcess) -> AbstractAsyncContextManager[St
         ),
         query_plan=server.render_thread.query_plan,
     )
-
-
-def _bound_port(server: asyncio.Server) -> int:
-    port: int = server.sockets[0].getsockname()[1]
-    return port
 
 
 class _ServerProcess:
@@ -258,7 +271,10 @@ class _ServerProcess:
         )
         log.info("%s", choice.renderer.describe())
         views = ViewCache(
-            RenderPlanner(choice, CostCache(default_cache_folder(), startup.scene)),
+            RenderPlanner(
+                RendererPool(choice, may_replace=options.clock is ClockMode.REALTIME),
+                CostCache(default_cache_folder(), startup.scene),
+            ),
             SceneSummarizer(startup.scene, startup.world),
             calibration_states=_make_calibration_states(startup),
             error_bounds=self.error_bounds,

@@ -17,7 +17,12 @@ from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.image_port import ImageType
 from catoptra_server.app import ListeningAddress, Options, serve
 from catoptra_server.config.bundled_files import FileKind, find_configuration
-from catoptra_server.config.server_file import MAX_FRAME_SKIP, ServerOptions
+from catoptra_server.config.server_file import (
+    MAX_CONNECTIONS,
+    MAX_FRAME_SKIP,
+    MAX_TIMEOUT_S,
+    ServerOptions,
+)
 from catoptra_server.descriptor_limit import raise_descriptor_limit
 from catoptra_server.frames.multi_view import TileLayout, multi_view_layout
 from catoptra_server.logs.log_writer import LogWriter, write_log
@@ -124,6 +129,14 @@ def _build_parser() -> argparse.ArgumentParser:
         help="RAW, SUPER, GOOD (default), NORMAL, FAIR or BAD")  # fmt: skip
     add("--legacy-images", action=argparse.BooleanOptionalAction,
         help="send one frame to a new viewer before its first request")  # fmt: skip
+    add("--max-connections", type=_parse_max_connections, metavar="N",
+        help="connections to each of control and image port (default 64)")  # fmt: skip
+    add("--handshake-timeout", dest="handshake_timeout_s", type=_parse_timeout, metavar="S",
+        help="seconds for the first command or request of a connection (default 300; 0 = no "
+        "limit)")  # fmt: skip
+    add("--idle-timeout", dest="idle_timeout_s", type=_parse_timeout, metavar="S",
+        help="seconds of silence of a viewer, or of a controller without a robot (default 600; "
+        "0 = no limit)")  # fmt: skip
     add("--frame-skip", type=_parse_frame_skip, metavar="N",
         help="the image port shows at most every N-th tick of 20 ms (default 1)")  # fmt: skip
     add("--multi-view", type=_parse_multi_view, metavar="COLUMNSxROWS:WIDTHxHEIGHT",
@@ -174,6 +187,8 @@ def _make_server_options(parsed: argparse.Namespace) -> ServerOptions:
     # argparse's destinations are the keys of ServerOptions; None marks an option that is absent.
     keys = ServerOptions.__annotations__
     given = {key: value for key, value in vars(parsed).items() if key in keys and value is not None}
+    if "max_connections" in given:
+        given["max_image_connections"] = given["max_connections"]
     # --image-port switches images on, even where a file has bEnableImageServer=false.
     return cast(ServerOptions, given | ({"has_images": True} if "image_port" in given else {}))
 
@@ -206,6 +221,21 @@ def _parse_non_negative(text: str) -> float:
     if not 0.0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f"a tolerance or a budget is 0 or more, not {text}")
     return value
+
+
+def _parse_max_connections(text: str) -> int:
+    number = int(text)
+    if not 1 <= number <= MAX_CONNECTIONS:
+        raise argparse.ArgumentTypeError(f"connections are 1 to {MAX_CONNECTIONS}, not {number}")
+    return number
+
+
+def _parse_timeout(text: str) -> float:
+    timeout_s = float(text)
+    # The comparison is false for NaN, which float() accepts.
+    if not 0.0 <= timeout_s <= MAX_TIMEOUT_S:
+        raise argparse.ArgumentTypeError(f"a time-out is 0 to {MAX_TIMEOUT_S:g} s, not {text}")
+    return timeout_s
 
 
 def _parse_frame_skip(text: str) -> int:

@@ -59,6 +59,18 @@ def test_options_when_of_udk_s_own_sections_are_complete(tmp_path: Path) -> None
     assert not file.unknown_entries()
 
 
+def test_limits_of_connections_are_read(tmp_path: Path) -> None:
+    text = (
+        "[USARBotAPI.BotServer]\nMaxConnections=8\nHandshakeTimeout=60\nIdleTimeout=0\n"
+        "[USARBotAPI.UPISImageServer]\nMaxConnections=16\n"
+    )
+    file = write_file(tmp_path, text)
+    settings = resolve_settings(read_server_options(file))
+    assert (settings.max_connections, settings.max_image_connections) == (8, 16)
+    assert (settings.handshake_timeout_s, settings.idle_timeout_s) == (60.0, 0.0)
+    assert not file.unknown_entries()
+
+
 def test_options_when_a_file_has_no_such_section_are_empty(tmp_path: Path) -> None:
     assert read_server_options(write_file(tmp_path, "[USARBot.P2AT]\n")) == ServerOptions()
 
@@ -80,7 +92,10 @@ def test_image_type_when_a_tag_a_number_or_empty_is_read(
     [
         ("BotServer", "ListenPort=65536", "a whole number from 0 to 65535"),
         ("BotServer", "ListenPort=", "a whole number"),
-        ("BotServer", "MaxConnections=0", "a whole number of at least 1"),
+        ("BotServer", "MaxConnections=0", "a whole number from 1 to 4096"),
+        ("BotServer", "HandshakeTimeout=-1", "from 0"),
+        ("BotServer", "IdleTimeout=600000", "to 86400"),
+        ("UPISImageServer", "MaxConnections=5000", "a whole number from 1 to 4096"),
         ("UPISImageServer", "FrameSkip=0", "a whole number from 1"),
         ("UPISImageServer", "ImageType=PNG", "RAW, SUPER, GOOD"),
         ("UPISImageServer", "LegacyMode=perhaps", "true or false"),

@@ -8,17 +8,29 @@ import threading
 import numpy as np
 import pytest
 
-from catoptra_protocol.usarsim.commands import Drive, GetConf, Init, Step
+from catoptra_protocol.usarsim.commands import Drive, GetConf, Init
 from catoptra_protocol.usarsim.dialect import Dialect
 from catoptra_protocol.usarsim.reports import (
     CommandResult,
     Configuration,
     Greeting,
+    StartPoses,
     VehicleStatus,
     line_from_report,
 )
-from catoptra_server.simulation import Client, ClientDisconnected, CommandReceived, SimulationEvent
+from catoptra_server.simulation import (
+    Client,
+    ClientDisconnected,
+    CommandReceived,
+    ResetRequested,
+    SimulationEvent,
+    StepRequested,
+    StepResult,
+)
+from catoptra_server.transports import tcp_control
 from catoptra_server.transports.tcp_control import serve_control
+from catoptra_server.transports.tcp_server import ConnectionLimits
+from helpers.legacy_sockets import reset_connection
 from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
 
 GREETING = Greeting("BotDeathMatch", "field")
@@ -29,11 +41,18 @@ INIT = b"INIT {ClassName P2AT} {Location 0,0,0}\r\n"
 class PostRecorder:
     """Records events, and lets a scenario wait for the next one."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_room: bool = True) -> None:
+        self.has_room = has_room
         self._events: asyncio.Queue[SimulationEvent] = asyncio.Queue()
 
-    def __call__(self, event: SimulationEvent) -> None:
+    def __call__(self, event: SimulationEvent) -> bool:
         self._events.put_nowait(event)
+        return self.has_room
+
+    @property
+    def num_waiting(self) -> int:
+        """Number of events that no scenario has taken."""
+        return self._events.qsize()
 
     async def wait_for_event(self) -> SimulationEvent:
         return await self._events.get()
@@ -43,6 +62,12 @@ class PostRecorder:
         event = await self.wait_for_event()
         assert isinstance(event, CommandReceived)
         return event.client
+
+
+async def let_loop_run() -> None:
+    """Give all callbacks that are due their turn."""
+    for _ in range(20):
+        await asyncio.sleep(0)
 
 
 async def read_greeting(reader: asyncio.StreamReader) -> None:
@@ -69,8 +94,11 @@ def test_commands_in_any_segmentation_are_posted_in_order(size: int) -> None:
             for start in range(0, len(data), size):
                 writer.write(data[start : start + size])
                 await writer.drain()
-            commands = [(await posted.wait_for_event()).command for _ in range(3)]  # type: ignore[union-attr] # all are CommandReceived
-            assert commands == [Init("P2AT", location_m=(0, 0, 0)), Drive(left=1.0), Step(0.2)]
+            commands = [(await posted.wait_for_event()).command for _ in range(2)]  # type: ignore[union-attr] # both are CommandReceived
+            assert commands == [Init("P2AT", location_m=(0, 0, 0)), Drive(left=1.0)]
+            step = await posted.wait_for_event()
+            assert isinstance(step, StepRequested)
+            assert step.duration_s == 0.2
             writer.close()
 
     run_scenario(scenario())
@@ -86,7 +114,12 @@ def test_client_when_it_disconnects_in_any_way_is_posted_as_disconnected(is_grac
             await read_greeting(reader)
             client = await posted.wait_for_client()
             writer.close() if is_graceful else abort(writer)
-            assert await posted.wait_for_event() == ClientDisconnected(client)
+            event = await posted.wait_for_event()
+            if is_graceful:  # behind the commands so far
+                assert isinstance(event, ResetRequested)
+                event.reply()
+                event = await posted.wait_for_event()
+            assert event == ClientDisconnected(client)
 
     run_scenario(scenario())
 
@@ -115,7 +148,105 @@ def test_reports_when_delivered_by_another_thread_arrive_complete_and_in_order()
     run_scenario(scenario())
 
 
-def test_init_when_rejected_has_no_reply_and_may_be_repeated() -> None:
+def test_init_when_rejected_has_no_reply_and_does_not_swallow_another() -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            reader, writer = await connect(server)
+            await read_greeting(reader)
+            writer.write(INIT + INIT)
+            client = await posted.wait_for_client()
+            client.reject_init("no such class")
+            client.deliver([CommandResult(0.0, "Step", "Clock")])  # a marker: nothing precedes it
+            assert (await reader.readline()).startswith(b"RES ")
+            assert isinstance((await posted.wait_for_event()).command, Init)  # type: ignore[union-attr] # CommandReceived
+            writer.close()
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize(("failure", "status"), [("", "OK"), ("too long", "Failed")])
+def test_step_when_replied_has_readings_and_a_result(failure: str, status: str) -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            reader, writer = await connect(server)
+            await read_greeting(reader)
+            writer.write(b"STEP {Time 0.5}\n")
+            step = await posted.wait_for_event()
+            assert isinstance(step, StepRequested)
+            step.reply(StepResult(1.5, () if failure else (STATUS,), failure))
+            if not failure:
+                assert await reader.readline() == line_from_report(STATUS)
+            line = f"RES {{Time 1.5000}} {{Type Step}} {{Name Clock}} {{Status {status}}}\r\n"
+            assert await reader.readline() == line.encode()
+            writer.close()
+
+    run_scenario(scenario())
+
+
+def test_client_whose_queue_is_full_is_not_read_until_there_is_room() -> None:
+    async def scenario() -> None:
+        posted = PostRecorder(has_room=False)
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            _, writer = await connect(server)
+            writer.write(INIT + 2000 * b"DRIVE {Left 1}\n")
+            client = await posted.wait_for_client()
+            await let_loop_run()
+            assert posted.num_waiting == 0
+            client.resume_reading()
+            await posted.wait_for_event()
+            posted.has_room = True
+            client.resume_reading()
+            for _ in range(2000 - 1):
+                await posted.wait_for_event()
+            abort(writer)
+
+    run_scenario(scenario())
+
+
+@pytest.mark.parametrize("is_graceful", [True, False])
+def test_client_whose_queue_is_full_is_noticed_when_it_leaves(
+    is_graceful: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        posted = PostRecorder(has_room=False)
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            end = await connect_without_reading(server)
+            # More than one read: what remains in the kernel hides the end of the connection.
+            await asyncio.get_running_loop().sock_sendall(end, INIT + 1000 * b"STEP {Time 60}\n")
+            client = await posted.wait_for_client()
+            if not is_graceful:
+                reset_connection(end)
+            end.close()
+            while (event := await posted.wait_for_event()) != ClientDisconnected(client):
+                assert isinstance(event, StepRequested)
+
+    monkeypatch.setattr(tcp_control, "_END_GRACE_S", 0.1)
+    run_scenario(scenario())
+
+
+def test_queries_before_a_half_close_are_all_answered() -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            for _ in range(60):
+                reader, writer = await connect(server)
+                writer.write(b"GETSTARTPOSES\r\n")
+                writer.write_eof()
+                client = await posted.wait_for_client()
+                reset = await posted.wait_for_event()
+                assert isinstance(reset, ResetRequested)
+                client.deliver([StartPoses(())])
+                reset.reply()
+                assert (await reader.read()).endswith(b"NFO {StartPoses 0}\r\n")
+                writer.close()
+                assert await posted.wait_for_event() == ClientDisconnected(client)
+
+    run_scenario(scenario())
+
+
+def test_client_after_a_fault_is_disconnected_with_its_last_reports() -> None:
     async def scenario() -> None:
         posted = PostRecorder()
         async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
@@ -123,12 +254,53 @@ def test_init_when_rejected_has_no_reply_and_may_be_repeated() -> None:
             await read_greeting(reader)
             writer.write(INIT)
             client = await posted.wait_for_client()
-            client.reject_init()
-            client.deliver([CommandResult(0.0, "Step", "Clock")])  # a marker: nothing precedes it
-            assert (await reader.readline()).startswith(b"RES ")
-            writer.write(INIT)
-            assert isinstance((await posted.wait_for_event()).command, Init)  # type: ignore[union-attr] # CommandReceived
+            client.deliver([STATUS])
+            client.disconnect("a sensor failed")
+            assert await reader.read() == line_from_report(STATUS)
+            assert await posted.wait_for_event() == ClientDisconnected(client)
             writer.close()
+
+    run_scenario(scenario())
+
+
+def test_controller_may_be_silent_once_it_has_a_robot() -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        limits = ConnectionLimits(idle_timeout_s=0.05)
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted, limits=limits) as server:
+            (idle, idle_out), (reader, driver) = await connect(server), await connect(server)
+            driver.write(INIT)
+            client = await posted.wait_for_client()
+            client.confirm_spawn("R", None)
+            idle_out.write(b"GETSTARTPOSES\n")
+            await posted.wait_for_client()
+            await idle.read()  # to the end: disconnected
+            idle_out.close()
+            client.deliver([STATUS])
+            await read_greeting(reader)
+            assert await reader.readline() == line_from_report(STATUS)
+            driver.close()
+
+    run_scenario(scenario())
+
+
+def test_flood_of_one_client_leaves_the_loop_to_the_others() -> None:
+    async def scenario() -> None:
+        posted = PostRecorder()
+        async with serve_control(HOST, 0, greeting=GREETING, post=posted) as server:
+            _, flooding = await connect(server)
+            flooding.write(400_000 * b"DRIVE {Left 1}\n")  # 6 MB, 4 s of parsing
+            flood = await posted.wait_for_client()
+            reader, writer = await connect(server)
+            await read_greeting(reader)
+            writer.write(b"GETSTARTPOSES\n")
+            client, num_flooded = flood, 0
+            while client is flood:
+                client, num_flooded = await posted.wait_for_client(), num_flooded + 1
+            # Some chunks of 4 KiB, each 270 commands, not all of the flood.
+            assert num_flooded < 100_000
+            writer.close()
+            abort(flooding)
 
     run_scenario(scenario())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import numpy as np
@@ -17,7 +17,15 @@ from catoptra_server.frames.frame_events import FrameRequested
 from catoptra_server.frames.mailbox import Mailboxes
 from catoptra_server.simulation import SimulationEvent
 from catoptra_server.transports.tcp_image import ImageOptions, serve_images
-from helpers.loopback import HOST, abort, connect, connect_without_reading, run_scenario
+from catoptra_server.transports.tcp_server import TcpServer
+from helpers.loopback import (
+    HOST,
+    abort,
+    connect,
+    connect_without_reading,
+    run_scenario,
+    wait_until,
+)
 
 RAW = ImageOptions(ImageType.RAW)
 
@@ -29,10 +37,20 @@ class CountingCamera:
         self.num_rendered = 0
         self.mailboxes: Mailboxes | None = None
         self._shape = (height, width, 3)
+        self.renders = True
+        self.refusal = ""
 
-    def post(self, event: SimulationEvent) -> None:
+    def post(self, event: SimulationEvent) -> bool:
         if not isinstance(event, FrameRequested):
-            return
+            return True
+        assert self.mailboxes is not None
+        if self.refusal:
+            self.mailboxes.fail(event.channel, self.refusal)
+        elif self.renders:
+            self._render(event)
+        return True
+
+    def _render(self, event: FrameRequested) -> None:
         self.num_rendered += 1
         rgb = np.full(self._shape, self.num_rendered % 256, dtype=np.uint8)
         rgb[0, 0] = (10, 20, 30)
@@ -43,7 +61,7 @@ class CountingCamera:
 @asynccontextmanager
 async def serve_camera(
     camera: CountingCamera, options: ImageOptions = RAW, *, prefetch: bool = False
-) -> AsyncIterator[asyncio.Server]:
+) -> AsyncIterator[TcpServer]:
     camera.mailboxes = Mailboxes(camera.post, prefetch=prefetch)
     async with serve_images(HOST, 0, mailboxes=camera.mailboxes, options=options) as server:
         yield server
@@ -229,3 +247,60 @@ def test_client_when_another_never_reads_is_served() -> None:
             unread.close()
 
     run_scenario(scenario())
+
+
+@pytest.mark.parametrize("leave", [asyncio.StreamWriter.close, abort], ids=["close", "reset"])
+def test_viewer_that_leaves_while_it_waits_is_noticed(
+    leave: Callable[[asyncio.StreamWriter], None],
+) -> None:
+    async def scenario() -> None:
+        camera = CountingCamera()
+        camera.renders = False
+        async with serve_camera(camera) as server:
+            for i in range(100):
+                _, writer = await connect(server)
+                # Requests that are read, and some that remain in the kernel.
+                writer.write((1 if i % 2 else 5000) * b"OK")
+                await writer.drain()
+                leave(writer)
+            # Before: for ever, with a descriptor each.
+            await wait_until(lambda: not server.num_connections, "end of the viewers")
+
+    run_scenario(scenario())
+
+
+def test_frames_before_a_half_close_are_sent() -> None:
+    async def scenario() -> None:
+        async with serve_camera(CountingCamera()) as server:
+            reader, writer = await connect(server)
+            writer.write(3 * b"OK")
+            writer.write_eof()
+            await read_frames(reader, 3)
+            assert await reader.read() == b""
+            writer.close()
+
+    run_scenario(scenario())
+
+
+def test_viewer_of_an_image_that_cannot_be_rendered_is_disconnected_with_a_log_line(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scenario() -> None:
+        camera = CountingCamera()
+        async with serve_camera(camera) as server:
+            reader, writer = await connect(server)
+            writer.write(b"OK")
+            await read_frames(reader, 1)
+            camera.refusal = "the renderer failed"
+            writer.write(b"OK")
+            assert await reader.read() == b""
+            camera.refusal = ""
+            again_in, again_out = await connect(server)
+            again_out.write(b"OK")
+            await read_frames(again_in, 1)
+            writer.close()
+            again_out.close()
+
+    run_scenario(scenario())
+    assert "disconnected: no frame: the renderer failed" in caplog.text
+    assert "Traceback" not in caplog.text

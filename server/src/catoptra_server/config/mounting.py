@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from catoptra_protocol.optics.units import metres_from_uu, radians_from_uu
-from catoptra_server.config.section_reader import SectionReader
 from catoptra_protocol.usarsim.geometry import CHASSIS_MOUNT
+from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.robot.mount import Mount
 
 

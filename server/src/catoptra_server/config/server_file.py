@@ -1,10 +1,12 @@
 """Sections of ini files that configure the server itself, as UDK names them:
 
-    [USARBotAPI.BotServer]         ListenPort, MaxConnections
-    [USARBotAPI.UPISImageServer]   bEnableImageServer, ListenPort, FrameSkip, ImageType, LegacyMode
+    [USARBotAPI.BotServer]         ListenPort, MaxConnections, HandshakeTimeout, IdleTimeout
+    [USARBotAPI.UPISImageServer]   bEnableImageServer, ListenPort, FrameSkip, ImageType, LegacyMode,
+                                   MaxConnections
     [USARBotAPI.MultiView]         CameraTileX, CameraTileY, CameraWidth, CameraHeight
 
-UDK has them in the file of its robots; a robot's file may have them here too. A key that a file
+UDK has them in the file of its robots; a robot's file may have them here too. The time-outs, in
+seconds, are ours; they hold for both ports. A key that a file
 lacks is absent from its `ServerOptions`, so that the options of several sources can be layered.
 """
 
@@ -27,6 +29,10 @@ SERVER_SECTIONS = (_BOT_SERVER, _IMAGE_SERVER, _MULTI_VIEW)
 _MAX_PORT = 65535
 # One image a minute at 50 ticks a second: a larger number is taken for a typing error.
 MAX_FRAME_SKIP = 3000
+# Descriptors of open files set a lower limit on most systems.
+MAX_CONNECTIONS = 4096
+# A day: a larger number is taken for milliseconds.
+MAX_TIMEOUT_S = 86_400.0
 # UDK's defaults for the keys that its section leaves out.
 _MULTI_VIEW_DEFAULTS = {"CameraTileX": 2, "CameraTileY": 2, "CameraWidth": 320, "CameraHeight": 240}
 
@@ -36,8 +42,11 @@ class ServerOptions(TypedDict, total=False):
 
     control_port: int
     max_connections: int
+    handshake_timeout_s: float
+    idle_timeout_s: float
     has_images: bool
     image_port: int
+    max_image_connections: int
     image_type: ImageType
     legacy_images: bool
     frame_skip: int
@@ -50,12 +59,18 @@ class ServerSettings:
 
     control_port: int = 3000
     """TCP port of the USARSim protocol."""
-    max_connections: int | None = None
-    """Control connections at the same time; None = no limit."""
+    max_connections: int = 64
+    """Control connections at the same time, 64 as in UDK."""
+    handshake_timeout_s: float = 300.0
+    """Time until the first command or request of a connection; 0 = no limit."""
+    idle_timeout_s: float = 600.0
+    """Silence of a viewer, or of a controller without a robot; 0 = no limit."""
     has_images: bool = True
     """Whether there is an image port."""
     image_port: int = 5003
     """TCP port of the image server."""
+    max_image_connections: int = 64
+    """Image connections at the same time."""
     image_type: ImageType = ImageType.GOOD
     """Raw, or a JPEG quality."""
     legacy_images: bool = False
@@ -94,7 +109,17 @@ def _read_bot_server(section: SectionReader, options: ServerOptions) -> None:
     if _has_key(section, "ListenPort"):
         options["control_port"] = section.get_int("ListenPort", max_value=_MAX_PORT)
     if _has_key(section, "MaxConnections"):
-        options["max_connections"] = section.get_int("MaxConnections", min_value=1)
+        options["max_connections"] = section.get_int(
+            "MaxConnections", min_value=1, max_value=MAX_CONNECTIONS
+        )
+    if _has_key(section, "HandshakeTimeout"):
+        options["handshake_timeout_s"] = _read_timeout_s(section, "HandshakeTimeout")
+    if _has_key(section, "IdleTimeout"):
+        options["idle_timeout_s"] = _read_timeout_s(section, "IdleTimeout")
+
+
+def _read_timeout_s(section: SectionReader, key: str) -> float:
+    return section.get_float(key, 0.0, min_value=0.0, max_value=MAX_TIMEOUT_S)
 
 
 def _read_image_server(section: SectionReader, options: ServerOptions) -> None:
@@ -102,6 +127,10 @@ def _read_image_server(section: SectionReader, options: ServerOptions) -> None:
         options["has_images"] = section.get_bool("bEnableImageServer", True)
     if _has_key(section, "ListenPort"):
         options["image_port"] = section.get_int("ListenPort", max_value=_MAX_PORT)
+    if _has_key(section, "MaxConnections"):
+        options["max_image_connections"] = section.get_int(
+            "MaxConnections", min_value=1, max_value=MAX_CONNECTIONS
+        )
     if _has_key(section, "FrameSkip"):
         options["frame_skip"] = section.get_int("FrameSkip", min_value=1, max_value=MAX_FRAME_SKIP)
     if _has_key(section, "LegacyMode"):

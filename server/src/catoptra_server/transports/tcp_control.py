@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 
 from catoptra_protocol.errors import LocalProtocolError
+from catoptra_protocol.usarsim.command_results import STATUS_FAILED, STATUS_OK
+from catoptra_protocol.usarsim.commands import Command, Step
 from catoptra_protocol.usarsim.control_connection import ControlServer
 from catoptra_protocol.usarsim.dialect import Dialect
-from catoptra_protocol.usarsim.reports import Greeting, Report
-from catoptra_server.simulation import ClientDisconnected, CommandReceived, SimulationEvent
-from catoptra_server.transports.tcp_server import peer_name, serve_tcp
+from catoptra_protocol.usarsim.reports import CommandResult, Greeting, Report
+from catoptra_protocol.vectors import Vector3
+from catoptra_server.simulation import (
+    ClientDisconnected,
+    CommandReceived,
+    ResetRequested,
+    SimulationEvent,
+    StepRequested,
+    StepResult,
+)
+from catoptra_server.transports.loop_share import LoopAccount, LoopShare
+from catoptra_server.transports.tcp_connection import TcpConnection
+from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer, serve_tcp
 
 log = logging.getLogger(__name__)
 
@@ -21,50 +34,129 @@ log = logging.getLogger(__name__)
 # so that memory stays bounded.
 _DROP_PERIODIC_ABOVE_BYTES = 64 * 1024
 _DISCONNECT_ABOVE_BYTES = 1024 * 1024
-_READ_BYTES = 16 * 1024
 # Reports that are repeated in the next cycle.
 _PERIODIC_WORDS = ("SEN", "STA", "MISSTA")
+# Time for the work of a client that has closed its sending side: replies to its last commands.
+_END_GRACE_S = 5.0
+
+PostEvent = Callable[[SimulationEvent], bool]
 
 
 class ControlPeer:
-    """One connection as a client of the simulation; its methods may be called from any thread."""
+    """One connection as a client of the simulation."""
 
-    def __init__(self, writer: asyncio.StreamWriter, protocol: ControlServer) -> None:
+    def __init__(
+        self,
+        connection: TcpConnection,
+        protocol: ControlServer,
+        *,
+        post: PostEvent,
+        account: LoopAccount,
+    ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._writer = writer
+        self._connection = connection
         self._protocol = protocol
-        self.address = peer_name(writer)
+        self._post = post
+        self._account = account
+        self._has_room = asyncio.Event()
 
     def deliver(self, reports: Sequence[Report]) -> None:
-        """Send reports."""
+        """Send reports; from any thread, as all methods of a simulation's client."""
         self._loop.call_soon_threadsafe(self._send, tuple(reports))
 
-    def reject_init(self) -> None:
-        """Let the client try INIT again; the protocol has no message for a rejection."""
-        self._loop.call_soon_threadsafe(self._protocol.reject_init)
+    def confirm_spawn(self, name: str, moved_to: Vector3 | None) -> None:
+        """Allow the client to be silent; the first reports are its only notice of the robot."""
+        self._loop.call_soon_threadsafe(self._allow_silence)
+
+    def reject_init(self, reason: str) -> None:
+        """Send nothing: the protocol has no message for a rejection; the log has the reason."""
+
+    def disconnect(self, reason: str) -> None:
+        """End the connection after the reports so far."""
+        log.warning("%s disconnected: %s", self._connection.address, reason)
+        self._loop.call_soon_threadsafe(self._connection.close)
+
+    def resume_reading(self) -> None:
+        """Continue to post commands."""
+        self._loop.call_soon_threadsafe(self._has_room.set)
+
+    async def serve(self) -> None:
+        """Hand the client's commands to the simulation until it sends nothing more."""
+        while data := await self._connection.read():
+            log.debug("from %s: %r", self._connection.address, data)
+            for command in self._parse(data):
+                self._connection.has_handshake = True
+                await self._post_in_turn(self._make_event(command))
+            await self._account.wait()
+        await self._finish()
+
+    def _parse(self, data: bytes) -> list[Command]:
+        # Processor time of this thread: with wall time the client would pay for other threads.
+        begin_s = time.thread_time()
+        commands = self._protocol.receive(data)
+        self._account.charge(time.thread_time() - begin_s)
+        return commands
+
+    def _make_event(self, command: Command) -> CommandReceived | StepRequested:
+        if isinstance(command, Step):
+            return StepRequested(self, command.time_s, self._reply_step)
+        return CommandReceived(self, command)
+
+    async def _post_in_turn(self, event: SimulationEvent) -> None:
+        """Post an event, and wait while the client's queue is full: nothing is read meanwhile."""
+        if not self._post(event):
+            self._has_room.clear()
+            await self._has_room.wait()
+
+    async def _finish(self) -> None:
+        """Wait until the commands so far are executed and the replies are sent.
+
+        A client may close its sending side right behind its last query, and read the reply.
+        """
+        is_finished = asyncio.Event()
+
+        def finish() -> None:
+            self._loop.call_soon_threadsafe(is_finished.set)
+
+        # Behind the queued commands; the connection is cancelled if this takes too long.
+        await self._post_in_turn(ResetRequested(self, finish))
+        await is_finished.wait()
+
+    def _reply_step(self, result: StepResult) -> None:
+        status = STATUS_FAILED if result.failure else STATUS_OK
+        self.deliver([*result.readings, CommandResult(result.time_s, "Step", "Clock", status)])
+
+    def _allow_silence(self) -> None:
+        # One command may drive a robot for an hour; its reports show whether the client is there.
+        self._connection.may_idle = True
 
     def _send(self, reports: Sequence[Report]) -> None:
-        unsent = self._writer.transport.get_write_buffer_size()
-        if self._writer.is_closing():
+        unsent = self._connection.num_unsent_bytes
+        if self._connection.is_closing:
             return
         if unsent > _DISCONNECT_ABOVE_BYTES:
-            log.warning("%s reads nothing: disconnected, %d bytes unsent", self.address, unsent)
-            self._writer.transport.abort()
+            address = self._connection.address
+            log.warning("%s reads nothing: disconnected, %d bytes unsent", address, unsent)
+            self._connection.abort()
             return
         is_periodic = all(report.WORD in _PERIODIC_WORDS for report in reports)
         if unsent > _DROP_PERIODIC_ABOVE_BYTES and is_periodic:
             return
+        begin_s = time.thread_time()
         # One write for all: clients that read line by line from one segment lose least that way.
         data = b"".join(map(self._encode, reports))
-        log.debug("to %s: %r", self.address, data)
-        self._writer.write(data)
+        log.debug("to %s: %r", self._connection.address, data)
+        self._connection.write(data)
+        # Replies are the client's use of the loop; periodic reports come without its doing.
+        if not is_periodic:
+            self._account.charge(time.thread_time() - begin_s)
 
     def _encode(self, report: Report) -> bytes:
         """Bytes of a report; empty for an invalid one, so that the others are sent."""
         try:
             return self._protocol.send(report)
         except LocalProtocolError as error:
-            log.error("not sent to %s: %s", self.address, error)
+            log.error("not sent to %s: %s", self._connection.address, error)
             return b""
 
 
@@ -73,38 +165,44 @@ def serve_control(
     port: int,
     *,
     greeting: Greeting,
-    post: Callable[[SimulationEvent], None],
+    post: PostEvent,
     dialect: Dialect = Dialect.UT2004,
-    max_connections: int | None = None,
-) -> AbstractAsyncContextManager[asyncio.Server]:
+    limits: ConnectionLimits | None = None,
+) -> AbstractAsyncContextManager[TcpServer]:
     """Serve controllers of robots until the block ends.
 
     Args:
         host: Host name or address of the interface.
         port: TCP port; 0 = a free one.
         greeting: First line on each connection.
-        post: Hands an event to the simulation; thread-safe.
+        post: Hands an event to the simulation; thread-safe. False if the queue of the event's
+            client is full.
         dialect: Dialect of the reports.
-        max_connections: Limit of concurrent connections; None = unlimited.
+        limits: Number of connections and time-outs; None for the defaults.
 
     Raises:
         OSError: The port is not available.
     """
+    share = LoopShare()
 
-    async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def handle_connection(connection: TcpConnection) -> None:
         protocol = ControlServer(dialect)
-        client = ControlPeer(writer, protocol)
-        log.info("controller %s connected", client.address)
+        client = ControlPeer(connection, protocol, post=post, account=share.open_account())
+        log.info("controller %s connected", connection.address)
         try:
-            writer.write(protocol.send(greeting))
-            while data := await reader.read(_READ_BYTES):
-                log.debug("from %s: %r", client.address, data)
-                for command in protocol.receive(data):
-                    post(CommandReceived(client, command))
+            connection.write(protocol.send(greeting))
+            await client.serve()
         finally:
             # Whatever ended the connection, also an exception: the robot must not stay in the
             # world.
             post(ClientDisconnected(client))
-            log.info("controller %s disconnected", client.address)
+            log.info("controller %s disconnected", connection.address)
 
-    return serve_tcp(host, port, handle_connection, max_connections=max_connections)
+    return serve_tcp(
+        host,
+        port,
+        handle_connection,
+        name="control",
+        limits=limits or ConnectionLimits(),
+        end_grace_s=_END_GRACE_S,
+    )

@@ -17,13 +17,15 @@ from catoptra_protocol.usarsim.image_port import (
 from catoptra_server.frames.encode import crop, encode_payload
 from catoptra_server.frames.frame import Frame
 from catoptra_server.frames.frame_request import IMAGE_PORT, Channel, ImagePortChannel
-from catoptra_server.frames.mailbox import Mailbox, Mailboxes
+from catoptra_server.frames.mailbox import ChannelUnavailableError, Mailbox, Mailboxes
 from catoptra_server.frames.multi_view import TileLayout
-from catoptra_server.transports.tcp_server import peer_name, serve_tcp
+from catoptra_server.transports.tcp_connection import TcpConnection
+from catoptra_server.transports.tcp_server import ConnectionLimits, TcpServer, serve_tcp
 
 log = logging.getLogger(__name__)
 
-_READ_BYTES = 4 * 1024
+# Time for the frames of a viewer that has closed its sending side.
+_END_GRACE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +41,13 @@ class ImageOptions:
 
 
 def serve_images(
-    host: str, port: int, *, mailboxes: Mailboxes, options: ImageOptions
-) -> AbstractAsyncContextManager[asyncio.Server]:
+    host: str,
+    port: int,
+    *,
+    mailboxes: Mailboxes,
+    options: ImageOptions,
+    limits: ConnectionLimits | None = None,
+) -> AbstractAsyncContextManager[TcpServer]:
     """Serve image clients until the block ends, each at its own pace.
 
     Args:
@@ -48,43 +55,60 @@ def serve_images(
         port: TCP port; 0 = a free one.
         mailboxes: Newest frame of each channel.
         options: Encoding, legacy mode and tiles.
+        limits: Number of connections and time-outs; None for the defaults.
 
     Raises:
         OSError: The port is not available.
     """
 
-    async def handle_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        address = peer_name(writer)
+    async def handle_connection(connection: TcpConnection) -> None:
+        address = connection.address
         log.info("image client %s connected", address)
-        peer = _ImagePeer(writer, mailboxes, options)
+        peer = _ImagePeer(connection, mailboxes, options)
         try:
-            await peer.answer_requests(reader)
+            await peer.answer_requests()
+        except ChannelUnavailableError as error:
+            # The port has no errors (SPEC.md 7.2), and a viewer that waits would wait for ever.
+            reason = error.reason or "no such camera"
+            log.warning("image client %s disconnected: no frame: %s", address, reason)
         finally:
             log.info("image client %s disconnected after %d frames", address, peer.num_sent)
 
-    return serve_tcp(host, port, handle_connection)
+    return serve_tcp(
+        host,
+        port,
+        handle_connection,
+        name="image",
+        limits=limits or ConnectionLimits(),
+        end_grace_s=_END_GRACE_S,
+    )
 
 
 class _ImagePeer:
-    """One connection; reads no request while a frame is pending: TCP holds further ones back."""
+    """One connection."""
 
     def __init__(
-        self, writer: asyncio.StreamWriter, mailboxes: Mailboxes, options: ImageOptions
+        self, connection: TcpConnection, mailboxes: Mailboxes, options: ImageOptions
     ) -> None:
-        self._writer = writer
+        self._connection = connection
         self._mailboxes = mailboxes
         self._options = options
         self._subscriptions: dict[Channel, tuple[Mailbox, int]] = {}
         self.num_sent = 0
 
-    async def answer_requests(self, reader: asyncio.StreamReader) -> None:
-        """Reply to requests, in order, until the client disconnects."""
+    async def answer_requests(self) -> None:
+        """Reply to requests, in order, until the client sends nothing more.
+
+        Raises:
+            ChannelUnavailableError: The image cannot be rendered; its argument is the reason.
+        """
         if self._options.legacy_mode:
             await self._answer(FullFrameRequest())
         requests = ImageRequestReader()
-        while data := await reader.read(_READ_BYTES):
+        while data := await self._connection.read():
             # In order, and the next read waits for all replies: TCP holds back a fast client.
             for request in requests.receive(data):
+                self._connection.has_handshake = True
                 await self._answer(request)
 
     async def _answer(self, request: FullFrameRequest | RegionRequest) -> None:
@@ -92,9 +116,9 @@ class _ImagePeer:
         frame = await self._next_frame(channel)
         # In a thread: encoding takes milliseconds, in which the loop serves other clients.
         payload = await asyncio.to_thread(_encode_payload, frame, region, self._options.image_type)
-        self._writer.write(encode_frame_header(self._options.image_type, len(payload)))
-        self._writer.write(payload)
-        await self._writer.drain()
+        self._connection.write(encode_frame_header(self._options.image_type, len(payload)))
+        self._connection.write(payload)
+        await self._connection.drain()
         self.num_sent += 1
 
     async def _next_frame(self, channel: Channel) -> Frame:

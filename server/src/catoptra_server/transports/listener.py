@@ -1,0 +1,128 @@
+"""Listening sockets of the ports, and the loop that accepts their connections.
+
+asyncio's own servers log a traceback for each failed `accept`, without a pause: 27 000 in a minute
+without free descriptors.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+from collections.abc import Callable
+
+log = logging.getLogger(__name__)
+
+# Connections that the kernel completes before they are accepted.
+BACKLOG = 128
+# Connections accepted in one turn of the loop; the others wait for the next turn.
+_MAX_ACCEPTS_PER_TURN = 16
+# Without a free descriptor a connection waits in the backlog; an immediate retry would fail again
+# and only burn processor time.
+_ACCEPT_RETRY_S = 1.0
+
+# Receives an accepted socket and the address of the peer. An OSError closes the socket.
+AcceptCallback = Callable[[socket.socket, str], None]
+
+
+def create_listener(host: str, port: int, *, name: str) -> socket.socket:
+    """Listening socket on an address of a host, an IPv4 one if the host has both.
+
+    Args:
+        host: Name or address; `::` accepts IPv4 and IPv6, an empty one every IPv4 address.
+        port: TCP port; 0 = a free one.
+        name: Name of the port in error messages.
+
+    Raises:
+        OSError: The address is not available; names port and host.
+    """
+    try:
+        infos = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        # USARSim's clients speak IPv4, and `localhost` may be listed as ::1 first.
+        infos.sort(key=lambda info: info[0] != socket.AF_INET)
+        family, _, _, _, address = infos[0]
+        # One socket for IPv4 and IPv6, where the system supports both on one.
+        dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+        listener = socket.create_server(
+            address, family=family, backlog=BACKLOG, dualstack_ipv6=dual
+        )
+    except OSError as error:
+        raise OSError(error.errno, f"{name} port {host}:{port}: {_describe(error)}") from error
+    listener.setblocking(False)
+    return listener
+
+
+class AcceptLoop:
+    """Hands over each connection of a listening socket until it is closed."""
+
+    def __init__(self, listener: socket.socket, accept: AcceptCallback, *, name: str) -> None:
+        """Begin to accept; to be called from the event loop.
+
+        Args:
+            listener: Listening socket, which the loop owns from now on.
+            accept: Receives each connection; an OSError closes it and is logged.
+            name: Name of the port in the log.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._listener = listener
+        self._accept = accept
+        self._name = name
+        self._num_pauses = 0
+        self._listen()
+
+    @property
+    def port(self) -> int:
+        """TCP port of the listening socket."""
+        port: int = self._listener.getsockname()[1]
+        return port
+
+    def close(self) -> None:
+        """Release the port; accepted connections stay open."""
+        if self._listener.fileno() >= 0:
+            self._loop.remove_reader(self._listener)
+            self._listener.close()
+
+    def _listen(self) -> None:
+        # The socket may have been closed while a retry was pending.
+        if self._listener.fileno() >= 0:
+            self._loop.add_reader(self._listener, self._accept_waiting)
+
+    def _accept_waiting(self) -> None:
+        for _ in range(_MAX_ACCEPTS_PER_TURN):
+            try:
+                accepted, address = self._listener.accept()
+            # None left, or the peer has disconnected between the event and this call.
+            except (BlockingIOError, ConnectionAbortedError):
+                return
+            except OSError as error:
+                self._pause(error)
+                return
+            self._hand_over(accepted, "{}:{}".format(*address[:2]))
+
+    def _hand_over(self, accepted: socket.socket, address: str) -> None:
+        try:
+            accepted.setblocking(False)
+            self._accept(accepted, address)
+        except OSError as error:
+            log.warning("connection of %s to the %s port closed: %s", address, self._name, error)
+            accepted.close()
+
+    def _pause(self, error: OSError) -> None:
+        self._num_pauses += 1
+        log.warning(
+            "the %s port accepts no connection for %g s (%d times so far): %s",
+            *(self._name, _ACCEPT_RETRY_S, self._num_pauses, error.strerror),
+        )
+        self._loop.remove_reader(self._listener)
+        self._loop.call_later(_ACCEPT_RETRY_S, self._listen)
+
+
+def _describe(error: OSError) -> str:
+    """Reason without the address, which `socket.create_server` appends."""
+    # Errors of getaddrinfo have negative numbers, which the system has no text for.
+    if error.errno is None or error.errno < 0:
+        return str(error.strerror)
+    return os.strerror(error.errno)

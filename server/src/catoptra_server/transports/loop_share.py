@@ -1,0 +1,70 @@
+"""Limit of the event loop's time that clients may use for their input.
+
+A connection that has used its part is not read for a while: TCP holds its sender back, and the loop
+is free for the other connections.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+
+# Part of the loop's time for input of all connections together.
+_SHARE = 0.3
+# Wait below which a connection is read at once: single commands, 0.1 ms each, never wait.
+_BURST_S = 0.02
+# Longest wait after one chunk.
+_MAX_WAIT_S = 1.0
+
+
+class LoopShare:
+    """Time of the loop for the input of some connections, in equal parts for those in use."""
+
+    def __init__(
+        self, share: float = _SHARE, *, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Create a share without connections.
+
+        Args:
+            share: Part of the loop's time for all connections together, 0 to 1.
+            monotonic: Clock, seconds.
+        """
+        self._share = share
+        self._monotonic = monotonic
+        self._active: set[LoopAccount] = set()
+
+    def open_account(self) -> LoopAccount:
+        """Account of a new connection."""
+        return LoopAccount(self)
+
+    def charge(self, account: LoopAccount, duration_s: float) -> None:
+        """Record that the input of a connection took some time; see `LoopAccount.charge`."""
+        now_s = self._monotonic()
+        self._active = {one for one in self._active if one.paid_at_s > now_s} | {account}
+        price_s = duration_s * len(self._active) / self._share
+        paid_at_s = max(account.paid_at_s, now_s) + price_s
+        account.paid_at_s = min(paid_at_s, now_s + _BURST_S + _MAX_WAIT_S)
+
+    def remaining_wait_s(self, account: LoopAccount) -> float:
+        """Time until a connection may be read; 0 or less for now."""
+        return account.paid_at_s - _BURST_S - self._monotonic()
+
+
+class LoopAccount:
+    """Use of the loop by one connection."""
+
+    def __init__(self, share: LoopShare) -> None:
+        self._share = share
+        self.paid_at_s = 0.0
+        """Time at which all use so far is within the connection's part."""
+
+    def charge(self, duration_s: float) -> None:
+        """Record that the connection's input took some time of the loop."""
+        self._share.charge(self, duration_s)
+
+    async def wait(self) -> None:
+        """Wait until the connection may use the loop again; mostly not at all."""
+        wait_s = self._share.remaining_wait_s(self)
+        if wait_s > 0.0:
+            await asyncio.sleep(wait_s)

@@ -1,0 +1,158 @@
+"""One accepted TCP connection: reads of bounded size, and notice of a peer that has left."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import Callable
+from typing import cast
+
+# A chunk of input: a turn of the loop handles at most some 100 commands.
+READ_BYTES = 4 * 1024
+# A peer whose machine or network is gone is noticed within 30 + 3 * 10 s.
+_KEEPALIVE_OPTIONS = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+# States in the first byte of Linux's TCP_INFO: open, and after the peer's FIN.
+_ESTABLISHED = 1
+_CLOSE_WAIT = 8
+
+
+class TcpConnection(asyncio.BufferedProtocol):
+    """Both directions of a connection.
+
+    At most one chunk is read ahead: the peer's end is noticed while its last input is handled, and
+    TCP holds back a peer that sends faster than its input is handled.
+    """
+
+    def __init__(self, address: str, *, on_lost: Callable[[TcpConnection], None]) -> None:
+        """Create the protocol of a socket that is about to be connected to a transport.
+
+        Args:
+            address: Address of the peer, for logs.
+            on_lost: Called once when the connection ends, for whatever reason.
+        """
+        self.address = address
+        self.accepted_at_s = self.received_at_s = time.monotonic()
+        """Times of the connection and of the last input."""
+        self.peer_ended_at_s: float | None = None
+        """Time since which the peer sends nothing more, though it may still read; None if open."""
+        self.has_handshake = False
+        """Whether the peer has sent something valid."""
+        self.may_idle = False
+        """Whether the peer may be silent for longer than the idle time-out."""
+        self._on_lost = on_lost
+        # None until asyncio has connected the socket, a turn of the loop after it was accepted.
+        self._transport: asyncio.Transport | None = None
+        self._buffer = bytearray(READ_BYTES)
+        self._ahead = b""
+        self._is_lost = False
+        self._has_read_all = False
+        self._arrival = asyncio.Event()
+        self._can_write = asyncio.Event()
+        self._can_write.set()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is, or has been, a transport that owns the socket."""
+        return self._transport is not None
+
+    async def read(self) -> bytes:
+        """Next input, at most READ_BYTES; empty once the peer sends nothing more."""
+        # Not by `peer_ended_at_s`, which may be known while input still waits in the kernel.
+        while not self._ahead and not self._has_read_all:
+            self._arrival.clear()
+            await self._arrival.wait()
+        data, self._ahead = self._ahead, b""
+        if data and self._transport is not None:
+            self._transport.resume_reading()
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, or queue them."""
+        if self._transport is not None and not self._is_lost:
+            self._transport.write(data)
+
+    async def drain(self) -> None:
+        """Wait until most of the queued bytes are sent."""
+        await self._can_write.wait()
+
+    @property
+    def num_unsent_bytes(self) -> int:
+        """Queued bytes."""
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
+
+    @property
+    def is_closing(self) -> bool:
+        """Whether no more bytes are sent."""
+        return self._is_lost or self._transport is None or self._transport.is_closing()
+
+    def close(self) -> None:
+        """Close the connection after the queued bytes are sent."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def abort(self) -> None:
+        """Close the connection at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def check_peer(self) -> None:
+        """Notice the end of a peer whose further input waits in the kernel."""
+        # While a chunk is read ahead the socket is not read, and its end is not seen otherwise.
+        if not self._ahead or self.is_closing:
+            return
+        state = self._tcp_state()
+        if state == _CLOSE_WAIT:
+            self.peer_ended_at_s = self.peer_ended_at_s or time.monotonic()
+        elif state != _ESTABLISHED:
+            self.abort()
+
+    def _tcp_state(self) -> int:
+        if not hasattr(socket, "TCP_INFO"):
+            return _ESTABLISHED  # not Linux: an end is noticed once the input before it is handled
+        assert self._transport is not None, "input was read from it"
+        end = self._transport.get_extra_info("socket")
+        return int(end.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0])
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin; called by asyncio."""
+        self._transport = cast(asyncio.Transport, transport)
+        end = transport.get_extra_info("socket")
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEPALIVE_OPTIONS.items():
+            if hasattr(socket, option):
+                end.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """Buffer of the next read; called by asyncio."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Store input; called by asyncio."""
+        assert self._transport is not None, "asyncio reads from it"
+        self._transport.pause_reading()
+        self._ahead = bytes(memoryview(self._buffer)[:nbytes])
+        self.received_at_s = time.monotonic()
+        self._arrival.set()
+
+    def eof_received(self) -> bool:
+        """Record the end of the peer's input; called by asyncio."""
+        self.peer_ended_at_s = self.peer_ended_at_s or time.monotonic()
+        self._has_read_all = True
+        self._arrival.set()
+        return True  # keep the other direction open: replies are still due
+
+    def pause_writing(self) -> None:
+        """Let `drain` wait; called by asyncio."""
+        self._can_write.clear()
+
+    def resume_writing(self) -> None:
+        """End the waits of `drain`; called by asyncio."""
+        self._can_write.set()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Record the end of the connection; called by asyncio."""
+        self._is_lost = self._has_read_all = True
+        self._arrival.set()
+        self._can_write.set()
+        self._on_lost(self)
